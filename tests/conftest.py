@@ -1,0 +1,50 @@
+"""Tests run on one thread, repeat to the last bit, and leave the checkout clean."""
+
+import os
+
+# Before numpy and torch are imported: both read these once.
+os.environ["OMP_NUM_THREADS"] = "1"
+os.environ["OMP_WAIT_POLICY"] = "PASSIVE"
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import mujoco
+import pytest
+from hypothesis import HealthCheck, settings
+
+ROOT = Path(__file__).resolve().parents[1]
+
+settings.register_profile(
+    "house",
+    derandomize=True,  # the same examples on every machine
+    deadline=None,  # no test depends on how busy the machine is
+    max_examples=25,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile("house")
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The checkout."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def kr10() -> Path:
+    """The model file of the KR10 R1100-2, the arm alone."""
+    return ROOT / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _mujoco_log(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """MuJoCo appends its warnings to a file in the working folder; not in ours."""
+    usual = mujoco.MjLogConfig.get()
+    ours = mujoco.MjLogConfig.get()
+    ours.logfile = str(tmp_path_factory.mktemp("mujoco") / "log.txt")
+    ours.set()
+    yield
+    usual.set()

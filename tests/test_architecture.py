@@ -1,0 +1,240 @@
+import ast
+import json
+import re
+import subprocess
+import sys
+from itertools import chain
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+from source import (
+    PROJECT,
+    ROOT,
+    committed_texts,
+    docstring,
+    effect_files,
+    imports,
+    module_name,
+    python_files,
+    risky_calls,
+    scenario_files,
+    text,
+    within,
+)
+
+SIDES = ("bench", "stiffness", "scenarios")
+SOURCES = python_files(*SIDES)
+CLAIMS = python_files("stiffness")
+NOUNS = ("bench.recording", "bench.errors", "bench.plan", "bench.files")
+"""All that claims may know of the bench."""
+TRUTH = (
+    *("mujoco", "bench.rig", "bench.effects", "bench.instruments", "bench.truth"),
+    *("bench.equilibrium", "bench.cell", "bench.skeleton"),
+)
+"""What no claim may see, not even through a noun."""
+LONGEST = {"bench": 200, "stiffness": 200, "scenarios": 160}
+"""Lines of a file that need no scrolling twice."""
+TOO_LONG = {}
+"""Files that are longer nevertheless, each with its reason."""
+RUNS_CODE = ("pickle", "cPickle", "dill", "cloudpickle", "shelve", "marshal")
+IMPORTED_AS = {"pin": "pinocchio", "rerun-sdk": "rerun"}
+
+
+# --- Two sides -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("file", CLAIMS)
+def test_methods_never_import_the_truth(file):
+    """A method that sees an effect, the rig or MuJoCo could cheat."""
+    package = module_name(file) if file.endswith("__init__.py") else None
+    names = imports(text(file), package or module_name(file).rpartition(".")[0])
+    bench = [name for name in names if within(name, ("bench", "mujoco"))]
+    assert [name for name in bench if not within(name, NOUNS)] == []
+
+
+@pytest.mark.slow
+def test_importing_every_method_leaves_mujoco_out_of_the_process():
+    """Nor does a noun bring the truth along."""
+    program = (
+        "import importlib, json, sys\n"
+        "for name in json.loads(sys.argv[1]): importlib.import_module(name)\n"
+        "print(json.dumps(sorted(sys.modules)))"
+    )
+    names = json.dumps([module_name(file) for file in CLAIMS])
+    loaded = subprocess.run(
+        [sys.executable, "-c", program, names],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert loaded.returncode == 0, loaded.stderr
+    modules = json.loads(loaded.stdout.splitlines()[-1])
+    assert "stiffness" in modules
+    assert [name for name in modules if within(name, TRUTH)] == []
+
+
+@pytest.mark.parametrize(
+    ("source", "name"),
+    [
+        ("import mujoco.batch as b", "mujoco.batch"),
+        ("from bench import rig", "bench.rig"),
+        ("from bench.effects.creep import Creep", "bench.effects.creep.Creep"),
+        ("def f():\n    from mujoco import MjModel", "mujoco.MjModel"),
+        ("from ..bench import rig", "bench.rig"),
+        ("from .score import Score", "stiffness.methods.score.Score"),
+    ],
+)
+def test_every_way_to_import_is_seen(source, name):
+    package = "stiffness.methods" if "score" in source else "stiffness"
+    assert list(imports(source, package)) == [name]
+
+
+@pytest.mark.parametrize("file", SOURCES)
+def test_library_imports_are_declared(file):
+    """What is imported stands in pyproject.toml, with its reason."""
+    asked = chain(PROJECT["dependencies"], *PROJECT["optional-dependencies"].values())
+    names = [Requirement(line).name for line in asked]
+    known = {IMPORTED_AS.get(name, name) for name in names} | set(SIDES)
+    used = {name.partition(".")[0] for name in imports(text(file), "bench.inside")}
+    assert used - known - sys.stdlib_module_names == set()
+
+
+# --- Files ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("file", SOURCES)
+def test_first_line_of_a_file_is_one_sentence(file):
+    """It says what is true in the world, on the first line and whole."""
+    first = docstring(file).partition("\n")[0]
+    opening = text(file).partition("\n")[0]
+    assert opening.startswith('"""'), f"{file} opens with {opening!r}"
+    assert first.endswith((".", "?")), f"{file} opens with {first!r}"
+    assert not re.search(r"[.?!] [A-Z]", first), f"two sentences: {first!r}"
+
+
+@pytest.mark.parametrize("file", SOURCES)
+def test_file_needs_no_scrolling_twice(file):
+    lines = text(file).count("\n")
+    assert lines <= LONGEST[file.partition("/")[0]] or file in TOO_LONG
+
+
+@pytest.mark.parametrize("file", scenario_files())
+def test_scenario_says_how_to_run_it_how_long_it_takes_and_what_to_expect(file):
+    manual = docstring(file)
+    missing = [
+        row
+        for row in ("Run:", "Takes:", "Expect:")
+        if not re.search(rf"^{row}\s+\S", manual, re.MULTILINE)
+    ]
+    assert missing == []
+    assert f"python -m {module_name(file)}" in manual
+
+
+@pytest.mark.parametrize("file", effect_files())
+def test_effect_states_equation_source_validity_and_what_it_ignores(file):
+    rows = re.findall(r"^(\w+) {2,}\S", docstring(file), re.MULTILINE)
+    assert rows == ["Equation", "Source", "Valid", "Ignores"]
+
+
+# --- Safety --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("file", SOURCES)
+def test_no_code_runs_out_of_a_file(file):
+    """Recordings and models come from strangers: they are data, never code."""
+    source = text(file)
+    assert [name for name in imports(source, "x") if within(name, RUNS_CODE)] == []
+    assert list(risky_calls(source)) == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "eval(x)",
+        "np.load(f, allow_pickle=True)",
+        "joblib.load(f)",
+        "torch.load(f)",
+        "subprocess.run(c, shell=True)",
+    ],
+)
+def test_calls_that_run_code_are_seen(source):
+    assert len(list(risky_calls(source))) == 1
+
+
+def test_calls_that_only_look_alike_pass():
+    assert list(risky_calls("network.eval(); re.compile(p); np.load(f)")) == []
+
+
+# --- Anyone's machine ----------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def texts():
+    """All texts of the project, by path."""
+    found = committed_texts()
+    if not found:
+        pytest.skip("not a git checkout")
+    return found
+
+
+@pytest.mark.parametrize(
+    ("foreign", "sample", "excepted"),
+    [
+        pytest.param(
+            r"(?<![\w.])/(?:work|tmp|home|root|Users)/",
+            "open('/{}/x')".format("tmp"),
+            (),
+            id="paths of one machine",
+        ),
+        pytest.param(
+            r"py[p]i\.org|pytho[n]hosted|pyto[r]ch\.org/whl|np[m]js|anacon[d]a\.org"
+            r"|--(?:extra-)?inde[x]-url|fin[d]-links",
+            "{}.org/simple".format("pypi"),
+            (),
+            id="package registries",
+        ),
+        pytest.param(
+            r"\.\./shar[e]d", "../{}/x".format("shared"), (".ci/run",), id="data beside"
+        ),
+    ],
+)
+def test_texts_hold_no(foreign, sample, excepted, texts):
+    assert re.search(foreign, sample)
+    found = [name for name, content in texts.items() if re.search(foreign, content)]
+    assert [name for name in found if name not in excepted] == []
+
+
+# --- Dependencies --------------------------------------------------------------------
+
+
+def test_every_dependency_has_a_reason():
+    """One comment above each says why the project leans on it."""
+    lines = [line.strip() for line in text("pyproject.toml").splitlines()]
+    asked = chain(PROJECT["dependencies"], *PROJECT["optional-dependencies"].values())
+    above = {name: lines[lines.index(f'"{name}",') - 1] for name in asked}
+    assert [
+        name for name, line in above.items() if not re.match(r"# \w.{9,}", line)
+    ] == []
+
+
+def test_constraints_pin_what_make_installs_on_any_machine():
+    """One plain version each: no address, no path, no build tag."""
+    pins = {}
+    for line in text("constraints.txt").splitlines():
+        if not line.startswith("#"):
+            name, version = line.split("==")
+            assert re.fullmatch(r"[0-9][0-9a-z.]*", version), line
+            pins[canonicalize_name(name)] = version
+    extras = PROJECT["optional-dependencies"]
+    for line in PROJECT["dependencies"] + extras["test"] + extras["lint"]:
+        asked = Requirement(line)
+        assert asked.specifier.contains(pins[canonicalize_name(asked.name)]), line
+
+
+def test_python_files_parse_on_the_oldest_python():
+    """The floor in pyproject.toml is the floor of the source."""
+    major, minor = PROJECT["requires-python"].removeprefix(">=").split(".")
+    for file in SOURCES:
+        ast.parse(text(file), feature_version=(int(major), int(minor)))
