@@ -1,0 +1,34 @@
+"""A user's mistake has a name, says what is allowed, and what to do."""
+
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
+
+
+class BenchError(Exception):
+    """A mistake that the user can mend; its message says how."""
+
+
+class UnknownName(BenchError):
+    """A joint, body, effect, method or instrument that does not exist."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]):
+        """Name what was asked for, the nearest match and everything known."""
+        known = sorted(known)
+        guess = get_close_matches(name, known, n=1)
+        hint = f" Did you mean {guess[0]!r}?" if guess else ""
+        super().__init__(f"No {kind} is called {name!r}.{hint} Known: {known}.")
+
+
+class Unusable(BenchError):
+    """A recording, a model or a setting with faults; the message lists them all."""
+
+    def __init__(self, what: str, faults: Sequence[str]):
+        """Keep the faults, one sentence each, and join them into one message."""
+        self.faults = tuple(faults)
+        count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
+        lines = "\n".join(f"  - {fault}" for fault in self.faults)
+        super().__init__(f"{what} cannot be used, {count}:\n{lines}")
+
+
+class NotIdentifiable(BenchError):
+    """The data carry no information about a parameter that was asked for."""
