@@ -1,0 +1,68 @@
+"""A table can be wrong in many rows at once; a person reads the first few of a kind."""
+
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import numpy as np
+
+SHOWN = 5
+"""Rows named one by one before the rest is counted (chosen: fits a screen)."""
+
+LONGEST = 60
+"""Characters of a user's own text that a message repeats (chosen)."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A file of samples, so that a fault can say file, row and column.
+
+    Attributes:
+        file: Its name.
+        has_lines: Whether a row is also a line of text, below one line of header.
+        unread: Rows of the file that are not in the table, ascending, from zero.
+    """
+
+    file: str
+    has_lines: bool
+    unread: tuple[int, ...] = ()
+
+    def row(self, index: int) -> str:
+        """Name a row, counted from one below the header, and its line."""
+        row = index + bisect_right([u - i for i, u in enumerate(self.unread)], index)
+        line = f" (line {row + 2})" if self.has_lines else ""
+        return f"{self.file}, row {row + 1}{line}"
+
+    def at(
+        self, column: str, rows: Iterable[int] | np.ndarray, say: Callable[[int], str]
+    ) -> list[str]:
+        """Say what is wrong in some rows of one column, the first few by name.
+
+        Args:
+            column: The column, as it is called in the file.
+            rows: The rows at fault, counted from zero.
+            say: What is wrong in a row; a clause without its subject.
+        """
+        rows = [int(row) for row in rows]
+        faults = [f"{self.row(r)}, column {column!r}: {say(r)}" for r in rows[:SHOWN]]
+        if len(rows) > SHOWN:
+            more = len(rows) - SHOWN
+            faults.append(
+                f"{self.file}, column {column!r}: and {more} more "
+                f"{'row' if more == 1 else 'rows'} like these."
+            )
+        return faults
+
+
+def quoted(text: object) -> str:
+    """Repeat a user's text safely: no control characters, never long."""
+    shown = repr(text)
+    return shown if len(shown) <= LONGEST else shown[: LONGEST - 1] + "…"
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Ask whether the nearest known name was meant; empty where none is near."""
+    folded = {k.casefold(): k for k in known}
+    guess = get_close_matches(name.casefold(), folded, n=1, cutoff=0.7)
+    return f" Did you mean {folded[guess[0]]!r}?" if guess else ""

@@ -1,0 +1,38 @@
+"""A turn is written as a quaternion and read as a matrix, and neither drifts."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+_NORM_ROUNDING = 1e-14
+
+
+def unit_quaternion(wxyz: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
+    """Scale to norm one; leave alone what has it to rounding."""
+    norm = float(np.linalg.norm(wxyz))
+    return wxyz if abs(norm - 1.0) < _NORM_ROUNDING else wxyz / norm
+
+
+def matrix_of(wxyz: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
+    """Return the rotation matrix of a quaternion."""
+    return Rotation.from_quat(np.roll(wxyz, -1)).as_matrix()
+
+
+def quaternion_of(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4"]:
+    """Return the quaternion that stays the same when read and written again.
+
+    Rounding moves a quaternion by a few units in the last place each time it goes
+    through its matrix, until it comes back to itself; the least of those it then
+    comes back to is returned.
+    """
+    seen: list[tuple[float, ...]] = []
+    found = _raw(matrix)
+    while found not in seen:
+        seen.append(found)
+        found = _raw(matrix_of(np.array(found)))
+    return np.array(min(seen[seen.index(found) :]))
+
+
+def _raw(matrix: Float[np.ndarray, "3 3"]) -> tuple[float, ...]:
+    xyzw = Rotation.from_matrix(matrix).as_quat(canonical=True)
+    return tuple(float(x) for x in np.roll(xyzw, 1))

@@ -1,0 +1,1 @@
+"""One file per question; `python -m scenarios.NAME --help` is its manual."""

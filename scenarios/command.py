@@ -1,0 +1,39 @@
+"""A command ends with 0 done, 2 the user's mistake, or 130 interrupted; never a trace.
+
+Every scenario ends with `run(main, Settings)`; its docstring is its manual.
+"""
+
+import os
+import sys
+from collections.abc import Callable
+from typing import TypeVar
+
+import tyro
+
+from bench.errors import BenchError
+
+USER_MISTAKE, INTERRUPTED = 2, 130
+
+Settings = TypeVar("Settings")
+
+
+def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
+    """Read the command line, run a scenario, and end as the user expects.
+
+    Args:
+        main: What the scenario does.
+        settings: A frozen dataclass; its fields are the flags.
+    """
+    module = sys.modules[main.__module__]
+    name = f"python -m {module.__spec__.name}" if module.__spec__ else None
+    try:
+        main(tyro.cli(settings, prog=name, description=module.__doc__))
+        sys.stdout.flush()
+    except BenchError as error:
+        print(error, file=sys.stderr)
+        sys.exit(USER_MISTAKE)
+    except KeyboardInterrupt:
+        print("interrupted; run again to go on", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:  # the reader of our output left, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
