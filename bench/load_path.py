@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from bench.errors import Unusable
 from bench.recording import LOADED, LOADING, UNLOADED, UNLOADING
@@ -111,3 +112,10 @@ def path_faults(path: Sequence[LoadStep]) -> list[str]:
             "reading that deflections are measured from."
         ]
     return []
+
+
+def directions(path: tuple[LoadStep, ...]) -> Float[np.ndarray, " steps"]:
+    """Return +1 for each step whose load last grew, -1 where it last fell."""
+    change = np.sign(np.diff([step.mass for step in path], prepend=0.0))
+    last = np.maximum.accumulate(np.where(change != 0, np.arange(len(change)), 0))
+    return np.where(change[last] < 0, -1.0, 1.0)

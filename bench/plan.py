@@ -15,6 +15,7 @@ from bench.load_path import (
     DEFAULT_PATH,
     HOLD,
     LoadStep,
+    directions,
     parse_path,
     path_faults,
     stages,
@@ -109,6 +110,11 @@ class Plan:
     def row_mass(self) -> Float[np.ndarray, " rows"]:
         """What hangs on the hook in each row, in kg."""
         return np.tile([step.mass for step in self.path], self.visits)
+
+    @property
+    def row_direction(self) -> Float[np.ndarray, " rows"]:
+        """+1 in rows whose load last grew, -1 where it last fell."""
+        return np.tile(directions(self.path), self.visits)
 
     @property
     def time(self) -> Float[np.ndarray, " rows"]:

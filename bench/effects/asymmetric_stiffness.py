@@ -1,0 +1,58 @@
+"""Teeth that carry on one flank better than on the other make an axis lopsided.
+
+==========  ==========================================================================
+Equation    τ = K⁺ θ for θ > 0, K⁻ θ for θ < 0, K⁺/K⁻ = ratio; the softer side has the
+            axis' own K
+Source      law: one-sided linear springs; size chosen, no source for a gear
+Valid       static loads
+Ignores     hardening of either side, hysteresis
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.springs import add_parallel
+
+NEVER = 1e3
+"""A wind-up that no axis reaches, in rad."""
+
+
+@dataclass(frozen=True)
+class AsymmetricStiffness(ModelEffect):
+    """A spring beside the axis' own that carries one way only.
+
+    Attributes:
+        ratio: Stiffness for positive wind-up over that for negative.
+    """
+
+    name: ClassVar[str] = "asymmetric_stiffness"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {"ratio": 1e-2}
+    ratio: float = 1.3
+
+    @override
+    def off(self) -> "AsymmetricStiffness":
+        return replace(self, ratio=1.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"ratio": self.ratio}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if self.ratio == 1.0:
+            return
+        axis = arm.axis(self.where)
+        own = float(spec.joint(axis).stiffness[0])
+        stiffer = max(self.ratio, 1.0 / self.ratio)
+        slack = (-NEVER, 0.0) if self.ratio > 1.0 else (0.0, NEVER)
+        add_parallel(
+            spec, f"{axis}_asymmetric", axis, (stiffer - 1.0) * own, slack=slack
+        )

@@ -1,0 +1,78 @@
+"""The pedestal gives way under the whole arm.
+
+==========  ==========================================================================
+Equation    turn = compliance × moment about each axis of the base's frame, shift =
+            compliance × force along each
+Source      six springs at the base's origin; size chosen: anchor bolts and plate give
+            1e6 to 5e6 N m/rad, a welded pedestal about 1e7
+Valid       small motions
+Ignores     coupling of tilt and shift: the pedestal bends about its top
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
+
+import mujoco
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.links import pose_in
+from bench.effects.springs import add_spring
+
+
+@dataclass(frozen=True)
+class BaseCompliance(ModelEffect):
+    """Up to six springs under the base; a compliance of zero is rigid.
+
+    Attributes:
+        rx_rad_per_nm: Tilt about the base's x.
+        ry_rad_per_nm: Tilt about its y.
+        rz_rad_per_nm: Turn about its z.
+        x_m_per_n: Shift along its x.
+        y_m_per_n: Shift along its y.
+        z_m_per_n: Shift along its z.
+    """
+
+    name: ClassVar[str] = "base_compliance"
+    places: ClassVar[tuple[str, ...]] = ("base",)
+    at_least: ClassVar[Mapping[str, float]] = {
+        "rx_rad_per_nm": 0.0,
+        "ry_rad_per_nm": 0.0,
+        "rz_rad_per_nm": 0.0,
+        "x_m_per_n": 0.0,
+        "y_m_per_n": 0.0,
+        "z_m_per_n": 0.0,
+    }
+    rx_rad_per_nm: float = 5e-7
+    ry_rad_per_nm: float = 5e-7
+    rz_rad_per_nm: float = 0.0
+    x_m_per_n: float = 0.0
+    y_m_per_n: float = 0.0
+    z_m_per_n: float = 0.0
+
+    @override
+    def off(self) -> "BaseCompliance":
+        return replace(self, **dict.fromkeys(self.parameters(), 0.0))
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        # an arm that stands on the world without a base gives way below its first axis
+        foot = arm.seat(arm.axes[0]) if arm.base == "world" else arm.base
+        rotation, origin = pose_in(spec.body(foot), spec.body(arm.base))
+        for i, (name, compliance) in enumerate(self.parameters().items()):
+            if compliance > 0.0:
+                add_spring(
+                    spec.body(foot),
+                    f"base_{name.partition('_')[0]}",
+                    rotation[i % 3],
+                    1.0 / compliance,
+                    pos=-rotation.T @ origin,
+                    slide=i >= 3,
+                )

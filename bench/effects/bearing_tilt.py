@@ -1,0 +1,73 @@
+"""An axis' bearing lets the axis tilt, not only turn.
+
+==========  ==========================================================================
+Equation    tilt about u = u_rad_per_nm × moment about u, and the same for v, both
+            about a centre on the axis
+Source      Klimchik 2011: a joint's tilt compliance is 13 % of its torsional one;
+            scaled to 63 kN m/rad this is 1 / 480 kN m/rad
+Valid       small tilts
+Ignores     shift along and across the axis, play of the rollers
+==========  ==========================================================================
+
+The directions u and v are those of `bench.effects.springs.frame_along`: for an axis
+along z they are x and y of the seat, which does not turn with the axis.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.springs import add_spring, frame_along
+
+
+@dataclass(frozen=True)
+class BearingTilt(ModelEffect):
+    """Two hinges across the axis, on its seat.
+
+    Attributes:
+        u_rad_per_nm: Compliance about the first direction across the axis.
+        v_rad_per_nm: Compliance about the second.
+        centre_m: Where the bearing sits, along the axis from the joint's origin.
+    """
+
+    name: ClassVar[str] = "bearing_tilt"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {
+        "u_rad_per_nm": 0.0,
+        "v_rad_per_nm": 0.0,
+    }
+    u_rad_per_nm: float = 1 / 480e3
+    v_rad_per_nm: float = 1 / 480e3
+    centre_m: float = 0.0
+
+    @override
+    def off(self) -> "BearingTilt":
+        return replace(self, u_rad_per_nm=0.0, v_rad_per_nm=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {
+            "u_rad_per_nm": self.u_rad_per_nm,
+            "v_rad_per_nm": self.v_rad_per_nm,
+            "centre_m": self.centre_m,
+        }
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        axis = arm.axis(self.where)
+        own, seat = spec.joint(axis), spec.body(arm.seat(axis))
+        u, v, w = frame_along(np.asarray(own.axis, float)).T
+        centre = np.asarray(own.pos, float) + self.centre_m * w
+        for label, direction, compliance in (
+            ("u", u, self.u_rad_per_nm),
+            ("v", v, self.v_rad_per_nm),
+        ):
+            if compliance > 0.0:
+                name = f"{axis}_tilt_{label}"
+                add_spring(seat, name, direction, 1.0 / compliance, pos=centre)

@@ -1,0 +1,53 @@
+"""A gear under load goes on winding up for a while, and comes back as slowly.
+
+==========  ==========================================================================
+Equation    θ(t) = τ/K (1 + ratio (1 - exp(-t/T))) for a load τ that stands since t = 0
+Source      standard linear solid (Zener 1948); sizes chosen, no source for a gear
+Valid       small creep, one relaxation time
+Ignores     recovery of different speed, temperature
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.springs import add_series
+
+
+@dataclass(frozen=True)
+class Creep(ModelEffect):
+    """A spring and a damper side by side, in series with the axis' own spring.
+
+    Attributes:
+        ratio: Wind-up gained in the end over the immediate one.
+        time_s: Time constant T, in s.
+    """
+
+    name: ClassVar[str] = "creep"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.0, "time_s": 1e-3}
+    ratio: float = 0.03
+    time_s: float = 20.0
+
+    @override
+    def off(self) -> "Creep":
+        return replace(self, ratio=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"ratio": self.ratio, "time_s": self.time_s}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if self.ratio == 0.0:
+            return
+        own = float(spec.joint(arm.axis(self.where)).stiffness[0])
+        stiffness = own / self.ratio
+        joint = add_series(spec, arm, self.where, "creep", stiffness)
+        joint.damping = [stiffness * self.time_s, 0.0, 0.0]

@@ -1,0 +1,119 @@
+"""The real arm differs from its data sheet for physical reasons, one at a time.
+
+Kinds of effects say where their physics happens:
+
+- `ModelEffect`: in the arm, as springs, masses and shapes of the MuJoCo model;
+- `CommandEffect`: between the controller's angle and the gear's input;
+- `RopeEffect`: between the weight on the hook and the tension of the rope;
+- `InstrumentEffect`: in what an instrument makes of the world.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bench.anatomy import Anatomy
+from bench.errors import Unusable
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """One physical reason why a reading is not what the nominal arm says.
+
+    Three promises are tested for every effect: switched `off()` it changes nothing,
+    to the last bit; it adds to what is there and never overwrites, so order does not
+    matter; an example of it moves the readings.
+
+    Attributes:
+        name: Its name in the diagnosis' vocabulary.
+        places: Kinds of parts it can sit in, see `bench.effects.places`.
+        at_least: Smallest value of each parameter that cannot be any number.
+        where: The part it sits in: an axis `a1` …, a link `link_k` (between axes k
+            and k+1), `base`, `flange`, `tool`, `rig`, `tracker`, `wrench_sensor` or
+            `marker:<name>`.
+    """
+
+    name: ClassVar[str]
+    places: ClassVar[tuple[str, ...]]
+    at_least: ClassVar[Mapping[str, float]] = {}
+    where: str
+
+    def __post_init__(self):
+        """Check the sizes, naming every fault."""
+        faults = [
+            f"{name} is {getattr(self, name)}, expected at least {least}."
+            for name, least in self.at_least.items()
+            if not getattr(self, name) >= least
+        ]
+        if faults:
+            raise Unusable(f"Effect {self.name!r} at {self.where!r}", faults)
+
+    @abstractmethod
+    def off(self) -> "Effect":
+        """Return the same effect with size zero."""
+
+    @abstractmethod
+    def parameters(self) -> Mapping[str, float | str]:
+        """Return its parameters in SI under the names of the diagnosis' vocabulary."""
+
+
+class ModelEffect(Effect):
+    """Happens in the arm: springs, masses, shapes."""
+
+    @abstractmethod
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        """Change the model, once, before it is compiled.
+
+        Args:
+            spec: The arm with its seats; lengths in m, angles in rad.
+            arm: The names of its parts.
+        """
+
+
+@dataclass(frozen=True)
+class Command:
+    """What the gears are asked to hold, for every visit.
+
+    Attributes:
+        reference: Angle of each axis at which its spring is slack, in rad.
+        stiffness: Stiffness of each axis' spring, in N m/rad.
+    """
+
+    reference: Float[np.ndarray, "visits axes"]
+    stiffness: Float[np.ndarray, "visits axes"]
+
+
+class CommandEffect(Effect):
+    """Happens in the drive, and depends on the angle that the controller reports."""
+
+    @abstractmethod
+    def command(
+        self, posture: Float[np.ndarray, "visits axes"], nominal: Command, arm: Anatomy
+    ) -> Command:
+        """Return what this effect adds to the nominal command.
+
+        Args:
+            posture: Axis angles that the controller reports, in rad.
+            nominal: The command without any effect.
+            arm: The names of the arm's parts.
+        """
+
+
+class RopeEffect(Effect):
+    """Happens between the weight on the hook and the rope's tension."""
+
+    @abstractmethod
+    def tension(
+        self, weight: Float[np.ndarray, " rows"], direction: Float[np.ndarray, " rows"]
+    ) -> Float[np.ndarray, " rows"]:
+        """Return what this effect adds to the tension, in N.
+
+        Args:
+            weight: Weight on the hook, in N.
+            direction: +1 where the load last grew, -1 where it last fell.
+        """

@@ -1,0 +1,50 @@
+"""An axis stands beside the angle that its encoder reports.
+
+==========  ==========================================================================
+Equation    q = q_reported + offset_rad
+Source      Mooring, Roth, Driels 1991, "Fundamentals of manipulator calibration";
+            size: zeros err by 0.2 to 1 mrad before calibration (Slamani 2012)
+Valid       always
+Ignores     eccentricity of the encoder (that is transmission_error)
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import Command, CommandEffect
+
+
+@dataclass(frozen=True)
+class EncoderOffset(CommandEffect):
+    """The zero of one axis was set wrong.
+
+    Attributes:
+        offset_rad: True angle less the reported one.
+    """
+
+    name: ClassVar[str] = "encoder_offset"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    offset_rad: float = 5e-4
+
+    @override
+    def off(self) -> "EncoderOffset":
+        return replace(self, offset_rad=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"offset_rad": self.offset_rad}
+
+    @override
+    def command(
+        self, posture: Float[np.ndarray, "visits axes"], nominal: Command, arm: Anatomy
+    ) -> Command:
+        reference = np.zeros_like(posture)
+        reference[:, arm.axes.index(arm.axis(self.where))] = self.offset_rad
+        return Command(reference, np.zeros_like(posture))

@@ -1,0 +1,66 @@
+"""A link is longer, or its next axis stands more askew, than drawn.
+
+==========  ==========================================================================
+Equation    p' = p + (x, y, z), R' = exp([(rx, ry, rz)]×) R for the next axis' seat (or
+            the flange) in the link's frame
+Source      rigid motion, rotation vector (Rodrigues 1840); size: lengths err by 0.1 to
+            0.5 mm and angles by 0.2 to 1 mrad before calibration (Slamani 2012)
+Valid       always
+Ignores     nothing at rest
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.links import end_of, pose_in, rotation_of
+
+
+@dataclass(frozen=True)
+class GeometryError(ModelEffect):
+    """The end of a link is moved and turned, and everything beyond with it.
+
+    Attributes:
+        x_m: Shift in the link's frame.
+        y_m: The same along y.
+        z_m: The same along z.
+        rx_rad: Rotation vector in the link's frame, about the end's origin.
+        ry_rad: The same about y.
+        rz_rad: The same about z.
+    """
+
+    name: ClassVar[str] = "geometry_error"
+    places: ClassVar[tuple[str, ...]] = ("link",)
+    x_m: float = 3e-4
+    y_m: float = 0.0
+    z_m: float = 0.0
+    rx_rad: float = 0.0
+    ry_rad: float = 5e-4
+    rz_rad: float = 0.0
+
+    @override
+    def off(self) -> "GeometryError":
+        return replace(self, **dict.fromkeys(self.parameters(), 0.0))
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if not any(self.parameters().values()):
+            return
+        end, link = spec.body(end_of(arm, self.where)), spec.body(arm.body(self.where))
+        below = pose_in(end.parent, link)[0]  # what the end hangs on may be turned
+        shift, turn = np.reshape(list(self.parameters().values()), (2, 3)) @ below
+        end.pos = np.asarray(end.pos, float) + shift
+        turned = Rotation.from_rotvec(turn) * Rotation.from_matrix(rotation_of(end))
+        end.quat = turned.as_quat(scalar_first=True)

@@ -1,0 +1,69 @@
+"""A spring between a link and the part below helps an axis to carry its weight.
+
+==========  ==========================================================================
+Equation    τ = torque_nm sin(q - phase_rad), positive about the axis
+Source      ideal spring of length s = √(a² + b² - 2ab cos α) and stiffness k without
+            free length: energy k s²/2, torque k a b sin α (Herder 2001, "Energy-free
+            systems"); size chosen, the small KUKA arms have none
+Valid       any turn
+Ignores     free length (with it: k (1 - s₀/s) a b sin α), a gas spring's temperature
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.springs import frame_along
+
+ARM = 0.1
+"""Distance of both ends of the spring from the axis, in m; chosen."""
+
+
+@dataclass(frozen=True)
+class GravityCompensator(ModelEffect):
+    """A stretched spring from a point of the seat to a point of the link.
+
+    Attributes:
+        torque_nm: Largest torque on the axis.
+        phase_rad: Axis angle without torque, from which the spring drives away where
+            torque_nm is positive, and to which it pulls where it is negative.
+    """
+
+    name: ClassVar[str] = "gravity_compensator"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    torque_nm: float = 50.0
+    phase_rad: float = 0.0
+
+    @override
+    def off(self) -> "GravityCompensator":
+        return replace(self, torque_nm=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"torque_nm": self.torque_nm, "phase_rad": self.phase_rad}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if self.torque_nm == 0.0:
+            return
+        axis = arm.axis(self.where)
+        own, name = spec.joint(axis), f"{axis}_compensator"
+        u, v, _ = frame_along(np.asarray(own.axis, float)).T
+        nearest = self.phase_rad + (np.pi if self.torque_nm > 0 else 0.0) - own.ref
+        on_seat = np.cos(nearest) * u + np.sin(nearest) * v
+        tendon = spec.add_tendon(name=name, springlength=np.zeros(2))
+        tendon.stiffness = [abs(self.torque_nm) / ARM**2, 0.0, 0.0]
+        for label, body, direction in (
+            ("seat", arm.seat(axis), on_seat),
+            ("link", own.parent.name, u),
+        ):
+            place = np.asarray(own.pos, float) + ARM * direction
+            spec.body(body).add_site(name=f"{name}_{label}", pos=place)
+            tendon.wrap_site(f"{name}_{label}")

@@ -1,0 +1,70 @@
+"""A part weighs more, or less, or elsewhere than its data sheet says.
+
+==========  ==========================================================================
+Equation    m' = m + mass_kg, m' c' = m c + mass_kg × com
+Source      Newton; size chosen: cables and hoses of 1 kg on a link
+Valid       a body at rest
+Ignores     the moment of inertia, which nothing at rest feels
+==========  ==========================================================================
+
+A centre of mass alone is moved by two of them, one with a negative mass.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.errors import Unusable
+
+
+@dataclass(frozen=True)
+class GravityLoad(ModelEffect):
+    """A point mass joined to a body, or taken out of it.
+
+    Attributes:
+        mass_kg: What is added; negative: taken away.
+        com_x_m: Where, in the body's frame.
+        com_y_m: The same along y.
+        com_z_m: The same along z.
+    """
+
+    name: ClassVar[str] = "gravity_load"
+    places: ClassVar[tuple[str, ...]] = ("link", "tool")
+    mass_kg: float = 1.0
+    com_x_m: float = 0.1
+    com_y_m: float = 0.0
+    com_z_m: float = 0.0
+
+    @override
+    def off(self) -> "GravityLoad":
+        return replace(self, mass_kg=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {
+            "mass_kg": self.mass_kg,
+            "com_x_m": self.com_x_m,
+            "com_y_m": self.com_y_m,
+            "com_z_m": self.com_z_m,
+        }
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if self.mass_kg == 0.0:
+            return
+        body = spec.body(arm.body(self.where))
+        own = float(body.mass) if body.explicitinertial else 0.0
+        total = own + self.mass_kg
+        if not total > 0.0:
+            fault = f"{own:g} kg and {self.mass_kg:g} kg leave no mass; take less away."
+            raise Unusable(f"Effect {self.name!r} at {self.where!r}", [fault])
+        added = np.array([self.com_x_m, self.com_y_m, self.com_z_m])
+        centre = np.asarray(body.ipos, float) if own > 0.0 else np.zeros(3)
+        body.ipos = (own * centre + self.mass_kg * added) / total
+        body.mass, body.explicitinertial = total, True

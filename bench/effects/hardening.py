@@ -1,0 +1,69 @@
+"""Strain-wave gears grow stiffer the harder they are wound.
+
+==========  ==========================================================================
+Equation    τ = K1 θ up to T1, slope K2 up to T2, slope K3 beyond, both ways alike
+Source      Harmonic Drive, CHA engineering data 1018854, torsional stiffness table
+Valid       static torques below the gear's repeated peak
+Ignores     hysteresis, the gear's own lost motion
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.springs import add_parallel
+
+
+@dataclass(frozen=True)
+class Hardening(ModelEffect):
+    """Springs beside the axis' own, which begin to carry at T1 and at T2.
+
+    Attributes:
+        stiffness_ratio: K3 / K1; the table has 1.5 to 1.84.
+        torque_nm: T1, where K1 ends, in N m; size 32: 29.
+        middle_share: (K2 - K1) / (K3 - K1); size 32, ratio above 50: 0.81.
+        second_torque: T2 / T1; size 32: 3.7.
+    """
+
+    name: ClassVar[str] = "hardening"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {
+        "stiffness_ratio": 1.0,
+        "torque_nm": 0.0,
+        "middle_share": 0.0,
+        "second_torque": 1.0,
+    }
+    stiffness_ratio: float = 1.79
+    torque_nm: float = 29.0
+    middle_share: float = 0.81
+    second_torque: float = 3.72
+
+    @override
+    def off(self) -> "Hardening":
+        return replace(self, stiffness_ratio=1.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"stiffness_ratio": self.stiffness_ratio, "torque_nm": self.torque_nm}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if self.stiffness_ratio == 1.0:
+            return
+        axis = arm.axis(self.where)
+        k1 = float(spec.joint(axis).stiffness[0])
+        k3 = k1 * self.stiffness_ratio
+        k2 = k1 + self.middle_share * (k3 - k1)
+        first = self.torque_nm / k1
+        second = first + (self.second_torque - 1.0) * self.torque_nm / k2
+        for step, start in (("1", (first, k2 - k1)), ("2", (second, k3 - k2))):
+            wound, extra = start
+            add_parallel(
+                spec, f"{axis}_hardening_{step}", axis, extra, slack=(-wound, wound)
+            )

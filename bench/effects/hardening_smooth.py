@@ -1,0 +1,68 @@
+"""Gears grow stiffer without a kink as more teeth come to carry.
+
+==========  ==========================================================================
+Equation    τ = K3 θ - (K3 - K1) θc arctan(θ/θc), so dτ/dθ climbs from K1 to K3;
+            θc = 1.2 T1/K1
+Source      law: a smooth rival of the catalogue's three slopes; θc chosen so that it
+            meets Harmonic Drive's size 32 (CHA data 1018854) at 60 and 100 N m
+Valid       static torques below the gear's repeated peak
+Ignores     hysteresis, the gear's own lost motion
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.springs import add_parallel
+
+KNOTS = np.concatenate([np.linspace(0.1, 1.9, 10), np.geomspace(2.2, 12.0, 8)])
+"""Where the slope of the mechanism steps up, over θc; chosen: keeps
+within 0.5 % of the torque."""
+
+
+@dataclass(frozen=True)
+class SmoothHardening(ModelEffect):
+    """Many springs beside the axis' own, which begin to carry one after the other.
+
+    Attributes:
+        stiffness_ratio: K3 / K1.
+        torque_nm: T1, about where the stiffness begins to climb, in N m.
+    """
+
+    name: ClassVar[str] = "hardening"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {
+        "stiffness_ratio": 1.0,
+        "torque_nm": 1e-3,
+    }
+    stiffness_ratio: float = 1.79
+    torque_nm: float = 29.0
+
+    @override
+    def off(self) -> "SmoothHardening":
+        return replace(self, stiffness_ratio=1.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"stiffness_ratio": self.stiffness_ratio, "torque_nm": self.torque_nm}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if self.stiffness_ratio == 1.0:
+            return
+        axis = arm.axis(self.where)
+        k1 = float(spec.joint(axis).stiffness[0])
+        unit = 1.2 * self.torque_nm / k1
+        middles = np.concatenate([[0.0], (KNOTS[1:] + KNOTS[:-1]) / 2, [np.inf]])
+        slope = 1.0 - 1.0 / (1.0 + middles**2)  # of the extra torque, over K3 - K1
+        extra = np.diff(slope) * (self.stiffness_ratio - 1.0) * k1
+        for i, (knot, stiffness) in enumerate(zip(KNOTS, extra, strict=True)):
+            slack = (-knot * unit, knot * unit)
+            add_parallel(spec, f"{axis}_smooth_{i}", axis, stiffness, slack=slack)

@@ -1,0 +1,75 @@
+"""Countless small contacts in a gear slip one after the other.
+
+==========  ==========================================================================
+Equation    from rest the friction grows as F(θ) = Fc (1 - exp(-θ/θ₀)); after each
+            turning point as 2 F(Δθ/2); the full loop is 2 Fc/K wide at zero torque
+Source      first loading: Dahl 1968; turning points: Masing 1926, as sums of slipping
+            springs obey them (Iwan 1967); size as in `hysteresis`
+Valid       slow loads; rate-independent
+Ignores     Stribeck effect, ageing of the contact
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.springs import add_parallel
+
+
+@dataclass(frozen=True)
+class ManyContacts(ModelEffect):
+    """Slipping springs whose chords follow the first loading within 1 % of Fc.
+
+    Attributes:
+        width_rad: Full width of the loop at zero torque, all elements slipped.
+        elements: How many slipping springs; chosen.
+        stiffening: Fc/θ₀, about the sum of their stiffness, over the axis' own;
+            chosen.
+    """
+
+    name: ClassVar[str] = "hysteresis"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {
+        "width_rad": 0.0,
+        "elements": 1,
+        "stiffening": 1e-3,
+    }
+    width_rad: float = 1.5e-4
+    elements: int = 12
+    stiffening: float = 1.0
+
+    @override
+    def off(self) -> "ManyContacts":
+        return replace(self, width_rad=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"width_rad": self.width_rad}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if self.width_rad == 0.0:
+            return
+        axis = arm.axis(self.where)
+        own = float(spec.joint(axis).stiffness[0])
+        step = np.arange(1, self.elements + 1) / (self.elements + 1)
+        slip = -2 * np.log1p(-step)  # over θ₀; spaced for equal errors of the chords
+        friction = -np.expm1(-slip)
+        chord = np.diff(friction / friction[-1], prepend=0) / np.diff(slip, prepend=0)
+        share = -np.diff(chord, append=0.0)
+        reach = self.width_rad / 2 / self.stiffening  # θ₀ in rad
+        for i in range(self.elements):
+            add_parallel(
+                spec,
+                f"{axis}_contact_{i}",
+                axis,
+                share[i] * self.stiffening * own,
+                springyield=float(slip[i] * reach),
+            )

@@ -1,0 +1,50 @@
+"""A gear winds up where the model calls it rigid, in proportion to its torque.
+
+==========  ==========================================================================
+Equation    θ = τ/K + compliance τ
+Source      Spong 1987, "Modeling and control of elastic joint robots"; size: about the
+            axes of a 10 kg robot, 50 kN m/rad
+Valid       static torques below the gear's repeated peak
+Ignores     hardening, hysteresis, give of the bearing and the links
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.springs import add_series
+
+
+@dataclass(frozen=True)
+class JointCompliance(ModelEffect):
+    """A spring in series with the axis' own.
+
+    Attributes:
+        compliance_rad_per_nm: What it adds to the axis' compliance.
+    """
+
+    name: ClassVar[str] = "joint_compliance"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {"compliance_rad_per_nm": 0.0}
+    compliance_rad_per_nm: float = 2e-5
+
+    @override
+    def off(self) -> "JointCompliance":
+        return replace(self, compliance_rad_per_nm=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"compliance_rad_per_nm": self.compliance_rad_per_nm}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if self.compliance_rad_per_nm == 0.0:
+            return
+        stiffness = 1.0 / self.compliance_rad_per_nm
+        add_series(spec, arm, self.where, "compliance", stiffness)

@@ -1,0 +1,64 @@
+"""Within its play a gear stiffens gradually until the teeth carry.
+
+==========  ==========================================================================
+Equation    θ = τ/K + (width/2) tanh(τ/closing), as twelve straight pieces
+Source      law: the usual smooth dead zone; Harmonic Drive CHA data 1018854: lost
+            motion below 1 arcmin
+Valid       static loads
+Ignores     friction inside the play (that is hysteresis)
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.lost_motion import CONTACT
+from bench.effects.springs import add_parallel, add_series
+
+KNOTS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.4, 2.8, 3.5])
+"""Torques at which the slope steps up, over the closing torque; chosen."""
+
+
+@dataclass(frozen=True)
+class SmoothLostMotion(ModelEffect):
+    """A joint in series with the axis' spring, whose springs engage one by one.
+
+    Attributes:
+        width_rad: Full width of the play.
+        closing_nm: Torque that takes up 76 % of it, in N m; chosen.
+    """
+
+    name: ClassVar[str] = "lost_motion"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {"width_rad": 0.0, "closing_nm": 1e-6}
+    width_rad: float = 1.5e-4
+    closing_nm: float = 1.5
+
+    @override
+    def off(self) -> "SmoothLostMotion":
+        return replace(self, width_rad=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"width_rad": self.width_rad}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if self.width_rad == 0.0:
+            return
+        own = float(spec.joint(arm.axis(self.where)).stiffness[0])
+        turned = self.width_rad / 2 * np.tanh(KNOTS)
+        pieces = np.diff(KNOTS, prepend=0.0) * self.closing_nm
+        slope = pieces / np.diff(turned, prepend=0.0)
+        slope = np.append(slope, slope[-1] + CONTACT * own)
+        play = add_series(spec, arm, self.where, "smooth_play", slope[0])
+        for i, (start, extra) in enumerate(zip(turned, np.diff(slope), strict=True)):
+            name = f"{play.name}_{i}"
+            add_parallel(spec, name, play.name, extra, slack=(-start, start))

@@ -1,0 +1,56 @@
+"""A mark that is touched, or whose glue gives way, sits elsewhere from then on.
+
+==========  ==========================================================================
+Equation    place = nominal + (x, y, z) from `time_s` on, along its body's axes
+Source      a step in time; size chosen: a film of glue gives 5 to 20 µm
+Valid       one step per effect; several add
+Ignores     slow creep of the glue
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
+
+from typing_extensions import override
+
+from bench.effects.instrument_effect import InstrumentEffect
+from bench.instruments import Instruments, Slip
+
+
+@dataclass(frozen=True)
+class MarkerSlip(InstrumentEffect):
+    """One mark moves on its body during the measurement.
+
+    Attributes:
+        x_m: How far along its body's x.
+        y_m: The same along y.
+        z_m: The same along z.
+        time_s: When, since the start.
+    """
+
+    name: ClassVar[str] = "marker_slip"
+    places: ClassVar[tuple[str, ...]] = ("marker",)
+    at_least: ClassVar[Mapping[str, float]] = {"time_s": 0.0}
+    x_m: float = 5e-5
+    y_m: float = 0.0
+    z_m: float = 0.0
+    time_s: float = 1800.0
+
+    @override
+    def off(self) -> "MarkerSlip":
+        return replace(self, x_m=0.0, y_m=0.0, z_m=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
+
+    @override
+    def fault(self, instruments: Instruments) -> Instruments:
+        shift = (self.x_m, self.y_m, self.z_m)
+        if not any(shift):
+            return instruments
+        slip = Slip(self.where.removeprefix("marker:"), self.time_s, shift)
+        markers = instruments.markers
+        slipping = tuple(sorted((*markers.slips, slip), key=repr))
+        return replace(instruments, markers=replace(markers, slips=slipping))

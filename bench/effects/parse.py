@@ -1,0 +1,105 @@
+"""An effect can be said in one word: `hysteresis@a2,width_rad=2e-4`."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import fields
+
+import mujoco
+
+from bench.anatomy import anatomy
+from bench.effects import EFFECTS
+from bench.effects.effect import Effect
+from bench.effects.places import misplaced
+from bench.errors import BenchError, UnknownName, Unusable
+
+
+def parse(text: str, model: mujoco.MjModel) -> Effect:
+    """Read `NAME@WHERE[,parameter=value…]`.
+
+    Args:
+        text: The word. Parameters have the vocabulary's names and SI units; those left
+            out keep the size of a catalogue.
+        model: The arm alone, which says which places there are.
+
+    Returns:
+        The effect.
+
+    Raises:
+        UnknownName: Where no effect has that name.
+        Unusable: Where the place or a parameter does not exist or a value cannot be;
+            all faults at once.
+    """
+    head, *settings = (part.strip() for part in text.split(","))
+    name, at, where = (part.strip() for part in head.partition("@"))
+    kinds = {effect.name: effect for effect in EFFECTS}
+    if name not in kinds:
+        raise UnknownName("effect", name, kinds)
+    kind = kinds[name]
+    faults = [] if at else [f"{head!r} has no place; write {name}@WHERE."]
+    values = {}
+    for setting in settings:
+        try:
+            parameter, value = _setting(kind, setting)
+        except BenchError as error:
+            faults.append(str(error))
+            continue
+        if parameter in values:
+            faults.append(f"{parameter} is given twice.")
+        values[parameter] = value
+    try:
+        effect = kind(where=where, **values)
+    except Unusable as error:
+        effect = kind(where=where)
+        faults += error.faults
+    if at:
+        bodies = [model.body(b).name for b in range(model.nbody)]
+        faults += misplaced(effect, anatomy(model), bodies)
+    if faults:
+        raise Unusable(f"Effect {text!r}", faults)
+    return effect
+
+
+def parse_all(texts: Iterable[str], model: mujoco.MjModel) -> tuple[Effect, ...]:
+    """Read several effects.
+
+    Args:
+        texts: As for `parse`.
+        model: The arm alone.
+
+    Returns:
+        The effects, in their order.
+
+    Raises:
+        Unusable: All faults of all effects.
+    """
+    effects, faults = [], []
+    for text in texts:
+        try:
+            effects.append(parse(text, model))
+        except Unusable as error:
+            faults += [f"{text!r}: {fault}" for fault in error.faults]
+        except UnknownName as error:
+            faults.append(f"{text!r}: {error}")
+    if faults:
+        raise Unusable("The list of effects", faults)
+    return tuple(effects)
+
+
+def _setting(kind: type[Effect], setting: str) -> tuple[str, float | int | str]:
+    """Return the name of a field and its value."""
+    written, _, text = (part.strip() for part in setting.partition("="))
+    known = {f.name.removesuffix("_axis"): f for f in fields(kind) if f.name != "where"}
+    if written not in known:
+        raise UnknownName(f"parameter of {kind.name!r}", written, known)
+    field = known[written]
+    if isinstance(field.default, str):
+        return field.name, text
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    whole = isinstance(field.default, int)
+    if not math.isfinite(value) or (whole and value != int(value)):
+        number = "a whole number" if whole else "a finite number"
+        raise BenchError(f"{written} is {text!r}, expected {number}.")
+    return field.name, int(value) if whole else value

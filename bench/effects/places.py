@@ -1,0 +1,56 @@
+"""An effect sits in a part of the arm, or in the cell around it."""
+
+from collections.abc import Collection
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import Effect
+from bench.errors import UnknownName
+
+CELL = ("rig", "tracker", "wrench_sensor")
+"""Places that every cell has."""
+
+
+def places_for(
+    kinds: Collection[str], arm: Anatomy, bodies: Collection[str]
+) -> list[str]:
+    """Return every place of some kinds.
+
+    Args:
+        kinds: Of `axis`, `link`, `base`, `flange`, `tool`, `rig`, `tracker`,
+            `wrench_sensor` and `marker`.
+        arm: The names of the arm's parts.
+        bodies: The names of the arm's bodies.
+
+    Returns:
+        The vocabulary's names, then the model's own where they differ.
+    """
+    found = []
+    for kind, own in (("axis", arm.axes), ("link", arm.links)):
+        if kind in kinds:
+            prefix = "a" if kind == "axis" else "link_"
+            found += [f"{prefix}{k}" for k in range(1, len(own) + 1)]
+            found += own
+    found += [kind for kind in ("base", "flange", *CELL) if kind in kinds]
+    found += ["tool"] if "tool" in kinds and "tool" in bodies else []
+    found += ["marker:<name>"] if "marker" in kinds else []
+    return list(dict.fromkeys(found))
+
+
+def misplaced(effect: Effect, arm: Anatomy, bodies: Collection[str]) -> list[str]:
+    """Return what is wrong with the places that an effect names; usually nothing.
+
+    Args:
+        effect: Any effect.
+        arm: The names of the arm's parts.
+        bodies: The names of the arm's bodies.
+    """
+    where = effect.where
+    known = places_for(effect.places, arm, bodies)
+    marker = where.startswith("marker:") and len(where) > len("marker:")
+    faults = []
+    if where not in known and not ("marker" in effect.places and marker):
+        faults.append(str(UnknownName(f"place for {effect.name!r}", where, known)))
+    partner = effect.parameters().get("with")
+    if isinstance(partner, str) and partner not in known:
+        faults.append(str(UnknownName("axis to couple with", partner, known)))
+    return faults

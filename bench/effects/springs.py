@@ -1,0 +1,124 @@
+"""Where parts give way, MuJoCo gets a joint with a spring.
+
+Small helpers shared by the effects: every one adds a joint or a tendon of its own.
+"""
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bench.anatomy import SPECK, Anatomy
+
+ARMATURE = 1e-3
+"""Inertia of an added joint, kg m² or kg; chosen: negligible beside the links."""
+
+HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+
+
+def add_spring(
+    body: mujoco.MjsBody,
+    name: str,
+    axis: np.ndarray,
+    stiffness: float,
+    *,
+    pos: np.ndarray | None = None,
+    slide: bool = False,
+) -> mujoco.MjsJoint:
+    """Let a body turn about (or slide along) an axis against a linear spring.
+
+    Args:
+        body: The body that gives way.
+        name: Name of the new joint.
+        axis: Unit direction in the body's frame.
+        stiffness: In N m/rad, or N/m for a slide.
+        pos: A point of the axis in the body's frame, in m; default its origin.
+        slide: Whether it slides.
+
+    Returns:
+        The new joint.
+    """
+    if not body.explicitinertial:  # what moves must have some mass
+        body.mass, body.inertia = SPECK, np.full(3, SPECK)
+        body.explicitinertial = True
+    joint = body.add_joint(
+        name=name,
+        type=SLIDE if slide else HINGE,
+        axis=np.asarray(axis, float),
+        pos=np.zeros(3) if pos is None else np.asarray(pos, float),
+        armature=ARMATURE,
+        limited=mujoco.mjtLimited.mjLIMITED_FALSE,
+    )
+    joint.stiffness = [stiffness, 0.0, 0.0]
+    return joint
+
+
+def add_series(
+    spec: mujoco.MjSpec, arm: Anatomy, where: str, label: str, stiffness: float
+) -> mujoco.MjsJoint:
+    """Put a linear spring in series with the one of an axis, on the axis' seat.
+
+    Args:
+        spec: The model.
+        arm: The names of its parts.
+        where: The axis.
+        label: What is added to the axis' name for the new joint's.
+        stiffness: In N m/rad, or N/m where the axis slides.
+
+    Returns:
+        The new joint.
+    """
+    axis = arm.axis(where)
+    own = spec.joint(axis)
+    return add_spring(
+        spec.body(arm.seat(axis)),
+        f"{axis}_{label}",
+        own.axis,
+        stiffness,
+        pos=own.pos,
+        slide=own.type == SLIDE,
+    )
+
+
+def add_parallel(
+    spec: mujoco.MjSpec,
+    name: str,
+    joint: str,
+    stiffness: float,
+    *,
+    slack: tuple[float, float] = (0.0, 0.0),
+    springyield: float = 0.0,
+) -> mujoco.MjsTendon:
+    """Put a spring beside a joint's own, with slack or with a yield point.
+
+    Args:
+        spec: The model.
+        name: Name of the new tendon.
+        joint: The joint it acts on.
+        stiffness: In N m/rad.
+        slack: Between these deflections it carries nothing, in rad.
+        springyield: Elastic deflection at which it starts to slip, in rad; 0 = never.
+
+    Returns:
+        The new tendon.
+    """
+    tendon = spec.add_tendon(name=name, springlength=np.asarray(slack, float))
+    tendon.stiffness = [stiffness, 0.0, 0.0]
+    tendon.springyield = springyield
+    tendon.wrap_joint(joint, 1.0)
+    return tendon
+
+
+def frame_along(direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Return a right-handed frame with a direction as third column.
+
+    The first two columns are the directions across it, u and v: for one along z they
+    are x and y.
+
+    Returns:
+        Columns u, v, w in the frame in which the direction is given.
+    """
+    w = direction / np.linalg.norm(direction)
+    helper = np.eye(3)[0] if abs(w[0]) <= np.sqrt(0.5) else np.eye(3)[1]
+    u = helper - w * (w @ helper)
+    u /= np.linalg.norm(u)
+    return np.column_stack([u, np.cross(w, u), w])

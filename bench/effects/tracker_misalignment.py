@@ -1,0 +1,61 @@
+"""A tracker does not stand where the manifest says.
+
+==========  ==========================================================================
+Equation    stated = E true, each base_from_tracker; E turns by exp([(rx, ry, rz)]×)
+            about the base's origin, then shifts by (x, y, z) along its axes
+Source      rotation vector (Rodrigues 1840); size chosen: a frame fitted to a few
+            points of a base
+Valid       always
+Ignores     nothing
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
+
+from typing_extensions import override
+
+from bench.effects.instrument_effect import InstrumentEffect, plus
+from bench.instruments import Instruments
+from bench.instruments.tracker import STILL
+
+
+@dataclass(frozen=True)
+class TrackerMisalignment(InstrumentEffect):
+    """The error of the stated frame; a tracker that stated none now states one.
+
+    Attributes:
+        x_m: Shift along the base's x.
+        y_m: The same along y.
+        z_m: The same along z.
+        rx_rad: Rotation vector along the base's x, about its origin.
+        ry_rad: The same along y.
+        rz_rad: The same along z.
+    """
+
+    name: ClassVar[str] = "tracker_misalignment"
+    places: ClassVar[tuple[str, ...]] = ("tracker",)
+    x_m: float = 5e-4
+    y_m: float = 0.0
+    z_m: float = 0.0
+    rx_rad: float = 0.0
+    ry_rad: float = 0.0
+    rz_rad: float = 1e-3
+
+    @override
+    def off(self) -> "TrackerMisalignment":
+        return replace(self, **dict.fromkeys(self.parameters(), 0.0))
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
+
+    @override
+    def fault(self, instruments: Instruments) -> Instruments:
+        error = tuple(self.parameters().values())
+        if not any(error):
+            return instruments
+        tracker = instruments.tracker
+        error = plus(tracker.frame_error or STILL, error)
+        return replace(instruments, tracker=replace(tracker, frame_error=error))

@@ -1,0 +1,47 @@
+"""A tracker's millimetre is not quite a millimetre.
+
+==========  ==========================================================================
+Equation    reading = (1 + ratio) p, from the tracker's origin
+Source      similarity transform of a stereo rig whose baseline errs; size chosen: 50
+            parts in a million, a carbon bar some kelvins off
+Valid       while the rig stays as warm as it is
+Ignores     scale that differs along the axes
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from typing_extensions import override
+
+from bench.effects.instrument_effect import InstrumentEffect
+from bench.instruments import Instruments
+
+
+@dataclass(frozen=True)
+class TrackerScale(InstrumentEffect):
+    """All lengths read too long by the same share.
+
+    Attributes:
+        ratio: What is read too much, over what is there.
+    """
+
+    name: ClassVar[str] = "tracker_scale"
+    places: ClassVar[tuple[str, ...]] = ("tracker",)
+    at_least: ClassVar[Mapping[str, float]] = {"ratio": -0.5}
+    ratio: float = 5e-5
+
+    @override
+    def off(self) -> "TrackerScale":
+        return replace(self, ratio=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"ratio": self.ratio}
+
+    @override
+    def fault(self, instruments: Instruments) -> Instruments:
+        tracker = instruments.tracker
+        scaled = replace(tracker, scale=tracker.scale + self.ratio)
+        return replace(instruments, tracker=scaled)

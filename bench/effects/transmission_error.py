@@ -1,0 +1,61 @@
+"""A gear's output does not follow its input evenly, even without a load.
+
+==========  ==========================================================================
+Equation    q = q_reported + amplitude sin(order q_reported + phase)
+Source      Tuttle 1992, "Understanding and modeling the behavior of a harmonic drive";
+            size: Harmonic Drive CHA data 1018854, 1 arcmin from peak to peak
+Valid       at rest
+Ignores     the share that grows with load (Ghorbel 2001)
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import Command, CommandEffect
+
+
+@dataclass(frozen=True)
+class TransmissionError(CommandEffect):
+    """The output angle errs periodically with the axis' angle.
+
+    Attributes:
+        amplitude_rad: Half the error from peak to peak.
+        order: Periods per turn of the axis; 2 times the ratio of a strain-wave gear.
+            Chosen: 2, as of an encoder disc that is out of round.
+        phase_rad: Phase at the axis' zero.
+    """
+
+    name: ClassVar[str] = "transmission_error"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    amplitude_rad: float = 1.45e-4
+    order: float = 2.0
+    phase_rad: float = 0.0
+
+    @override
+    def off(self) -> "TransmissionError":
+        return replace(self, amplitude_rad=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {
+            "amplitude_rad": self.amplitude_rad,
+            "order": self.order,
+            "phase_rad": self.phase_rad,
+        }
+
+    @override
+    def command(
+        self, posture: Float[np.ndarray, "visits axes"], nominal: Command, arm: Anatomy
+    ) -> Command:
+        a = arm.axes.index(arm.axis(self.where))
+        error = np.sin(self.order * posture[:, a] + self.phase_rad)
+        reference = np.zeros_like(posture)
+        reference[:, a] = self.amplitude_rad * error
+        return Command(reference, np.zeros_like(posture))

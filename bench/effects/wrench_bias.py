@@ -1,0 +1,56 @@
+"""A force sensor reads something where nothing pulls.
+
+==========  ==========================================================================
+Equation    reading = wrench + bias, along the sensor's axes
+Source      linear calibration of six-axis sensors; size chosen: a tare taken an hour
+            ago
+Valid       as long as temperature and mounting stay as they are
+Ignores     drift of the bias
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
+
+from typing_extensions import override
+
+from bench.effects.instrument_effect import InstrumentEffect, plus
+from bench.instruments import Instruments
+
+
+@dataclass(frozen=True)
+class WrenchBias(InstrumentEffect):
+    """What the sensor reads too much.
+
+    Attributes:
+        fx_n: Force along the sensor's x.
+        fy_n: The same along y.
+        fz_n: The same along z.
+        tx_nm: Torque about the sensor's x.
+        ty_nm: The same about y.
+        tz_nm: The same about z.
+    """
+
+    name: ClassVar[str] = "wrench_bias"
+    places: ClassVar[tuple[str, ...]] = ("wrench_sensor",)
+    fx_n: float = 0.5
+    fy_n: float = 0.0
+    fz_n: float = 0.0
+    tx_nm: float = 0.0
+    ty_nm: float = 0.0
+    tz_nm: float = 0.0
+
+    @override
+    def off(self) -> "WrenchBias":
+        return replace(self, **dict.fromkeys(self.parameters(), 0.0))
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
+
+    @override
+    def fault(self, instruments: Instruments) -> Instruments:
+        sensor = instruments.force_sensor
+        bias = plus(sensor.bias, tuple(self.parameters().values()))
+        return replace(instruments, force_sensor=replace(sensor, bias=bias))

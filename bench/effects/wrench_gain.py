@@ -1,0 +1,59 @@
+"""A force sensor's channels do not all read the same newton.
+
+==========  ==========================================================================
+Equation    reading_k = (1 + gain_k) wrench_k, channel by channel
+Source      linear calibration of six-axis sensors; size chosen: makers state 1 to 2 %
+            of full scale
+Valid       within the sensor's range
+Ignores     crosstalk, which `ForceSensor.gain` can hold beside it
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import ClassVar
+
+import numpy as np
+from typing_extensions import override
+
+from bench.effects.instrument_effect import InstrumentEffect, plus
+from bench.instruments import Instruments
+
+
+@dataclass(frozen=True)
+class WrenchGain(InstrumentEffect):
+    """What each channel reads too much, as a share of its load.
+
+    Attributes:
+        fx: Of the force along the sensor's x.
+        fy: The same along y.
+        fz: The same along z.
+        tx: Of the torque about the sensor's x.
+        ty: The same about y.
+        tz: The same about z.
+    """
+
+    name: ClassVar[str] = "wrench_gain"
+    places: ClassVar[tuple[str, ...]] = ("wrench_sensor",)
+    fx: float = 0.01
+    fy: float = 0.0
+    fz: float = 0.0
+    tx: float = 0.0
+    ty: float = 0.0
+    tz: float = 0.0
+
+    @override
+    def off(self) -> "WrenchGain":
+        return replace(self, **dict.fromkeys(self.parameters(), 0.0))
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
+
+    @override
+    def fault(self, instruments: Instruments) -> Instruments:
+        sensor = instruments.force_sensor
+        own = np.diag(list(self.parameters().values()))
+        rows = zip(sensor.gain, own, strict=True)
+        gain = tuple(plus(before, tuple(row)) for before, row in rows)
+        return replace(instruments, force_sensor=replace(sensor, gain=gain))

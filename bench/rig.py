@@ -1,0 +1,200 @@
+"""A rig is an arm made real: what is on its data sheet, and everything that is not.
+
+It answers one question: where does everything come to rest, row by row, when a plan is
+carried out? What the instruments make of that is `bench.instruments`' business.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bench import equilibrium
+from bench.anatomy import Anatomy, anatomy, with_seats
+from bench.cell import GRAVITY, Cell, cell_for, load_on_sensor, mount
+from bench.effects.creep import Creep
+from bench.effects.effect import Command, CommandEffect, Effect, ModelEffect, RopeEffect
+from bench.errors import Unusable
+from bench.model_file import load, plain_mjcf
+from bench.plan import Plan
+from bench.states import States
+
+RIGID = 1e9
+"""Stiffness in N m/rad of an axis that the model calls rigid (0); chosen: 100 N m
+turn it by 0.1 µrad."""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """An arm, what makes it real, and the cell around it.
+
+    Attributes:
+        arm_file: MJCF or URDF of the arm alone.
+        effects: Everything that is true of it beyond its data sheet.
+        stiffness: True stiffness of the axes' springs (K1 where they harden), in
+            N m/rad; None: the model's own.
+        cell: What is mounted around it; None: a cell in proportion.
+    """
+
+    arm_file: Path
+    effects: tuple[Effect, ...] = ()
+    stiffness: Float[np.ndarray, " axes"] | None = None
+    cell: Cell | None = None
+    _sorted: tuple[Effect, ...] = field(init=False, repr=False)
+
+    def __post_init__(self):
+        """Sort the effects, so that their order cannot matter to the last bit."""
+        ordered = sorted(self.effects, key=lambda e: (e.name, e.where, repr(e)))
+        object.__setattr__(self, "_sorted", tuple(ordered))
+
+    @cached_property
+    def nominal(self) -> mujoco.MjModel:
+        """The arm alone, as on its data sheet."""
+        return load(self.arm_file)
+
+    @cached_property
+    def anatomy(self) -> Anatomy:
+        """The names of its parts."""
+        return anatomy(self.nominal)
+
+    @cached_property
+    def mounted(self) -> Cell:
+        """The cell around it."""
+        return self.cell or cell_for(self.nominal, self.anatomy)
+
+    @cached_property
+    def springs(self) -> Float[np.ndarray, " axes"]:
+        """Stiffness of the axes' springs without command effects, in N m/rad."""
+        springs = self.stiffness
+        if springs is None:
+            springs = self.nominal.jnt_stiffness.copy()
+        return np.where(springs > 0, springs, RIGID)
+
+    @cached_property
+    def spec(self) -> mujoco.MjSpec:
+        """The arm with its effects and its cell, editable."""
+        spec = mujoco.MjSpec.from_string(
+            with_seats(plain_mjcf(self.nominal), self.anatomy)
+        )
+        for axis, stiffness in zip(self.anatomy.axes, self.springs, strict=True):
+            spec.joint(axis).stiffness = [stiffness, 0.0, 0.0]
+        mount(spec, self.anatomy, self.mounted)
+        for effect in self._sorted:
+            if isinstance(effect, ModelEffect):
+                effect.build(spec, self.anatomy)
+        return spec
+
+    @cached_property
+    def model(self) -> mujoco.MjModel:
+        """The compiled truth."""
+        try:
+            return self.spec.compile()
+        except ValueError as error:
+            raise Unusable("The rig's model", [" ".join(str(error).split())]) from None
+
+    def carry_out(
+        self, plan: Plan, arrival: Float[np.ndarray, "visits axes"] | None = None
+    ) -> States:
+        """Carry out a plan with ropes and weights, and return where everything was.
+
+        Args:
+            plan: Postures that the controller reports, and what hangs on the hook.
+            arrival: How far beyond its report each motor stops, in rad; None: nowhere.
+        """
+        steps = len(plan.path)
+        weight = GRAVITY * plan.row_mass
+        tension = weight.copy()
+        direction = plan.row_direction
+        for effect in self._sorted:
+            if isinstance(effect, RopeEffect):
+                tension = tension + effect.tension(weight, direction)
+        ropes = np.zeros((len(plan.pose), steps, len(self.mounted.pulley)))
+        np.put_along_axis(
+            ropes,
+            plan.pulley[:, None, None] % ropes.shape[2],
+            tension.reshape(-1, steps, 1),
+            axis=2,
+        )
+        hold = np.array([step.hold for step in plan.path])
+        return self._rest(
+            plan.posture,
+            ropes,
+            np.zeros((len(plan.pose), steps, 6)),
+            np.broadcast_to(hold, (len(plan.pose), steps)),
+            0.0 if arrival is None else arrival,
+        )
+
+    def respond(
+        self,
+        posture: Float[np.ndarray, "visits axes"],
+        wrench: Float[np.ndarray, "visits steps 6"],
+        hold: Float[np.ndarray, "visits steps"],
+    ) -> States:
+        """Apply wrenches at the sensor's origin along the base's axes, step by step.
+
+        Args:
+            posture: Angles that the controller reports, in rad.
+            wrench: In N and N m.
+            hold: How long each stands before its row is read, in s.
+
+        Returns:
+            Where everything was; rows run over visits, then steps.
+        """
+        ropes = np.zeros((*hold.shape, len(self.mounted.pulley)))
+        return self._rest(posture, ropes, wrench, hold)
+
+    def command(self, posture: Float[np.ndarray, "visits axes"]) -> Command:
+        """Return what the gears are asked to hold, command effects included."""
+        nominal = Command(posture, np.broadcast_to(self.springs, posture.shape))
+        total = nominal
+        for effect in self._sorted:
+            if isinstance(effect, CommandEffect):
+                added = effect.command(posture, nominal, self.anatomy)
+                total = Command(
+                    total.reference + added.reference, total.stiffness + added.stiffness
+                )
+        return total
+
+    def _rest(
+        self, posture, ropes, wrench, hold, arrival: np.ndarray | float = 0.0
+    ) -> States:
+        model = self.model
+        axes = np.array([model.joint(axis).id for axis in self.anatomy.axes])
+        creep = {
+            model.joint(f"{self.anatomy.axis(e.where)}_creep").id: e.time_s
+            for e in self._sorted
+            if isinstance(e, Creep) and e.ratio != 0.0
+        }
+        command = self.command(posture)
+        schedule = equilibrium.Schedule(
+            command.reference + arrival, command.stiffness, ropes, wrench, hold
+        )
+        rest = equilibrium.solve(model, axes, creep, schedule)
+        rows = hold.size
+        rotation = rest.rotation.reshape(rows, model.nbody, 3, 3)
+        joint = rest.joint.reshape(rows, -1)
+        return States(
+            bodies=tuple(model.body(b).name for b in range(model.nbody)),
+            position=rest.position.reshape(rows, model.nbody, 3),
+            rotation=rotation,
+            axis_angle=joint @ self._about_axes,
+            wrench=load_on_sensor(model, rest.force.reshape(rows, -1), rotation),
+            residual=rest.residual,
+        )
+
+    @cached_property
+    def _about_axes(self) -> Float[np.ndarray, "joints axes"]:
+        """1 where a joint turns its axis: the axis' own, and all in series with it."""
+        model = self.model
+        about = np.zeros((model.njnt, len(self.anatomy.axes)))
+        for k, axis in enumerate(self.anatomy.axes):
+            own = model.joint(axis)
+            seat = model.body(self.anatomy.seat(axis)).id
+            for j in range(model.njnt):
+                if model.jnt_bodyid[j] in (seat, own.bodyid[0]):
+                    along = abs(model.jnt_axis[j] @ own.axis) > 1 - 1e-12
+                    about[j, k] = along and model.jnt_type[j] == own.type[0]
+        return about

@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+from lever import LENGTH, lever, moments, place, respond, turn
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
+from bench.effects.encoder_offset import EncoderOffset
+from bench.effects.geometry_error import GeometryError
+from bench.effects.transmission_error import TransmissionError
+from bench.rig import Rig
+
+
+@pytest.fixture
+def arm(tmp_path):
+    return lever(tmp_path)
+
+
+def at_rest(arm, effect, posture=(0.0,)):
+    return respond(Rig(arm, (effect,)), moments(0.0), posture)
+
+
+# --- In the drive --------------------------------------------------------------------
+
+
+def test_axis_stands_beside_the_reported_angle_by_the_encoder_offset(arm):
+    angle = at_rest(arm, EncoderOffset("a1", 7e-4), (0.4,)).axis_angle
+    assert_allclose(angle, 0.4 + 7e-4, rtol=1e-14)
+
+
+@pytest.mark.parametrize("reported", [-1.0, 0.3, 2.0])
+def test_transmission_errs_by_a_sine_of_the_reported_angle(arm, reported):
+    """One arcminute from peak to peak, Harmonic Drive CHA data 1018854."""
+    effect = TransmissionError("a1", 2.909e-4 / 2, order=3.0, phase_rad=0.5)
+    angle = at_rest(arm, effect, (reported,)).axis_angle[0, 0]
+    error = 1.4545e-4 * np.sin(3.0 * reported + 0.5)
+    assert_allclose(angle - reported, error, rtol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [EncoderOffset, TransmissionError])
+def test_error_of_the_drive_is_the_same_under_load(arm, kind):
+    rig, nominal = Rig(arm, (kind("a1"),)), Rig(arm)
+    torque = moments(0.0, 60.0)
+    wound = [
+        np.diff(respond(r, torque, (0.3,)).axis_angle[:, 0]) for r in (rig, nominal)
+    ]
+    assert_allclose(*wound, rtol=1e-9)
+
+
+@pytest.mark.parametrize("reported", [-1.0, 0.3, 2.0])
+def test_stiffness_varies_with_a_cosine_of_the_reported_angle(arm, reported):
+    effect = AngleDependentStiffness("a1", 0.1, order=2.0, phase_rad=0.5)
+    states = respond(Rig(arm, (effect,)), moments(60.0), (reported,))
+    stiffness = 60.0 / (states.axis_angle[0, 0] - reported)
+    assert_allclose(stiffness, 5e4 * (1 + 0.1 * np.cos(2 * reported + 0.5)), rtol=1e-9)
+
+
+# --- In the links --------------------------------------------------------------------
+
+
+def test_longer_and_twisted_link_moves_the_flange_as_drawn(arm):
+    """It holds in the link's frame: p' = p + (x, y, z) and R' = exp([r]×) R."""
+    shift, twist = np.array([3e-4, -2e-4, 1e-4]), np.array([1e-3, 2e-3, -5e-4])
+    states = at_rest(arm, GeometryError("link_1", *shift, *twist), (0.6,))
+    nominal = respond(Rig(arm), moments(0.0), (0.6,))
+    turned = Rotation.from_rotvec([0, 0.6, 0])
+    moved = place(states)[0] - place(nominal)[0]
+    assert_allclose(moved, turned.apply(shift), atol=1e-15)
+    expected = turned * Rotation.from_rotvec(twist)
+    assert_allclose(turn(states)[0], expected.as_rotvec(), atol=1e-14)
+
+
+def test_error_of_a_link_moves_the_next_axis_and_all_beyond(tmp_path):
+    """A twist of r about x turns the axis along z to (0, -sin r, cos r)."""
+    arm = lever(tmp_path, second_axis="0 0 1")
+    effect = GeometryError("link_1", x_m=0.0, ry_rad=0.0, rx_rad=0.01)
+    states = respond(Rig(arm, (effect,)), moments(0.0), (0.0, 0.8))
+    expected = Rotation.from_rotvec([0.01, 0, 0]) * Rotation.from_rotvec([0, 0, 0.8])
+    assert_allclose(turn(states)[0], expected.as_rotvec(), atol=1e-14)
+    assert_allclose(place(states)[0, 0], LENGTH, atol=1e-15)
