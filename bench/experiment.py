@@ -1,0 +1,123 @@
+"""An experiment carries out a plan on a rig, and its instruments write it down.
+
+The true states stay here; what leaves is a recording, which holds readings and what
+the instruments state of themselves.
+"""
+
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bench.effects.instrument_effect import InstrumentEffect
+from bench.instruments import Instruments
+from bench.instruments.chance import streams
+from bench.instruments.markers import Markers, Stuck
+from bench.plan import Plan
+from bench.recording import Recording
+from bench.rig import Rig
+from bench.states import States
+
+__all__ = ["Instruments", "faulty", "marks_in_base", "record"]
+
+
+def record(
+    rig: Rig,
+    plan: Plan,
+    instruments: Instruments | None = None,
+    seed: int = 0,
+    name: str = "",
+) -> Recording:
+    """Carry out a plan and return what the instruments saw.
+
+    Args:
+        rig: The arm; those of its effects that sit in instruments act there.
+        plan: What is done.
+        instruments: What watches; None: each as its maker states it.
+        seed: Of everything random; the same seed gives the same numbers to the last
+            digit.
+        name: What the recording is called; empty: as the plan.
+
+    Raises:
+        BenchError: Where the arm finds no rest.
+        UnknownName: Where a mark that slips does not exist.
+    """
+    instruments = faulty(instruments or Instruments(), rig)
+    chance = streams(seed)
+    stuck = instruments.markers.stick(rig.nominal, rig.anatomy, chance)
+    encoders = instruments.encoders
+    arrival = encoders.arrive(plan.visits, plan.posture.shape[1], chance)
+    states = rig.carry_out(plan, arrival)
+    point, normal = marks_in_base(rig, states, stuck, instruments.markers, plan.time)
+    points, frame = instruments.tracker.read(point, normal, plan.time, chance)
+    sensor, frames = instruments.force_sensor, instruments.tracker.frames
+    visit = plan.row_visit
+    return Recording(
+        name=name or plan.name,
+        time=plan.time,
+        pose=plan.pose[visit],
+        visit=visit,
+        posture=plan.posture[visit],
+        load_time=plan.load_time,
+        stage=plan.stage,
+        slides=rig.anatomy.slides if any(rig.anatomy.slides) else (),
+        wrench=sensor.read(states.wrench, visit, chance),
+        load_mass=plan.row_mass,
+        markers=tuple(s.marker for s in stuck),
+        points=points,
+        link_posture=encoders.read(states.axis_angle, chance),
+        frames=np.full(plan.rows, frames) if frames > 1 else None,
+        base_from_tracker=frame,
+        tracker=instruments.tracker.spec(),
+        wrench_sensor=sensor.spec("flange", rig.mounted.sensor_position),
+        encoder_repeatability=encoders.repeatability if encoders.link_side else None,
+        tool=rig.mounted.payload,
+        robot=rig.arm_file.stem,
+    )
+
+
+def faulty(instruments: Instruments, rig: Rig) -> Instruments:
+    """Return the instruments with the faults among a rig's effects."""
+    in_order = sorted(rig.effects, key=lambda e: (e.name, e.where, repr(e)))
+    for effect in in_order:
+        if isinstance(effect, InstrumentEffect):
+            instruments = effect.fault(instruments)
+    return instruments
+
+
+def marks_in_base(
+    rig: Rig,
+    states: States,
+    stuck: Sequence[Stuck],
+    markers: Markers,
+    time: Float[np.ndarray, " rows"],
+) -> tuple[Float[np.ndarray, "rows markers 3"], Float[np.ndarray, "rows markers 3"]]:
+    """Return where marks truly are and where they look.
+
+    The base's frame is the one of the model, where the base would stand if nothing
+    gave way; a base that gives way moves in it.
+
+    Args:
+        rig: The arm.
+        states: Where its bodies are.
+        stuck: The marks.
+        markers: Which of them slip.
+        time: Of each row, in s.
+
+    Returns:
+        Places in m and normals, in the base's frame.
+    """
+    data = mujoco.MjData(rig.nominal)
+    mujoco.mj_kinematics(rig.nominal, data)
+    base = data.body(rig.anatomy.base)
+    turn = base.xmat.reshape(3, 3)  # world_from_base
+    places, normals = [], []
+    for mark in stuck:
+        b = states.bodies.index(rig.anatomy.body(mark.marker.body))
+        rotation = states.rotation[:, b]  # (rows, 3, 3) world_from_body
+        in_body = mark.position + markers.slipped(mark.marker.name, time)
+        in_world = np.einsum("nij,nj->ni", rotation, in_body) + states.position[:, b]
+        places.append((in_world - base.xpos) @ turn)
+        normals.append(rotation @ mark.normal @ turn)
+    return np.stack(places, axis=1), np.stack(normals, axis=1)

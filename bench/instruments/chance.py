@@ -1,0 +1,33 @@
+"""Each cause of chance draws from a stream of its own, so none disturbs another."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+CAUSES = (
+    "tracker_frame",
+    "tracker_noise",
+    "tracker_field",
+    "occlusions",
+    "placement",
+    "wrench_noise",
+    "wrench_turn",
+    "arrival",
+    "link_encoders",
+)
+"""In this order for ever; what comes anew goes to the end."""
+
+Streams = Mapping[str, np.random.Generator]
+
+
+def streams(seed: int) -> Streams:
+    """Return a generator of random numbers for each cause.
+
+    A cause draws the same numbers whatever the others do and however large it is: sizes
+    multiply the draws, also a size of zero.
+
+    Args:
+        seed: At least 0; the same seed gives the same numbers.
+    """
+    children = np.random.SeedSequence(seed).spawn(len(CAUSES))
+    return dict(zip(CAUSES, map(np.random.default_rng, children), strict=True))

@@ -1,0 +1,181 @@
+"""Round marks are stuck on base, links and flange, four on each and no two alike.
+
+Four points at different heights, radii and angles around a body fix its pose: they lie
+in no plane, and no turn of the body brings them onto each other.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+
+from bench.anatomy import Anatomy
+from bench.cell import reach
+from bench.errors import UnknownName
+from bench.instruments.chance import Streams
+from bench.instruments.checks import not_sizes, not_vectors, refuse
+from bench.recording import Marker
+
+LETTERS = "abcd"
+ALONG = (0.20, -0.40, 0.45, -0.10)
+"""Where they sit along a body, in its length from its middle. Chosen of all orders: far
+from one plane and from looking the same when turned, on the KR10 and on the UR10."""
+AROUND = tuple(np.deg2rad([20.0, 115.0, 215.0, 300.0]))
+"""Their angles around it, in rad; chosen: no two gaps alike, none above 105°."""
+ONE_SIDE = 0.5
+"""By what the angles about the flange's x shrink; chosen: marks on the side of the tool
+that carries the hook, so that their centroid shows the last axis' twist."""
+OUT = (0.90, 1.07, 1.00, 0.93)
+"""Their radii in units of the body's; chosen: no two alike."""
+RADIUS = (0.14, 0.068)
+"""Radius at base and at the flange for a reach of 1.19 m, in m. Chosen: just outside
+the castings of a 10 kg arm, so 61 to 150 mm from a body's axis."""
+SHORTEST = 0.10
+"""Length over which marks are spread on a short body, same reach, in m; chosen."""
+
+
+@dataclass(frozen=True)
+class Slip:
+    """A mark that moves on its body and stays there.
+
+    Attributes:
+        marker: Its name.
+        time: When, in s since the start.
+        shift: How far, along its body's axes, in m.
+    """
+
+    marker: str
+    time: float
+    shift: tuple[float, ...]
+
+    def __post_init__(self):
+        """Check time and shift."""
+        faults = not_sizes({"time": self.time}) + not_vectors({"shift": self.shift}, 3)
+        refuse(f"Slip of {self.marker!r}", faults)
+
+
+@dataclass(frozen=True)
+class Stuck:
+    """A mark where it really is.
+
+    Attributes:
+        marker: Its name, its body, and where the manifest puts it.
+        position: Where it is in the body's frame, in m.
+        normal: Where it looks, in the body's frame.
+    """
+
+    marker: Marker
+    position: Float[np.ndarray, "3"]
+    normal: Float[np.ndarray, "3"]
+
+
+@dataclass(frozen=True)
+class Markers:
+    """Which marks there are.
+
+    Attributes:
+        targets: `all` bodies from base to flange, the last link left out, or the
+            `flange` alone.
+        placement: One sigma of where they are stuck, about where the manifest puts
+            them, per coordinate, in m; 0.5 mm is what a ruler allows.
+        stated: Whether the manifest gives their places at all.
+        slips: Those that move.
+    """
+
+    targets: Literal["all", "flange"] = "all"
+    placement: float = 0.0
+    stated: bool = True
+    slips: tuple[Slip, ...] = ()
+
+    def __post_init__(self):
+        """Check all settings at once."""
+        faults = not_sizes({"placement": self.placement})
+        if self.targets not in ("all", "flange"):
+            faults.append(f"targets is {self.targets!r}, expected 'all' or 'flange'.")
+        refuse("Markers", faults)
+
+    def stick(
+        self, model: mujoco.MjModel, arm: Anatomy, chance: Streams
+    ) -> tuple[Stuck, ...]:
+        """Stick them on.
+
+        Args:
+            model: The arm alone.
+            arm: Its parts.
+            chance: Streams of random numbers.
+
+        Raises:
+            UnknownName: Where a mark that slips does not exist.
+        """
+        bodies = ["base", *(f"link_{k}" for k in range(1, len(arm.axes))), "flange"]
+        drawn = chance["placement"].standard_normal((len(bodies), len(LETTERS), 3))
+        stuck = []
+        for b, body in enumerate(bodies):
+            if self.targets == "flange" and body != "flange":
+                continue
+            places, normals = _around(model, arm, b, len(bodies))
+            for m, letter in enumerate(LETTERS):
+                marker = Marker(
+                    name=f"{body.replace('_', '')}_{letter}",
+                    body=body,
+                    position=places[m] if self.stated else None,
+                )
+                place = places[m] + self.placement * drawn[b, m]
+                stuck.append(Stuck(marker, place, normals[m]))
+        known = [s.marker.name for s in stuck]
+        for slip in self.slips:
+            if slip.marker not in known:
+                raise UnknownName("marker", slip.marker, known)
+        return tuple(stuck)
+
+    def slipped(
+        self, name: str, time: Float[np.ndarray, " rows"]
+    ) -> Float[np.ndarray, "rows 3"]:
+        """Return how far a mark has moved on its body by then, in m."""
+        moved = np.zeros((len(time), 3))
+        for slip in self.slips:
+            if slip.marker == name:
+                moved += np.outer(time >= slip.time, slip.shift)
+        return moved
+
+
+def _around(
+    model: mujoco.MjModel, arm: Anatomy, b: int, bodies: int
+) -> tuple[Float[np.ndarray, "4 3"], Float[np.ndarray, "4 3"]]:
+    """Return places and normals on a body, in its frame; bodies count from the base."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    scale = max(reach(model, arm), 0.3) / 1.19
+    last = bodies - 1
+    body = data.body((arm.base, *arm.links[: last - 1], arm.flange)[b])
+    turn = body.xmat.reshape(3, 3)
+
+    def in_body(place: np.ndarray) -> np.ndarray:
+        return (place - body.xpos) @ turn
+
+    anchors = [in_body(data.joint(axis).xanchor) for axis in arm.axes]
+    start = anchors[b - 1] if 0 < b < last else np.zeros(3)
+    along = anchors[b] - start if b < last else -anchors[-1]
+    if np.linalg.norm(along) < 0.02 * scale:
+        along = 0.02 * scale * data.joint(arm.axes[max(b - 1, 0)]).xaxis @ turn
+    length = max(float(np.linalg.norm(along)), SHORTEST * scale)
+    along = along / np.linalg.norm(along)
+    middle = start + length / 2 * along
+    if b < last and model.body(body.id).mass[0] > 0:  # around where its mass is
+        mass = model.body(body.id).ipos
+        middle = mass + (middle - mass) @ along * along
+    angles = np.array(AROUND)
+    across = np.eye(3)[np.argmin(np.abs(along))]
+    if b == last:
+        across = np.eye(3)[0]
+        angles = ONE_SIDE * (angles - angles.mean())
+    across = across - across @ along * along
+    across /= np.linalg.norm(across)
+    outward = np.outer(np.cos(angles), across) + np.outer(
+        np.sin(angles), np.cross(along, across)
+    )
+    radius = scale * np.interp(b, [0, last], RADIUS) * np.array(OUT)
+    places = middle + np.outer(np.array(ALONG) * length, along)
+    return places + radius[:, None] * outward, outward

@@ -1,0 +1,28 @@
+"""A user who made several mistakes hears of all of them at once."""
+
+from collections.abc import Callable
+from typing import Any
+
+from bench.errors import BenchError, Unusable
+
+
+def collect(*makers: Callable[[], Any]) -> tuple[Any, ...]:
+    """Return what each makes, or name everything that is wrong with all of them.
+
+    Args:
+        makers: Each makes one thing that the others do not need.
+
+    Raises:
+        Unusable: With the faults of all.
+    """
+    made, faults = [], []
+    for make in makers:
+        try:
+            made.append(make())
+        except Unusable as error:
+            faults += error.faults
+        except BenchError as error:
+            faults.append(str(error))
+    if faults:
+        raise Unusable("This command", faults)
+    return tuple(made)
