@@ -1,0 +1,1 @@
+"""Everything that can be claimed: methods that predict, and the diagnosis."""

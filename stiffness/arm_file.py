@@ -1,0 +1,143 @@
+"""An arm's MJCF says where its axes and masses are, and how stiff its joints are.
+
+Pinocchio reads the chain; gravity and joint stiffness, which it passes over, are read
+from the XML itself.
+"""
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pinocchio
+
+from bench.errors import BenchError, UnknownName, Unusable
+
+KINDS = ("Revolute", "Prismatic", "RX", "RY", "RZ", "PX", "PY", "PZ")
+"""Pinocchio's names of joints that turn or slide with one coordinate."""
+
+
+@dataclass(frozen=True)
+class ArmFile:
+    """What the MJCF of an arm states.
+
+    Attributes:
+        model: The chain as Pinocchio read it.
+        gravity: Acceleration along the world's axes, in m/s^2.
+        stiffness: Of each joint by name, in N m/rad (N/m where it slides); joints
+            without a spring are missing.
+    """
+
+    model: pinocchio.Model
+    gravity: tuple[float, float, float]
+    stiffness: dict[str, float]
+
+
+def read(path: Path | str) -> ArmFile:
+    """Read an arm from a plain MJCF file.
+
+    Args:
+        path: The MJCF; what it includes must be beside it.
+
+    Returns:
+        The chain, gravity and the springs.
+
+    Raises:
+        BenchError: Where the file is missing.
+        Unusable: Where it is no MJCF of a chain of hinges and slides, with all faults.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise BenchError(f"There is no model file {str(path)!r}; give the arm's MJCF.")
+    try:
+        root = ElementTree.parse(path).getroot()
+        model = pinocchio.buildModelFromMJCF(str(path))
+    except (ElementTree.ParseError, RuntimeError, ValueError) as error:
+        reason = str(error).strip().splitlines()[-1]
+        raise Unusable(f"Model {str(path)!r}", [f"no MJCF: {reason}"]) from None
+    faults = _faults(model, root)
+    if faults:
+        raise Unusable(f"Model {str(path)!r}", faults)
+    option = root.find("option")
+    gravity = "0 0 -9.81" if option is None else option.get("gravity", "0 0 -9.81")
+    x, y, z = (float(word) for word in gravity.split())
+    return ArmFile(model, (x, y, z), _stiffness(root))
+
+
+def read_text(text: str) -> ArmFile:
+    """Read an arm from self-contained MJCF text, as `read` does from a file."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "arm.xml"
+        path.write_text(text, encoding="utf-8")
+        return read(path)
+
+
+def without_other_joints(
+    model: pinocchio.Model, axes: Sequence[str]
+) -> pinocchio.Model:
+    """Hold every joint but the named ones at zero.
+
+    Args:
+        model: The chain.
+        axes: The joints that stay.
+
+    Returns:
+        A chain whose joints are the named ones, in the model's order.
+
+    Raises:
+        UnknownName: Where a name is no joint of the chain.
+    """
+    known = list(model.names)[1:]
+    for axis in axes:
+        if axis not in known:
+            raise UnknownName("joint", axis, known)
+    others = [model.getJointId(name) for name in known if name not in axes]
+    if not others:
+        return model
+    return pinocchio.buildReducedModel(model, others, pinocchio.neutral(model))
+
+
+def _faults(model: pinocchio.Model, root: ElementTree.Element) -> list[str]:
+    """Say what a chain of hinges and slides would not have."""
+    faults = []
+    if model.njoints < 2:
+        faults.append("it has no joint; an arm needs at least one hinge or slide.")
+    for name, joint in list(zip(model.names, model.joints, strict=True))[1:]:
+        kind = joint.shortname().removeprefix("JointModel")
+        if not kind.startswith(KINDS):
+            faults.append(f"joint {name!r} is a {kind}; use hinges and slides.")
+    for joint in root.iter("joint"):
+        if float(joint.get("ref", "0")) != 0.0:
+            faults.append(f"joint {joint.get('name')!r} has a ref; make its zero 0.")
+    return faults
+
+
+def _stiffness(root: ElementTree.Element) -> dict[str, float]:
+    """Read each joint's linear stiffness, from itself or from its default class."""
+    defaults: dict[str, str] = {}
+
+    def collect(node: ElementTree.Element, inherited: str) -> None:
+        joint = node.find("joint")
+        own = inherited if joint is None else joint.get("stiffness", inherited)
+        defaults[node.get("class", "main")] = own
+        for child in node.findall("default"):
+            collect(child, own)
+
+    for node in root.findall("default"):
+        collect(node, "0")
+    springs = {}
+
+    def walk(node: ElementTree.Element, child_class: str) -> None:
+        child_class = node.get("childclass", child_class)
+        for joint in node.findall("joint"):
+            fallback = defaults.get(joint.get("class", child_class), "0")
+            value = float(joint.get("stiffness", fallback).split()[0])
+            if value > 0.0:
+                springs[joint.get("name", "")] = value
+        for body in node.findall("body"):
+            walk(body, child_class)
+
+    for world in root.findall("worldbody"):
+        walk(world, "main")
+    return springs

@@ -1,0 +1,8 @@
+"""Ways to learn how an arm deflects; each is one file."""
+
+from stiffness.methods.method import Method
+from stiffness.methods.rigid import Rigid
+from stiffness.methods.vjm import Vjm
+
+METHODS: tuple[type[Method], ...] = (Rigid, Vjm)
+"""Every method; each is built from a nominal arm."""

@@ -1,0 +1,54 @@
+"""A rigid arm does not deflect: what every other method has to beat.
+
+==========  ==========================================================================
+Equation    d = 0
+Source      the nominal arm of the data sheet
+Needs       nothing but a recording that shows deflections
+Assumes     nothing gives way
+==========  ==========================================================================
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from bench.recording import Recording
+from stiffness.arm import Arm
+from stiffness.load_cases import LoadCases
+from stiffness.methods.method import Fitted, Method, Parameter
+from stiffness.pairs import usable
+
+
+@dataclass(frozen=True)
+class Rigid(Method):
+    """Claims that nothing moves.
+
+    Attributes:
+        arm: The nominal arm.
+    """
+
+    arm: Arm
+
+    @override
+    def fit(self, recording: Recording) -> "RigidFit":
+        """Learn nothing, but refuse what no method could learn from."""
+        usable(self.arm.for_recording(recording), recording)
+        return RigidFit()
+
+
+@dataclass(frozen=True)
+class RigidFit(Fitted):
+    """The claim that nothing moves."""
+
+    @override
+    def predict(self, cases: LoadCases) -> Float[np.ndarray, "cases 3"]:
+        """Return zeros."""
+        return np.zeros((len(cases), 3))
+
+    @property
+    @override
+    def parameters(self) -> tuple[Parameter, ...]:
+        """None."""
+        return ()

@@ -1,0 +1,120 @@
+"""Springs say where the arm rests, and where it rests says what twists the springs.
+
+==========  ==========================================================================
+Equation    d = p(q_loaded) - p(q_unloaded), q = q_commanded + C torque(q); column k:
+            J_k torque_k loaded, less the same unloaded; C by weighted least squares
+Source      Wu et al. 2024, Eq. 6, taken at the rest postures; Gauss-Newton with the
+            torques held within a step, Nocedal and Wright 2006, section 10.3
+Needs       deflections with their noise
+Assumes     linear springs about the axes; everything else is rigid
+==========  ==========================================================================
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from bench.errors import NotIdentifiable
+from stiffness.arm import Arm
+from stiffness.deflections import Deflections
+from stiffness.least_squares import (
+    LeastSquares,
+    least_squares,
+    refuse_if_blind,
+    solve,
+)
+from stiffness.load_cases import LoadCases
+from stiffness.standing import Standing
+
+STEPS = 40
+"""Gauss-Newton steps before giving up; chosen: five are usual."""
+CLOSE_ENOUGH = 1e-4
+"""Share of its sigma that a compliance may still move when the fit ends; chosen."""
+FAR = 0.5
+"""Twist of an axis, in rad, that no spring of an arm allows; chosen."""
+UNSETTLED = (
+    "The springs do not settle: these deflections and wrenches are of no one arm. "
+    "Check units, the wrench's frame and the tracker's frame."
+)
+
+
+def fit_springs(
+    arm: Arm, held: tuple[str, ...], data: Deflections
+) -> tuple[Float[np.ndarray, " axes"], LeastSquares]:
+    """Iterate compliances and rest postures together until neither moves.
+
+    Args:
+        arm: The nominal arm.
+        held: Axes that keep the compliance of the model's own spring.
+        data: Loads and deflections.
+
+    Returns:
+        The compliance of every axis in rad/(N m), and the errors of those fitted.
+
+    Raises:
+        NotIdentifiable: Where an axis cannot be identified, by name.
+    """
+    nominal = np.divide(1.0, arm.stiffness, out=np.zeros_like(arm.stiffness),
+                        where=arm.stiffness > 0.0)  # fmt: skip
+    free = [k for k, axis in enumerate(arm.axes) if axis not in held]
+    compliance = np.where([axis in held for axis in arm.axes], nominal, 0.0)
+    cases = data.cases
+    count = len(cases)
+    commanded = np.concatenate([cases.posture, cases.posture])  # loaded, then not
+    point = np.concatenate([cases.point_in_flange, cases.point_in_flange])
+    rest = commanded
+    whiten = data.noise.whitener()
+    for step in range(STEPS):
+        standing = arm.at(rest)
+        jacobian = standing.jacobian("flange", point)
+        wrench = _wrench_at_point(data, standing)
+        torque = standing.gravity_torque(cases.payload)
+        torque[:count] += np.einsum("cia,ci->ca", jacobian[:count], wrench)
+        columns = jacobian[:, :3] * torque[:, None]
+        columns = (columns[:count] - columns[count:])[:, :, free]
+        reached = standing.point("flange", point)
+        moved = reached[:count] - reached[count:]
+        if step == 1:  # the force sensor's noise moves the tool through the springs
+            whiten = data.noise.whitener(_per_wrench(arm, cases, compliance))
+        design = whiten(columns)
+        left = whiten((data.deflection - moved)[:, :, None])[:, :, 0]
+        change, covariance = solve(design, left)
+        compliance[free] += change
+        sigma = np.sqrt(np.diag(covariance))
+        if step == 0:
+            refuse_if_blind(arm, free, compliance[free], sigma, nominal)
+        rest = commanded + torque * compliance
+        if step > 1 and np.all(np.abs(change) < CLOSE_ENOUGH * sigma):
+            break
+        if not np.all(np.abs(rest - commanded) < FAR):
+            raise NotIdentifiable(UNSETTLED)
+    else:
+        raise NotIdentifiable(UNSETTLED)
+    solution = least_squares(design, left, data.pose)
+    refuse_if_blind(arm, free, compliance[free], solution.sigma_clustered, nominal)
+    return compliance, solution
+
+
+def _wrench_at_point(
+    data: Deflections, standing: Standing
+) -> Float[np.ndarray, "rows 6"]:
+    """Carry the wrench to the end-effector point, turned with a sensor that turns."""
+    cases = data.cases
+    turn = standing.turn("flange")[: len(cases)]
+    force, torque = cases.wrench_in_base[:, :3], cases.wrench_in_base[:, 3:]
+    if data.wrench_in_flange is not None:
+        turning = data.wrench_in_flange
+        force = (turn @ turning[:, :3, None])[:, :, 0]
+        torque = (turn @ turning[:, 3:, None])[:, :, 0]
+    arm_of_force = cases.origin_in_flange - cases.point_in_flange
+    lever = (turn @ arm_of_force[:, :, None])[:, :, 0]
+    return np.concatenate([force, torque + np.cross(lever, force)], axis=1)
+
+
+def _per_wrench(
+    arm: Arm, cases: LoadCases, compliance: Float[np.ndarray, " axes"]
+) -> Float[np.ndarray, "rows 3 6"]:
+    """Return each case's motion of the point per wrench at the sensor's origin."""
+    standing = arm.at(cases.posture)
+    moved = standing.jacobian("flange", cases.point_in_flange)[:, :3]
+    pulled = standing.jacobian("flange", cases.origin_in_flange)
+    return (moved * compliance) @ pulled.swapaxes(1, 2)

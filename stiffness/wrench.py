@@ -1,0 +1,88 @@
+"""The force sensor reads along its own axes; posture and mounting turn it to the base.
+
+==========  ==========================================================================
+Equation    w_base = R_base_body(q) R_body_sensor w_sensor, less the tool's weight
+Source      Siciliano et al. 2009, "Robotics: Modelling, Planning and Control", 3.8
+Needs       how the sensor is mounted; the tool's mass where its weight is included
+Assumes     the sensor sits on the flange or beyond it
+==========  ==========================================================================
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from bench.errors import Unusable
+from bench.recording import Recording
+from stiffness.arm import Arm
+from stiffness.standing import Standing
+
+
+def wrench_in_base(
+    recording: Recording, standing: Standing
+) -> Float[np.ndarray, "rows 6"]:
+    """Turn each row's wrench to the base's axes, about the sensor's origin.
+
+    Args:
+        recording: With a wrench.
+        standing: The arm in each row's posture.
+
+    Returns:
+        What the world exerts on the robot, N and N m, the tool's weight taken off.
+
+    Raises:
+        Unusable: Where there is no wrench, or the sensor's mounting is not stated.
+    """
+    sensor, wrench = recording.wrench_sensor, recording.wrench
+    if wrench is None or sensor is None:
+        fault = "no wrench: give the columns fx_n … tz_nm and [sensors.wrench]."
+        raise Unusable(f"Recording {recording.name!r}", [fault])
+    turned = wrench
+    if sensor.frame == "sensor":
+        mounting = Rotation.from_quat(sensor.quaternion_wxyz, scalar_first=True)
+        turn = standing.turn(sensor.body) @ mounting.as_matrix()
+        turned = np.concatenate(
+            [
+                (turn @ part[..., None])[..., 0]
+                for part in (wrench[:, :3], wrench[:, 3:])
+            ],
+            axis=1,
+        )
+    tool = recording.tool
+    if sensor.includes_tool_weight and tool is not None and tool.mass:
+        force = tool.mass * standing.chain.gravity
+        lever = standing.point("flange", tool.com)
+        lever = lever - standing.point(sensor.body, sensor.position)
+        weight = np.broadcast_to(force, lever.shape)
+        turned = turned - np.concatenate([weight, np.cross(lever, force)], axis=1)
+    return turned
+
+
+def sensor_in_flange(arm: Arm, recording: Recording) -> Float[np.ndarray, "3"]:
+    """Return the force sensor's origin in the flange's frame, in m.
+
+    Raises:
+        Unusable: Where the sensor does not sit on the flange or beyond it.
+    """
+    sensor = recording.wrench_sensor
+    if sensor is None:
+        fault = "[sensors.wrench] is missing."
+        raise Unusable(f"Recording {recording.name!r}", [fault])
+    return to_flange(arm, sensor.body, "the force sensor", sensor.position)
+
+
+def to_flange(
+    arm: Arm, body: str, what: str, position: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "3"]:
+    """Carry a point of a body that moves with the flange into the flange's frame, m.
+
+    Raises:
+        Unusable: Where the body does not move with the flange.
+    """
+    place, flange = arm.place(body), arm.place("flange")
+    if place.axis != flange.axis:
+        raise Unusable(
+            what, [f"it is on {body!r}, which does not move with the flange."]
+        )
+    inner = place.placement[:3, :3] @ position + place.placement[:3, 3]
+    return flange.placement[:3, :3].T @ (inner - flange.placement[:3, 3])
