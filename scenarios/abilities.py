@@ -1,0 +1,146 @@
+"""An experiment can only tell apart what its loads, poses and markers make differ."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from bench.recording import UNLOADING, Recording
+from scenarios.axis_view import SMALL_TORQUE, AxisView
+from stiffness.arm import Arm
+
+
+@dataclass(frozen=True)
+class Ability:
+    """One question, and whether a recording can answer it.
+
+    Attributes:
+        question: What one would like to know.
+        can: Whether the recording can tell.
+        why: What it has or lacks.
+        add: What to add; empty where nothing is missing.
+    """
+
+    question: str
+    can: bool
+    why: str
+    add: str = ""
+
+
+def replicate_noise(recording: Recording) -> tuple[Float[np.ndarray, "3"], int] | None:
+    """Compare rows of the same pose, load and place in the visit's course.
+
+    Returns:
+        Their standard deviation along x, y, z of the tracker, in m, pooled over
+        markers, and how many degrees of freedom it has; None without replicates.
+    """
+    points, visits = recording.points, recording.visit
+    if points is None:
+        return None
+    _, first = np.unique(visits, return_index=True)
+    start = first[np.searchsorted(visits[first], visits)]
+    if recording.displacement == "relative":
+        points = points - points[start]
+    load = recording.load_mass
+    load = np.zeros(len(visits)) if load is None else load
+    keys = np.stack([recording.pose, np.arange(len(visits)) - start, load], axis=1)
+    _, group = np.unique(keys, axis=0, return_inverse=True)
+    squares, freedom = np.zeros(3), 0
+    for members in (points[group == g] for g in np.flatnonzero(np.bincount(group) > 1)):
+        seen = members[:, np.isfinite(members).all(axis=(0, 2))]
+        squares += np.sum((seen - seen.mean(axis=0)) ** 2, axis=(0, 1))
+        freedom += (len(seen) - 1) * seen.shape[1]
+    return (np.sqrt(squares / freedom), freedom) if freedom else None
+
+
+def abilities(
+    recording: Recording, arm: Arm, views: list[AxisView]
+) -> Iterator[Ability]:
+    """Say what a recording can and cannot show, and what to add.
+
+    Args:
+        recording: What was done and seen.
+        arm: The nominal arm with the recording's names.
+        views: Its axes as the recording sees them.
+    """
+    r = recording
+    falls = UNLOADING in r.stage
+    yield Ability(
+        "hysteresis, lost motion",
+        falls,
+        "the load rises and falls" if falls else "the load never reverses in a visit",
+        "" if falls else "unload in the same steps as you load",
+    )
+    stood = (np.diff(r.visit) == 0) & (r.load_time[1:] < r.time[:-1])
+    dwell = float(np.max(np.diff(r.time)[stood], initial=0.0))
+    yield Ability(
+        "creep",
+        dwell > 0,
+        f"read again up to {dwell:.0f} s later" if dwell else "each load is read once",
+        "" if dwell else "read twice under one load, minutes apart (load_time_s)",
+    )
+    axes = {arm.place(m.body).axis for m in r.markers}
+    links = len(axes - {-1}) > 1 or r.link_posture is not None
+    yield Ability(
+        "on which link it gives way",
+        links,
+        "markers or encoders on several bodies" if links else "one body is watched",
+        "" if links else "three markers on each link; till then places are inferred",
+    )
+    loaded = r.wrench is not None
+    yield Ability(
+        "answer to a load",
+        loaded,
+        "the wrench is measured" if loaded else "no wrench: weight is the only load",
+        "" if loaded else "a force sensor, fx_n … tz_nm",
+    )
+    found = replicate_noise(r)
+    yield Ability(
+        "whether the stated noise is real",
+        found is not None,
+        f"{found[1]} degrees of freedom" if found else "no pose is visited twice",
+        "" if found else "visit five poses again at the end; noise is taken as stated",
+    )
+    yield Ability(
+        "drift with temperature",
+        r.temperature is not None,
+        "temperature is recorded" if r.temperature is not None else "no temperature_c",
+        ""
+        if r.temperature is not None
+        else "temperature_c; till then drift is in time",
+    )
+    absolute = r.displacement == "absolute"
+    yield Ability(
+        "geometry, offsets of encoders",
+        absolute and bool(r.markers),
+        "places are absolute" if absolute else "displacements are relative",
+        "" if absolute else "absolute places of the unloaded arm",
+    )
+    yield from _of_axes(views)
+
+
+def _of_axes(views: list[AxisView]) -> Iterator[Ability]:
+    idle = [v.name for v in views if v.torque < SMALL_TORQUE]
+    yield Ability(
+        "compliance of every axis",
+        not idle,
+        f"{', '.join(idle)}: torque hardly varies" if idle else "all axes are turned",
+        "a load whose line of action passes beside these axes" if idle else "",
+    )
+    hidden = [v.name for v in views if not v.seen]
+    yield Ability(
+        "motion of every axis",
+        not hidden,
+        f"{', '.join(hidden)}: nothing shows it turn"
+        if hidden
+        else "markers or encoders show it",
+        "a marker beside these axes, beyond them" if hidden else "",
+    )
+    still = [v.name for v in views if v.travel < np.radians(1.0)]
+    yield Ability(
+        "errors that vary with an angle",
+        not still,
+        f"{', '.join(still)}: never moved" if still else "all axes travel",
+        "poses in which these axes move" if still else "",
+    )

@@ -1,0 +1,62 @@
+"""An axis is seen when it travels, something turns it, and something shows it turn."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.recording import Recording
+from stiffness.arm import Arm
+from stiffness.wrench import wrench_in_base
+
+SMALL_TORQUE = 1.0
+"""N m of change below which an axis' wind-up hardly shows (chosen: a gear of
+1e5 N m/rad then moves a point one metre away by a tracker's 10 µm)."""
+SMALL_LEVER = 1e-3
+"""m per rad below which no marker shows an axis turn (chosen: 1° then moves it 17 µm)."""
+
+
+@dataclass(frozen=True)
+class AxisView:
+    """How much of one axis a recording can see.
+
+    Attributes:
+        name: The model's joint.
+        travel: Range of its angle, in rad (m).
+        torque: Range of the torque about it from weight and load, in N m.
+        lever: Largest motion of a marker per turn, in m per rad; NaN where no marker.
+        seen: Whether a marker (one of unknown place beyond it will do) or an encoder
+            after the gear shows it turn.
+    """
+
+    name: str
+    travel: float
+    torque: float
+    lever: float
+    seen: bool
+
+
+def axis_views(recording: Recording, arm: Arm) -> list[AxisView]:
+    """Say of each axis how far it turns, what turns it, and what would show it."""
+    standing = arm.at(recording.posture)
+    torque = standing.gravity_torque(recording.tool)
+    if (sensor := recording.wrench_sensor) is not None and recording.wrench is not None:
+        wrench = wrench_in_base(recording, standing)
+        torque = torque + standing.load_torque(wrench, sensor.body, sensor.position)
+    lever = np.full(len(arm.axes), np.nan)
+    seen = np.zeros(len(arm.axes), dtype=bool)
+    if recording.link_posture is not None:
+        seen = np.isfinite(recording.link_posture).any(axis=0)
+    for marker in recording.markers:
+        place = np.zeros(3) if marker.position is None else marker.position
+        jacobian = standing.jacobian(marker.body, place)[:, :3]  # (rows, 3, axes)
+        if marker.position is None:
+            seen[arm.chain.carriers(arm.place(marker.body).axis)] = True
+        lever = np.fmax(lever, np.max(np.linalg.norm(jacobian, axis=1), axis=0))
+    travel, turning = np.ptp(recording.posture, axis=0), np.ptp(torque, axis=0)
+    seen |= np.nan_to_num(lever) > SMALL_LEVER
+    each = zip(arm.axes, travel, turning, lever, seen, strict=True)
+    return [
+        AxisView(name, float(a), float(t), float(m), bool(s)) for name, a, t, m, s in each
+    ]
+
+

@@ -1,0 +1,42 @@
+"""One model file is the arm of a claim and the names that a recording must use."""
+
+from pathlib import Path
+
+from bench.files import read
+from bench.model_facts import ModelFacts
+from bench.model_file import load, plain_mjcf
+from bench.recording import Recording
+from stiffness.arm import Arm
+
+
+def arm_of(path: Path) -> Arm:
+    """Read the nominal arm from an MJCF or URDF file.
+
+    Raises:
+        BenchError: Where it cannot be read, saying why.
+    """
+    return Arm.from_mjcf_text(plain_mjcf(load(path)))
+
+
+def facts_of(arm: Arm) -> ModelFacts:
+    """Return the names and limits that a recording of this arm is checked against."""
+    return ModelFacts(
+        joints=arm.axes,
+        slides=tuple(bool(slides) for slides in arm.slides),
+        lower=arm.limits[:, 0],
+        upper=arm.limits[:, 1],
+        bodies=tuple(arm.chain.places),
+    )
+
+
+def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
+    """Read a recording of an arm.
+
+    Returns:
+        The recording; the arm with the recording's own names; and notes.
+
+    Raises:
+        Unusable: With every fault of the recording.
+    """
+    recording, notes = read(folder, facts_of(arm))
+    return recording, arm.for_recording(recording), notes

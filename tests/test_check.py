@@ -1,0 +1,214 @@
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from recordings import (
+    added,
+    both,
+    cell,
+    said,
+    save,
+    table,
+    without,
+    write_good,
+)
+
+from bench.files import read, write
+from bench.recording import Marker, TrackerSpec
+from scenarios import check
+from scenarios.abilities import abilities, replicate_noise
+from scenarios.axis_view import axis_views
+from scenarios.command import run
+from scenarios.nominal import arm_of, read_for
+from stiffness.arm import Arm
+
+ROOT = Path(__file__).parents[1]
+MODEL = ROOT / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
+
+
+@pytest.fixture(scope="module")
+def arm() -> Arm:
+    return arm_of(MODEL)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_good(tmp_path / "recording")
+
+
+@pytest.fixture
+def answers(folder: Path, arm: Arm) -> Callable[[], dict]:
+    def ask() -> dict:
+        recording, named, _ = read_for(folder, arm)
+        found = abilities(recording, named, axis_views(recording, named))
+        return {ability.question: ability for ability in found}
+
+    return ask
+
+
+def test_a_load_that_rises_and_falls_can_show_hysteresis_and_one_that_rises_cannot(
+    folder, answers
+):
+    assert answers()["hysteresis, lost motion"].can
+    rows = table(folder)
+    save(folder, [rows[0], *(r for i, r in enumerate(rows[1:]) if i % 5 < 3)])
+    answer = answers()["hysteresis, lost motion"]
+    assert not answer.can and "unload" in answer.add
+
+
+def test_a_dwell_can_show_creep_and_single_readings_cannot(folder, answers):
+    assert not answers()["creep"].can
+    cell(4, "load_kg", "10")(folder)
+    answer = answers()["creep"]
+    assert answer.can and "10 s" in answer.why
+
+
+def test_markers_on_one_body_leave_places_to_inference(folder, answers):
+    assert answers()["on which link it gives way"].can
+    said('"link_3"', '"flange"')(folder)
+    assert not answers()["on which link it gives way"].can
+
+
+def test_without_a_wrench_weight_is_the_only_load(folder, answers):
+    without("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")(folder)
+    answer = answers()["answer to a load"]
+    assert not answer.can and "weight" in answer.why
+
+
+def test_without_a_second_visit_the_noise_is_taken_as_stated(folder, answers):
+    assert answers()["whether the stated noise is real"].can
+    for row in range(16, 21):
+        cell(row, "pose", "4")(folder)
+    assert not answers()["whether the stated noise is real"].can
+
+
+def test_an_axis_whose_torque_does_not_vary_is_named(folder, answers):
+    assert answers()["compliance of every axis"].why == "all axes are turned"
+    for column in ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm"):
+        for row in range(1, 21):
+            cell(row, column, "0")(folder)
+    assert "a1" in answers()["compliance of every axis"].why
+
+
+def test_an_axis_that_moves_no_marker_is_named(folder, answers):
+    said('body = "flange"\nposition_mm = [10, 20, 30]', 'body = "link_3"')(folder)
+    why = answers()["motion of every axis"].why
+    assert why.startswith("a4, a5, a6:")
+
+
+def test_an_encoder_after_the_gear_shows_its_axis(folder, answers):
+    said('body = "flange"\nposition_mm = [10, 20, 30]', 'body = "link_3"')(folder)
+    added("a6_link_deg", "5")(folder)
+    assert answers()["motion of every axis"].why.startswith("a4, a5:")
+
+
+def test_the_lever_of_a_marker_is_its_distance_from_the_axis(folder, arm):
+    """Base to flange at zero posture: 1190 mm stretched out, 425 - 400 above A2."""
+    recording, _ = read(folder)
+    still = recording.take(np.array([0]))
+    flange = replace(
+        still,
+        posture=np.zeros((1, 6)),
+        wrench=None,
+        markers=(Marker("m", "flange", np.zeros(3)),),
+        points=np.zeros((1, 1, 3)),
+    )
+    lever = [view.lever for view in axis_views(flange, arm)]
+    np.testing.assert_allclose(lever[0], 1.190, atol=1e-9)
+    np.testing.assert_allclose(lever[1], np.hypot(1.190 - 0.025, 0.025), atol=1e-9)
+    np.testing.assert_allclose(lever[5], 0.0, atol=1e-9)
+
+
+def test_replicates_show_the_noise_that_was_put_in(folder):
+    """Two visits of five rows and two markers: 10 degrees of freedom a coordinate."""
+    recording, _ = read(folder)
+    random = np.random.default_rng(0)
+    sigma = np.array([1e-5, 2e-5, 5e-5])
+    many = tuple(Marker(f"m{k}", "flange") for k in range(400))
+    points = sigma * random.standard_normal((20, 400, 3))
+    noisy = replace(
+        recording, markers=many, points=points, tracker=TrackerSpec(np.full(3, 1e-5))
+    )
+    found = replicate_noise(noisy)
+    assert found is not None
+    assert found[1] == 5 * 400
+    np.testing.assert_allclose(found[0], sigma, rtol=0.06)  # 4 sigma of 2000 values
+
+
+def test_contents_names_what_is_there(folder, arm):
+    both(added("operator", "x"), added("temperature_c", "21"))(folder)
+    recording, _, notes = read_for(folder, arm)
+    contents = dict(check.contents_of(recording))
+    assert contents["poses"] == "3 in 4 visits, 1 visited again"
+    assert contents["load path"] == "0 5 10 5 0 kg in 4 of 4 visits"
+    assert contents["markers on link_3"].startswith("1, 0 of known place")
+    assert contents["temperature"] == "21.0 to 21.0 °C"
+    assert notes == ("samples.csv: column 'operator' left alone.",)
+
+
+# --- The command ---------------------------------------------------------------------
+
+
+def command(*words: object, cwd: Path = ROOT) -> subprocess.CompletedProcess:
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        [sys.executable, "-m", "scenarios.check", *map(str, words)],
+        capture_output=True,
+        text=True,
+        cwd=cwd,
+        env=environment,
+        check=False,
+    )
+
+
+def test_the_command_shows_three_tables_and_ends_with_0(folder):
+    done = command(folder, "--robot", MODEL)
+    assert done.returncode == 0, done.stderr
+    for words in ("a small one", "Axes", "What it can show"):
+        assert words in done.stdout
+
+
+def test_a_flag_nobody_knows_ends_with_2(folder):
+    done = command(folder, "--robt", MODEL)
+    assert done.returncode == 2
+    assert "--robt" in done.stderr + done.stdout
+    assert "Traceback" not in done.stderr
+
+
+def test_another_arm_s_model_ends_with_2_and_the_joints_it_knows(folder, tmp_path):
+    model = tmp_path / "two.xml"
+    model.write_text(
+        "<mujoco><worldbody><body><joint name='j1'/><geom size='1'/>"
+        "<body><joint name='j2'/><geom size='1'/></body></body></worldbody></mujoco>"
+    )
+    done = command(folder, "--robot", model)
+    assert done.returncode == 2
+    assert "there are 2 axes" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_an_interrupted_command_says_that_it_can_go_on(monkeypatch, folder):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    interrupted.__module__ = "scenarios.check"
+    monkeypatch.setattr(sys, "argv", ["check", str(folder), "--robot", str(MODEL)])
+    error = io.StringIO()
+    monkeypatch.setattr(sys, "stderr", error)
+    with pytest.raises(SystemExit) as left:
+        run(interrupted, check.Settings)
+    assert left.value.code == 130
+    assert error.getvalue() == "interrupted; run again to go on\n"
+
+
+def test_a_recording_written_again_checks_alike(folder, tmp_path, arm):
+    recording, _, _ = read_for(folder, arm)
+    write(tmp_path / "again", recording)
+    again, _, _ = read_for(tmp_path / "again", arm)
+    assert dict(check.contents_of(again)) == dict(check.contents_of(recording))
