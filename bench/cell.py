@@ -161,7 +161,7 @@ def _rope(spec: mujoco.MjSpec, p: int, centre: np.ndarray, radius: float) -> Non
         contype=0,
         conaffinity=0,
     )
-    side = centre + 1.5 * radius * (outward + np.eye(3)[2]) / np.sqrt(2)
+    side = centre + 1.5 * radius * np.eye(3)[2]
     world.add_site(name=f"pulley_{p}_side", pos=side)
     world.add_site(name=f"weight_{p}", pos=centre + radius * outward - [0, 0, 0.3])
     rope = spec.add_tendon(name=f"rope_{p}")

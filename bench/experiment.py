@@ -5,6 +5,7 @@ the instruments state of themselves.
 """
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -73,7 +74,7 @@ def record(
         wrench_sensor=sensor.spec("flange", rig.mounted.sensor_position),
         encoder_repeatability=encoders.repeatability if encoders.link_side else None,
         tool=rig.mounted.payload,
-        robot=rig.arm_file.stem,
+        robot=Path(rig.arm_file).stem,
     )
 
 

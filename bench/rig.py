@@ -39,7 +39,7 @@ class Rig:
         cell: What is mounted around it; None: a cell in proportion.
     """
 
-    arm_file: Path
+    arm_file: Path | str
     effects: tuple[Effect, ...] = ()
     stiffness: Float[np.ndarray, " axes"] | None = None
     cell: Cell | None = None

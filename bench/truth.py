@@ -27,11 +27,11 @@ ARCMIN = pi / 180 / 60
 
 GEARS = {
     # axis: K1, K2, K3 in kN m/rad and T1, T2 in N m
-    "a1": ((54, 78, 98), (29, 108)),  # size 32, ratio 50
-    "a2": ((54, 78, 98), (29, 108)),  # size 32, ratio 50
-    "a3": ((31, 50, 57), (14, 48)),  # size 25, ratio above 50
-    "a4": ((10, 14, 16), (3.9, 12)),  # size 17, ratio above 50
-    "a5": ((10, 14, 16), (3.9, 12)),  # size 17, ratio above 50
+    "a1": ((54.0, 78.0, 98.0), (29.0, 108.0)),  # size 32, ratio 50
+    "a2": ((54.0, 78.0, 98.0), (29.0, 108.0)),  # size 32, ratio 50
+    "a3": ((31.0, 50.0, 57.0), (14.0, 48.0)),  # size 25, ratio above 50
+    "a4": ((10.0, 14.0, 16.0), (3.9, 12.0)),  # size 17, ratio above 50
+    "a5": ((10.0, 14.0, 16.0), (3.9, 12.0)),  # size 17, ratio above 50
     "a6": ((3.4, 4.7, 5.7), (2.0, 6.9)),  # size 14, ratio 50
 }
 HYSTERESIS_ARCMIN = 0.3  # catalogue: below 1

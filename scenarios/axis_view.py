@@ -12,7 +12,7 @@ SMALL_TORQUE = 1.0
 """N m of change below which an axis' wind-up hardly shows (chosen: a gear of
 1e5 N m/rad then moves a point one metre away by a tracker's 10 µm)."""
 SMALL_LEVER = 1e-3
-"""m per rad below which no marker shows an axis turn (chosen: 1° then moves it 17 µm)."""
+"""m per rad below which no marker shows an axis turn (chosen: 1° moves it 17 µm)."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,8 @@ def axis_views(recording: Recording, arm: Arm) -> list[AxisView]:
     seen |= np.nan_to_num(lever) > SMALL_LEVER
     each = zip(arm.axes, travel, turning, lever, seen, strict=True)
     return [
-        AxisView(name, float(a), float(t), float(m), bool(s)) for name, a, t, m, s in each
+        AxisView(name, float(a), float(t), float(m), bool(s))
+        for name, a, t, m, s in each
     ]
 
 

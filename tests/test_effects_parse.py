@@ -24,7 +24,7 @@ def model(kr10):
             "wrist_coupling@a6,with=a5,compliance_rad_per_nm=-1e-6",
             WristCoupling("a6", "a5", -1e-6),
         ),
-        ("geometry_error@link_2,x_m=-1e-3", GeometryError("link_2", -1e-3)),
+        ("geometry_error@link_2,x_m=-1e-3", GeometryError("link_2", -1e-3, ry_rad=0.0)),
         ("marker_slip@marker:elbow", MarkerSlip("marker:elbow")),
     ],
 )
@@ -83,3 +83,8 @@ def test_several_effects_keep_their_order(model):
 def test_effect_made_with_an_impossible_size_is_refused():
     with pytest.raises(Unusable, match=r"width_rad is -0\.1, expected at least 0"):
         Hysteresis("a2", width_rad=-0.1)
+
+
+def test_components_left_out_beside_others_are_zero(model):
+    bent = parse("geometry_error@link_2,x_m=1e-3", model).parameters()
+    assert bent == {**dict.fromkeys(bent, 0.0), "x_m": 1e-3}

@@ -1,8 +1,8 @@
 """An effect can be said in one word: `hysteresis@a2,width_rad=2e-4`."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import fields
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, replace
 
 import mujoco
 
@@ -17,8 +17,9 @@ def parse(text: str, model: mujoco.MjModel) -> Effect:
     """Read `NAME@WHERE[,parameter=value…]`.
 
     Args:
-        text: The word. Parameters have the vocabulary's names and SI units; those left
-            out keep the size of a catalogue.
+        text: The word. Parameters have the vocabulary's names and SI units. Those left
+            out keep the size of a catalogue; where all are components of one thing
+            (shifts and turns, a bias), components left out beside others are zero.
         model: The arm alone, which says which places there are.
 
     Returns:
@@ -47,7 +48,7 @@ def parse(text: str, model: mujoco.MjModel) -> Effect:
             faults.append(f"{parameter} is given twice.")
         values[parameter] = value
     try:
-        effect = kind(where=where, **values)
+        effect = replace(_beside(kind(where=where), values), **values)
     except Unusable as error:
         effect = kind(where=where)
         faults += error.faults
@@ -83,6 +84,14 @@ def parse_all(texts: Iterable[str], model: mujoco.MjModel) -> tuple[Effect, ...]
     if faults:
         raise Unusable("The list of effects", faults)
     return tuple(effects)
+
+
+def _beside(effect: Effect, values: Mapping[str, object]) -> Effect:
+    """Return the effect of which only some components will be given."""
+    none = effect.off()
+    sizes = none.parameters().values()
+    components = len(sizes) > 1 and all(size == 0.0 for size in sizes)
+    return none if components and values else effect
 
 
 def _setting(kind: type[Effect], setting: str) -> tuple[str, float | int | str]:

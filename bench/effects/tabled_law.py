@@ -1,0 +1,117 @@
+"""A gear may follow a law that has no name, only a table.
+
+==========  ==========================================================================
+Equation    θ = τ/K + e(τ) with e straight between the table's torques and beyond them
+            as at the last piece; where branches differ by w at zero torque, slipping
+            springs beside it make a loop that is w wide
+Source      the law is measured, by whoever fills the table; loop as in `hysteresis`
+Valid       1/K + de/dτ > 0; a piece that falls short of it is given 2 % of 1/K
+Ignores     rate and angle; e(0), which is an offset of the encoder
+==========  ==========================================================================
+
+A spring that begins to carry where a piece ends changes the slope there: by how much
+the next piece is stiffer, less where it is softer.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from bench.anatomy import Anatomy
+from bench.effects.effect import ModelEffect
+from bench.effects.hysteresis import Hysteresis
+from bench.effects.springs import add_parallel
+from bench.errors import Unusable
+
+NEVER = 1e3
+"""A wind-up that no axis reaches, in rad."""
+STEEPEST = 0.02
+"""Least compliance of a piece over the axis' own; chosen: practically rigid."""
+
+
+@dataclass(frozen=True)
+class TabledLaw(ModelEffect):
+    """Springs beside the axis' own, each from a knot of the table on.
+
+    Attributes:
+        torque_nm: Increasing torques, in N m.
+        wind_up_rad: What the axis winds up there beyond its own spring, in rad.
+        width_rad: Width of the loop at zero torque.
+    """
+
+    name: ClassVar[str] = "tabled_law"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {"width_rad": 0.0}
+    torque_nm: tuple[float, ...] = (-10.0, 0.0, 10.0)
+    wind_up_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
+    width_rad: float = 0.0
+
+    def __post_init__(self):
+        """Check the table."""
+        super().__post_init__()
+        table = np.array([*self.torque_nm, *self.wind_up_rad])
+        faults = []
+        if len(self.torque_nm) != len(self.wind_up_rad) or len(self.torque_nm) < 2:
+            faults.append("a table needs two torques or more, a wind-up for each.")
+        elif not np.all(np.isfinite(table)) or np.any(np.diff(self.torque_nm) <= 0):
+            faults.append("torques must increase, and all numbers be finite.")
+        if faults:
+            raise Unusable(f"Law at {self.where!r}", faults)
+
+    @override
+    def off(self) -> "TabledLaw":
+        nothing = (0.0,) * len(self.wind_up_rad)
+        return replace(self, wind_up_rad=nothing, width_rad=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"width_rad": self.width_rad}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        axis = arm.axis(self.where)
+        own = float(spec.joint(axis).stiffness[0])
+        if any(self.wind_up_rad):
+            knots, slopes = self.pieces(own)
+            zero = int(np.searchsorted(knots, 0.0))
+            name = f"{axis}_table"
+            jumps = np.diff(slopes)
+            for i in range(zero):  # knots below zero carry on their far side
+                slack = (float(knots[i]), NEVER)
+                extra = -float(jumps[i])
+                add_parallel(spec, f"{name}_{i}", axis, extra, slack=slack)
+            for i in range(zero, len(knots)):
+                slack = (-NEVER, float(knots[i]))
+                extra = float(jumps[i])
+                add_parallel(spec, f"{name}_{i}", axis, extra, slack=slack)
+            add_parallel(spec, f"{name}_middle", axis, float(slopes[zero]) - own)
+        if self.width_rad > 0.0:
+            Hysteresis(self.where, width_rad=self.width_rad).build(spec, arm)
+
+    def pieces(
+        self, own: float
+    ) -> tuple[Float[np.ndarray, " knots"], Float[np.ndarray, " pieces"]]:
+        """Return where the slope of τ over θ changes, in rad, and the slopes, N m/rad.
+
+        Args:
+            own: Stiffness of the axis' own spring, in N m/rad.
+        """
+        torque = np.array(self.torque_nm)
+        slope = 1.0 / own + np.diff(self.wind_up_rad) / np.diff(torque)
+        slope = np.maximum(slope, STEEPEST / own)
+        inner = torque[1:-1]
+        edges = np.concatenate([[-np.inf], inner, [np.inf]])
+        knots = np.array([_wound(t, edges, slope) for t in inner])
+        return knots, 1.0 / slope
+
+
+def _wound(torque: float, edges: np.ndarray, slope: np.ndarray) -> float:
+    """Return the integral of a piecewise constant compliance from 0 to a torque."""
+    low, high = min(torque, 0.0), max(torque, 0.0)
+    share = np.clip(np.minimum(edges[1:], high) - np.maximum(edges[:-1], low), 0, None)
+    return float(np.sign(torque) * np.sum(share * slope))
