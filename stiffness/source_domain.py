@@ -51,15 +51,6 @@ class SourceDomain:
             deflection=self.deflection[rows],
         )
 
-    def both_ways(self) -> "SourceDomain":
-        """Return every row twice, the second time pulled and moved the other way."""
-        return replace(
-            self,
-            posture=np.concatenate([self.posture, self.posture]),
-            wrench_in_base=np.concatenate([self.wrench_in_base, -self.wrench_in_base]),
-            deflection=np.concatenate([self.deflection, -self.deflection]),
-        )
-
 
 def source_domain(
     arm: Arm,

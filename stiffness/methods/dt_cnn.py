@@ -1,0 +1,113 @@
+"""A convolutional network learns from springs and is then asked about the real arm.
+
+==========  ==========================================================================
+Equation    d = network(q, w), trained on d_VJM over a source plan
+Source      Wu et al. 2024, sections 2.2 and 5.3: DT-CNN, after Zhao et al. 2021; the
+            paper's text: "directly predicting the target domain after training in the
+            source domain"
+Needs       what the virtual joint model needs
+Assumes     postures and wrenches among those of the source plan, and that the arm is
+            what the springs say: measured deflections correct nothing but the springs
+==========  ==========================================================================
+
+Three ways to transfer, the first is the paper's. `stiffness.networks.cnn` says which
+inputs are channels, and what pooling does to a signal of length one.
+
+- `Direct()`: as it is.
+- `Alignment()`: the reference's; features of the recording's postures and wrenches are
+  made to vary as those of the source do. Measured deflections are not looked at.
+- `FineTuning(unfrozen=…)`: frozen layers, as in FT-MLP. Layers 1 to 4 are the
+  convolutions, 5 is dense, 6 the output layer.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeAlias
+
+from typing_extensions import override
+
+from bench.recording import Recording
+from stiffness.arm import Arm
+from stiffness.deflections import Selection, every_plateau
+from stiffness.methods.ft_mlp import as_seen, domain_of, tune
+from stiffness.methods.method import Method
+from stiffness.methods.network_fit import NetworkFit
+from stiffness.methods.vjm import Vjm
+from stiffness.networks.alignment import Alignment, align
+from stiffness.networks.cnn import Cnn
+from stiffness.networks.fine_tuning import FineTuning
+from stiffness.networks.pretraining import Pretrained, Pretraining, pretrain
+from stiffness.networks.progress import Tell, about
+from stiffness.source_plan import SourcePlan, spanning_plan
+
+
+@dataclass(frozen=True)
+class Direct:
+    """The network is asked as it is."""
+
+
+Transfer: TypeAlias = Direct | Alignment | FineTuning
+"""How a network that imitates springs comes to speak of the arm."""
+
+
+@dataclass(frozen=True)
+class DtCnn(Method):
+    """The paper's comparison.
+
+    Attributes:
+        arm: The nominal arm.
+        plan: What the fitted springs are asked for the pre-training.
+        pretraining: Network and pre-training.
+        transfer: `Direct()`, an `Alignment` or a `FineTuning`.
+        select: Readings that align or correct it.
+        held: Axes whose compliance the springs take from the model, as in `Vjm`.
+        pretrained: A network that was pre-trained before, instead; for sweeps.
+        file: Where the pre-training is written down, to go on after an interruption.
+        tell: Is told of every step: its phase, its number, the loss.
+    """
+
+    arm: Arm
+    plan: SourcePlan = field(default_factory=spanning_plan, repr=False)
+    pretraining: Pretraining = field(default_factory=lambda: Pretraining(shape=Cnn()))
+    transfer: Transfer = field(default_factory=Direct)
+    select: Selection = every_plateau
+    held: tuple[str, ...] = ()
+    pretrained: Pretrained | None = None
+    file: Path | None = None
+    tell: Tell | None = None
+
+    @override
+    def fit(self, recording: Recording) -> "DtCnnFit":
+        """Fit springs, pre-train on them, transfer; see the base class.
+
+        Raises:
+            Unusable: Where the recording or the file cannot be used, with all faults.
+            NotIdentifiable: Where an axis' spring cannot be identified, by name.
+        """
+        arm = self.arm.for_recording(recording)
+        springs = Vjm(arm, self.held).fit(recording)
+        data = self.select(arm, recording, springs.compliance)
+        domain = domain_of(springs, self.plan, data)
+        pretrained = self.pretrained or pretrain(
+            domain, self.pretraining, self.file, about(self.tell, "pre-training")
+        )
+        network = pretrained.network
+        if isinstance(self.transfer, Alignment):
+            seen = as_seen(network, arm, data)
+            told = about(self.tell, "alignment")
+            network = align(network, domain, seen, self.transfer, told)
+        elif isinstance(self.transfer, FineTuning):
+            tuned = tune(network, springs, data, self.transfer, self.tell)
+            network = tuned.network
+        return DtCnnFit(network, springs, pretrained)
+
+
+@dataclass(frozen=True)
+class DtCnnFit(NetworkFit):
+    """A transferred network.
+
+    Attributes:
+        pretrained: What it was before.
+    """
+
+    pretrained: Pretrained

@@ -1,0 +1,181 @@
+"""A network first learns what fitted springs say of thousands of postures.
+
+==========  ==========================================================================
+Equation    network = argmin over the training rows of mean (network(x) - d_VJM)^2,
+            directions counted in units of their standard deviation
+Source      Wu et al. 2024, sections 2.2 and 4; 70 % of the rows at random train, 30 %
+            test: section 4.2
+Valid       postures and wrenches among those of the source plan
+Ignores     everything that is no spring in an axis
+==========  ==========================================================================
+"""
+
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from stiffness.networks.deflection_network import DeflectionNetwork
+from stiffness.networks.encoding import encoding
+from stiffness.networks.mlp import Mlp
+from stiffness.networks.progress import EVERY, Listeners, Progress, Watch
+from stiffness.networks.scaling import Scaling
+from stiffness.networks.shape import Shape, weights_of
+from stiffness.networks.store import begun_or_none, write_progress
+from stiffness.networks.training import Training, train
+from stiffness.source_domain import SourceDomain
+
+TRAINING_SHARE = 0.7
+"""Of the rows; Wu et al. 2024, section 4.2."""
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How far a network is from the springs it imitates, in x, y and z.
+
+    Attributes:
+        mae: Mean absolute error, Eq. 7, in m.
+        stde: Standard deviation of absolute errors, Eq. 8, in m.
+        me: Largest absolute error, Eq. 9, in m.
+    """
+
+    mae: Float[np.ndarray, "3"]
+    stde: Float[np.ndarray, "3"]
+    me: Float[np.ndarray, "3"]
+
+    @classmethod
+    def of(
+        cls, predicted: Float[np.ndarray, "rows 3"], wanted: Float[np.ndarray, "rows 3"]
+    ) -> "Errors":
+        """Compare predictions with what they should have been, both in m."""
+        error = np.abs(predicted - wanted)
+        return cls(error.mean(axis=0), error.std(axis=0), error.max(axis=0))
+
+
+@dataclass(frozen=True)
+class Pretraining:
+    """How a network is pre-trained.
+
+    Attributes:
+        shape: How it is built; the paper's: four hidden layers of 380, ReLU.
+        encoding: How it is shown postures; a name of `encoding.ENCODINGS`.
+        training: How long, and how fast.
+        seed: Of weights, split and order of the rows.
+    """
+
+    shape: Shape = field(default_factory=Mlp)
+    encoding: str = "sine_and_cosine"
+    training: Training = field(default_factory=Training)
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Pretrained:
+    """A network that imitates springs, and how well it does.
+
+    Attributes:
+        network: The network.
+        plan: Name of the source plan.
+        settings: How it was trained.
+        loss: Of every step; no unit.
+        on_training: Errors on the rows it was trained on.
+        on_test: Errors on the others.
+    """
+
+    network: DeflectionNetwork
+    plan: str
+    settings: Pretraining
+    loss: Float[np.ndarray, " steps"]
+    on_training: Errors
+    on_test: Errors
+
+
+def split(rows: int, seed: int) -> tuple[Int[np.ndarray, " train"], np.ndarray]:
+    """Split rows at random into 70 % that train and 30 % that test."""
+    order = np.random.default_rng([seed, rows]).permutation(rows)
+    count = round(TRAINING_SHARE * rows)
+    return np.sort(order[:count]), np.sort(order[count:])
+
+
+def pretrain(
+    domain: SourceDomain,
+    settings: Pretraining | None = None,
+    file: Path | None = None,
+    watch: Watch | None = None,
+    every: int = EVERY,
+) -> Pretrained:
+    """Train a network on a source domain.
+
+    Args:
+        domain: What the springs said.
+        settings: How; None = the paper's network at the quick budget.
+        file: Where the training is written down now and then, and taken up again if it
+            is of the same domain and settings; None = nowhere.
+        watch: Is told of every step.
+        every: After how many steps it is written down.
+
+    Returns:
+        The network and its errors. The same arguments give the same numbers, whether
+        the training was interrupted or not.
+
+    Raises:
+        Unusable: Where the file is there but no training.
+    """
+    settings = settings or Pretraining()
+    parts = [domain.take(rows) for rows in split(len(domain), settings.seed)]
+    network = _untrained(parts[0], settings)
+    key = _key(domain, settings)
+    begun = None if file is None else begun_or_none(file, key)
+
+    def keep(progress: Progress) -> None:
+        assert file is not None
+        write_progress(file, key, progress)
+
+    finished = train(
+        network.build(),
+        source_rows(network, parts[0]),
+        settings.training,
+        settings.seed,
+        begun,
+        Listeners(watch, None if file is None else keep, every),
+    )
+    if file is not None:
+        keep(finished)
+    network = replace(network, weights=finished.weights)
+    errors = [
+        Errors.of(network.predict(part.posture, part.wrench_in_base), part.deflection)
+        for part in parts
+    ]
+    return Pretrained(network, domain.plan, settings, finished.loss, *errors)
+
+
+def source_rows(
+    network: DeflectionNetwork, domain: SourceDomain
+) -> tuple[Float[np.ndarray, "rows inputs"], Float[np.ndarray, "rows 3"]]:
+    """Return a domain's inputs and targets as the network sees them, without units."""
+    inputs = network.encode(domain.posture, domain.wrench_in_base)
+    return inputs, network.outputs.unitless(domain.deflection)
+
+
+def _untrained(shown: SourceDomain, settings: Pretraining) -> DeflectionNetwork:
+    """Return a network that knows the size of what it is shown, and nothing else."""
+    seen = encoding(settings.encoding)(shown.posture, shown.wrench_in_base)
+    return DeflectionNetwork(
+        shape=settings.shape,
+        encoding=settings.encoding,
+        inputs=Scaling.of(seen),
+        outputs=Scaling.of(shown.deflection),
+        weights=weights_of(settings.shape.build(seen.shape[1], settings.seed)),
+        point_in_flange=shown.point_in_flange,
+        origin_in_flange=shown.origin_in_flange,
+    )
+
+
+def _key(domain: SourceDomain, settings: Pretraining) -> str:
+    """Return what tells this training from every other."""
+    digest = sha256(f"{domain.plan} {settings}".encode())
+    for values in (domain.posture, domain.wrench_in_base, domain.deflection):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()

@@ -1,0 +1,145 @@
+"""Small steps downhill on a few rows at a time bring a network's answers near.
+
+==========  ==========================================================================
+Equation    loss = mean (y - y_hat)^2; rate(s) rises evenly over the first w steps to
+            its peak and then falls as peak (1 + cos(pi (s - w) / (S - w))) / 2
+Source      loss: Wu et al. 2024, Eq. 3; its "dynamic adjustment" of the rate is not
+            given: Loshchilov, Hutter 2017, "SGDR"; steps: Kingma, Ba 2015, "Adam"
+Valid       numbers without units (`stiffness.networks.scaling`)
+Ignores     nothing that is known to matter here
+==========  ==========================================================================
+
+The paper takes 100,000 steps on all rows at once, days on a desk; here each step sees a
+mini-batch. Everything follows from the seed and the number of the step, so a training
+that was interrupted goes on to the same weights.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import cos, pi
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import nn
+
+from bench.errors import Unusable
+from stiffness.networks.progress import Listeners, Progress, take_up, taken_down
+from stiffness.networks.threads import one_thread
+
+Penalty = Callable[[nn.Module, torch.Tensor], torch.Tensor]
+"""What is added to the loss, given the network and the inputs of a mini-batch."""
+
+
+@dataclass(frozen=True)
+class Training:
+    """How long, and how fast.
+
+    Attributes:
+        steps: How many.
+        batch: Rows that each step sees; 256: chosen, best accuracy per second here.
+        rate: Peak learning rate.
+        warm_up: Share of the steps over which the rate rises; chosen.
+        forget: Adam's beta_2; chosen: 0.999, its usual value, was slower here.
+
+    Raises:
+        Unusable: Where a number makes no sense, naming all.
+    """
+
+    steps: int = 5000
+    batch: int = 256
+    rate: float = 2e-3
+    warm_up: float = 0.05
+    forget: float = 0.98
+
+    def __post_init__(self):
+        """Check the numbers."""
+        faults = [
+            f"{name} is {getattr(self, name)}, expected at least 1."
+            for name in ("steps", "batch")
+            if getattr(self, name) < 1
+        ]
+        if not self.rate > 0.0:
+            faults.append(f"rate is {self.rate}, expected above 0.")
+        if not 0.0 <= self.warm_up < 1.0:
+            faults.append(f"warm_up is {self.warm_up}, expected 0 to below 1.")
+        if not 0.0 < self.forget < 1.0:
+            faults.append(f"forget is {self.forget}, expected between 0 and 1.")
+        if faults:
+            raise Unusable("The training", faults)
+
+    def rate_at(self, step: int) -> float:
+        """Return the learning rate of a step, counted from 0."""
+        rising = round(self.warm_up * self.steps)
+        if step < rising:
+            return self.rate * (step + 1) / rising
+        return self.rate * (1.0 + cos(pi * (step - rising) / (self.steps - rising))) / 2
+
+
+def train(
+    network: nn.Module,
+    rows: tuple[Float[np.ndarray, "rows inputs"], Float[np.ndarray, "rows 3"]],
+    settings: Training,
+    seed: int,
+    begun: Progress | None = None,
+    tell: Listeners | None = None,
+    penalty: Penalty | None = None,
+) -> Progress:
+    """Train a network where it stands; on one thread, for the same numbers every time.
+
+    Args:
+        network: Is changed.
+        rows: Inputs and targets, without units.
+        settings: How long, and how fast.
+        seed: Of the order of the rows.
+        begun: Where to go on; None = at the beginning, with the network's weights.
+        tell: Who is told.
+        penalty: What is added to the loss.
+
+    Returns:
+        The training at its end.
+    """
+    tell = tell or Listeners()
+    with one_thread(), torch.random.fork_rng(devices=[]):
+        weights, betas = network.parameters(), (0.9, settings.forget)
+        optimizer = torch.optim.Adam(weights, lr=0.0, betas=betas, fused=True)
+        loss_of = np.zeros(settings.steps)
+        start = 0
+        if begun is not None:
+            start = begun.step
+            loss_of[:start] = begun.loss
+            take_up(optimizer, network, begun)
+        x, y = (torch.from_numpy(values.astype(np.float32)) for values in rows)
+        batches = _batches(len(x), settings.batch, seed, start)
+        network.train()
+        for step in range(start, settings.steps):
+            torch.manual_seed(seed * settings.steps + step)  # for layers that draw
+            batch = torch.from_numpy(next(batches))
+            optimizer.param_groups[0]["lr"] = settings.rate_at(step)
+            optimizer.zero_grad()
+            some = x[batch]
+            loss = nn.functional.mse_loss(network(some), y[batch])
+            if penalty is not None:
+                loss = loss + penalty(network, some)
+            loss.backward()
+            optimizer.step()
+            loss_of[step] = loss.item()
+            done = step + 1
+            if tell.watch is not None:
+                tell.watch(done, float(loss_of[step]))
+            if tell.keep is not None and done % tell.every == 0:
+                tell.keep(taken_down(optimizer, network, loss_of[:done]))
+        network.eval()
+        return taken_down(optimizer, network, loss_of)
+
+
+def _batches(rows: int, batch: int, seed: int, start: int) -> Iterator[np.ndarray]:
+    """Yield rows from step `start` on; every epoch sees each row at most once."""
+    batch = min(batch, rows)
+    per_epoch = rows // batch
+    epoch, first = divmod(start, per_epoch)
+    while True:
+        order = np.random.default_rng([seed, epoch]).permutation(rows)
+        for i in range(first, per_epoch):
+            yield order[i * batch : (i + 1) * batch]
+        epoch, first = epoch + 1, 0
