@@ -1,0 +1,76 @@
+"""A joint's bearing gives way across its axis too.
+
+==========  ==========================================================================
+Equation    rotation = u x (x . M_c) + v y (y . M_c) about c = o + centre z;
+            M_c = M_o - centre z x F; x, y, z: the seat's axes, o its origin
+Source      Klimchik et al. 2011: diagonal 6 x 6 joint compliance
+Valid       small tilts; a bearing whose centre of tilt is on the axis
+Ignores     radial and axial give
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
+from stiffness.diagnosis.signature import NOTHING, Signature, rotate
+from stiffness.diagnosis.situation import Situation
+
+
+@dataclass(frozen=True)
+class BearingTilt(Hypothesis):
+    """A hinge that also turns a little about the two directions across it."""
+
+    effect: ClassVar[str] = "bearing_tilt"
+    shape_names: ClassVar[tuple[str, ...]] = ("centre_m",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "u_rad_per_nm": (0.0, 1e-3),
+        "v_rad_per_nm": (0.0, 1e-3),
+        "centre_m": (-0.5, 0.5),
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        slides = situation.arm.slides
+        return tuple(a for a, s in zip(situation.axes, slides, strict=True) if not s)
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.array([-0.3, -0.15, -0.05, 0.0, 0.05, 0.15, 0.3])[:, None]
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        place = situation.axis(where) + 1
+        seat = situation.seat[:, place]
+        arm = shape[0] * seat[:, :, 2]
+        centre = situation.origin[:, place] + arm
+        moment = situation.moment[:, place] - np.cross(arm, situation.force[:, place])
+        across = seat[:, :, :2]  # (rows, 3, 2)
+        rotation = across * np.einsum("rij,ri->rj", across, moment)[:, None, :]
+        return Signature(2, (rotate(place, rotation, centre),))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        u, v = coefficients
+        return {"u_rad_per_nm": u, "v_rad_per_nm": v, "centre_m": shape[0]}

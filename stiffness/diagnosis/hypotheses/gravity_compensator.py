@@ -1,0 +1,78 @@
+"""A spring between a link and the part below helps its axis.
+
+==========  ==========================================================================
+Equation    τ = torque sin(q - φ), so θ = s sin q + c cos q; torque = √(s² + c²)/C, φ =
+            atan2(-c, s)
+Source      spring without free length: Herder 2001, "Energy-free systems"; with it:
+            Klimchik et al. 2013, arXiv 1311.6810
+Valid       springs and cylinders whose force grows with their length
+Ignores     free length; what the spring adds to the axis' stiffness, about torque/K
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.diagnosis.hypotheses.axes import absolute, orders, sprung
+from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
+from stiffness.diagnosis.signature import NOTHING, Signature, turn
+from stiffness.diagnosis.situation import Situation
+
+
+@dataclass(frozen=True)
+class GravityCompensator(Hypothesis):
+    """An axis with a torque of one period per turn."""
+
+    effect: ClassVar[str] = "gravity_compensator"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "torque_nm": (0.0, 1e5),
+        "phase_rad": (-np.pi, np.pi),
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        if not absolute(situation):
+            return ()
+        return tuple(
+            a for a in sprung(situation) if 1.0 in orders(situation, situation.axis(a))
+        )
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        angle = situation.recording.posture[:, k]
+        return turn(k, np.sin(angle), np.cos(angle))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        s, c = coefficients
+        compliance = situation.compliance[situation.axis(where)]
+        return {
+            "torque_nm": np.hypot(s, c) / compliance,
+            "phase_rad": np.arctan2(-c, s),
+        }

@@ -1,0 +1,119 @@
+"""A part weighs more, or less, or elsewhere than its data sheet says.
+
+==========  ==========================================================================
+Equation    torque_k = l_k . m g + a_k . (m c x g + o x m g), (l, a) the screw of axis
+            k, o the body's origin, m c the first moment along the body's axes
+Source      linear in mass and first moments: Gautier, Khalil 1990, "Direct calculation
+            of minimum set of inertial parameters of serial robots"
+Valid       sprung axes; postures without load too
+Ignores     what gives way besides the axes' own springs
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.diagnosis.hypotheses.axes import absolute
+from stiffness.diagnosis.hypotheses.bodies import axes_of, point_of
+from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
+from stiffness.diagnosis.hypotheses.response import torque_of, wind_up
+from stiffness.diagnosis.signature import NOTHING, Signature
+from stiffness.diagnosis.situation import Situation
+
+NAMES = ("mass_kg", "x", "y", "z")
+LENGTH = 0.1
+"""What a first moment is divided by beside a mass, in m; chosen: a link's breadth."""
+UNSEEN = 1e-6
+"""Below this share of the largest possible wind-up a column is rounding; chosen."""
+
+
+@dataclass(frozen=True)
+class GravityLoad(Hypothesis):
+    """A mass added to a body, or taken from it, anywhere on it.
+
+    Of mass and first moments only those are coefficients that these postures show: on a
+    link that swings about a horizontal axis the moments across it, and no mass. Where
+    the mass shows, `com_x_m` … are reported; else the moments `moment_x_kg_m` ….
+    """
+
+    effect: ClassVar[str] = "gravity_load"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "mass_kg": (-100.0, 100.0),
+        **{f"com_{axis}_m": (-np.inf, np.inf) for axis in "xyz"},
+        **{f"moment_{axis}_kg_m": (-100.0, 100.0) for axis in "xyz"},
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        sensor = situation.recording.wrench_sensor
+        weighed = sensor is not None and sensor.includes_tool_weight
+        bodies = situation.links if weighed else (*situation.links, "tool")
+        if not absolute(situation):
+            return ()
+        return tuple(b for b in bodies if seen(situation, torques(situation, b)))
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        torque = torques(situation, where)
+        return wind_up(situation, torque[:, :, seen(situation, torque)])
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        names = [NAMES[i] for i in seen(situation, torques(situation, where))]
+        found = dict(zip(names, coefficients, strict=True))
+        mass = found.pop("mass_kg", None)
+        if mass is None:
+            return {f"moment_{axis}_kg_m": value for axis, value in found.items()}
+        centre = {f"com_{axis}_m": value / mass for axis, value in found.items()}
+        return {"mass_kg": mass, **centre}
+
+
+def torques(situation: Situation, body: str) -> Float[np.ndarray, "rows axes 4"]:
+    """Return torques per kg of mass and per kg m of first moment along x, y, z."""
+    gravity = situation.arm.chain.gravity
+    turned = np.cross(axes_of(situation, body), gravity[None, :, None], axis=1)
+    none = np.zeros((situation.rows, 3, 1))
+    weight = np.broadcast_to(gravity[:, None], none.shape)
+    force = np.concatenate([weight, np.zeros_like(turned)], axis=2)
+    moment = np.concatenate([none, turned], axis=2)
+    return torque_of(
+        situation, body, force, moment, point_of(situation, body, np.zeros(3))
+    )
+
+
+def seen(situation: Situation, torque: Float[np.ndarray, "rows axes 4"]) -> list[int]:
+    """Return which of mass and moments show, each independent of those before it."""
+    wound = torque * situation.compliance[:, None] / [1.0, LENGTH, LENGTH, LENGTH]
+    wound = np.asarray(np.linalg.qr(wound.reshape(-1, 4), mode="r"))
+    most = np.linalg.norm(situation.arm.chain.gravity) * situation.compliance.max()
+    least = UNSEEN * most * np.sqrt(situation.rows)
+    kept: list[int] = []
+    for i in range(4):
+        rank = np.linalg.matrix_rank(wound[:, [*kept, i]], tol=least)
+        kept += [i] if rank > len(kept) else []
+    return kept

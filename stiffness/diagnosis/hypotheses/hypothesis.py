@@ -1,0 +1,96 @@
+"""A hypothesis says what one physical effect would do to the readings, if it were there.
+
+It knows the law and its physical bounds, never how a simulator builds it. A law's
+amplitudes enter linearly and are its *coefficients*; what bends its form (a knee, a
+time constant, an order) is its *shape* and is searched. Each hypothesis is a file of
+its own, with a table of Equation, Source, Valid and Ignores on top, and one frozen
+dataclass; `hypotheses/__init__.py` lists them in a tuple that one can read.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from stiffness.diagnosis.signature import Signature
+from stiffness.diagnosis.situation import Situation
+
+
+class Hypothesis(ABC):
+    """One effect of the vocabulary, at any place where it can sit.
+
+    What is promised, and tested for every hypothesis:
+
+    - the signature is per unit of coefficient, and absolute: it holds what the effect
+      does in every row, unloaded rows and gravity included. The engine takes from it
+      what the readings can show (differences within a visit, means of visits), and
+      what fitted springs, unknown frames and marker places would explain as well;
+    - it depends on the situation alone, and never on the readings of the markers;
+    - coefficients have a natural scale: SI, so that a coefficient of a parameter
+      within its limits moves the readings by less than a centimetre;
+    - columns of one signature are not multiples of each other at any shape.
+
+    Attributes:
+        effect: Its name in the vocabulary.
+        shape_names: What its shape parameters are called; empty where it has none.
+        limits: Lowest and highest physical value of each reported parameter, in SI.
+            Parameters beyond them are another physics: the name is then withdrawn. A
+            limit is wide (what any arm could have), not what is likely.
+    """
+
+    effect: ClassVar[str]
+    shape_names: ClassVar[tuple[str, ...]] = ()
+    limits: ClassVar[Mapping[str, tuple[float, float]]]
+
+    @abstractmethod
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        """Return where the effect could sit and could be seen, as `where` in an answer.
+
+        Leave out a place where these rows cannot show it (creep where nothing waits,
+        an axis without torque); what is left in must give a signature.
+        """
+
+    @abstractmethod
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        """Return a coarse grid of shapes within their physical bounds, one a row.
+
+        At most about eight: neighbours should have signatures with a cosine near 0.95.
+        The engine refines between the grid's outermost values. Without shape
+        parameters: one row with no entry, `np.zeros((1, 0))`.
+        """
+
+    @abstractmethod
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        """Return what one unit of each coefficient does."""
+
+    @abstractmethod
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        """Return what other accepted forms of the same law add, once it is named.
+
+        A gear's hardening is tabled in three pieces or written with a tanh: both are
+        hardening. The residual test after naming does not hold these against the name.
+        They never help to find the name, and must be too narrow to imitate another
+        effect. Return `NOTHING` where the law has one form.
+        """
+
+    @abstractmethod
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        """Turn a fit into the parameters of the vocabulary, in SI.
+
+        `situation.compliance` is the one fitted together with the effect. The engine
+        differentiates this function to carry intervals over, so keep it smooth.
+        """

@@ -1,0 +1,89 @@
+"""Friction in a gear holds back part of its wind-up when the load turns round.
+
+==========  ==========================================================================
+Equation    θ = C τ - w/2 z(τ path); z in -1 … 1: the play operator's distance from
+            its middle, z = (τ - P[τ]) / r, P the play of half width r
+Source      Visintin 1994, "Differential Models of Hysteresis", chapter III (play and
+            stop); the stop z is one Maxwell-slip element seen from the torque
+Valid       slow loads; rate-independent; an arm that comes to its first reading with
+            torque growing from zero
+Ignores     the spread of several slipping elements (its variants)
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
+from stiffness.diagnosis.signature import Signature, turn
+from stiffness.diagnosis.situation import Situation
+
+
+@dataclass(frozen=True)
+class Hysteresis(Hypothesis):
+    """An axis whose wind-up depends on the path of its torque."""
+
+    effect: ClassVar[str] = "hysteresis"
+    shape_names: ClassVar[tuple[str, ...]] = ("slip_nm",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"width_rad": (0.0, 1e-2)}
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        if situation.steps.shape[1] < 3:
+            return ()
+        return situation.axes
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        largest = np.max(np.abs(situation.load_torque[:, situation.axis(where)]))
+        return (largest * np.array([0.02, 0.06, 0.15, 0.3, 0.6]))[:, None]
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        return turn(k, -0.5 * stop(situation, k, shape[0]))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        spread = [stop(situation, k, f * shape[0]) for f in (0.3, 0.6, 1.7, 3.0)]
+        return turn(k, *spread)
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return {"width_rad": coefficients[0]}
+
+
+def stop(situation: Situation, axis: int, slip: float) -> Float[np.ndarray, " rows"]:
+    """Return the stop operator of an axis' torque over each visit, in -1 … 1.
+
+    Args:
+        situation: With the torque and the order of rows.
+        axis: Which one, counted from 0.
+        slip: Half width of the play, in N m.
+    """
+    path = situation.torque[situation.steps, axis]  # (visits, longest) N m
+    state = np.empty_like(path)
+    last, before = np.zeros(len(path)), np.zeros(len(path))
+    for step in range(path.shape[1]):
+        last = np.clip(last + path[:, step] - before, -slip, slip)
+        before = path[:, step]
+        state[:, step] = last / slip
+    return situation.from_steps(state)

@@ -1,0 +1,81 @@
+"""A mark that is touched, or whose glue gives way, sits elsewhere from then on.
+
+==========  ==========================================================================
+Equation    place on the body = place before + (x, y, z) from `time_s` on, along the
+            body's axes
+Source      a step in time; no source for its size
+Valid       one step per marker
+Ignores     slow creep of the glue; further steps
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.diagnosis.hypotheses.axes import absolute
+from stiffness.diagnosis.hypotheses.bodies import axes_of
+from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
+from stiffness.diagnosis.signature import NOTHING, Shift, Signature
+from stiffness.diagnosis.situation import Situation
+
+PREFIX = "marker:"
+TIMES = 7
+"""How many times of a slip are tried at first; chosen."""
+
+
+@dataclass(frozen=True)
+class MarkerSlip(Hypothesis):
+    """One marker that moved on its body between two visits."""
+
+    effect: ClassVar[str] = "marker_slip"
+    shape_names: ClassVar[tuple[str, ...]] = ("time_s",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        **dict.fromkeys(("x_m", "y_m", "z_m"), (-0.1, 0.1)),
+        "time_s": (0.0, np.inf),
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        if not absolute(situation) or len(situation.steps) < 2:
+            return ()
+        return tuple(PREFIX + marker.name for marker in situation.recording.markers)
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        begins = np.sort(situation.recording.time[situation.steps[:, 0]])[1:]
+        chosen = np.linspace(0, len(begins) - 1, min(TIMES, len(begins))).round()
+        return begins[chosen.astype(int), None]
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        names = [PREFIX + marker.name for marker in situation.recording.markers]
+        m = names.index(where)
+        later = situation.recording.time >= shape[0]
+        axes = axes_of(situation, situation.recording.markers[m].body)
+        return Signature(3, (Shift(m, later[:, None, None] * axes),))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        x, y, z = coefficients
+        return {"x_m": x, "y_m": y, "z_m": z, "time_s": shape[0]}

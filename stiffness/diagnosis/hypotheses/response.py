@@ -1,0 +1,90 @@
+"""A small load more winds up every spring that carries it a little more.
+
+==========  ==========================================================================
+Equation    torque_k = l . F + a . (M + p x F), (l, a) the screw of axis k about the
+            base's origin; turn of the axis = compliance_k torque_k
+Source      virtual work: Siciliano et al. 2009, "Robotics: Modelling, Planning and
+            Control", section 3.8
+Valid       loads so small that lever arms stay
+Ignores     what gives way besides the axes' own springs
+==========  ==========================================================================
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from stiffness.diagnosis.signature import Signature, Turn
+from stiffness.diagnosis.situation import Situation
+
+ROUNDING = 1e-9
+"""Torque in N m that only rounding makes; chosen: far below any sensor's."""
+
+
+def wind_up(
+    situation: Situation, torque: Float[np.ndarray, "rows axes columns"]
+) -> Signature:
+    """Return how all sprung axes turn under torques, in N m per unit of coefficient."""
+    parts = (
+        Turn(k, compliance * torque[:, k])
+        for k, compliance in enumerate(situation.compliance)
+        if compliance > 0.0
+    )
+    return Signature(torque.shape[2], tuple(parts))
+
+
+def felt(
+    situation: Situation, torque: Float[np.ndarray, "rows axes columns"]
+) -> list[int]:
+    """Return the columns that some sprung axis carries beyond rounding, 1e-9 N m."""
+    carried = np.abs(torque[:, situation.compliance > 0.0]) > ROUNDING
+    return [int(i) for i in np.flatnonzero(np.any(carried, axis=(0, 1)))]
+
+
+def torque_of(
+    situation: Situation,
+    body: str,
+    force: Float[np.ndarray, "rows 3 columns"],
+    moment: Float[np.ndarray, "rows 3 columns"],
+    point: Float[np.ndarray, "rows 3"],
+) -> Float[np.ndarray, "rows axes columns"]:
+    """Return the torques on all axes of loads on a body, in N m.
+
+    Args:
+        situation: Where the axes are.
+        body: What the loads act on.
+        force: In N, along the base's axes.
+        moment: About the point, in N m.
+        point: Where the force acts, in m.
+    """
+    arm = situation.arm
+    about_base = moment + np.cross(point[:, :, None], force, axis=1)
+    load = np.concatenate([force, about_base], axis=1)
+    torque = np.einsum("rki,ric->rkc", situation.screw, load)
+    carriers = arm.chain.carriers(arm.place(body).axis)
+    others = [k for k in range(len(arm.axes)) if k not in carriers]
+    torque[:, others] = 0.0
+    return torque
+
+
+def torque_at_sensor(
+    situation: Situation, wrench: Float[np.ndarray, "rows 6 columns"]
+) -> Float[np.ndarray, "rows axes columns"]:
+    """Return the torques of wrenches at the sensor's origin, along the base's axes."""
+    sensor = situation.recording.wrench_sensor
+    body = "flange" if sensor is None else sensor.body
+    return torque_of(situation, body, wrench[:, :3], wrench[:, 3:], situation.sensor)
+
+
+def along_sensor(
+    situation: Situation, wrench: Float[np.ndarray, "rows 6 columns"]
+) -> Float[np.ndarray, "rows 6 columns"]:
+    """Turn wrenches along the sensor's axes to the base's."""
+    turn = situation.sensor_axes
+    return np.concatenate([turn @ wrench[:, :3], turn @ wrench[:, 3:]], axis=1)
+
+
+def reading(situation: Situation) -> Float[np.ndarray, "rows 6"]:
+    """Return the wrench along the sensor's axes, in N and N m."""
+    halves = (situation.wrench[:, :3], situation.wrench[:, 3:])
+    turned = [np.einsum("rji,rj->ri", situation.sensor_axes, part) for part in halves]
+    return np.concatenate(turned, axis=1)

@@ -1,0 +1,138 @@
+"""A parameter comes with the interval that the spread between poses allows it.
+
+==========  ==========================================================================
+Equation    cov = H^-1 M H^-1, H = gram, M = sum_p s_p s_p', s_p a pose's score at the
+            fit; of this and of H^-1 phi the larger variance of each parameter;
+            parameters by the delta method; 95 %: t quantile for poses - k freedoms
+Source      Huber 1967, White 1980 (sandwich); Cameron & Miller 2015 (by cluster)
+Valid       shapes inside their bounds, twenty poses or more
+Ignores     that the name was chosen with the same poses
+==========  ==========================================================================
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student
+
+from stiffness.diagnosis.evidence import Data, evidence_of, scores_of
+from stiffness.diagnosis.member import Member, SetFit, shape_columns, training
+from stiffness.diagnosis.signature import Signature
+from stiffness.diagnosis.situation import Situation
+from stiffness.diagnosis.split import Split
+
+LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number with its interval, in SI."""
+
+    estimate: float
+    low: float
+    high: float
+
+
+def parameters_of(
+    data: Data,
+    situation: Situation,
+    nominal: Sequence[Signature],
+    springs: Sequence[int],
+    fit: SetFit,
+    split: Split,
+    inflation: float,
+) -> list[dict[str, Parameter]]:
+    """Return every member's parameters of the vocabulary with 95 % intervals."""
+    own = [m.signature(situation) for m in fit.members]
+    slopes = [
+        shape_columns(situation, m, c)
+        for m, c in zip(fit.members, fit.coefficients, strict=True)
+    ]
+    flat = [s for of_one in slopes for s in of_one]
+    signatures = [*nominal, *own, *flat]
+    gram = evidence_of(data, signatures, training(split)).gram[1]
+    fitted = np.concatenate([fit.springs, *fit.coefficients, np.zeros(len(flat))])
+    score = scores_of(data.less(signatures, fitted), signatures)[~split.held_out]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
+    white = score * scale
+    poses = len(score)
+    sandwich = inverse @ (white.T @ white) @ inverse * poses / max(1, poses - len(gram))
+    plain = inverse * inflation
+    grow = np.sqrt(
+        np.maximum(np.diag(sandwich) / np.maximum(np.diag(plain), 1e-300), 1.0)
+    )
+    cov = plain * grow * grow[:, None] * scale * scale[:, None]
+    quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, poses - len(gram))))
+    n = len(fit.springs)
+    answers = []
+    at, shape_at = n, n + sum(len(c) for c in fit.coefficients)
+    for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
+        index = np.concatenate(
+            [
+                np.arange(n),
+                np.arange(at, at + len(coefficients)),
+                np.arange(shape_at, shape_at + member.freedom),
+            ]
+        )
+        at, shape_at = at + len(coefficients), shape_at + member.freedom
+        answers.append(
+            _of_member(
+                situation,
+                springs,
+                member,
+                (fit.springs, coefficients),
+                cov[np.ix_(index, index)],
+                quantile,
+            )
+        )
+    return answers
+
+
+def _of_member(situation, springs, member, fitted, cov, quantile):
+    start = np.concatenate([*fitted, member.shape])
+    n, m = len(fitted[0]), len(fitted[1])
+
+    def parameters(theta: np.ndarray) -> dict[str, float]:
+        compliance = situation.compliance.copy()
+        compliance[list(springs)] += theta[:n]
+        return dict(
+            member.hypothesis.parameters(
+                situation.with_compliance(compliance),
+                member.where,
+                theta[n + m :],
+                theta[n : n + m],
+            )
+        )
+
+    here = parameters(start)
+    names = [k for k, v in here.items() if isinstance(v, int | float | np.floating)]
+    sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    slope = np.zeros((len(names), len(start)))
+    for i, step in enumerate(1e-3 * sigma):
+        if step <= 0:
+            continue
+        high, low = start.copy(), start.copy()
+        high[i] += step
+        low[i] -= step
+        up, down = parameters(high), parameters(low)
+        slope[:, i] = [(up[k] - down[k]) / (2 * step) for k in names]
+    spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, cov, slope), 0.0))
+    return {
+        name: Parameter(
+            float(here[name]),
+            float(here[name] - quantile * s),
+            float(here[name] + quantile * s),
+        )
+        for name, s in zip(names, spread, strict=True)
+    }
+
+
+def beyond_limits(member: Member, parameters: dict[str, Parameter]) -> bool:
+    """Return whether a parameter lies outside its physical limits, interval and all."""
+    for name, (low, high) in member.hypothesis.limits.items():
+        found = parameters.get(name)
+        if found is not None and (found.high < low or found.low > high):
+            return True
+    return False

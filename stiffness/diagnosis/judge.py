@@ -1,0 +1,129 @@
+"""A name stands while nothing at its place contradicts it; else it is taken back.
+
+The rules are those of the answer's format; what they leave open is decided here and
+stands as a constant with its reason.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stiffness.diagnosis.detect import ALARM, Found
+from stiffness.diagnosis.diagnosis import Name, Rival
+from stiffness.diagnosis.member import Member, SetFit, fit_set
+from stiffness.diagnosis.naming import ALIKE, MARGIN, Case, Named, Scored
+
+SURE = 0.95
+"""Probability from which a set explains; the rule of the answer."""
+CONTRADICTS = 0.002
+"""Share of what a name explains that may be left over beside it, where the residual
+test rejects, before the name is taken back. Chosen: rightly named effects leave nothing
+that the test rejects, wrong ones of the same place a hundredth and more."""
+
+
+def alone(case: Case, fit: SetFit) -> list[float]:
+    """Return what each member explains that the others do not."""
+    gains = []
+    for k in range(len(fit.members)):
+        others = [m for i, m in enumerate(fit.members) if i != k]
+        less = fit_set(case.data, case.situation, case.nominal, others, case.split)
+        gains.append(max(fit.gain - less.gain, 0.0))
+    return gains
+
+
+def contradicted(named: Named, gains: Sequence[float]) -> list[bool]:
+    """Return which members are contradicted by what is left at their own place."""
+    left = named.left
+    if left.p_value >= ALARM:
+        return [False] * len(gains)
+    captured = left.of_places(left.tested.captured)
+    freedom = left.of_places(left.tested.freedom)
+    z = left.of_places(left.tested.z)
+    loudest = max(z, key=lambda place: z[place]) if z else ""
+    answer = []
+    for member, gain in zip(named.best.fit.members, gains, strict=True):
+        where = place_in_map(member, captured)
+        excess = captured.get(where, 0.0) - freedom.get(where, 0.0)
+        everywhere = where not in captured
+        if everywhere:
+            excess = captured.get(loudest, 0.0) - freedom.get(loudest, 0.0)
+        loud = everywhere or where == loudest or neighbours(where, loudest)
+        answer.append(loud and excess > CONTRADICTS * gain)
+    return answer
+
+
+def place_in_map(member: Member, places: object) -> str:
+    """Return where the map would see a member: a link's bending at the axis after."""
+    where = member.where
+    if where.startswith("link_") and where[5:].isdigit():
+        return f"a{int(where[5:]) + 1}"
+    return where
+
+
+def neighbours(one: str, other: str) -> bool:
+    """Return whether two places of the map come one after the other."""
+    order = {"base": 0}
+    at = [order.get(p, int(p[1:]) if p[1:].isdigit() else -9) for p in (one, other)]
+    return abs(at[0] - at[1]) == 1
+
+
+def posterior(named: Named, inflation: float) -> tuple[list[float], list[Scored]]:
+    """Return the probabilities of the refined sets of the winner's size."""
+    sets = list(named.rivals)
+    log = np.array([s.log_evidence for s in sets]) / inflation
+    weight = np.exp(log - log.max())
+    return list(weight / weight.sum()), sets
+
+
+def equivalents(named: Named, k: int) -> list[Name]:
+    """Return names that would do as well as a member: the other members staying."""
+    best = named.best
+    own = best.fit.members[k].name
+    others = best.names - {own}
+    alike = []
+    for rival in named.rivals:
+        changed = rival.names - others
+        if rival is best or not others <= rival.names or len(changed) != 1:
+            continue
+        if best.log_evidence - rival.log_evidence > ALIKE:
+            continue
+        gap = best.predicted - rival.predicted
+        gap = gap[gap != 0.0]
+        error = np.std(gap, ddof=1) / np.sqrt(len(gap)) if len(gap) > 1 else 0.0
+        if len(gap) > 1 and np.mean(gap) > MARGIN * error:
+            continue
+        name = next(iter(changed))
+        if name != own:
+            alike.append(Name(*name))
+    return list(dict.fromkeys(alike))
+
+
+def probability_of(
+    name: tuple[str, str],
+    alike: Sequence[Name],
+    weights: list[float],
+    sets: list[Scored],
+) -> float:
+    """Return the posterior of a name or one of its equivalents."""
+    wanted = {name, *((n.effect, n.where) for n in alike)}
+    return float(
+        min(1.0, sum(w for w, s in zip(weights, sets, strict=True) if s.names & wanted))
+    )
+
+
+def rivals_of(
+    named: Named, weights: list[float], sets: list[Scored]
+) -> tuple[Rival, ...]:
+    """Return the other sets with their probabilities, the first five."""
+    listed = [
+        Rival(float(w), tuple(Name(*n) for n in sorted(s.names)))
+        for w, s in zip(weights, sets, strict=True)
+        if s is not named.best and s.names
+    ]
+    return tuple(sorted(listed, key=lambda r: -r.probability)[:5])
+
+
+def left_over(found: Found) -> str:
+    """Return the place of the map where most is left."""
+    z = found.of_places(found.tested.z)
+    return max(z, key=lambda place: z[place]) if z else ""

@@ -1,0 +1,261 @@
+"""A name is given when it clearly predicts poses it has not seen.
+
+A set grows by one effect at a time: the best of all sets of the next size is compared
+with the best of the present one. It replaces it only if poses left out are predicted
+better by more than two standard errors and if the present residual speaks at all.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from stiffness.diagnosis.detect import ALARM, Found, detect
+from stiffness.diagnosis.evidence import (
+    Data,
+    Evidence,
+    cross_of,
+    evidence_of,
+    projected,
+    scores_of,
+)
+from stiffness.diagnosis.intervals import Parameter, beyond_limits, parameters_of
+from stiffness.diagnosis.library import Library
+from stiffness.diagnosis.member import (
+    Member,
+    SetFit,
+    fit_set,
+    held_out_gain,
+    refined,
+    shape_columns,
+)
+from stiffness.diagnosis.sets import Ranked, log_prior, ranked, white_candidates
+from stiffness.diagnosis.signature import Signature
+from stiffness.diagnosis.situation import Situation
+from stiffness.diagnosis.split import Split
+
+MARGIN = 2.0
+"""Standard errors by which a term must improve the prediction of poses left out."""
+ALIKE = 3.0
+"""Log Bayes factor within which names are equivalent; the rule of the answer."""
+LIVE = 12.0
+"""Log Bayes factor within which a rival is refined like the winner; chosen: refining a
+coarse shape rarely gains more."""
+LARGEST = 3
+REFINED = 10
+"""Most sets of one size that are refined; chosen for time."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """Everything that naming looks at.
+
+    Attributes:
+        data: Readings without what the nominal fit explains.
+        situation: Where the arm stood.
+        springs: Axes whose compliance is nominal.
+        library: All columns.
+        evidence: What the readings say about them.
+        split: Which poses may be looked at.
+        seed: Of random signs.
+    """
+
+    data: Data
+    situation: Situation
+    springs: tuple[int, ...]
+    library: Library
+    evidence: Evidence
+    split: Split
+    seed: int
+
+    @property
+    def nominal(self) -> tuple[Signature, ...]:
+        """The nominal columns."""
+        return self.library.signatures[: self.library.nominal]
+
+    @property
+    def poses(self) -> int:
+        """How many poses may be looked at."""
+        return int(np.sum(~self.split.held_out))
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A set of members, fitted and judged.
+
+    Attributes:
+        fit: Coefficients and gain.
+        log_evidence: With the prior of its size.
+        predicted: Gain on each pose by fits that did not see it.
+        parameters: Of each member.
+    """
+
+    fit: SetFit
+    log_evidence: float
+    predicted: Float[np.ndarray, " poses"]
+    parameters: tuple[dict[str, Parameter], ...]
+
+    @property
+    def names(self) -> frozenset[tuple[str, str]]:
+        """Effects and places."""
+        return frozenset(m.name for m in self.fit.members)
+
+
+@dataclass(frozen=True)
+class Named:
+    """The best set, its rivals of the same or a smaller size, and what is left.
+
+    Attributes:
+        best: The set that won; empty where nothing could be named.
+        rivals: Refined rivals, best first, the winner included.
+        ranked: All sets at their coarse shapes.
+        left: The test of what is left after the best set.
+        inflation: Noise variance over the stated one, as left.
+        path: The residual tests on the way, from nothing named on.
+    """
+
+    best: Scored
+    rivals: tuple[Scored, ...]
+    ranked: Ranked
+    left: Found
+    inflation: float
+    path: tuple[Found, ...]
+
+
+def name(case: Case, first: Found) -> Named:
+    """Grow the set of names as long as each new one earns its place.
+
+    Args:
+        case: What may be looked at.
+        first: The test before anything is named.
+    """
+    training = np.flatnonzero(np.arange(len(case.evidence.gram)) > 0)
+    mask = ~case.split.held_out
+    seen = replace(
+        case.evidence,
+        gram=case.evidence.gram[training],
+        score=case.evidence.score[mask],
+        fold=case.evidence.fold[mask] - 1,
+    )
+    white = white_candidates(case.library, seen)
+    every = ranked(case.library, white, case.poses, 1.0, LARGEST)
+    size = np.array([len(s) for s in every.sets])
+    best = _score(case, (), 1.0)
+    rivals, left, path = [best], first, [first]
+    for step in range(1, LARGEST + 1):
+        if left.p_value >= ALARM or not np.any(size == step):
+            break
+        order = np.flatnonzero(size == step)
+        order = order[np.argsort(-every.log_evidence[order])]
+        found = _best_of(case, every, order)
+        if not found or not _earns(best, found[0]):
+            break
+        best, rivals = found[0], found
+        left = what_is_left(case, best.fit)
+        path.append(left)
+    return Named(
+        best, tuple(rivals), every, left, max(1.0, left.dispersion), tuple(path)
+    )
+
+
+def what_is_left(case: Case, fit: SetFit) -> Found:
+    """Test everything again after a set is named, other forms of its laws allowed."""
+    own = [m.signature(case.situation) for m in fit.members]
+    extra: list[Signature] = []
+    for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
+        extra.extend(shape_columns(case.situation, member, coefficients))
+    known = [*case.nominal, *own, *extra, *other_forms(case, fit.members)]
+    fold = case.evidence.fold
+    own_gram = evidence_of(case.data, known, fold)
+    count = own_gram.gram.shape[1]
+    side = cross_of(case.data, known, case.library.signatures, fold)
+    gram = np.block([[own_gram.gram, side], [side.swapaxes(1, 2), case.evidence.gram]])
+    mask = ~case.split.held_out
+    score = own_gram.score[mask].sum(axis=0)
+    beta = projected(own_gram.gram[1], score)
+    data = case.data.less(known, beta)
+    score = scores_of(data, [*known, *case.library.signatures])
+    joint = Evidence(gram, score, fold)
+    library = _moved(case.library, count)
+    return detect(library, joint, score, np.arange(count), mask, case.seed + 1)
+
+
+def other_forms(case: Case, members: Sequence[Member]) -> list[Signature]:
+    """Return the other accepted forms of named laws.
+
+    They are not held against a name, nor do they earn one for another effect.
+    """
+    forms = (m.hypothesis.variants(case.situation, m.where, m.shape) for m in members)
+    return [form for form in forms if form.columns]
+
+
+def _moved(library: Library, by: int) -> Library:
+    return replace(
+        library,
+        candidates=tuple(
+            replace(c, columns=tuple(block + by for block in c.columns))
+            for c in library.candidates
+        ),
+        map=tuple(replace(m, columns=m.columns + by) for m in library.map),
+    )
+
+
+def _best_of(case: Case, every: Ranked, order: np.ndarray) -> list[Scored]:
+    """Refine the front runners of one size and return them, best first."""
+    scored: list[Scored] = []
+    tried = 0
+    for at in order[: 4 * REFINED]:
+        members = tuple(
+            Member(
+                case.library.candidates[k].hypothesis,
+                case.library.candidates[k].where,
+                case.library.candidates[k].shapes[s],
+            )
+            for k, s in zip(every.sets[at], every.shape[at], strict=True)
+        )
+        if scored and every.log_evidence[at] < every.log_evidence[order[0]] - LIVE:
+            break
+        members = refined(case.data, case.situation, case.nominal, members, case.split)
+        one = _score(case, members, 1.0)
+        if any(
+            beyond_limits(m, p)
+            for m, p in zip(one.fit.members, one.parameters, strict=True)
+        ):
+            continue
+        scored.append(one)
+        tried += 1
+        if tried >= REFINED:
+            break
+    return sorted(scored, key=lambda s: -s.log_evidence)
+
+
+def _score(case: Case, members: Sequence[Member], inflation: float) -> Scored:
+    fit = fit_set(case.data, case.situation, case.nominal, members, case.split)
+    prior = log_prior(len(members), len(case.library.candidates))
+    evidence = 0.5 * fit.gain / inflation - 0.5 * fit.freedom * np.log(case.poses)
+    own = [m.signature(case.situation) for m in members]
+    forms = other_forms(case, members)
+    predicted = held_out_gain(case.data, [*case.nominal, *own, *forms], case.split)
+    parameters = parameters_of(
+        case.data,
+        case.situation,
+        case.nominal,
+        case.springs,
+        fit,
+        case.split,
+        inflation,
+    )
+    return Scored(fit, evidence + prior, predicted, tuple(parameters))
+
+
+def _earns(before: Scored, after: Scored) -> bool:
+    """Return whether a larger set predicts unseen poses clearly better."""
+    if after.log_evidence <= before.log_evidence:
+        return False
+    gain = after.predicted - before.predicted
+    gain = gain[gain != 0.0]
+    if len(gain) < 5:
+        return False
+    error = np.std(gain, ddof=1) / np.sqrt(len(gain))
+    return bool(np.mean(gain) > MARGIN * error)

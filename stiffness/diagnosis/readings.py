@@ -1,0 +1,97 @@
+"""A reading is where a marker was seen; its residual, how far from where it should be.
+
+==========  ==========================================================================
+Equation    residual = R p_tracker + t - (R_b place + o_b), b the marker's body at the
+            nominal equilibrium
+Source      definition
+Valid       a tracker frame and marker places that are nearly right
+Ignores     nothing: residuals are exact, only columns are linear
+==========  ==========================================================================
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from bench.recording import Recording
+from stiffness.arm import Arm
+from stiffness.diagnosis.situation import Situation
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Where the tracker stands and where the markers sit.
+
+    Attributes:
+        turn: R in p_base = R p_tracker + shift.
+        shift: In m.
+        place: Of each marker in its body's frame, in m.
+    """
+
+    turn: Float[np.ndarray, "3 3"]
+    shift: Float[np.ndarray, "3"]
+    place: Float[np.ndarray, "markers 3"]
+
+    def moved(
+        self, twist: Float[np.ndarray, "6"], place: Float[np.ndarray, "markers 3"]
+    ) -> "Frames":
+        """Move the tracker by a small twist of the base's frame, and the markers.
+
+        A twist moves what is predicted, so readings move back.
+        """
+        back = Rotation.from_rotvec(-twist[3:]).as_matrix()
+        return replace(
+            self,
+            turn=back @ self.turn,
+            shift=back @ self.shift - twist[:3],
+            place=self.place + place,
+        )
+
+
+def seen_in_base(
+    recording: Recording, frames: Frames
+) -> Float[np.ndarray, "rows markers 3"]:
+    """Return readings along the base's axes, in m; NaN where not seen."""
+    assert recording.points is not None
+    return recording.points @ frames.turn.T + frames.shift
+
+
+def expected(
+    situation: Situation, frames: Frames
+) -> Float[np.ndarray, "rows markers 3"]:
+    """Return where the markers should be, in m."""
+    standing = situation.arm.at(situation.rest)
+    markers = situation.recording.markers
+    return np.stack(
+        [
+            standing.point(marker.body, place)
+            for marker, place in zip(markers, frames.place, strict=True)
+        ],
+        axis=1,
+    )
+
+
+def weight_of(recording: Recording) -> Float[np.ndarray, "rows markers"]:
+    """Return how many frames stand behind each reading; 0 where it was not seen."""
+    assert recording.points is not None
+    seen = np.isfinite(recording.points).all(axis=2)
+    frames = 1.0 if recording.frames is None else recording.frames[:, None]
+    return np.asarray(seen * frames, dtype=float)
+
+
+def bodies_of(
+    arm: Arm, recording: Recording
+) -> tuple[tuple[str, ...], Int[np.ndarray, " markers"]]:
+    """Return the bodies that carry markers, base first, and each marker's body.
+
+    Bodies fixed to each other are one: a flange and its tool move together.
+    """
+    axis = [arm.place(marker.body).axis for marker in recording.markers]
+    order = sorted(set(axis), key=lambda k: len(arm.chain.carriers(k)))
+    names = []
+    for k in order:
+        first = axis.index(k)
+        names.append(recording.markers[first].body)
+    return tuple(names), np.array([order.index(k) for k in axis])

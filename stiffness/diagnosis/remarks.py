@@ -1,0 +1,53 @@
+"""What a reader should know of the data is said once, in plain sentences."""
+
+import numpy as np
+
+from stiffness.diagnosis.diagnosis import Warned
+from stiffness.diagnosis.prepare import Prepared
+
+ODD = 1.1
+"""Measured over stated noise from which it is said; chosen: a tenth."""
+
+
+def remarks(prepared: Prepared) -> tuple[Warned, ...]:
+    """Return what is remarkable but no mistake."""
+    said = []
+    if prepared.noise > ODD or prepared.noise < 1.0 / ODD:
+        text = (
+            f"readings scatter {prepared.noise:.2f} times as much as the tracker "
+            f"states ({prepared.freedom} contrasts); the measured noise was used."
+        )
+        said.append(Warned("noise_misstated", "tracker", text))
+    if prepared.doubtful:
+        count = len(prepared.doubtful)
+        text = f"{count} readings lie far beyond the noise and counted less."
+        said.append(Warned("outliers", "tracker", text))
+    for k in prepared.blind:
+        text = f"the stiffness of a{k + 1} cannot be seen and was left at the model's."
+        said.append(Warned("not_identifiable", f"a{k + 1}", text))
+    return tuple(said)
+
+
+def residual_rms(prepared: Prepared) -> float:
+    """Return the 3-D rms of readings after the nominal fit, in m.
+
+    Rest positions are free where visits have more than one reading of a marker.
+    """
+    left, weight = prepared.readings.value, prepared.readings.weight > 0
+    visits = prepared.data.visits
+    rows = visits.row
+    seen = weight[rows] & visits.counts[..., None]
+    values = np.where(seen[..., None], np.nan_to_num(left[rows]), 0.0)
+    count = seen.sum(axis=1)
+    if prepared.data.between is None or count.max() > 1:
+        mean = values.sum(axis=1) / np.maximum(count, 1)[..., None]
+        values = np.where(seen[..., None], values - mean[:, None], 0.0)
+        freedom = np.maximum(count - 1, 0).sum()
+    else:
+        freedom = count.sum()
+    return float(np.sqrt(np.sum(values**2) / max(1, freedom)))
+
+
+def noise_rms(prepared: Prepared) -> float:
+    """Return the 3-D rms of a reading by the tracker's noise alone, in m."""
+    return float(np.sqrt(np.trace(np.linalg.inv(prepared.readings.inverse))))

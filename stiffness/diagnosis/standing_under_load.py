@@ -1,0 +1,153 @@
+"""Gravity and load pull at all that a place carries; the arm rests where springs hold.
+
+==========  ==========================================================================
+Equation    F_p = sum m g + F_load; M_p = sum (c - o_p) x m g + (s - o_p) x F_load + T
+            over all that place p carries; torque of axis k = z_k . M_k (slide: z_k . F)
+Source      Siciliano et al. 2009, "Robotics: Modelling, Planning and Control", 7.3
+Valid       an arm at rest
+Ignores     the base's own weight, which never changes
+==========  ==========================================================================
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from bench.recording import Recording
+from stiffness.arm import Arm
+from stiffness.diagnosis.situation import Situation
+from stiffness.equilibrium import equilibrium
+from stiffness.standing import Standing
+from stiffness.wrench import wrench_in_base
+
+
+def situation_of(
+    arm: Arm,
+    recording: Recording,
+    compliance: Float[np.ndarray, " axes"],
+    bodies: Sequence[str],
+) -> Situation:
+    """Let the arm come to rest in every row and say what acts where.
+
+    Args:
+        arm: The nominal arm, with the recording's names.
+        recording: What was done.
+        compliance: Of each axis, in rad/(N m); 0 = rigid.
+        bodies: Bodies whose motion will be asked for.
+    """
+    rest, wrench = _rest(arm, recording, compliance)
+    standing = arm.at(rest)
+    rows, axes = rest.shape
+    sensor, sensor_axes = _sensor(recording, standing)
+    force, moment, origin, frame = _carried(recording, standing, wrench, sensor)
+    load = np.zeros((rows, axes))
+    if recording.wrench is not None and recording.wrench_sensor is not None:
+        spec = recording.wrench_sensor
+        load = standing.load_torque(wrench, spec.body, spec.position)
+    along = frame[:, 1:, :, 2]
+    torque = np.where(
+        arm.slides,
+        np.einsum("rai,rai->ra", along, force[:, 1:]),
+        np.einsum("rai,rai->ra", along, moment[:, 1:]),
+    )
+    seat = frame.copy()
+    cos, sin = np.cos(rest)[..., None], np.sin(rest)[..., None]
+    x, y = frame[:, 1:, :, 0], frame[:, 1:, :, 1]
+    turns = ~arm.slides
+    seat[:, 1:, :, 0][:, turns] = (cos * x - sin * y)[:, turns]
+    seat[:, 1:, :, 1][:, turns] = (sin * x + cos * y)[:, turns]
+    carried = np.ones((axes + 1, len(bodies)), dtype=bool)
+    for b, body in enumerate(bodies):
+        under = arm.chain.carriers(arm.place(body).axis)
+        carried[1:, b] = np.isin(np.arange(axes), under)
+    return Situation(
+        recording=recording,
+        arm=arm,
+        compliance=compliance,
+        rest=rest,
+        torque=torque,
+        load_torque=load,
+        force=force,
+        moment=moment,
+        origin=origin,
+        frame=frame,
+        seat=seat,
+        wrench=wrench,
+        sensor=sensor,
+        sensor_axes=sensor_axes,
+        carried=carried,
+        bodies=tuple(bodies),
+    )
+
+
+def _rest(
+    arm: Arm, recording: Recording, compliance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the links' posture and the wrench along the base's axes, which agree."""
+    rest = recording.posture
+    if recording.wrench is None or recording.wrench_sensor is None:
+        rest = equilibrium(arm, rest, compliance, payload=recording.tool)
+        return rest, np.zeros((len(rest), 6))
+    spec = recording.wrench_sensor
+    wrench = wrench_in_base(recording, arm.at(rest))
+    for _ in range(2):  # the sensor turns with the flange: by 1e-3, then by 1e-6
+        rest = equilibrium(
+            arm,
+            recording.posture,
+            compliance,
+            wrench,
+            spec.position,
+            recording.tool,
+            spec.body,
+        )
+        wrench = wrench_in_base(recording, arm.at(rest))
+    return rest, wrench
+
+
+def _sensor(recording: Recording, standing: Standing) -> tuple[np.ndarray, np.ndarray]:
+    spec = recording.wrench_sensor
+    rows = standing.origin.shape[1]
+    if spec is None:
+        return standing.point("flange", np.zeros(3)), standing.turn("flange")
+    at = standing.point(spec.body, spec.position)
+    if spec.frame == "base":
+        return at, np.broadcast_to(np.eye(3), (rows, 3, 3))
+    mounting = Rotation.from_quat(spec.quaternion_wxyz, scalar_first=True).as_matrix()
+    return at, standing.turn(spec.body) @ mounting
+
+
+def _carried(
+    recording: Recording, standing: Standing, wrench: np.ndarray, sensor: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return force, moment, origin and frame of every place."""
+    chain = standing.chain
+    axes, rows = standing.origin.shape[:2]
+    places = axes + 1
+    origin = np.zeros((rows, places, 3))
+    frame = np.tile(np.eye(3), (rows, places, 1, 1))
+    origin[:, 1:] = standing.origin.transpose(1, 0, 2)
+    frame[:, 1:] = standing.rotation.transpose(1, 0, 2, 3)
+    force, moment = np.zeros((rows, places, 3)), np.zeros((rows, places, 3))
+    pulls = [
+        (k, mass * chain.gravity, standing.origin[k] + standing.rotation[k] @ centre)
+        for k, (mass, centre) in enumerate(zip(chain.mass, chain.centre, strict=True))
+    ]
+    tool, tip = recording.tool, standing.place("flange").axis
+    if tool is not None and tool.mass:
+        at = standing.point("flange", tool.com)
+        pulls.append((tip, tool.mass * chain.gravity, at))
+    if recording.wrench is not None:
+        spec = recording.wrench_sensor
+        body = "flange" if spec is None else spec.body
+        pulls.append((standing.place(body).axis, wrench[:, :3], sensor))
+    for axis, pull, at in pulls:
+        for place in [0, *(k + 1 for k in chain.carriers(axis))]:
+            arm = at - origin[:, place]
+            force[:, place] += pull
+            moment[:, place] += np.cross(arm, np.broadcast_to(pull, arm.shape))
+    if recording.wrench is not None:
+        for place in [0, *(k + 1 for k in chain.carriers(tip))]:
+            moment[:, place] += wrench[:, 3:]
+    return force, moment, origin, frame

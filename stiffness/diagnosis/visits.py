@@ -1,0 +1,71 @@
+"""A visit is a stay at one posture while the load comes and goes.
+
+Within a visit only the load changes, so that a marker's differences speak of the load;
+between visits the arm has moved, and only where markers stand speaks of that.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+LONGEST = 40
+"""Rows that are compared with each other; longer visits are cut into such stays, each
+with a rest position of its own. Chosen: cost grows with its square."""
+
+
+@dataclass(frozen=True)
+class Visits:
+    """The rows of every stay, side by side.
+
+    Attributes:
+        row: The recording's rows of each stay in the order of time; short stays repeat
+            their last.
+        counts: Whether an entry is a row and not a repetition.
+        pose: Index of each stay's pose.
+    """
+
+    row: Int[np.ndarray, "visits longest"]
+    counts: Bool[np.ndarray, "visits longest"]
+    pose: Int[np.ndarray, " visits"]
+
+    def gather(self, values: np.ndarray) -> np.ndarray:
+        """Lay values of rows side by side: (visits, longest, …)."""
+        return values[self.row]
+
+    def poses(self) -> int:
+        """Return how many poses there are."""
+        return int(self.pose.max()) + 1
+
+
+def visits_of(
+    visit: Int[np.ndarray, " rows"], pose: Int[np.ndarray, " rows"]
+) -> Visits:
+    """Lay the rows of a recording out by visits.
+
+    Args:
+        visit: Index of each row's visit, from 0.
+        pose: Index of each row's pose, from 0.
+    """
+    stays = []
+    for rows in np.split(
+        np.argsort(visit, kind="stable"), np.cumsum(np.bincount(visit))[:-1]
+    ):
+        pieces = -(-len(rows) // LONGEST)
+        stays.extend(np.array_split(rows, pieces))
+    longest = max(len(rows) for rows in stays)
+    row = np.stack([np.pad(rows, (0, longest - len(rows)), "edge") for rows in stays])
+    counts = np.arange(longest) < np.array([len(rows) for rows in stays])[:, None]
+    return Visits(row, counts, pose[row[:, 0]])
+
+
+def mean_of(
+    values: Float[np.ndarray, "visits longest markers 3"],
+    weight: Float[np.ndarray, "visits longest markers"],
+) -> Float[np.ndarray, "visits markers 3"]:
+    """Return weighted means over the rows of each stay; 0 where there is no weight."""
+    total = weight.sum(axis=1)
+    share = weight / np.where(total > 0, total, 1.0)[:, None]
+    return np.einsum(
+        "vrm,vrmi->vmi", share, np.where(share[..., None] > 0, values, 0.0)
+    )

@@ -1,0 +1,280 @@
+"""What a signature says is what MuJoCo's mechanism of the same name does."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import hypothesis_truth as truth
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
+from bench.effects.asymmetric_stiffness import AsymmetricStiffness
+from bench.effects.base_compliance import BaseCompliance
+from bench.effects.bearing_tilt import BearingTilt
+from bench.effects.creep import Creep
+from bench.effects.drift import Drift
+from bench.effects.effect import Effect
+from bench.effects.encoder_offset import EncoderOffset
+from bench.effects.geometry_error import GeometryError
+from bench.effects.gravity_compensator import GravityCompensator
+from bench.effects.gravity_load import GravityLoad
+from bench.effects.hardening import Hardening
+from bench.effects.hardening_smooth import SmoothHardening
+from bench.effects.hysteresis import Hysteresis
+from bench.effects.hysteresis_many import ManyContacts
+from bench.effects.joint_compliance import JointCompliance
+from bench.effects.link_bending import LinkBending
+from bench.effects.lost_motion import LostMotion
+from bench.effects.lost_motion_smooth import SmoothLostMotion
+from bench.effects.marker_slip import MarkerSlip
+from bench.effects.pulley_friction import PulleyFriction
+from bench.effects.tracker_misalignment import TrackerMisalignment
+from bench.effects.tracker_scale import TrackerScale
+from bench.effects.transmission_error import TransmissionError
+from bench.effects.wrench_bias import WrenchBias
+from bench.effects.wrench_gain import WrenchGain
+from bench.effects.wrench_misalignment import WrenchMisalignment
+from bench.effects.wrist_coupling import WristCoupling
+from stiffness.diagnosis.signature import Signature, turn
+from stiffness.diagnosis.situation import Situation
+
+SECOND_ORDER = 0.005
+"""What may be left of a displacement. A turn of one axis changes the lever arms of the
+load on all: about 100 N m/rad over the 50 kN m/rad of a spring; and small effects are
+a hundredth of what the springs give already."""
+PARAMETERS = 0.02
+"""What parameters may err by: that, where columns are alike, several times."""
+SLIP_TIME = 2000.0
+
+# --- Laws in the same form -----------------------------------------------------------
+
+EXACT = [
+    # effect, shape, axes whose own spring is fitted with it
+    (JointCompliance("a4", 2e-6), (), ""),
+    (JointCompliance("a2", 2e-7), (), ""),
+    (AsymmetricStiffness("a4", 1.1), (), "a4"),
+    (AsymmetricStiffness("a2", 0.9), (), "a2"),
+    (Creep("a2", 0.03, 20.0), (20.0,), "a2"),
+    (Creep("a5", 0.03, 60.0), (60.0,), "a5"),
+    (AngleDependentStiffness("a3", 0.01, 2.0, 1.0), (2.0,), "a3"),
+    (AngleDependentStiffness("a4", 0.01, 3.0, -1.0), (3.0,), "a4"),
+    (WristCoupling("a6", "a4", 5e-6), (4.0,), "a6 a4"),
+    (WristCoupling("a5", "a4", -5e-6), (4.0,), "a5 a4"),
+    (BearingTilt("a2", 1e-6, 5e-7, 0.1), (0.1,), ""),
+    (BearingTilt("a5", 1e-6, 5e-7, -0.05), (-0.05,), ""),
+    (LinkBending("link_2", 6.3e5, 4.7e5), (), ""),
+    (LinkBending("link_4", 2.45e5, 1.82e5), (), ""),
+    (GravityLoad("link_3", 0.5, 0.1, 0.03, 0.0), (), ""),
+    (GravityLoad("link_4", 0.5, 0.1, 0.03, 0.05), (), ""),
+    (GravityLoad("tool", 0.2, 0.1, 0.03, 0.05), (), ""),
+    (GravityCompensator("a2", 5.0, 0.4), (), ""),
+    (TransmissionError("a3", 1e-4, 2.0, 0.7), (2.0,), ""),
+    (EncoderOffset("a4", 1e-4), (), ""),
+    (GeometryError("link_1", 1e-4, 2e-4, -1e-4, 1e-4, 2e-4, 3e-4), (), ""),
+    (GeometryError("link_4", 1e-4, 2e-4, -1e-4, 1e-4, 2e-4, 3e-4), (), ""),
+    (TrackerScale("tracker", 5e-5), (), ""),
+    (TrackerMisalignment("tracker", 1e-4, 2e-4, 3e-4, 1e-4, 2e-4, -1e-4), (), ""),
+    (Drift("tracker", 3e-5, 1e-5, 2e-5, 1e-5, 2e-5, 3e-5), (), ""),
+    (Drift("base", 3e-5, 1e-5, 2e-5, 1e-5, 2e-5, 3e-5), (), ""),
+    (MarkerSlip("marker:link2_a", 1e-5, 2e-5, 3e-5, SLIP_TIME), (SLIP_TIME,), ""),
+]
+
+
+def label(case: object) -> str:
+    """Name a case by its effect."""
+    return f"{case.name}@{case.where}" if isinstance(case, Effect) else ""
+
+
+@pytest.mark.parametrize(("effect", "shape", "springs"), EXACT, ids=label)
+def test_columns_are_what_the_mechanism_does(effect, shape, springs):
+    done = truth.in_base(truth.recording(effect)) - truth.in_base(truth.recording())
+    fit = Fit(truth.situation(), effect, np.array(shape, dtype=float), springs.split())
+    left, _, found = fit.of(done)
+    assert left < SECOND_ORDER
+    near(found, effect.parameters())
+
+
+def test_base_gives_way_as_the_mechanism_does_but_for_its_own_constant_weight():
+    """A weight that never changes tilts the base for good: a frame that is fitted."""
+    effect = BaseCompliance("base", 5e-7, 3e-7, 2e-7, 1e-8, 2e-8, 3e-8)
+    done = truth.in_base(truth.recording(effect)) - truth.in_base(truth.recording())
+    situation = truth.situation()
+    frame = truth.BY_NAME["tracker_misalignment"]
+    constant = frame.signature(situation, "tracker", np.zeros(0))
+    left, _, found = Fit(situation, effect, np.zeros(0), [], (constant,)).of(done)
+    assert left < SECOND_ORDER
+    near(found, effect.parameters())
+
+
+def test_link_that_swings_about_a_level_axis_shows_moments_and_no_mass():
+    effect = GravityLoad("link_2", 0.5, 0.2, 0.03, 0.05)
+    done = truth.in_base(truth.recording(effect)) - truth.in_base(truth.recording())
+    left, _, found = Fit(truth.situation(), effect, np.zeros(0), []).of(done)
+    assert left < SECOND_ORDER
+    assert found.keys() == {"moment_x_kg_m", "moment_y_kg_m"}
+    near(found, {"moment_x_kg_m": 0.5 * 0.2, "moment_y_kg_m": 0.5 * 0.03})
+
+
+# --- Laws in another form ------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("effect", "about"),
+    [
+        (Hardening("a2", torque_nm=29.0), 0.15),
+        (SmoothHardening("a2", torque_nm=29.0), 0.15),
+        (Hardening("a5", torque_nm=3.9), 0.3),
+        (SmoothHardening("a5", torque_nm=3.9), 0.3),
+        (LostMotion("a1"), 0.05),
+        (SmoothLostMotion("a1"), 0.05),
+        (LostMotion("a5"), 0.1),
+        (SmoothLostMotion("a5"), 0.15),
+        (Hysteresis("a2"), 0.1),
+        (ManyContacts("a2"), 0.25),
+        (Hysteresis("a5"), 0.1),
+        (ManyContacts("a5"), 0.25),
+    ],
+    ids=label,
+)
+def test_another_law_of_the_same_effect_is_alike_at_some_shape_of_the_grid(
+    effect, about
+):
+    """Beyond what the axis' own spring explains: cosine above 0.95, about the size."""
+    done = truth.in_base(truth.recording(effect)) - truth.in_base(truth.recording())
+    situation = truth.situation()
+    shapes = truth.BY_NAME[effect.name].shapes(situation, effect.where)
+    fits = [Fit(situation, effect, shape, [effect.where]).of(done) for shape in shapes]
+    _, cosine, found = max(fits, key=lambda fit: fit[1])
+    assert cosine > 0.95
+    asked = next(iter(effect.parameters()))
+    assert_allclose(found[asked], effect.parameters()[asked], rtol=about)
+
+
+# --- Faults of the force sensor and the rope -----------------------------------------
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        WrenchBias("wrench_sensor", 0.5, -0.3, 0.4, 0.02, 0.03, -0.04),
+        WrenchGain("wrench_sensor", 0.01, -0.02, 0.015, 0.03, 0.02, 0.01),
+        WrenchMisalignment("wrench_sensor", 1e-3, -2e-3, 1.5e-3),
+    ],
+    ids=label,
+)
+def test_false_wrench_lets_expect_what_the_arm_does_not_do(effect):
+    situation = truth.situation_in(truth.recording(effect))
+    done = truth.in_base(truth.recording()) - truth.expected(situation)
+    left, _, found = Fit(situation, effect, np.zeros(0), []).of(done)
+    assert left < SECOND_ORDER
+    near(found, effect.parameters())
+
+
+def test_friction_of_the_pulley_shows_where_the_wrench_is_taken_from_the_hook():
+    effect = PulleyFriction("rig", 0.02)
+    hook = replace(truth.recording(effect), wrench=truth.recording().wrench)
+    situation = truth.situation_in(hook)
+    assert truth.BY_NAME["pulley_friction"].places(situation) == ("rig",)
+    done = truth.in_base(hook) - truth.expected(situation)
+    left, _, found = Fit(situation, effect, np.zeros(0), []).of(done)
+    assert left < SECOND_ORDER
+    near(found, effect.parameters())
+
+
+def test_friction_of_the_pulley_has_no_place_where_a_sensor_feels_the_rope():
+    """Neither beside friction nor, where there is none, beside the sensor's noise."""
+    silent = truth.recording()
+    assert silent.wrench is not None
+    noise = 0.04 * np.random.default_rng(0).standard_normal(silent.wrench.shape)
+    grainy = replace(silent, wrench=silent.wrench + noise)
+    for felt in (truth.recording(PulleyFriction("rig", 0.02)), grainy):
+        situation = truth.situation_in(felt)
+        assert truth.BY_NAME["pulley_friction"].places(situation) == ()
+
+
+# --- Streams -------------------------------------------------------------------------
+
+DELAY = 1e-3
+"""In s; so short that its square plays no part."""
+
+
+@pytest.mark.parametrize(("where", "channel"), [("wrench_sensor",) * 2, ("a3", "2")])
+def test_channel_that_lags_lets_expect_the_arm_where_it_was(where, channel):
+    late = truth.swinging(DELAY, channel)
+    done = truth.expected(truth.swinging()) - truth.expected(late)
+    delayed(where, late, done)
+
+
+def test_tracker_that_lags_sees_the_arm_where_it_was():
+    now, point = truth.swinging(), truth.expected(truth.swinging())
+    speed = np.gradient(point, now.recording.time, axis=0)
+    delayed("tracker", now, -DELAY * speed)
+
+
+def delayed(where: str, situation: Situation, done: np.ndarray) -> None:
+    """Compare all but the ends, where a difference has one side only."""
+    hypothesis = truth.BY_NAME["channel_delay"]
+    signature = hypothesis.signature(situation, where, np.zeros(0))
+    said = DELAY * truth.moved(situation, signature)[..., 0]
+    inner = slice(1, -1)
+    left = np.linalg.norm((done - said)[inner]) / np.linalg.norm(done[inner])
+    assert left < SECOND_ORDER
+
+
+# --- The comparison ------------------------------------------------------------------
+
+
+class Fit:
+    """Least squares of a displacement over a signature and what is fitted silently."""
+
+    def __init__(
+        self,
+        situation: Situation,
+        effect: Effect,
+        shape: np.ndarray,
+        springs: list[str],
+        others: tuple[Signature, ...] = (),
+    ):
+        """Lay out the columns of the effect, of axes' springs, and others."""
+        self.situation, self.shape, self.where = situation, shape, effect.where
+        self.hypothesis = truth.BY_NAME[effect.name]
+        self.axes = [situation.axis(a) for a in springs]
+        own = self.hypothesis.signature(situation, self.where, shape)
+        silent = [turn(k, situation.torque[:, k]) for k in self.axes] + list(others)
+        self.columns = own.columns
+        design = [truth.moved(situation, s) for s in (own, *silent)]
+        design = np.concatenate(design, axis=3)
+        self.design = design.reshape(-1, design.shape[3])
+
+    def of(self, done: np.ndarray) -> tuple[float, float, Mapping[str, float]]:
+        """Return what is left, a cosine beside the silent columns, and parameters."""
+        size = np.linalg.norm(self.design, axis=0)
+        design, asked = self.design / size, done.ravel()
+        found = np.linalg.lstsq(design, asked)[0]
+        left = asked - design @ found
+        own, silent = design[:, : self.columns], design[:, self.columns :]
+        beside = asked - silent @ np.linalg.lstsq(silent, asked)[0]
+        cosine = np.sqrt(1.0 - (left @ left) / (beside @ beside))
+        found = found / size
+        compliance = self.situation.compliance.copy()
+        compliance[self.axes] += found[self.columns : self.columns + len(self.axes)]
+        parameters = self.hypothesis.parameters(
+            self.situation.with_compliance(compliance),
+            self.where,
+            self.shape,
+            found[: own.shape[1]],
+        )
+        share = float(np.linalg.norm(left) / np.linalg.norm(asked))
+        return share, float(cosine), parameters
+
+
+def near(found: Mapping[str, float], true: Mapping[str, float | str]) -> None:
+    """Compare parameters, `with` by its axis' number."""
+    assert found
+    for name, value in found.items():
+        asked = true[name]
+        if isinstance(asked, str):
+            assert value == int(asked[1:])
+        else:
+            assert_allclose(value, asked, rtol=PARAMETERS, err_msg=name)
