@@ -86,7 +86,7 @@ def solve(
     """
     visits, steps = schedule.hold.shape
     model = made_static(model, creep)
-    runs = batch.Batch(model, nsim=visits, nthread=os.cpu_count() or 1)
+    runs = batch.Batch(model, nsim=visits, nthread=_threads())
     _command(runs, model, axes, schedule)
     gravity = runs.expand("opt.gravity")
     full_gravity = gravity.copy()
@@ -117,6 +117,12 @@ def solve(
     return Rest(
         position, rotation.reshape(*rotation.shape[:3], 3, 3), joint, force, worst
     )
+
+
+def _threads() -> int:
+    """As many as OMP_NUM_THREADS allows, so that processes side by side share."""
+    allowed = os.environ.get("OMP_NUM_THREADS", "")
+    return int(allowed) if allowed.isdigit() else os.cpu_count() or 1
 
 
 def _command(

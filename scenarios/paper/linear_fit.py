@@ -1,4 +1,4 @@
-"""Six linear springs are fitted to the experiment as the paper does, and scored on it."""
+"""Six linear springs are fitted to the experiment, and scored, as the paper does."""
 
 from dataclasses import dataclass
 

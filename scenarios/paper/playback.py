@@ -1,90 +1,123 @@
-"""The experiment is shown as it went: the arm, its rigid ghost, the rope."""
+"""The experiment is shown as it went: arm, rigid ghost, rope, methods' errors."""
 
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import rerun as rr
+from jaxtyping import Float
 
 from bench import viewer
-from bench.cell import HOOK_SITE, MOUNT
 from scenarios.paper.experiment import Experiment
 from scenarios.paper.linear_fit import LinearFit
+from scenarios.paper.scene import MAGNIFIED, scene
+from scenarios.paper.training_curves import Curve
+from scenarios.paper.training_curves import show as show_curve
+from scenarios.paper.worst import WORST, show_worst
 
-MAGNIFIED = 50.0
+ERRORS_MAGNIFIED = 2000.0
+"""An error of 0.1 mm is an arrow of 200 mm; chosen."""
+LAYOUT = viewer.blueprint(texts=("worst",), curves=("training",))
+COLOURS = ((138, 138, 138), (240, 100, 0), (31, 111, 180), (58, 146, 58), (192, 61, 62))
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """What the methods that are shown made of the experiment.
+
+    Attributes:
+        error_mm: Of each method in each pose of the experiment.
+        curves: How their networks were trained.
+    """
+
+    error_mm: Mapping[str, Float[np.ndarray, "poses 3"]]
+    curves: Sequence[Curve]
+
+
+def live(seed: int) -> rr.RecordingStream:
+    """Open a viewer on this machine."""
+    return viewer.live("study", seed, LAYOUT)
+
+
+def save(
+    file: Path,
+    seed: int,
+    experiment: Experiment,
+    found: LinearFit,
+    learnt: Learnt,
+) -> None:
+    """Write a recording whole, or leave what was there; as `show`."""
+    beside = file.with_suffix(".partial")
+    recording = viewer.saved(beside, "study", seed, LAYOUT)
+    show(recording, experiment, found, learnt)
+    os.replace(beside, file)
 
 
 def show(
-    experiment: Experiment, found: LinearFit, out: Path, seed: int, live: bool
+    recording: rr.RecordingStream,
+    experiment: Experiment,
+    found: LinearFit,
+    learnt: Learnt,
 ) -> None:
-    """Save the recording for the viewer as study.rrd, or stream it there.
+    """Log everything that is to be seen.
 
     Args:
+        recording: Where to.
         experiment: What was done and seen.
-        found: What the methods made of it.
-        out: Folder of study.rrd.
-        seed: Names the run.
-        live: Whether it is streamed instead of saved.
+        found: What six springs made of it.
+        learnt: What the methods made of it.
     """
-    error_mm = {
-        name: 1e3 * (deflection - experiment.measured.deflection)
-        for name, deflection in found.predicted.items()
-        if name != "rigid"
-    }
-    stream = (
-        viewer.live("study", seed)
-        if live
-        else viewer.saved(out / "study.rrd", "study", seed)
-    )
+    rows, shown = experiment.measured.row, scene(experiment)
+    words = _words(experiment, found, learnt)
+    viewer.show(recording, shown, learnt.error_mm, rows, words)
+    _arrows(recording, experiment, shown, learnt)
+    show_worst(recording, shown, learnt.error_mm, experiment.measured)
+    for curve in learnt.curves:
+        show_curve(recording, curve)
+    recording.flush()
+    recording.disconnect()
+
+
+def _arrows(
+    recording: rr.RecordingStream,
+    experiment: Experiment,
+    shown: viewer.Scene,
+    learnt: Learnt,
+) -> None:
+    """Draw each method's error at the flange, side by side."""
     rows = experiment.measured.row
-    viewer.show(stream, scene(experiment), error_mm, rows, _words(experiment, found))
-    stream.flush()
-    stream.disconnect()
+    place = shown.actual[rows, -1, :3, 3]
+    for i, (name, error) in enumerate(learnt.error_mm.items()):
+        arrow = (1e-3 * ERRORS_MAGNIFIED * error).astype(np.float32)
+        path = f"/cell/errors/{rr.escape_entity_path_part(name)}"
+        recording.send_columns(
+            path,
+            indexes=[rr.TimeColumn(viewer.READING, sequence=rows)],
+            columns=rr.Arrows3D.columns(
+                vectors=arrow, origins=place.astype(np.float32)
+            ),
+        )
+        colour = COLOURS[i % len(COLOURS)]
+        recording.log(
+            path, rr.Arrows3D.from_fields(colors=[colour], radii=0.005), static=True
+        )
 
 
-def scene(experiment: Experiment) -> viewer.Scene:
-    """Return what is to be seen of the experiment, row by row."""
-    rig, plan, states = experiment.rig, experiment.plan, experiment.states
-    anatomy = rig.anatomy
-    bodies = (anatomy.base, *anatomy.links, anatomy.flange)
-    index = [states.bodies.index(body) for body in bodies]
-    actual = np.tile(np.eye(4), (len(plan.row_visit), len(bodies), 1, 1))
-    actual[..., :3, :3] = states.rotation[:, index]
-    actual[..., :3, 3] = states.position[:, index]
-    posture = plan.posture[plan.row_visit]
-    nominal = experiment.arm.placements(posture, list(bodies))
-    hook = states.point(MOUNT, rig.model.site(HOOK_SITE).pos)
-    pulley = plan.pulley[plan.row_visit]
-    centre = rig.mounted.pulley[pulley]
-    weight = np.stack([rig.model.site(f"weight_{p}").pos for p in pulley])
-    mount = states.bodies.index(MOUNT)
-    force = (states.rotation[:, mount] @ states.wrench[:, :3, None])[..., 0]
-    return viewer.Scene(
-        model=rig.nominal,
-        bodies=bodies,
-        nominal=nominal,
-        actual=actual,
-        pose=plan.row_visit,
-        magnified=MAGNIFIED,
-        rope=np.stack([hook, centre, weight], axis=1),
-        force=force,
-        markers=_markers(experiment),
-    )
-
-
-def _markers(experiment: Experiment) -> np.ndarray:
-    points = experiment.recording.points
-    assert points is not None
-    frame = experiment.measured.frame.base_from_tracker
-    return points @ frame[:3, :3].T + frame[:3, 3]
-
-
-def _words(experiment: Experiment, found: LinearFit) -> str:
+def _words(experiment: Experiment, found: LinearFit, learnt: Learnt) -> str:
+    methods = ", ".join(learnt.error_mm)
     lines = [
         "## The experiment of Table 1 on the bench",
         f"Deflection magnified **{MAGNIFIED:.0f} times**. Grey: the rigid arm. Orange: "
-        "the arm as it stands. Rope, pull (red, 100 N are a third of a metre) and marks "
-        "as the tracker saw them (blue) are not magnified.",
-        "Drag the timeline `reading`: nine readings a posture, weights up and down.",
-        "Below: error of the six-spring model, posture by posture.",
+        "the arm as it stands. Not magnified: the rope, its pull (red, 100 N are a "
+        "third of a metre) and the marks as the tracker saw them (blue).",
+        f"Arrows at the flange: the errors of {methods}, magnified "
+        f"{ERRORS_MAGNIFIED:.0f} times.",
+        "Timeline `reading`: nine readings a posture, weights up and down; beside the "
+        "arm the errors, posture by posture. Timeline "
+        f"`{WORST}`: the ten poses that the methods get most wrong, one tick each. "
+        "Timeline `step`: how the networks were trained.",
         "",
         "| axis | identified [kN m/rad] | truth, secant |",
         "|---|---|---|",
@@ -93,4 +126,4 @@ def _words(experiment: Experiment, found: LinearFit) -> str:
         found.fitted.stiffness, experiment.secant_stiffness, strict=True
     ):
         lines.append(f"| {p.name} | {p.value / 1e3:.2f} | {secant / 1e3:.2f} |")
-    return "\n\n".join(lines[:4]) + "\n" + "\n".join(lines[4:])
+    return "\n\n".join(lines[:5]) + "\n" + "\n".join(lines[5:])
