@@ -5,6 +5,8 @@ are inside it.
 """
 
 import base64
+import html
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,15 +65,22 @@ def write(folder: Path, title: str, summary: str, blocks: Sequence[Block]) -> No
     """
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
-        autoescape=select_autoescape(["html"]),
+        autoescape=select_autoescape(["html.j2"]),
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["plain"] = _plain
     environment.globals["picture"] = lambda file: _embedded(folder / file)
     for name in ("report.md", "report.html"):
         page = environment.get_template(f"{name}.j2")
         text = page.render(title=title, summary=summary, blocks=blocks)
         (folder / name).write_text(text, encoding="utf-8")
+
+
+def _plain(text: str) -> str:
+    """Return Markdown that shows a text as it stands, on one line."""
+    line = html.escape(" ".join(text.split()), quote=False)
+    return re.sub(r"([\\`*\[\]|])", r"\\\1", line)
 
 
 def _embedded(picture: Path) -> str:

@@ -1,0 +1,41 @@
+"""What is in a recording saved for the viewer, read back by the viewer's own reader."""
+
+from pathlib import Path
+
+import numpy as np
+from rerun import chunk
+
+
+def identity(file: Path) -> tuple[str, str]:
+    """Return the ids of application and recording."""
+    (entry,) = chunk.RrdReader(file).recordings()
+    return entry.application_id, entry.recording_id
+
+
+def entities(file: Path) -> set[str]:
+    """Return the paths of everything that can be seen."""
+    schema = chunk.RrdReader(file).store().schema()
+    return {str(path) for path in schema.entity_paths()}
+
+
+def timeline(file: Path) -> str:
+    """Return the timeline that the blueprint opens on."""
+    reader = chunk.RrdReader(file)
+    (blueprint,) = reader.blueprints()
+    for piece in reader.store(store=blueprint).stream():
+        if str(piece.entity_path) == "/time_panel":
+            column = piece.to_record_batch().column("TimePanelBlueprint:timeline")
+            return column.to_pylist()[0][0]
+    raise AssertionError("The blueprint has no time panel.")
+
+
+def column(file: Path, path: str, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return ticks on the timeline `reading` and the numbers of a component."""
+    for piece in chunk.RrdReader(file).store().stream():
+        batch = piece.to_record_batch()
+        if str(piece.entity_path) == path and name in batch.schema.names:
+            if piece.is_static:
+                continue
+            ticks = batch.column("reading").to_numpy(zero_copy_only=False)
+            return ticks, np.array(batch.column(name).to_pylist(), float)
+    raise AssertionError(f"{path} has no {name}.")
