@@ -1,0 +1,199 @@
+from itertools import pairwise
+from xml.etree import ElementTree
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bench import model_file
+from bench.errors import BenchError, Unusable
+from bench.model_file import load, plain_mjcf
+
+CLOSE = 1e-10
+"""In m, 1, N m: the bar on positions, Jacobians and gravity torques."""
+THIRD = 1 / 3
+
+URDF = f"""<robot name="two"><!-- lengths that no short decimal is -->
+  <link name="base"/>
+  <link name="link_1"><inertial><origin xyz="0.1 {THIRD} 0" rpy="0.1 0.2 0.3"/>
+    <mass value="{2 + THIRD}"/>
+    <inertia ixx="0.05" iyy="0.04" izz="0.03" ixy="0.001" ixz="0.002" iyz="0.003"/>
+  </inertial></link>
+  <link name="link_2"><inertial><origin xyz="0 0 0.2"/><mass value="1.7"/>
+    <inertia ixx="0.02" iyy="0.02" izz="0.01" ixy="0" ixz="0" iyz="0"/>
+  </inertial></link>
+  <joint name="turn" type="revolute"><parent link="base"/><child link="link_1"/>
+    <origin xyz="0 0.1 {THIRD}" rpy="0.3 -0.2 0.1"/><axis xyz="0 0.6 0.8"/>
+    <limit lower="-2" upper="2.5" effort="1" velocity="1"/></joint>
+  <joint name="slide" type="prismatic"><parent link="link_1"/><child link="link_2"/>
+    <origin xyz="0.2 0 0.3" rpy="0 1.1 0"/><axis xyz="1 0 0"/>
+    <limit lower="-0.2" upper="0.4" effort="1" velocity="1"/></joint>
+</robot>"""
+MJCF = """<mujoco><compiler angle="degree"/>
+  <default><joint damping="3" armature="0.1"/></default>
+  <worldbody><geom type="plane" size="1 1 1"/>
+    <body name="base" pos="0.1 0.2 0.3" euler="10 20 30">
+      <inertial mass="3" pos="0 0 0" diaginertia="1 1 1"/>
+      <body name="link_1" pos="0 0 0.5">
+        <inertial mass="2" pos="0.1 0 0" diaginertia="0.1 0.2 0.15"/>
+        <joint name="a1" axis="0 1 0" pos="0.05 0 0" range="-90 120" stiffness="5e4"
+               ref="10" springref="20"/>
+        <geom type="box" size="0.1 0.1 0.1" mass="0"/>
+        <site name="tip" pos="0.3 0 0.1" euler="0 45 0"/>
+      </body>
+    </body>
+  </worldbody></mujoco>"""
+
+
+@pytest.fixture
+def urdf(tmp_path):
+    """A URDF of a hinge that carries a slide."""
+    file = tmp_path / "two.urdf"
+    file.write_text(URDF)
+    return file
+
+
+def stands(model: mujoco.MjModel, posture: np.ndarray, body: str):
+    """Return place, orientation, Jacobian and gravity torque in MuJoCo."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = posture
+    mujoco.mj_forward(model, data)
+    jacobian = np.zeros((6, model.nv))
+    mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], model.body(body).id)
+    seen = data.body(body)
+    return seen.xpos, seen.xmat.reshape(3, 3), jacobian, data.qfrc_bias
+
+
+def stands_in_pinocchio(model: pin.Model, posture: np.ndarray, body: str):
+    """Return the same by the other engine."""
+    data, frame = model.createData(), model.getFrameId(body)
+    assert frame < model.nframes
+    along_world = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    jacobian = pin.computeFrameJacobian(model, data, posture, frame, along_world)
+    pin.framesForwardKinematics(model, data, posture)
+    placement = data.oMf[frame]
+    gravity = pin.computeGeneralizedGravity(model, data, posture)
+    return placement.translation, placement.rotation, jacobian, gravity
+
+
+# --- Plain MJCF ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arm", ["kr10_r1100_2", "ur10"])
+def test_both_engines_agree_on_plain_mjcf(arm, root, tmp_path):
+    original = load(root / "mjcf" / arm / f"{arm}.xml")
+    file = tmp_path / "plain.xml"
+    file.write_text(plain_mjcf(original))
+    plain, other = load(file), pin.buildModelFromMJCF(str(file))
+    low, high = original.jnt_range.T
+    for posture in np.random.default_rng(0).uniform(low, high, (20, 6)):
+        first = stands(original, posture, "flange")
+        for found in (
+            stands(plain, posture, "flange"),
+            stands_in_pinocchio(other, posture, "flange"),
+        ):
+            for one, two in zip(first, found, strict=True):
+                np.testing.assert_allclose(two, one, rtol=0, atol=CLOSE)
+
+
+def test_urdf_becomes_mjcf_that_both_engines_read(urdf, tmp_path):
+    file = tmp_path / "plain.xml"
+    file.write_text(plain_mjcf(load(urdf)))
+    straight = pin.buildModelFromUrdf(str(urdf))
+    plain, other = load(file), pin.buildModelFromMJCF(str(file))
+    draws = np.random.default_rng(1).uniform([-2, -0.2], [2.5, 0.4], (20, 2))
+    for posture in draws:
+        first = stands_in_pinocchio(straight, posture, "link_2")
+        for found in (
+            stands(plain, posture, "link_2"),
+            stands_in_pinocchio(other, posture, "link_2"),
+        ):
+            for one, two in zip(first, found, strict=True):
+                np.testing.assert_allclose(two, one, rtol=0, atol=CLOSE)
+
+
+def test_everything_that_moves_reads_back_to_the_last_bit(tmp_path):
+    model = mujoco.MjModel.from_xml_string(MJCF)
+    plain = mujoco.MjModel.from_xml_string(plain_mjcf(model))
+    for name in (
+        *("body_pos", "body_mass", "body_ipos", "body_inertia", "jnt_pos"),
+        *("jnt_axis", "jnt_range", "jnt_stiffness", "qpos0", "qpos_spring"),
+        *("dof_armature", "dof_damping", "site_pos"),
+    ):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(model, name))
+    for name in ("body_quat", "body_iquat", "site_quat"):  # normalised once more
+        np.testing.assert_allclose(
+            getattr(plain, name), getattr(model, name), rtol=0, atol=1e-16
+        )
+    np.testing.assert_array_equal(plain.opt.gravity, model.opt.gravity)
+
+
+lengths = st.floats(-2.0, 2.0).map(lambda x: x if abs(x) > 1e-9 else 0.0)
+
+
+@given(st.tuples(lengths, lengths, lengths), st.floats(1e-3, 1e3))
+def test_no_digit_of_a_number_is_lost(place, mass):
+    spec = mujoco.MjSpec()
+    body = spec.worldbody.add_body(name="b", pos=place)
+    body.mass, body.inertia, body.explicitinertial = mass, [1.0, 1.0, 1.0], True
+    body.add_joint(name="j")
+    plain = mujoco.MjModel.from_xml_string(plain_mjcf(spec.compile()))
+    assert tuple(plain.body("b").pos) == place
+    assert plain.body("b").mass[0] == mass
+
+
+def test_plain_is_plain(kr10):
+    """One file without defaults, pictures, contacts, tendons or motors."""
+    root = ElementTree.fromstring(plain_mjcf(load(kr10)))
+    tags = {element.tag for element in root.iter()}
+    kept = {"mujoco", "compiler", "option", "worldbody", "body", "inertial", "joint"}
+    assert tags <= kept | {"site"}
+    assert plain_mjcf(mujoco.MjModel.from_xml_string(plain_mjcf(load(kr10)))) == (
+        plain_mjcf(load(kr10))
+    )
+
+
+# --- Refusals ------------------------------------------------------------------------
+
+
+def test_missing_file_is_refused_with_what_to_give(tmp_path):
+    with pytest.raises(BenchError, match=r"no model file .*give an MJCF or URDF"):
+        load(tmp_path / "none.xml")
+    with pytest.raises(BenchError, match="no model file"):
+        load(tmp_path)
+
+
+def test_file_that_swells_on_reading_is_refused_unread(tmp_path):
+    """Ten entities of ten each are a thousand million words: the billion laughs."""
+    names = [f"e{k}" for k in range(10)]
+    lines = [f'<!ENTITY {names[0]} "ha">']
+    lines += [f'<!ENTITY {b} "{10 * f"&{a};"}">' for a, b in pairwise(names)]
+    text = f"<!DOCTYPE mujoco [{''.join(lines)}]><mujoco model='&{names[-1]};'/>"
+    (tmp_path / "bomb.xml").write_text(text)
+    with pytest.raises(BenchError, match="XML entities"):
+        load(tmp_path / "bomb.xml")
+
+
+def test_file_that_is_too_large_is_refused_unread(tmp_path, monkeypatch):
+    monkeypatch.setattr(model_file, "LARGEST_MODEL", 100)
+    (tmp_path / "large.xml").write_text(MJCF)
+    with pytest.raises(BenchError, match="larger than 100 bytes"):
+        load(tmp_path / "large.xml")
+
+
+@pytest.mark.parametrize("text", ["", "no model", "<mujoco><worldbody>", "<unknown/>"])
+def test_file_that_is_no_model_is_refused_by_name(tmp_path, text):
+    (tmp_path / "bad.xml").write_text(text)
+    with pytest.raises(Unusable, match=r"bad\.xml.*cannot be used"):
+        load(tmp_path / "bad.xml")
+
+
+@pytest.mark.parametrize("kind", ["ball", "free"])
+def test_joint_that_neither_turns_nor_slides_is_refused_by_name(kind):
+    text = f"""<mujoco><worldbody><body><joint name="odd" type="{kind}"/>
+        <geom size="1"/></body></worldbody></mujoco>"""
+    with pytest.raises(Unusable, match="'odd' is neither a hinge nor a slide"):
+        plain_mjcf(mujoco.MjModel.from_xml_string(text))
