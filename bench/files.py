@@ -66,10 +66,15 @@ def write(folder: Path | str, recording: Recording) -> None:
     if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
         raise Unusable(what, ["it is not a folder; give another name."])
     try:
-        held = {p.name for p in folder.iterdir()} if folder.exists() else set()
-        if strangers := sorted(held - {FILE, CSV_FILE, PARQUET_FILE}):
+        held = sorted(folder.iterdir()) if folder.exists() else []
+        ours = {FILE, CSV_FILE, PARQUET_FILE}
+        strangers = [p.name for p in held if p.name not in ours or not p.is_file()]
+        if strangers:
             shown = ", ".join(quoted(name) for name in strangers[:5])
             fault = f"it holds more than a recording ({shown}); give another name."
+            raise Unusable(what, [fault])
+        if held and not (folder / FILE).is_file():
+            fault = f"it holds samples but no {FILE}; give another name."
             raise Unusable(what, [fault])
         folder.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(prefix=".recording-", dir=folder.parent) as beside:
@@ -89,7 +94,7 @@ def _swap(fresh: Path, folder: Path, old: Path) -> None:
         os.rename(folder, old)
     try:
         os.rename(fresh, folder)
-    except OSError:
+    except BaseException:
         if old.exists():
             os.rename(old, folder)
         raise

@@ -39,9 +39,23 @@ def load(path: Path | str) -> mujoco.MjModel:
     if b"<!ENTITY" in path.read_bytes():
         raise BenchError(f"{str(path)!r} declares XML entities; write them out.")
     try:
-        return mujoco.MjModel.from_xml_path(str(path))
+        model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
         raise Unusable(f"Model {str(path)!r}", [" ".join(str(error).split())]) from None
+    _refuse_nonsense(path, model)
+    return model
+
+
+def _refuse_nonsense(path: Path, model: mujoco.MjModel) -> None:
+    numbers = (model.body_pos, model.body_quat, model.jnt_pos, model.jnt_axis)
+    faults = []
+    if not all(np.isfinite(values).all() for values in numbers):
+        faults.append("a position or an axis in it is not a number.")
+    for j in np.flatnonzero(~(model.jnt_stiffness >= 0)):
+        size = model.jnt_stiffness[j]
+        faults.append(f"joint {model.joint(j).name!r} has the stiffness {size}.")
+    if faults:
+        raise Unusable(f"Model {str(path)!r}", faults)
 
 
 def plain_mjcf(model: mujoco.MjModel) -> str:

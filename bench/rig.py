@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from bench import equilibrium
 from bench.anatomy import Anatomy, anatomy, with_seats
-from bench.cell import GRAVITY, Cell, cell_for, load_on_sensor, mount
+from bench.cell import GRAVITY, Cell, cell_for, load_on_sensor, mount, pose_in_world
 from bench.effects.creep import Creep
 from bench.effects.effect import Command, CommandEffect, Effect, ModelEffect, RopeEffect
 from bench.errors import Unusable
@@ -144,7 +144,9 @@ class Rig:
             Where everything was; rows run over visits, then steps.
         """
         ropes = np.zeros((*hold.shape, len(self.mounted.pulley)))
-        return self._rest(posture, ropes, wrench, hold)
+        turn = pose_in_world(self.spec.body(self.anatomy.base))[0]
+        in_world = (wrench.reshape(-1, 3) @ turn.T).reshape(wrench.shape)
+        return self._rest(posture, ropes, in_world, hold)
 
     def command(self, posture: Float[np.ndarray, "visits axes"]) -> Command:
         """Return what the gears are asked to hold, command effects included."""

@@ -1,5 +1,7 @@
 """A KR10 tours the paper's table of postures, any other arm its own range of motion."""
 
+from pathlib import Path
+
 import numpy as np
 
 from bench import postures, table_one
@@ -33,7 +35,7 @@ def tour(
         return table_one.plan(poses, path, revisits, pulleys)
     room = Room(rig.nominal, rig.anatomy, rig.mounted)
     once = Plan(
-        name=f"{rig.arm_file.stem}, {poses} postures",
+        name=f"{Path(rig.arm_file).stem}, {poses} postures",
         posture=postures.spread(room.limits, poses, seed, room),
         pose=np.arange(poses),
         pulley=mixed_pulleys(poses, pulleys),

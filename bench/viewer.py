@@ -106,8 +106,15 @@ def magnify(
     return result
 
 
-def blueprint() -> rrb.Blueprint:
-    """Return the layout that opens on the timeline of readings, camera on the arm."""
+def blueprint(
+    texts: tuple[str, ...] = (), curves: tuple[str, ...] = ()
+) -> rrb.Blueprint:
+    """Return the layout that opens on the timeline of readings, camera on the arm.
+
+    Args:
+        texts: Entities with a text that get a tab beside the errors.
+        curves: Entities with curves that get one.
+    """
     camera = rrb.EyeControls3D(
         position=(1.55, -1.6, 1.25), look_target=(0.25, 0.0, 0.62), eye_up=(0, 0, 1)
     )
@@ -124,10 +131,15 @@ def blueprint() -> rrb.Blueprint:
                 background=[250, 250, 250],
                 line_grid=False,
             ),
-            rrb.Vertical(
-                rrb.TextDocumentView(origin="/read_me", name="what is shown"),
-                *plots,
-                row_shares=[1.3, *[1] * len(plots)],
+            rrb.Tabs(
+                rrb.Vertical(
+                    rrb.TextDocumentView(origin="/read_me", name="what is shown"),
+                    *plots,
+                    row_shares=[1.3, *[1] * len(plots)],
+                    name="pose by pose",
+                ),
+                *(rrb.TextDocumentView(origin=f"/{t}", name=t) for t in texts),
+                *(rrb.TimeSeriesView(origin=f"/{c}", name=c) for c in curves),
             ),
             column_shares=[3, 2],
         ),
@@ -136,15 +148,19 @@ def blueprint() -> rrb.Blueprint:
     )
 
 
-def saved(file: Path, name: str, seed: int) -> rr.RecordingStream:
+def saved(
+    file: Path, name: str, seed: int, layout: rrb.Blueprint | None = None
+) -> rr.RecordingStream:
     """Open a recording that is saved to a file, with its blueprint."""
     recording = rr.RecordingStream("stiffness_bench", recording_id=f"{name}-{seed}")
-    recording.save(str(file), default_blueprint=blueprint())
+    recording.save(str(file), default_blueprint=layout or blueprint())
     return recording
 
 
-def live(name: str, seed: int) -> rr.RecordingStream:
+def live(
+    name: str, seed: int, layout: rrb.Blueprint | None = None
+) -> rr.RecordingStream:
     """Open a recording that streams to a viewer on this machine."""
     recording = rr.RecordingStream("stiffness_bench", recording_id=f"{name}-{seed}")
-    recording.spawn(default_blueprint=blueprint())
+    recording.spawn(default_blueprint=layout or blueprint())
     return recording

@@ -45,7 +45,7 @@ def axis_views(recording: Recording, arm: Arm) -> list[AxisView]:
     lever = np.full(len(arm.axes), np.nan)
     seen = np.zeros(len(arm.axes), dtype=bool)
     if recording.link_posture is not None:
-        seen = np.isfinite(recording.link_posture).any(axis=0)
+        seen |= np.isfinite(recording.link_posture).any(axis=0)
     for marker in recording.markers:
         place = np.zeros(3) if marker.position is None else marker.position
         jacobian = standing.jacobian(marker.body, place)[:, :3]  # (rows, 3, axes)
@@ -59,5 +59,3 @@ def axis_views(recording: Recording, arm: Arm) -> list[AxisView]:
         AxisView(name, float(a), float(t), float(m), bool(s))
         for name, a, t, m, s in each
     ]
-
-

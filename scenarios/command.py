@@ -6,6 +6,7 @@ Every scenario ends with `run(main, Settings)`; its docstring is its manual.
 import os
 import sys
 from collections.abc import Callable
+from io import TextIOWrapper
 from typing import TypeVar
 
 import tyro
@@ -25,6 +26,9 @@ def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
         settings: A frozen dataclass; its fields are the flags.
     """
     module = sys.modules[main.__module__]
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
     name = f"python -m {module.__spec__.name}" if module.__spec__ else None
     try:
         main(tyro.cli(settings, prog=name, description=module.__doc__))
@@ -37,3 +41,6 @@ def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
         sys.exit(INTERRUPTED)
     except BrokenPipeError:  # the reader of our output left, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, MemoryError) as error:  # a folder, a disk, a memory: not a bug
+        print(f"It cannot be done here: {error}.", file=sys.stderr)
+        sys.exit(USER_MISTAKE)

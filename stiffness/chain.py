@@ -95,10 +95,12 @@ def chain_of(model: pinocchio.Model, axes: Sequence[str], gravity: np.ndarray) -
         for name, f in own.items()
     }
     places.setdefault("base", Place(-1, np.eye(4)))
+    numbered = {}  # link_k is what axis k moves, whatever bodies are called
     for k, joint in enumerate(joints):
         moved = next((f.name for f in inner if f.parentJoint == joint), None)
         if moved is not None:
-            places.setdefault(f"link_{k + 1}", places[moved])
+            numbered[f"link_{k + 1}"] = places[moved]
+    places.update(numbered)
     last = [f.name for f in inner][-1]
     places.setdefault("flange", places[last])
     places.setdefault("tool", places["flange"])

@@ -27,6 +27,8 @@ AROUND = tuple(np.deg2rad([20.0, 115.0, 215.0, 300.0]))
 ONE_SIDE = 0.5
 """By what the angles about the flange's x shrink; chosen: marks on the side of the tool
 that carries the hook, so that their centroid shows the last axis' twist."""
+NEARLY_ALONG = 0.9
+"""Cosine beyond which two directions count as one; chosen."""
 OUT = (0.90, 1.07, 1.00, 0.93)
 """Their radii in units of the body's; chosen: no two alike."""
 RADIUS = (0.14, 0.068)
@@ -169,7 +171,8 @@ def _around(
     angles = np.array(AROUND)
     across = np.eye(3)[np.argmin(np.abs(along))]
     if b == last:
-        across = np.eye(3)[0]
+        if abs(along[0]) < NEARLY_ALONG:  # else the flange's x points out
+            across = np.eye(3)[0]
         angles = ONE_SIDE * (angles - angles.mean())
     across = across - across @ along * along
     across /= np.linalg.norm(across)

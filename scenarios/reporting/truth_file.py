@@ -35,7 +35,7 @@ def truth_text(rig: Rig, name: str, seed: int, instruments: Instruments) -> str:
     truth = {
         "schema": 1,
         "recording": name,
-        "robot": rig.arm_file.stem,
+        "robot": Path(rig.arm_file).stem,
         "seed": seed,
         "effects": [_entry(effect) for effect in rig.effects],
         "stiffness": {
@@ -55,6 +55,9 @@ def refuse_inside(folder: Path, truth_file: Path | None) -> None:
     """
     if truth_file is None:
         return
+    if truth_file.exists() and not truth_file.is_file():
+        fault = "it is there and is no file; give another name."
+        raise Unusable("Truth file", [f"--truth-file {str(truth_file)!r}: {fault}"])
     inside = truth_file.resolve().is_relative_to(folder.resolve())
     if inside or folder.resolve().is_relative_to(truth_file.resolve()):
         fault = (

@@ -17,7 +17,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve
 
-from stiffness.diagnosis.columns import Columns, contract, levers
+from stiffness.diagnosis.columns import Columns, levers
+from stiffness.diagnosis.roots import inverse_root
+from stiffness.diagnosis.sides import Side, against, mean_over_rows, stacked
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ class Between:
         """
         visits, markers = mean.shape[:2]
         n = 3 * markers
-        root = _root(precision, feigned)
+        root = inverse_root(precision, feigned)
         point, share, carried, screw = place
         lever = levers(point).reshape(visits, n, 6)
         on = np.repeat(carried, 3, axis=1)  # (places, n)
@@ -110,10 +112,7 @@ class Between:
     ) -> tuple[
         Float[np.ndarray, "folds columns columns"], Float[np.ndarray, "visits columns"]
     ]:
-        """Return the Gram matrix of each fold and each visit's scores.
-
-        The folds' matrices add up to the whole one exactly.
-        """
+        """Return the Gram matrix of each fold, adding up, and each visit's scores."""
         gram = self.cross(columns, columns, fold, folds)
         return gram, self.scores(columns)
 
@@ -136,7 +135,7 @@ class Between:
                 white = side.onto[visits] @ side.mean[visits]
                 for far in others:
                     if far.first < 0 and not (same and side.first >= 0):
-                        block = self._onto(far, white, visits)
+                        block = far.products(white, visits)
                         gram[f][np.ix_(side.column, far.column)] += block.T
                 back = self.root[visits] @ white if stacks else white
                 for stack in stacks:
@@ -159,12 +158,20 @@ class Between:
             score[:, side.column] += (asked @ side.mean)[:, 0]
         return score
 
+    def raw(self, columns: Columns) -> Float[np.ndarray, " columns"]:
+        """Return each column's information before the unknown is projected out."""
+        raw = np.zeros(columns.count)
+        for side in self._sides(columns):
+            square = side.onto.swapaxes(1, 2) @ side.onto
+            raw[side.column] += np.sum(side.mean * (square @ side.mean), axis=(0, 1))
+        return raw
+
     def by_visit(self, columns: Columns) -> Float[np.ndarray, "visits n n"]:
         """Return each visit's own Gram matrix; for few columns."""
         white = self.design(columns)
         return white.swapaxes(1, 2) @ white
 
-    def _sides(self, columns: Columns) -> list["Side"]:
+    def _sides(self, columns: Columns) -> list[Side]:
         """Return the mean of every group's columns over the rows of each visit."""
         share = self.share[:, None]
         sides = []
@@ -173,120 +180,19 @@ class Between:
             mean = screw.swapaxes(1, 2) @ group.values
             sides.append(Side(group.column, mean, self.embed[:, group.place + 1]))
         for group in columns.motions:
-            mean = _mean(share, group.values)
+            mean = mean_over_rows(share, group.values)
             sides.append(Side(group.column, mean, self.embed[:, group.place]))
         for group in columns.shifts:
             at = 3 * group.place
-            mean = _mean(share, group.values)
+            mean = mean_over_rows(share, group.values)
             sides.append(Side(group.column, mean, self.root[:, :, at : at + 3], at))
         return sides
 
-    def _onto(self, side: "Side", white: np.ndarray, visits: np.ndarray) -> np.ndarray:
-        """Return the products of a group's columns with whitened ones."""
-        asked = side.onto[visits].swapaxes(1, 2) @ white
-        return contract(side.mean[visits].swapaxes(1, 2), asked)
-
-    def _common(
-        self, sides: list["Side"], count: int, visits: np.ndarray
-    ) -> np.ndarray:
+    def _common(self, sides: list[Side], count: int, visits: np.ndarray) -> np.ndarray:
         """Return information between the unknown and columns over some visits."""
-        common = np.zeros((self.nuisance.shape[2], count))
-        nuisance = self.nuisance[visits]
-        for side in sides:
-            if side.first < 0:
-                common[:, side.column] += self._onto(side, nuisance, visits).T
-        stacks = stacked(sides)
-        back = self.root[visits] @ nuisance if stacks else nuisance
-        for stack in stacks:
-            common[:, stack.column] += stack.of(visits).products(back).T
-        return common
+        nuisance, root = self.nuisance[visits], self.root[visits]
+        return against(sides, count, nuisance, root, visits)
 
-    def _taken(self, sides: list["Side"], count: int) -> np.ndarray:
+    def _taken(self, sides: list[Side], count: int) -> np.ndarray:
         everyone = np.arange(len(self.residual))
         return cho_solve(self.factor, self._common(sides, count, everyone))
-
-
-@dataclass(frozen=True)
-class Side:
-    """A group's columns, averaged over the rows of each visit.
-
-    Attributes:
-        column: Number of each column in the whole model.
-        mean: Twists or shifts of each visit.
-        onto: What takes them to whitened data.
-        first: First coordinate of the marker that shifts; -1 where bodies move.
-    """
-
-    column: Int[np.ndarray, " columns"]
-    mean: Float[np.ndarray, "visits k columns"]
-    onto: Float[np.ndarray, "visits n k"]
-    first: int = -1
-
-
-@dataclass(frozen=True)
-class Stack:
-    """Shifts of many markers with equally many columns each, computed at once.
-
-    Attributes:
-        column: Number of each column, marker by marker.
-        first: First coordinate of each marker.
-        mean: Shifts; index order marker, column, visit, coordinate.
-    """
-
-    column: Int[np.ndarray, " columns"]
-    first: Int[np.ndarray, " markers"]
-    mean: Float[np.ndarray, "markers columns visits 3"]
-
-    def of(self, visits: np.ndarray) -> "Stack":
-        """Return the same of some visits."""
-        return replace(self, mean=np.ascontiguousarray(self.mean[:, :, visits]))
-
-    def products(self, back: Float[np.ndarray, "visits n b"]) -> np.ndarray:
-        """Return the products of all columns with others: (columns, b)."""
-        markers, count, visits, _ = self.mean.shape
-        shaped = back.reshape(visits, -1, 3, back.shape[2])[:, self.first // 3]
-        right = np.ascontiguousarray(shaped.transpose(1, 0, 2, 3))
-        right = right.reshape(markers, visits * 3, -1)
-        left = self.mean.reshape(markers, count, visits * 3)
-        return (left @ right).reshape(markers * count, -1)
-
-
-def stacked(sides: list[Side]) -> list[Stack]:
-    """Put the shifts among sides together that have equally many columns."""
-    by_count: dict[int, list[Side]] = {}
-    for side in sides:
-        if side.first >= 0:
-            by_count.setdefault(len(side.column), []).append(side)
-    return [
-        Stack(
-            np.concatenate([s.column for s in alike]),
-            np.array([s.first for s in alike]),
-            np.stack([s.mean.transpose(2, 0, 1) for s in alike]),
-        )
-        for alike in by_count.values()
-    ]
-
-
-def _mean(
-    share: Float[np.ndarray, "visits 1 rows"], values: np.ndarray
-) -> Float[np.ndarray, "visits k columns"]:
-    visits, rows, k, count = values.shape
-    return (share @ values.reshape(visits, rows, k * count)).reshape(visits, k, count)
-
-
-def _root(
-    precision: Float[np.ndarray, "visits markers 3 3"],
-    feigned: Float[np.ndarray, "visits n errors"],
-) -> Float[np.ndarray, "visits n n"]:
-    """Return square roots of inverse covariances of markers' means."""
-    visits, markers = precision.shape[:2]
-    value, vector = np.linalg.eigh(precision)
-    half = (vector * np.sqrt(np.maximum(value, 0.0))[..., None, :]) @ vector.swapaxes(
-        -1, -2
-    )
-    wide = np.zeros((visits, markers, 3, markers, 3))
-    wide[:, range(markers), :, range(markers)] = half.swapaxes(0, 1)
-    wide = wide.reshape(visits, 3 * markers, 3 * markers)
-    u, s, _ = np.linalg.svd(wide @ feigned, full_matrices=False)
-    shrink = 1.0 / np.sqrt(1.0 + s**2) - 1.0
-    return wide + (u * shrink[:, None]) @ (u.swapaxes(1, 2) @ wide)

@@ -81,7 +81,7 @@ def detect(
         for place in places
     ]
     every: Sequence[np.ndarray] = [*own, *parts, *whole, np.concatenate(parts)]
-    white = white_scores(gram, score[poses], known, every)
+    white = white_scores(gram, score[poses], known, every, evidence.raw)
     tested = sign_flips(white, seed)
     of_map = np.concatenate(white[len(own) : len(own) + len(parts)], axis=1)
     dispersion = float(np.sum(of_map**2) / max(1, of_map.shape[1]))

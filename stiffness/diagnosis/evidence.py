@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from stiffness.diagnosis.between import Between
-from stiffness.diagnosis.columns import columns_of
+from stiffness.diagnosis.columns import Columns, columns_of
 from stiffness.diagnosis.signature import Signature
 from stiffness.diagnosis.visits import Visits
 from stiffness.diagnosis.within import Within
@@ -24,6 +24,11 @@ from stiffness.diagnosis.within import Within
 SPANS = 1e-10
 """Least share of a direction that is no rounding error; chosen: a million times above
 what sums of some 100,000 products leave."""
+
+
+SURVIVES = 1e-9
+"""Share of a direction's raw information that must survive the projection; chosen: a
+thousand times above rounding, a hundredth of what could ever be detected."""
 
 
 @dataclass(frozen=True)
@@ -61,11 +66,13 @@ class Evidence:
         gram: Of each fold.
         score: Of each pose.
         fold: Of each pose.
+        raw: Each column's information before the unknown was projected out.
     """
 
     gram: Float[np.ndarray, "folds columns columns"]
     score: Float[np.ndarray, "poses columns"]
     fold: Int[np.ndarray, " poses"]
+    raw: Float[np.ndarray, " columns"]
 
 
 def evidence_of(
@@ -85,7 +92,14 @@ def evidence_of(
     if data.between is not None:
         more, extra = data.between.products(columns, of_visit, folds)
         gram, score = gram + more, score + extra
-    return Evidence(gram, by_pose(score, data.visits), fold)
+    return Evidence(gram, by_pose(score, data.visits), fold, _raw(data, columns, gram))
+
+
+def _raw(
+    data: Data, columns: Columns, gram: Float[np.ndarray, "folds columns columns"]
+) -> Float[np.ndarray, " columns"]:
+    raw = np.maximum(np.diagonal(gram.sum(axis=0)), 0.0)
+    return raw if data.between is None else raw + data.between.raw(columns)
 
 
 def cross_of(
@@ -145,6 +159,22 @@ def without(
     keep = value > SPANS * len(known)
     half = (scale[:, None] * vector[:, keep]) / np.sqrt(value[keep])
     return half @ (half.T @ gram[known])
+
+
+def white_turn(
+    left: Float[np.ndarray, "columns columns"], raw: Float[np.ndarray, " columns"]
+) -> Float[np.ndarray, "columns freedom"]:
+    """Return what makes columns white, directions without information left out.
+
+    Args:
+        left: Their Gram matrix after everything known was projected out.
+        raw: Their information before that.
+    """
+    live = raw > 0.0
+    scale = np.where(live, 1.0 / np.sqrt(np.where(live, raw, 1.0)), 0.0)
+    value, vector = np.linalg.eigh(left * scale * scale[:, None])
+    keep = value > SURVIVES * len(raw)
+    return scale[:, None] * vector[:, keep] / np.sqrt(value[keep])
 
 
 def projected(

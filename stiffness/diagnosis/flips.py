@@ -17,13 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.diagnosis.evidence import without
+from stiffness.diagnosis.evidence import white_turn, without
 
 COMPARISONS = 4999
 """Chosen: p-values down to 0.0002, and a verdict at 0.005 that rests on 25 of them."""
-SURVIVES = 1e-6
-"""Share of a direction's information that must survive the projection; chosen: below
-it only rounding errors are left."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +53,7 @@ def white_scores(
     score: Float[np.ndarray, "poses columns"],
     known: Int[np.ndarray, " known"],
     blocks: Sequence[Int[np.ndarray, " _"]],
+    raw: Float[np.ndarray, " columns"],
 ) -> list[Float[np.ndarray, "poses _"]]:
     """Return scores of blocks, each made white, with known columns taken out.
 
@@ -64,16 +62,14 @@ def white_scores(
         score: Of data from which the known columns are already fitted away.
         known: Columns that explain for free.
         blocks: Columns of each block.
+        raw: Each column's information before anything was projected out.
     """
     share = without(gram, known)
     white = []
     for block in blocks:
         own = gram[np.ix_(block, block)]
         left = own - gram[np.ix_(block, known)] @ share[:, block]
-        size = np.sqrt(np.maximum(np.diag(own), 1e-300))
-        value, vector = np.linalg.eigh(left / size / size[:, None])
-        keep = value > SURVIVES * len(block)
-        turn = (vector[:, keep] / np.sqrt(value[keep])) / size[:, None]
+        turn = white_turn(left, raw[block])
         white.append((score[:, block] - score[:, known] @ share[:, block]) @ turn)
     return white
 

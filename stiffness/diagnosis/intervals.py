@@ -17,7 +17,8 @@ import numpy as np
 from scipy.stats import t as student
 
 from stiffness.diagnosis.evidence import Data, evidence_of, scores_of
-from stiffness.diagnosis.member import Member, SetFit, shape_columns, training
+from stiffness.diagnosis.member import Member, SetFit, training
+from stiffness.diagnosis.refine import shape_columns
 from stiffness.diagnosis.signature import Signature
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import Split

@@ -8,10 +8,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.detect import ALARM, Found
 from stiffness.diagnosis.diagnosis import Name, Rival
 from stiffness.diagnosis.member import Member, SetFit, fit_set
-from stiffness.diagnosis.naming import ALIKE, MARGIN, Case, Named, Scored
+from stiffness.diagnosis.naming import ALIKE, MARGIN, Named, Scored
 
 SURE = 0.95
 """Probability from which a set explains; the rule of the answer."""
@@ -32,27 +33,32 @@ def alone(case: Case, fit: SetFit) -> list[float]:
 
 
 def contradicted(named: Named, gains: Sequence[float]) -> list[bool]:
-    """Return which members are contradicted by what is left at their own place."""
+    """Return which members are contradicted by what is left at their own place.
+
+    With a name that is taken back go all weaker ones: they mended a wrong law.
+    """
     left = named.left
     if left.p_value >= ALARM:
         return [False] * len(gains)
     captured = left.of_places(left.tested.captured)
     freedom = left.of_places(left.tested.freedom)
     z = left.of_places(left.tested.z)
-    loudest = max(z, key=lambda place: z[place]) if z else ""
+    if not z:
+        return [False] * len(gains)
+    loudest = max(z, key=lambda place: z[place])
     answer = []
     for member, gain in zip(named.best.fit.members, gains, strict=True):
-        where = place_in_map(member, captured)
-        excess = captured.get(where, 0.0) - freedom.get(where, 0.0)
-        everywhere = where not in captured
-        if everywhere:
-            excess = captured.get(loudest, 0.0) - freedom.get(loudest, 0.0)
-        loud = everywhere or where == loudest or neighbours(where, loudest)
-        answer.append(loud and excess > CONTRADICTS * gain)
-    return answer
+        where = place_in_map(member)
+        near = where not in z or where == loudest or neighbours(where, loudest)
+        excess = captured[loudest] - freedom[loudest]
+        answer.append(near and excess > CONTRADICTS * gain)
+    wrong = max(
+        (g for g, gone in zip(gains, answer, strict=True) if gone), default=-1.0
+    )
+    return [gone or gain < wrong for gone, gain in zip(answer, gains, strict=True)]
 
 
-def place_in_map(member: Member, places: object) -> str:
+def place_in_map(member: Member) -> str:
     """Return where the map would see a member: a link's bending at the axis after."""
     where = member.where
     if where.startswith("link_") and where[5:].isdigit():

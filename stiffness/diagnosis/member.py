@@ -1,7 +1,7 @@
 """A named effect is a hypothesis at a place with a shape, and what was fitted to it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -12,10 +12,9 @@ from stiffness.diagnosis.evidence import (
     evidence_of,
     gram_by_pose,
     scores_of,
-    without,
 )
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.signature import Signature, values
+from stiffness.diagnosis.signature import Signature
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import Split
 
@@ -119,96 +118,3 @@ def held_out_gain(
         curve = np.einsum("i,pij,j->p", beta, own[inside], beta)
         gain[inside] = of_pose[inside] @ beta - 0.5 * curve
     return gain
-
-
-def refined(
-    data: Data,
-    situation: Situation,
-    nominal: Sequence[Signature],
-    members: Sequence[Member],
-    split: Split,
-    passes: int = 2,
-) -> tuple[Member, ...]:
-    """Move each shape parameter to where the set explains most, in turn."""
-    members = list(members)
-    for sweep in range(passes if sum(m.freedom for m in members) else 0):
-        for k, member in enumerate(members):
-            grid = member.hypothesis.shapes(situation, member.where)
-            for j in range(member.freedom):
-                members[k] = _along(
-                    data, situation, nominal, (members, k, j, sweep), grid, split
-                )
-    return tuple(members)
-
-
-def _along(data, situation, nominal, at, grid, split) -> Member:
-    """Return a member with one shape parameter at its best between grid neighbours."""
-    members, k, j, sweep = at
-    member = members[k]
-    here = float(member.shape[j])
-    points = np.unique(grid[:, j])
-    below, above = points[points < here - 1e-12], points[points > here + 1e-12]
-    low = below[-1] if len(below) else here
-    high = above[0] if len(above) else here
-    if sweep:
-        low, high = here - (here - low) / 4, here + (high - here) / 4
-    tries = np.linspace(low, high, 9)
-    if high - low < 1e-12 * max(1.0, abs(here)):
-        return member
-    others = [m.signature(situation) for i, m in enumerate(members) if i != k]
-    shaped = []
-    for value in tries:
-        shape = member.shape.copy()
-        shape[j] = value
-        shaped.append(Member(member.hypothesis, member.where, shape))
-    own = [m.signature(situation) for m in shaped]
-    evidence = evidence_of(data, [*nominal, *others, *own], training(split))
-    gram, score = evidence.gram[1], evidence.score[~split.held_out].sum(axis=0)
-    n = sum(s.columns for s in (*nominal, *others))
-    known = np.arange(n)
-    share = without(gram, known)
-    score = score - score[known] @ share
-    gram = gram - gram[:, known] @ share
-    width = own[0].columns
-    gains = []
-    for i in range(len(tries)):
-        block = np.arange(n + i * width, n + (i + 1) * width)
-        ask = score[block]
-        gains.append(float(ask @ solve(gram[np.ix_(block, block)], ask)))
-    best = int(np.argmax(gains))
-    value = tries[best]
-    if 0 < best < len(tries) - 1:
-        a, b, c = gains[best - 1 : best + 2]
-        bend = a - 2 * b + c
-        if bend < 0:
-            value += 0.5 * (a - c) / bend * (tries[1] - tries[0])
-    shape = member.shape.copy()
-    shape[j] = value
-    return Member(member.hypothesis, member.where, shape)
-
-
-def shape_columns(
-    situation: Situation, member: Member, coefficients: np.ndarray
-) -> list[Signature]:
-    """Return what a little more of each shape parameter does, per unit of it."""
-    slopes = []
-    for j in range(member.freedom):
-        span = np.ptp(member.hypothesis.shapes(situation, member.where)[:, j])
-        step = 1e-3 * (span if span > 0 else max(1.0, abs(member.shape[j])))
-        sides = []
-        for sign in (1.0, -1.0):
-            shape = member.shape.copy()
-            shape[j] += sign * step
-            sides.append(Member(member.hypothesis, member.where, shape))
-        high, low = (m.signature(situation) for m in sides)
-        slopes.append(_difference(high, low, coefficients / (2 * step)))
-    return slopes
-
-
-def _difference(high: Signature, low: Signature, weight: np.ndarray) -> Signature:
-    parts = []
-    for one, other in zip(high.parts, low.parts, strict=True):
-        name = fields(one)[1].name
-        change = (values(one) - values(other)) @ weight
-        parts.append(replace(one, **{name: change[..., None]}))
-    return Signature(1, tuple(parts))

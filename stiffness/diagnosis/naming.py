@@ -11,29 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from stiffness.diagnosis.detect import ALARM, Found, detect
-from stiffness.diagnosis.evidence import (
-    Data,
-    Evidence,
-    cross_of,
-    evidence_of,
-    projected,
-    scores_of,
-)
+from stiffness.diagnosis.case import Case
+from stiffness.diagnosis.detect import ALARM, Found
 from stiffness.diagnosis.intervals import Parameter, beyond_limits, parameters_of
-from stiffness.diagnosis.library import Library
-from stiffness.diagnosis.member import (
-    Member,
-    SetFit,
-    fit_set,
-    held_out_gain,
-    refined,
-    shape_columns,
-)
+from stiffness.diagnosis.leftover import other_forms, what_is_left
+from stiffness.diagnosis.member import Member, SetFit, fit_set, held_out_gain
+from stiffness.diagnosis.refine import refined
 from stiffness.diagnosis.sets import Ranked, log_prior, ranked, white_candidates
-from stiffness.diagnosis.signature import Signature
-from stiffness.diagnosis.situation import Situation
-from stiffness.diagnosis.split import Split
 
 MARGIN = 2.0
 """Standard errors by which a term must improve the prediction of poses left out."""
@@ -45,39 +29,6 @@ coarse shape rarely gains more."""
 LARGEST = 3
 REFINED = 10
 """Most sets of one size that are refined; chosen for time."""
-
-
-@dataclass(frozen=True)
-class Case:
-    """Everything that naming looks at.
-
-    Attributes:
-        data: Readings without what the nominal fit explains.
-        situation: Where the arm stood.
-        springs: Axes whose compliance is nominal.
-        library: All columns.
-        evidence: What the readings say about them.
-        split: Which poses may be looked at.
-        seed: Of random signs.
-    """
-
-    data: Data
-    situation: Situation
-    springs: tuple[int, ...]
-    library: Library
-    evidence: Evidence
-    split: Split
-    seed: int
-
-    @property
-    def nominal(self) -> tuple[Signature, ...]:
-        """The nominal columns."""
-        return self.library.signatures[: self.library.nominal]
-
-    @property
-    def poses(self) -> int:
-        """How many poses may be looked at."""
-        return int(np.sum(~self.split.held_out))
 
 
 @dataclass(frozen=True)
@@ -156,48 +107,6 @@ def name(case: Case, first: Found) -> Named:
         path.append(left)
     return Named(
         best, tuple(rivals), every, left, max(1.0, left.dispersion), tuple(path)
-    )
-
-
-def what_is_left(case: Case, fit: SetFit) -> Found:
-    """Test everything again after a set is named, other forms of its laws allowed."""
-    own = [m.signature(case.situation) for m in fit.members]
-    extra: list[Signature] = []
-    for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
-        extra.extend(shape_columns(case.situation, member, coefficients))
-    known = [*case.nominal, *own, *extra, *other_forms(case, fit.members)]
-    fold = case.evidence.fold
-    own_gram = evidence_of(case.data, known, fold)
-    count = own_gram.gram.shape[1]
-    side = cross_of(case.data, known, case.library.signatures, fold)
-    gram = np.block([[own_gram.gram, side], [side.swapaxes(1, 2), case.evidence.gram]])
-    mask = ~case.split.held_out
-    score = own_gram.score[mask].sum(axis=0)
-    beta = projected(own_gram.gram[1], score)
-    data = case.data.less(known, beta)
-    score = scores_of(data, [*known, *case.library.signatures])
-    joint = Evidence(gram, score, fold)
-    library = _moved(case.library, count)
-    return detect(library, joint, score, np.arange(count), mask, case.seed + 1)
-
-
-def other_forms(case: Case, members: Sequence[Member]) -> list[Signature]:
-    """Return the other accepted forms of named laws.
-
-    They are not held against a name, nor do they earn one for another effect.
-    """
-    forms = (m.hypothesis.variants(case.situation, m.where, m.shape) for m in members)
-    return [form for form in forms if form.columns]
-
-
-def _moved(library: Library, by: int) -> Library:
-    return replace(
-        library,
-        candidates=tuple(
-            replace(c, columns=tuple(block + by for block in c.columns))
-            for c in library.candidates
-        ),
-        map=tuple(replace(m, columns=m.columns + by) for m in library.map),
     )
 
 

@@ -71,7 +71,9 @@ def places_of_map(
     found: list[tuple[str, float, float, tuple[str, ...]]] = []
     left = list(names)
     for _ in range(MOST):
-        white = white_scores(gram, score, known, [columns[n] for n in left])
+        white = white_scores(
+            gram, score, known, [columns[n] for n in left], evidence.raw
+        )
         tested = sign_flips(white, seed)
         best = int(np.argmax(tested.z))
         if tested.together[best] >= ALARM:
@@ -79,7 +81,8 @@ def places_of_map(
         where = left.pop(best)
         parts = [m for m in library.map if m.where == where]
         of_parts = sign_flips(
-            white_scores(gram, score, known, [m.columns for m in parts]), seed
+            white_scores(gram, score, known, [m.columns for m in parts], evidence.raw),
+            seed,
         )
         strong = of_parts.captured > 0.5 * of_parts.captured.max()
         words = [WORDS.get(m.depends_on, m.depends_on) for m in parts]

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import gammaln
 
-from stiffness.diagnosis.evidence import Evidence, without
+from stiffness.diagnosis.evidence import Evidence, white_turn, without
 from stiffness.diagnosis.library import Library
 
 PRIOR_OF_SIZE = (0.4, 0.35, 0.2, 0.05)
@@ -82,10 +82,7 @@ def white_candidates(library: Library, evidence: Evidence) -> White:
         for s, block in enumerate(candidate.columns):
             own = gram[np.ix_(block, block)]
             left = own - gram[np.ix_(block, nominal)] @ share[:, block]
-            size = np.sqrt(np.maximum(np.diag(own), 1e-300))
-            value, vector = np.linalg.eigh(left / size / size[:, None])
-            keep = value > 1e-6 * len(block)
-            turn = (vector[:, keep] / np.sqrt(value[keep])) / size[:, None]
+            turn = white_turn(left, evidence.raw[block])
             gain = float(np.sum((turn.T @ score[block]) ** 2))
             if gain > best[0]:
                 best = (gain, s, turn)

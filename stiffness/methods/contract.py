@@ -3,7 +3,7 @@
 What a method of your own owes, checked on any recording:
 
     from stiffness.methods.contract import faults
-    assert faults(MyMethod(arm), recording) == []
+    assert faults(MyMethod(arm), arm, recording) == []
 
 It predicts three finite numbers for every case, the same each time; a case's answer
 depends on that case alone; learning changes neither the method nor the recording, and

@@ -1,4 +1,4 @@
-"""A hypothesis says what one physical effect would do to the readings, if it were there.
+"""A hypothesis says what one physical effect would do to the readings if it were there.
 
 It knows the law and its physical bounds, never how a simulator builds it. A law's
 amplitudes enter linearly and are its *coefficients*; what bends its form (a knee, a

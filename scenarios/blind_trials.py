@@ -1,0 +1,117 @@
+"""Does the diagnosis find what was concealed, and does it say where it does not know?
+
+Effects, places, sizes and nuisance are drawn from a seed. Recordings go to one folder;
+the truth is sealed by its hash and written to another once the answers are hashed, and
+they come from a process that was given recordings and the robot's model alone.
+
+Every kind of trial is tried N times; trial k of a kind is the same whatever N is. What
+is finished is kept: the same command goes on, and a larger N adds to it.
+
+Run:    python -m scenarios.blind_trials --trials 4 --seed 0 --out results/blind_trials
+Takes:  about 15 s of one core a trial: 10 min for 44 trials on two
+Expect: summary.json and report.html in the folder, failures first; exit status 0
+        however the trials went
+"""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from rich.progress import Progress
+
+from bench.errors import UnknownName, Unusable
+from scenarios.command import run
+from scenarios.reporting import run_file
+from scenarios.trials import report
+from scenarios.trials.draw import trials_of
+from scenarios.trials.rates import bars, failures
+from scenarios.trials.score import Score, score
+from scenarios.trials.seals import opened
+from scenarios.trials.strata import STRATA
+from scenarios.trials.sweep import Sweep, carried_out
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How much is tried."""
+
+    out: Path
+    """Folder for everything."""
+    trials: int = 4
+    """Trials of each kind."""
+    seed: int = 0
+    """Of everything that is drawn."""
+    strata: tuple[str, ...] = tuple(STRATA)
+    """Kinds of trials; see scenarios/trials/strata.py."""
+    proof: bool = False
+    """Prove names in the simulator too, against what the truth would gain."""
+    keep: bool = False
+    """Keep the recordings, 2.6 MB each, after they were answered."""
+    poses: int = 151
+    """Postures of a recording; fewer only to try things out."""
+    jobs: int = 2
+    """Trials that run side by side."""
+
+
+def main(settings: Settings) -> list[Score]:
+    """Carry out the trials and mark the answers."""
+    s = settings
+    _check(s)
+    sweep = Sweep(s.out, s.poses, s.proof, s.keep, s.jobs)
+    _same_seed(s)
+    trials = list(trials_of(s.seed, s.strata, 0, s.trials))
+    with Progress(transient=True) as progress:
+        task = progress.add_task("concealing, asking", total=len(trials))
+        for done in carried_out(sweep, trials):
+            progress.update(task, advance=done)
+    scores, codes = [], set()
+    for trial in trials:
+        answer, truth, code = opened(s.out, trial.name)
+        scores.append(score(trial.label, trial.name, answer, truth))
+        codes.add(code)
+    facts = {"seed": s.seed, "poses": s.poses, "code_sha256": sorted(codes)}
+    report.write(s.out, scores, facts)
+    command = f"python -m scenarios.blind_trials --trials {s.trials} --seed {s.seed}"
+    run_file.write(s.out, f"{command} --out {s.out.as_posix()}", asdict(s))
+    _tell(scores, s.out)
+    return scores
+
+
+def _check(settings: Settings) -> None:
+    faults = []
+    for flag, least in (("trials", 1), ("seed", 0), ("poses", 1), ("jobs", 1)):
+        value = getattr(settings, flag)
+        if value < least:
+            faults.append(f"--{flag} is {value}, expected at least {least}.")
+    unknown = [name for name in settings.strata if name not in STRATA]
+    faults += [str(UnknownName("kind of trial", name, STRATA)) for name in unknown]
+    if faults:
+        raise Unusable("Flags", faults)
+
+
+def _same_seed(settings: Settings) -> None:
+    """Refuse a folder whose trials were drawn otherwise."""
+    s = settings
+    s.out.mkdir(parents=True, exist_ok=True)
+    mine = f"seed {s.seed}, {s.poses} poses, {'with' if s.proof else 'without'} proof\n"
+    file = s.out / "sweep.txt"
+    if not file.exists():
+        file.write_text(mine, encoding="utf-8")
+    elif (theirs := file.read_text(encoding="utf-8")) != mine:
+        fault = f"it holds trials of {theirs.strip()}; give another name."
+        raise Unusable(f"Folder {str(s.out)!r}", [fault])
+
+
+def _tell(scores: list[Score], out: Path) -> None:
+    for one in failures(scores):
+        print(f"{one.label}: {', '.join(one.truth) or 'nothing'} -> "
+              f"{one.failed or one.verdict} {', '.join(one.named)}")  # fmt: skip
+    for r in bars(scores):
+        if r.value is not None:
+            met = "met" if r.met else "MISSED"
+            span = f"{r.low:.3f} to {r.high:.3f}"
+            print(f"{met:6} {r.what}: {r.successes}/{r.trials} ({span}), bar {r.bar}")
+    print(out / "report.html")
+
+
+if __name__ == "__main__":
+    run(main, Settings)

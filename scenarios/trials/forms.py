@@ -1,0 +1,134 @@
+"""An effect of a trial has a form that was drawn.
+
+Forms are what is not size: a knee, a time constant, an order, a direction. They are
+drawn around those of a catalogue, so that no single value can be learnt.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+
+from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
+from bench.effects.asymmetric_stiffness import AsymmetricStiffness
+from bench.effects.base_compliance import BaseCompliance
+from bench.effects.bearing_tilt import BearingTilt
+from bench.effects.creep import Creep
+from bench.effects.drift import Drift
+from bench.effects.effect import Effect
+from bench.effects.geometry_error import GeometryError
+from bench.effects.gravity_compensator import GravityCompensator
+from bench.effects.gravity_load import GravityLoad
+from bench.effects.hardening import Hardening
+from bench.effects.hardening_smooth import SmoothHardening
+from bench.effects.marker_slip import MarkerSlip
+from bench.effects.tracker_misalignment import TrackerMisalignment
+from bench.effects.transmission_error import TransmissionError
+from bench.effects.wrench_bias import WrenchBias
+from bench.effects.wrench_gain import WrenchGain
+from bench.effects.wrench_misalignment import WrenchMisalignment
+from bench.effects.wrist_coupling import WristCoupling
+from bench.outsiders.axis_crosstalk import AxisCrosstalk
+from bench.outsiders.foot_lift_off import FootLiftOff
+from bench.outsiders.loose_bearing import LooseBearing
+from bench.outsiders.softening import Softening
+from bench.outsiders.warming_gear import WarmingGear
+from bench.truth import GEARS
+
+PARTNERS = {
+    WristCoupling: {"a5": ("a4",), "a6": ("a4", "a5")},
+    AxisCrosstalk: {"a2": ("a1",), "a3": ("a1", "a2")},
+}
+"""Which axes a coupling can join; the names are those of a KR10."""
+SHIFT, TURN = ("x_m", "y_m", "z_m"), ("rx_rad", "ry_rad", "rz_rad")
+
+
+def as_it_is(effect: Effect, draw: np.random.Generator) -> Effect:
+    """Return an effect that has no form."""
+    return effect
+
+
+def _about(draw: np.random.Generator, size: float, factor: float = 1.5) -> float:
+    """Draw log-uniformly within a factor of a size."""
+    return float(size * factor ** draw.uniform(-1.0, 1.0))
+
+
+def _phase(draw: np.random.Generator) -> float:
+    return float(draw.uniform(-pi, pi))
+
+
+def _parts(*sizes: tuple[float, tuple[str, ...]], least: float = -1.0) -> Callable:
+    """Draw the components of vectors between least and 1 of their sizes."""
+
+    def form(effect: Effect, draw: np.random.Generator) -> Effect:
+        values = {
+            name: size * float(draw.uniform(least, 1.0))
+            for size, names in sizes
+            for name in names
+        }
+        return replace(effect, **values)
+
+    return form
+
+
+def _knee(effect: Effect, draw: np.random.Generator) -> Effect:
+    """Put a knee about where the catalogue's gear of that axis has it."""
+    return replace(effect, torque_nm=_about(draw, GEARS[effect.where][1][0]))
+
+
+def _coupled(effect: Effect, draw: np.random.Generator) -> Effect:
+    partner = str(draw.choice(PARTNERS[type(effect)][effect.where]))
+    sign = float(draw.choice([-1.0, 1.0]))
+    size = sign * effect.parameters()["compliance_rad_per_nm"]  # type: ignore[operator]
+    return replace(effect, with_axis=partner, compliance_rad_per_nm=size)
+
+
+FORMS: dict[type[Effect], Callable[[Effect, np.random.Generator], Effect]] = {
+    Hardening: _knee,
+    SmoothHardening: _knee,
+    Softening: _knee,
+    AsymmetricStiffness: lambda e, d: replace(e, ratio=1.2 ** float(d.choice([-1, 1]))),
+    Creep: lambda e, d: replace(e, time_s=_about(d, 25.0, 2.0)),
+    AngleDependentStiffness: lambda e, d: replace(
+        e, order=float(d.integers(1, 4)), phase_rad=_phase(d)
+    ),
+    TransmissionError: lambda e, d: replace(
+        e, order=float(d.integers(1, 4)), phase_rad=_phase(d)
+    ),
+    WristCoupling: _coupled,
+    AxisCrosstalk: _coupled,
+    BearingTilt: lambda e, d: replace(
+        e,
+        u_rad_per_nm=2e-6 * float(d.uniform(0.2, 1.0)),
+        v_rad_per_nm=2e-6 * float(d.uniform(0.2, 1.0)),
+        centre_m=float(d.uniform(-0.05, 0.05)),
+    ),
+    BaseCompliance: _parts(
+        (5e-7, ("rx_rad_per_nm", "ry_rad_per_nm")),
+        (1e-8, ("x_m_per_n", "y_m_per_n", "z_m_per_n")),
+        least=0.2,
+    ),
+    GravityLoad: lambda e, d: replace(
+        e, **{f"com_{i}_m": float(d.uniform(-0.15, 0.15)) for i in "xyz"}
+    ),
+    GravityCompensator: lambda e, d: replace(e, phase_rad=_phase(d)),
+    GeometryError: _parts((3e-4, SHIFT), (5e-4, TURN)),
+    WrenchBias: _parts(
+        (0.5, ("fx_n", "fy_n", "fz_n")), (0.05, ("tx_nm", "ty_nm", "tz_nm"))
+    ),
+    WrenchGain: _parts((0.01, ("fx", "fy", "fz", "tx", "ty", "tz"))),
+    WrenchMisalignment: _parts((0.0087, TURN)),
+    TrackerMisalignment: _parts((5e-4, SHIFT), (1e-3, TURN)),
+    Drift: _parts(
+        (3e-5, ("x_m_per_h", "y_m_per_h", "z_m_per_h")),
+        (3e-5, ("rx_rad_per_h", "ry_rad_per_h", "rz_rad_per_h")),
+    ),
+    MarkerSlip: _parts((5e-5, SHIFT)),
+    LooseBearing: lambda e, d: replace(e, angle_rad=_phase(d)),
+    FootLiftOff: lambda e, d: replace(
+        e, angle_rad=_phase(d), preload_nm=_about(d, 5.0, 3.0)
+    ),
+    WarmingGear: lambda e, d: replace(e, visits=_about(d, 50.0, 2.0)),
+}
+"""How forms are drawn; effects that are left out have none."""

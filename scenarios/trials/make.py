@@ -1,0 +1,136 @@
+"""A trial is carried out on the bench: a recording for the accused, a truth for later.
+
+Places and forms are drawn until one can show what is asked; sizes follow from weighing
+what the effect does to silent instruments.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from bench.effects.effect import Effect
+from bench.effects.joint_compliance import JointCompliance
+from bench.effects.pulley_friction import PulleyFriction
+from bench.effects.tracker_misalignment import TrackerMisalignment
+from bench.errors import BenchError, Unusable
+from bench.instruments.chance import streams
+from bench.load_path import DEFAULT_PATH, parse_path
+from bench.model_file import load, plain_mjcf
+from bench.recording import Recording
+from bench.rig import Rig
+from bench.tour import tour
+from scenarios.record import KR10
+from scenarios.reporting.truth_file import truth_text
+from scenarios.trials.concealed import drawn
+from scenarios.trials.draw import Trial, kinds_of
+from scenarios.trials.sized import Bench, sized
+from scenarios.trials.sizes import OutOfReach
+
+REVISITS = 12
+"""Visits that are done twice; chosen, so that the noise can be seen in replicates."""
+ATTEMPTS = 40
+"""Places and forms that are tried before a trial is given up."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """A trial that was carried out.
+
+    Attributes:
+        recording: What the accused will see.
+        model: The model file that it is compared with.
+        without: Names that the diagnosis must do without.
+        rig: What is true.
+        truth: The same and how it was drawn, for JSON.
+    """
+
+    recording: Recording
+    model: Path
+    without: tuple[str, ...]
+    rig: Rig
+    truth: dict[str, Any]
+
+
+def make(trial: Trial, folder: Path, poses: int) -> Made:
+    """Carry out a trial.
+
+    Args:
+        trial: Which one.
+        folder: Where model files go that differ from the arm's own.
+        poses: How many postures of the table.
+
+    Raises:
+        BenchError: Where nothing that was drawn can show what is asked.
+    """
+    draw = np.random.default_rng(trial.chance)
+    faults = []
+    for attempt in range(ATTEMPTS):
+        kinds = kinds_of(trial, draw, attempt)
+        try:
+            return _carried_out(trial, kinds, draw, folder, poses, attempt)
+        except (OutOfReach, Unusable) as error:
+            faults.append(str(error).partition("\n")[0])
+    raise BenchError(f"Trial {trial.label} cannot be made: {'; '.join(faults[-3:])}")
+
+
+def _carried_out(
+    trial: Trial,
+    kinds: Sequence[type[Effect]],
+    draw: np.random.Generator,
+    folder: Path,
+    poses: int,
+    attempt: int,
+) -> Made:
+    nominal = Rig(KR10)
+    path = parse_path(trial.stratum.path) if trial.stratum.path else DEFAULT_PATH
+    plan = tour(nominal, poses, path, min(REVISITS, poses), trial.seed)
+    arm, model = nominal.anatomy, nominal.nominal
+    bodies = [model.body(b).name for b in range(model.nbody)]
+    stuck = trial.instruments.markers.stick(model, arm, streams(trial.seed))
+    marks = [s.marker.name for s in stuck]
+    effects = [drawn(k, draw, arm, bodies, marks, float(plan.time[-1])) for k in kinds]
+    if len({(e.name, e.where) for e in effects}) < len(effects):
+        raise OutOfReach("The same effect was drawn twice.")
+    rigid = [e.where for e in effects if isinstance(e, JointCompliance)]
+    given = _rigid_at(rigid, folder / f"{trial.name}.xml") if rigid else KR10
+    rig = Rig(given)
+    rig = replace(rig, stiffness=rig.nominal.jnt_stiffness * trial.stiffness)
+    bench = Bench(
+        trial,
+        rig,
+        plan,
+        stated=any(isinstance(e, TrackerMisalignment) for e in effects),
+        hook=any(isinstance(e, PulleyFriction) for e in effects),
+    )
+    effects, weights = sized(bench, effects, draw)
+    without = tuple(e.name for e in effects) if trial.stratum.name == "removed" else ()
+    recording = bench.seen(effects, trial.instruments)
+    true = replace(rig, effects=effects)
+    text = truth_text(true, trial.name, trial.seed, trial.instruments)
+    truth = json.loads(text) | {
+        "stratum": trial.stratum.name,
+        "number": trial.number,
+        "chi2": [w.chi2 for w in weights],
+        "weights": [asdict(w) for w in weights],
+        "stiffness_over_model": trial.stiffness.tolist(),
+        "path": trial.stratum.path,
+        "without": list(without),
+        "drawn_again": attempt,
+    }
+    return Made(recording, given, without, true, truth)
+
+
+def _rigid_at(axes: Sequence[str], file: Path) -> Path:
+    """Write the arm with axes that its model calls rigid."""
+    root = ElementTree.fromstring(plain_mjcf(load(KR10)))
+    for joint in root.iter("joint"):
+        if joint.get("name") in axes:
+            joint.set("stiffness", "0")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
+    return file

@@ -1,0 +1,120 @@
+"""A rate of trials is a share with the interval that its count allows.
+
+==========  ==========================================================================
+Equation    Clopper and Pearson's interval; a bar is met where the share meets it
+Source      Clopper and Pearson 1934, "The use of confidence or fiducial limits"
+Valid       trials drawn independently
+Ignores     nothing; trials that failed count as wrong
+==========  ==========================================================================
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from scenarios.trials.score import Score
+from scenarios.trials.strata import BARS, STRATA, Bar
+from stiffness.intervals import share
+
+MARKS = ("detected", "place_first", "right", "exact", "whole_set", "wrong_name")
+MARKS += ("abstains", "told_apart", "declared")
+COVERAGE, GAIN, SECONDS = (0.90, 0.98), 0.90, 3.0
+"""Bars of intervals, of the held-out gain and of the time of one answer."""
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A share of trials.
+
+    Attributes:
+        what: What was counted, in words.
+        bar: What is asked, in words.
+        successes: How many.
+        trials: Of how many.
+        value: Their share; None where nothing was counted.
+        low: Lower end of the 95 % interval.
+        high: Upper end.
+        met: Whether the share meets the bar; None where nothing was counted.
+    """
+
+    what: str
+    bar: str
+    successes: int
+    trials: int
+    value: float | None
+    low: float | None
+    high: float | None
+    met: bool | None
+
+
+def rate(
+    what: str, marks: Sequence[bool], least: float = 0.0, most: float = 1.0
+) -> Rate:
+    """Count marks against a bar."""
+    bar = f"≤ {most:.0%}" if least == 0.0 else f"≥ {least:.0%}"
+    if least > 0.0 and most < 1.0:
+        bar = f"{least:.0%} to {most:.0%}"
+    count, total = int(np.sum(marks)), len(marks)
+    if not total:
+        return Rate(what, bar, 0, 0, None, None, None, None)
+    found = share(count, total)
+    met = least <= found.value <= most
+    return Rate(what, bar, count, total, found.value, found.low, found.high, met)
+
+
+def bars(scores: Sequence[Score]) -> list[Rate]:
+    """Hold everything that was asked against what came."""
+    rates = [_of_bar(bar, scores) for bar in BARS]
+    intervals = [i.holds for s in scores for i in s.intervals]
+    rates.append(rate("intervals that hold their parameter", intervals, *COVERAGE))
+    gains = [s.gain >= GAIN for s in scores if s.gain is not None]
+    said = "proofs that gain 90 % of what the truth gains"
+    rates.append(rate(said, gains, least=0.5))
+    quick = [s.seconds <= SECONDS for s in scores if not s.failed]
+    rates.append(rate(f"answers within {SECONDS:g} s", quick, least=0.5))
+    return rates
+
+
+def by_stratum(scores: Sequence[Score]) -> list[dict[str, object]]:
+    """Return one row for each kind of trial: how often each mark was given."""
+    rows = []
+    for name in STRATA:
+        own = [s for s in scores if s.stratum == name]
+        if own:
+            counts = {mark: sum(getattr(s, mark) for s in own) for mark in MARKS}
+            seconds = float(np.median([s.seconds for s in own]))
+            failed = sum(bool(s.failed) for s in own)
+            rows.append(
+                {"stratum": name, "trials": len(own)}
+                | counts
+                | {"failed": failed, "median_seconds": seconds}
+            )
+    return rows
+
+
+def failures(scores: Sequence[Score]) -> list[Score]:
+    """Return the trials that went wrong by the bars of their kind."""
+    return [s for s in scores if s.failed or wrong(s)]
+
+
+def wrong(score: Score) -> tuple[str, ...]:
+    """Return the bars of its kind that a trial speaks against."""
+    found = []
+    for bar in BARS:
+        counts = not bar.of or getattr(score, bar.of)
+        if score.stratum in bar.strata and counts:
+            if getattr(score, bar.mark) == bar.at_most:
+                found.append(("" if bar.at_most else "not ") + bar.mark)
+    return tuple(found)
+
+
+def _of_bar(bar: Bar, scores: Sequence[Score]) -> Rate:
+    own = [s for s in scores if s.stratum in bar.strata]
+    counted = [s for s in own if not bar.of or getattr(s, bar.of)]
+    what = f"{bar.mark.replace('_', ' ')}: {' and '.join(bar.strata)}"
+    what += f", of those {bar.of}" if bar.of else ""
+    marks = [getattr(s, bar.mark) for s in counted]
+    if bar.at_most:
+        return rate(what, marks, most=bar.share)
+    return rate(what, marks, least=bar.share)

@@ -1,0 +1,133 @@
+"""The accused has answered before anybody can read the truth.
+
+For every trial: the recording is written, the truth stays in memory and only its hash
+is published; another process answers; the answer is hashed; then the truth is written.
+What is finished is kept, and a sweep that was interrupted goes on with the rest.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from joblib import Parallel, delayed
+
+from bench.errors import BenchError
+from bench.files import write
+from scenarios.trials.answer import Question
+from scenarios.trials.draw import Trial
+from scenarios.trials.gain import oracle_gain_mm
+from scenarios.trials.make import make
+from scenarios.trials.seals import ROOT, digest, digest_of_code, sealed, written
+
+AT_ONCE = 4
+"""Trials that one answering process is asked; chosen: its start takes seconds."""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Where a sweep's files are, and how it is done.
+
+    Attributes:
+        folder: For everything.
+        poses: How many postures each recording has.
+        proof: Whether names are proved in the simulator.
+        keep: Whether recordings stay after they were answered.
+        jobs: How many trials run side by side.
+    """
+
+    folder: Path
+    poses: int = 151
+    proof: bool = False
+    keep: bool = False
+    jobs: int = 2
+
+    def file(self, kind: str, trial: Trial) -> Path:
+        """Return the file of a trial: its `answers`, `truth` or `seals`."""
+        return self.folder / kind / f"{trial.name}.json"
+
+    def done(self, trial: Trial) -> bool:
+        """Return whether a trial is finished; the truth is written last."""
+        return self.file("truth", trial).is_file()
+
+
+def carried_out(sweep: Sweep, trials: Sequence[Trial]) -> Iterator[int]:
+    """Carry out what is not finished, and yield how many more are, time after time.
+
+    Raises:
+        BenchError: Where a trial cannot be made, or the answering process fails.
+    """
+    for kind in ("recordings", "answers", "truth", "seals", "models"):
+        (sweep.folder / kind).mkdir(parents=True, exist_ok=True)
+    left = [trial for trial in trials if not sweep.done(trial)]
+    yield len(trials) - len(left)
+    chunks = [left[at : at + AT_ONCE] for at in range(0, len(left), AT_ONCE)]
+    pool = Parallel(n_jobs=sweep.jobs, return_as="generator_unordered")
+    for done in pool(delayed(tried)(sweep, chunk) for chunk in chunks):
+        yield int(done or 0)
+
+
+def tried(sweep: Sweep, trials: Sequence[Trial]) -> int:
+    """Carry out a few trials and return how many they were."""
+    truths, questions = {}, []
+    for trial in trials:
+        made = make(trial, sweep.folder / "models", sweep.poses)
+        place = sweep.folder / "recordings" / trial.name
+        write(place, made.recording)
+        truth = made.truth
+        if sweep.proof:
+            gain = oracle_gain_mm(place, made.model, made.rig)
+            truth = truth | {"oracle_gain_mm": gain}
+        truths[trial.name] = json.dumps(truth, indent=2) + "\n"
+        sealed(
+            sweep.file("seals", trial),
+            {"truth_sha256": digest(truths[trial.name].encode())},
+        )
+        answer = sweep.file("answers", trial)
+        answer.unlink(missing_ok=True)
+        questions.append(
+            Question(
+                recording=str(place.resolve()),
+                model=str(made.model.resolve()),
+                answer=str(answer.resolve()),
+                without=made.without,
+                proof=sweep.proof,
+            )
+        )
+    _asked(sweep, questions, trials[0].name)
+    for trial in trials:
+        answer = sweep.file("answers", trial).read_bytes()
+        hashes = {
+            "truth_sha256": digest(truths[trial.name].encode()),
+            "answer_sha256": digest(answer),
+            "code_sha256": digest_of_code(),
+        }
+        sealed(sweep.file("seals", trial), hashes)
+        written(sweep.file("truth", trial), truths[trial.name])
+        if not sweep.keep:
+            shutil.rmtree(sweep.folder / "recordings" / trial.name)
+    return len(trials)
+
+
+def _asked(sweep: Sweep, questions: Sequence[Question], label: str) -> None:
+    """Put questions to a process that is given nothing else."""
+    file = sweep.folder / f".questions-{label}.json"
+    file.write_bytes(msgspec.json.encode(questions))
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "scenarios.trials.answer", str(file.resolve())],
+            cwd=ROOT,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+    finally:
+        file.unlink()
+    if done.returncode:
+        raise BenchError(f"The diagnosis stopped: {done.stderr.strip()[-2000:]}")

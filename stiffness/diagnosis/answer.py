@@ -1,0 +1,138 @@
+"""The answer says what was named, how surely, and what stays open."""
+
+import numpy as np
+
+from stiffness.diagnosis.case import Case
+from stiffness.diagnosis.confounding import confounded_with
+from stiffness.diagnosis.detect import ALARM, Found
+from stiffness.diagnosis.diagnosis import (
+    Located,
+    Name,
+    NamedEffect,
+    Nominal,
+    Unexplained,
+)
+from stiffness.diagnosis.judge import (
+    SURE,
+    alone,
+    contradicted,
+    equivalents,
+    left_over,
+    posterior,
+    probability_of,
+    rivals_of,
+)
+from stiffness.diagnosis.naming import Named
+from stiffness.diagnosis.places import places_of_map, places_of_names
+from stiffness.diagnosis.prepare import Prepared
+from stiffness.diagnosis.remarks import residual_rms
+from stiffness.diagnosis.sets import white_candidates
+from stiffness.diagnosis.unnamed import law_of
+
+
+def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dict:
+    """Return verdict, places, names and what is left, by the names in `Diagnosis`.
+
+    Args:
+        case: What was looked at.
+        prepared: The recording against its nominal model.
+        found: The test before anything was named.
+        named: What was named, and its rivals.
+    """
+    gains = alone(case, named.best.fit)
+    taken_back = contradicted(named, gains)
+    kept = [k for k, gone in enumerate(taken_back) if not gone]
+    weights, sets = posterior(named, named.inflation)
+    effects = []
+    for k in kept:
+        member = named.best.fit.members[k]
+        alike = equivalents(named, k)
+        effects.append(
+            NamedEffect(
+                name=Name(*member.name),
+                probability=probability_of(member.name, alike, weights, sets),
+                equivalents=tuple(alike),
+                parameters=named.best.parameters[k],
+                shape=tuple(float(v) for v in member.shape),
+                coefficients=tuple(float(v) for v in named.best.fit.coefficients[k]),
+            )
+        )
+    sure = [e for e in effects if e.probability >= SURE]
+    rejects = named.left.p_value < ALARM
+    whole = bool(sure) and len(sure) == len(taken_back)
+    verdict = "unexplained"
+    if sure:
+        verdict = "explained" if whole and not rejects else "partly_explained"
+    last = named.left if sure else found
+    nominal = np.arange(case.library.nominal)
+    white = white_candidates(case.library, case.evidence)
+    located = places_of_names(named.best.fit, gains, found.p_value, case.situation)
+    if not whole:
+        of_map = places_of_map(
+            case.library, case.evidence, case.evidence.score, nominal, case.seed
+        )
+        total = max(sum(c for _, _, c, _ in of_map), 1e-12)
+        mapped = [Located(w, p, c / total, d, "") for w, p, c, d in of_map]
+        sure_places = [
+            one for one in located if one.where in {e.name.where for e in sure}
+        ]
+        known = {one.where for one in sure_places}
+        located = tuple(sure_places + [one for one in mapped if one.where not in known])
+    unexplained = None
+    if verdict != "explained":
+        unexplained = _unexplained(case, prepared, last, named, bool(sure), located)
+    return {
+        "verdict": verdict,
+        "located": located,
+        "named": tuple(sorted(sure, key=lambda e: -e.probability)),
+        "rivals": rivals_of(named, weights, sets),
+        "unexplained": unexplained,
+        "confounded": confounded_with(
+            case.library, white, {(e.name.effect, e.name.where) for e in sure}
+        ),
+        "nominal": nominal_of(prepared, named.best.fit.springs, case),
+    }
+
+
+def _unexplained(
+    case: Case,
+    prepared: Prepared,
+    last: Found,
+    named: Named,
+    some: bool,
+    located: tuple[Located, ...],
+) -> Unexplained:
+    where = left_over(last)
+    if not some and located:
+        where = located[0].where
+    known = list(case.nominal)
+    if some:
+        known += [m.signature(case.situation) for m in named.best.fit.members]
+    law, look = law_of(case, tuple(known), where)
+    words = [look] if look else []
+    depends = next((one.depends_on for one in located if one.where == where), ())
+    if depends:
+        words.append("depends on " + ", ".join(depends))
+    return Unexplained(where, "; ".join(words), law, residual_rms(prepared))
+
+
+def nominal_of(
+    prepared: Prepared, springs: np.ndarray, case: Case | None = None
+) -> Nominal:
+    """Return what was fitted silently, `springs` more than the situation says."""
+    compliance = (case or prepared).situation.compliance.copy()
+    sigma = np.zeros(len(compliance))
+    if prepared.springs:
+        compliance[list(prepared.springs)] += springs
+        sigma[list(prepared.springs)] = prepared.sigma
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = prepared.frames.turn, prepared.frames.shift
+    return Nominal(
+        compliance,
+        sigma,
+        tuple(f"a{k + 1}" for k in prepared.blind),
+        transform,
+        prepared.frames.place,
+        prepared.noise,
+        prepared.arrival,
+    )

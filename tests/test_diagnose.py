@@ -1,0 +1,340 @@
+import json
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+from saved_view import entities, timeline
+
+from bench import files, patch
+from bench.effects import EFFECTS
+from bench.errors import BenchError, Unusable
+from scenarios import diagnose, record
+from scenarios.command import run
+from scenarios.diagnosing import next_experiments, steps, story
+from scenarios.diagnosing.answer import answer_of, text_of
+from scenarios.diagnosing.catalogue import USUAL
+from scenarios.diagnosing.finding import Finding
+from scenarios.diagnosing.patching import STIFFEST, patch_of, stiffening
+from scenarios.diagnosing.schema import Answer, Interval
+from scenarios.diagnosing.units import label, size, span
+from scenarios.diagnosing.writing import FILES, written
+from stiffness.diagnosis.diagnosis import (
+    Detection,
+    Diagnosis,
+    Name,
+    NamedEffect,
+    Nominal,
+    Parameter,
+    Unexplained,
+    Warned,
+)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recorded") / "recording"
+    record.main(
+        record.Settings(
+            out=folder,
+            effect=("hysteresis@a2,width_rad=3e-4",),
+            poses=18,
+            path="0,5,10,5,0",
+            seed=4,
+        )
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def answered(recording, kr10, tmp_path_factory):
+    out = tmp_path_factory.mktemp("answered") / "answer"
+    settings = diagnose.Settings(recording, kr10, out)
+    return out, diagnose.main(settings)
+
+
+def on_the_command_line(monkeypatch, *words):
+    monkeypatch.setattr("sys.argv", ["diagnose", *map(str, words)])
+    run(diagnose.main, diagnose.Settings)
+
+
+def test_one_command_writes_the_whole_answer_and_nothing_else(answered):
+    out, told = answered
+    assert told.verdict != "no_mismatch"
+    assert told.named
+    assert sorted(p.name for p in out.iterdir()) == sorted(FILES)
+    assert (out / "diagnosis.rrd").stat().st_size < 5_000_000
+    assert [p for p in out.parent.iterdir() if p != out] == []
+
+
+def test_answer_has_the_fixed_form(answered):
+    out, told = answered
+    text = (out / "diagnosis.json").read_bytes()
+    assert msgspec.json.decode(text, type=Answer, strict=True) == told
+    plain = json.loads(text)
+    assert set(plain) == set(Answer.__struct_fields__)
+    assert plain["schema"] == 1
+    assert plain["proof"]["simulator"] == "mujoco"
+    assert plain["proof"]["held_out_poses"] >= 0.2 * 18
+    assert plain["proof"]["after_rms_mm"] < plain["proof"]["before_rms_mm"]
+
+
+def test_the_patched_rig_can_be_rebuilt_from_the_folder(answered):
+    out, told = answered
+    rig = patch.load(out)
+    names = {(e.name, e.where) for e in rig.effects}
+    assert {(n.effect, n.where) for n in told.named} <= names
+
+
+def test_report_is_one_file_with_its_pictures(answered):
+    out, _ = answered
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") >= 4
+    for word in ("hysteresis", "Before and after", "Placebos", "budget", "catalogues"):
+        assert word in page
+
+
+def test_playback_opens_on_the_timeline_of_poses(answered):
+    out, _ = answered
+    file = out / "diagnosis.rrd"
+    assert timeline(file) == "pose"
+    shown = set(entities(file))
+    assert {"/cell/before", "/cell/after", "/read_me", "/error/after"} <= shown
+    assert "/curves/a2/patch" in shown
+
+
+@pytest.mark.parametrize("spoil", ["samples.csv", "recording.toml"])
+def test_damaged_recording_ends_with_2_and_leaves_nothing(
+    spoil, recording, kr10, tmp_path, monkeypatch, capsys
+):
+    bad = tmp_path / "bad"
+    bad.mkdir()
+    for file in recording.iterdir():
+        text = file.read_text(encoding="utf-8")
+        cut = text[: len(text) // 2] if file.name == spoil else text
+        (bad / file.name).write_text(cut, encoding="utf-8")
+    with pytest.raises(SystemExit) as ended:
+        on_the_command_line(
+            monkeypatch, bad, "--robot", kr10, "--out", tmp_path / "answer"
+        )
+    assert ended.value.code == 2
+    assert not (tmp_path / "answer").exists()
+    said = capsys.readouterr().err
+    assert "fault" in said
+    assert "Traceback" not in said
+
+
+def test_a_model_that_is_missing_ends_with_2(recording, tmp_path, monkeypatch, capsys):
+    with pytest.raises(SystemExit) as ended:
+        on_the_command_line(
+            monkeypatch, recording, "--robot", tmp_path / "no.xml", "--out", tmp_path
+        )
+    assert ended.value.code == 2
+    assert "no model file" in capsys.readouterr().err
+
+
+def test_the_recording_itself_is_no_place_for_the_answer(recording, kr10):
+    with pytest.raises(Unusable, match="the recording itself"):
+        diagnose.main(diagnose.Settings(recording, kr10, recording))
+
+
+def test_interrupted_diagnosis_ends_with_130(recording, kr10, tmp_path, monkeypatch):
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(diagnose, "asked", stopped)
+    with pytest.raises(SystemExit) as ended:
+        on_the_command_line(
+            monkeypatch, recording, "--robot", kr10, "--out", tmp_path / "o"
+        )
+    assert ended.value.code == 130
+    assert not (tmp_path / "o").exists()
+
+
+def test_numbers_that_break_the_engine_are_the_recordings_fault(
+    recording, kr10, monkeypatch
+):
+    def broken(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(steps, "diagnose", broken)
+    good, _ = files.read(recording)
+    with pytest.raises(BenchError, match="Singular matrix"):
+        steps.asked(good, diagnose.arm_of(kr10))
+
+
+def test_an_answer_that_cannot_be_made_leaves_the_earlier_one(tmp_path):
+    (tmp_path / "o").mkdir()
+    (tmp_path / "o" / "model.xml").write_text("earlier", encoding="utf-8")
+
+    def makes(folder):
+        (folder / "diagnosis.json").write_text("{}", encoding="utf-8")
+
+    def fails(folder):
+        makes(folder)
+        raise OSError("disk full")
+
+    with pytest.raises(Unusable, match="disk full"):
+        written(tmp_path / "o", fails)
+    assert [p.name for p in tmp_path.iterdir()] == ["o"]
+    assert [p.name for p in (tmp_path / "o").iterdir()] == ["model.xml"]
+    written(tmp_path / "o", makes)
+    assert [p.name for p in (tmp_path / "o").iterdir()] == ["diagnosis.json"]
+
+
+def test_next_measurements_tell_equivalents_apart(recording, kr10):
+    good, _ = files.read(recording)
+    arm = diagnose.arm_of(kr10)
+    engine = steps.asked(good, arm)
+    one = replace(engine.named[0], equivalents=(Name("creep", "a2"),))
+    simulated, unproved = steps.proved(engine, good, arm, kr10)
+    assert unproved == ""
+    listed = next_experiments.proposed(replace(engine, named=(one,)), simulated)
+    assert 0 < len(listed) <= 3
+    for step in listed:
+        assert step.why == f"tells {one.name.effect} from creep on a2"
+        assert len(step.pose_deg) == 6
+        assert step.load_path_kg[0] == 0.0
+    factors = [step.expected_log_bayes_factor for step in listed]
+    assert factors == sorted(factors, reverse=True)
+    assert next_experiments.proposed(engine, None) == ()
+
+
+@pytest.fixture
+def found():
+    """A diagnosis as the engine gives it, by hand."""
+    return Diagnosis(
+        recording="by hand",
+        verdict="partly_explained",
+        detection=Detection(2e-4, 3e-5, 1.7e-5, 5e-7),
+        named=(
+            NamedEffect(
+                Name("hysteresis", "a2"),
+                0.98,
+                (Name("lost_motion", "a2"),),
+                {"width_rad": Parameter(1.5e-4, 1.3e-4, 1.7e-4)},
+                shape=(12.0,),
+            ),
+            NamedEffect(
+                Name("wrist_coupling", "a5"),
+                1.0,
+                (),
+                {
+                    "compliance_rad_per_nm": Parameter(5e-6, 4e-6, np.inf),
+                    "with": Parameter(4.0, 4.0, 4.0),
+                },
+                shape=(4.0,),
+            ),
+            NamedEffect(Name("channel_delay", "tracker"), 1.0, (), {}),
+        ),
+        unexplained=Unexplained(
+            "a3",
+            "odd in torque",
+            {
+                "torque_nm": (-10.0, 10.0),
+                "loading_rad": (-1e-5, 1e-5),
+                "unloading_rad": (0.0, 2e-5),
+            },
+            2e-5,
+        ),
+        nominal=Nominal(
+            np.array([2e-5, 2e-5, 2e-5, 0.0, 1e-4, 7e-4]),
+            np.zeros(6),
+            ("a4",),
+            np.eye(4),
+            np.zeros((0, 3)),
+            1.0,
+            np.zeros(6),
+        ),
+        held_out=(1, 2),
+    )
+
+
+def test_what_was_named_becomes_mechanisms_and_a_table(found, recording, kr10):
+    marked, _ = files.read(recording)
+    bare = replace(marked, markers=(), points=None)
+    made = patch_of(found, bare, diagnose.arm_of(kr10))
+    assert [e.effect for e in made.effects] == ["hysteresis", "wrist_coupling"]
+    assert made.effects[1].parameters["with"] == "a4"
+    assert made.stiffness_nm_per_rad["a4"] is None
+    assert made.stiffness_nm_per_rad["a5"] == pytest.approx(1e4)
+    assert made.laws[0].where == "a3"
+    assert len(patch.effects_of(made)) == 3
+
+
+def test_a_stop_and_slipping_springs_are_equally_stiff_before_they_slip():
+    """C - w/2r = 1 / (K (1 + stiffening))."""
+    width, stiffness, slip = 1.5e-4, 6e4, 12.0
+    extra = stiffening(width, stiffness, slip)
+    soft = 1 / stiffness - width / (2 * slip)
+    assert soft == pytest.approx(1 / (stiffness * (1 + extra)))
+    assert stiffening(1e-2, stiffness, slip) == STIFFEST
+    assert stiffening(width, None, slip) > 0.0
+
+
+def test_an_answer_without_end_or_number_says_null(found):
+    told = answer_of(found, None, (), 1.0)
+    plain = json.loads(text_of(told))
+    coupling = plain["named"][1]["parameters"]
+    assert coupling["compliance_rad_per_nm"]["high"] is None
+    assert coupling["with"]["estimate"] == "a4"
+    assert plain["proof"] is None
+    nothing = Detection(2e-4, np.nan, np.nan, np.nan)
+    warned = Warned("axis_reversed", "a3", "a3 looks reversed.")
+    stopped = Diagnosis("x", "unexplained", nothing, warnings=(warned,))
+    assert answer_of(stopped, None, (), 1.0).detection.residual_rms_mm is None
+
+
+def test_story_says_what_where_and_what_stays_open(found, recording):
+    marked, _ = files.read(recording)
+    told = answer_of(found, None, (), 1.0)
+    words = " ".join(story.sentences(Finding(marked, found, None, "why.", None, told)))
+    for part in (
+        "differ (p = 0.0002)",
+        "30.0 µm, noise alone leaves 17.0 µm",
+        "hysteresis at a2, probability 0.980: width 150 µrad (130 to 170)",
+        "As well by these data: lost_motion at a2",
+        "Open: something at a3",
+        "Nothing was proved: why.",
+    ):
+        assert part in words
+
+
+def test_story_of_no_mismatch_says_what_would_have_shown(found, recording):
+    marked, _ = files.read(recording)
+    calm = Diagnosis("x", "no_mismatch", replace(found.detection, p_value=0.4))
+    told = answer_of(calm, None, (), 1.0)
+    (sentence,) = story.sentences(Finding(marked, calm, None, "", None, told))
+    assert "agree (p = 0.4)" in sentence
+    assert "0.5 µm rms would have shown" in sentence
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("width_rad", 1.5e-4, "150 µrad"),
+        ("u_rad_per_nm", 2e-6, "2 µrad/(N m)"),
+        ("bending_nm2", 6.3e5, "630 kN m²"),
+        ("ratio", 0.05, "0.05"),
+        ("x_m", 3e-4, "0.3 mm"),
+        ("bending_nm2", None, "no bound"),
+        ("with", "a4", "a4"),
+    ],
+)
+def test_parameters_are_said_in_units_of_people(name, value, said):
+    assert size(name, value) == said
+
+
+def test_an_interval_is_said_with_its_number():
+    assert span("width_rad", Interval(1e-4, 0.5e-4, None)) == "100 µrad (50 to ?)"
+    assert span("with", Interval("a4", "a4", "a4")) == "a4"
+    assert label("compliance_rad_per_nm") == "compliance"
+
+
+def test_catalogue_speaks_of_parameters_that_effects_have():
+    place = {"axis": "a5", "link": "link_2", "marker": "marker:x"}
+    for kind in EFFECTS:
+        effect = kind(place.get(kind.places[0], kind.places[0]))
+        known = USUAL.get(kind.name, {})
+        assert set(known) <= set(effect.parameters())
+        assert all(u.low < u.high and u.source for u in known.values())

@@ -1,0 +1,275 @@
+"""What the engine of the diagnosis promises, on small recordings of the bench."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.effects.parse import parse_all
+from bench.experiment import record
+from bench.instruments import Instruments
+from bench.instruments.markers import Markers
+from bench.instruments.tracker import Tracker
+from bench.model_file import load, plain_mjcf
+from bench.recording import Recording
+from bench.rig import Rig
+from bench.table_one import plan
+from stiffness.arm import Arm
+from stiffness.diagnosis.columns import columns_of, levers
+from stiffness.diagnosis.detect import ALARM
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.diagnosis import Diagnosis
+from stiffness.diagnosis.evidence import evidence_of, projected, without
+from stiffness.diagnosis.flips import sign_flips
+from stiffness.diagnosis.hypotheses.bearing_tilt import BearingTilt
+from stiffness.diagnosis.hypotheses.encoder_offset import EncoderOffset
+from stiffness.diagnosis.hypotheses.hardening import Hardening
+from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
+from stiffness.diagnosis.prepare import Prepared, prepare
+from stiffness.diagnosis.roots import inverse_root
+from stiffness.diagnosis.signature import Motion, Turn, rotate, translate, turn
+from stiffness.diagnosis.split import split_of
+from stiffness.diagnosis.visits import visits_of
+
+MODEL = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
+SOFTER = 1.6  # true stiffness over the model's, so that the silent fit has work to do
+FEW = (Hardening(), Hysteresis(), BearingTilt(), EncoderOffset())
+
+
+@cache
+def arm() -> Arm:
+    return Arm.from_mjcf_text(plain_mjcf(load(MODEL)))
+
+
+@cache
+def recording(*effects: str, poses: int = 40, seed: int = 1) -> Recording:
+    stiffness = load(MODEL).jnt_stiffness * SOFTER
+    rig = Rig(MODEL, stiffness=stiffness)
+    rig = replace(rig, effects=parse_all(effects, rig.nominal))
+    instruments = Instruments(
+        tracker=Tracker(occlusions=0.02), markers=Markers(placement=5e-4)
+    )
+    return record(rig, plan(poses=poses), instruments, seed=seed)
+
+
+@cache
+def prepared(*effects: str) -> Prepared:
+    return prepare(recording(*effects), arm())
+
+
+@cache
+def diagnosis(*effects: str) -> Diagnosis:
+    return diagnose(recording(*effects), arm(), FEW)
+
+
+def test_silent_fit_recovers_stiffness_within_its_sigma():
+    """Six springs, 4 sigma: a false alarm once in 2600 recordings."""
+    ready = prepared()
+    truth = 1.0 / (arm().stiffness * SOFTER)
+    found = ready.situation.compliance[list(ready.springs)]
+    assert ready.springs == (0, 1, 2, 3, 4, 5)
+    # the first rounds look at some visits only, so up to twice the sigma of all
+    assert np.all(np.abs(found - truth) < 8.0 * ready.sigma)
+
+
+def test_measured_noise_is_the_stated_one():
+    """12,000 contrasts measure a standard deviation to 0.7 %; four of these."""
+    ready = prepared()
+    assert ready.freedom > 10_000
+    assert abs(ready.noise - 1.0) < 0.03
+
+
+def test_whitened_square_within_visits_is_its_freedom():
+    within = prepared().data.within
+    square, freedom = within.whitened_square().sum(), within.freedom.sum()
+    assert abs(square - freedom) < 5.0 * np.sqrt(2.0 * freedom)
+
+
+def test_torque_is_the_moment_along_the_axis():
+    """Two ways to the same torque: places' moments, and the Jacobian's transpose."""
+    at = prepared().situation
+    gravity = arm().gravity_torque(at.rest, at.recording.tool)
+    np.testing.assert_allclose(at.torque, gravity + at.load_torque, atol=1e-9)
+
+
+def test_rest_is_an_equilibrium():
+    """Within 50 nm at a metre: the wrench turns with the flange, in two rounds."""
+    at = prepared().situation
+    wound = at.rest - at.recording.posture
+    np.testing.assert_allclose(wound, at.torque * at.compliance, atol=5e-8)
+
+
+def test_rotation_about_a_point_leaves_the_point():
+    random = np.random.default_rng(0)
+    centre, vector = random.normal(size=(2, 5, 3))
+    twist = rotate(0, vector[:, :, None], centre).twist[:, :, 0]
+    moved = np.einsum("nij,nj->ni", levers(centre), twist)
+    np.testing.assert_allclose(moved, 0.0, atol=1e-14)
+
+
+def test_levers_take_twists_to_displacements():
+    random = np.random.default_rng(0)
+    point, shift, spin = random.normal(size=(3, 5, 3))
+    moved = np.einsum("nij,nj->ni", levers(point), np.hstack([shift, spin]))
+    np.testing.assert_allclose(moved, shift + np.cross(spin, point), atol=1e-14)
+
+
+def test_a_turn_and_the_same_motion_are_the_same_column():
+    ready = prepared()
+    at, k = ready.situation, 2
+    law = at.torque[:, k]
+    twist = at.screw[:, k] * law[:, None]
+    motion = Motion(k + 1, twist[:, :, None])
+    other = replace(turn(k, law), parts=(motion,))
+    fold = np.zeros(40, dtype=int)
+    both = evidence_of(ready.data, [turn(k, law), other], fold)
+    np.testing.assert_allclose(both.gram[0], both.gram[0][0, 0], rtol=1e-3)
+    np.testing.assert_allclose(
+        both.score[:, 0], both.score[:, 1], atol=1e-3 * np.abs(both.score).max()
+    )
+
+
+def test_gram_of_folds_adds_up_to_the_gram_of_poses():
+    ready = prepared()
+    at = ready.situation
+    signatures = [turn(1, at.torque[:, 1]), turn(4, at.torque[:, 4] ** 2)]
+    columns = columns_of(signatures, ready.data.visits)
+    fold = np.arange(40) % 4
+    gram, _ = ready.data.within.products(columns, fold, 4)
+    own = ready.data.within.by_visit(columns).sum(axis=0)
+    np.testing.assert_allclose(gram.sum(axis=0), own, rtol=1e-9)
+    assert ready.data.between is not None
+    gram, _ = ready.data.between.products(columns, fold, 4)
+    own = ready.data.between.by_visit(columns).sum(axis=0)
+    np.testing.assert_allclose(gram.sum(axis=0), own, rtol=1e-2)
+
+
+def test_taking_a_column_out_lowers_its_score_by_its_gram():
+    ready = prepared()
+    signature = turn(1, ready.situation.torque[:, 1])
+    fold = np.zeros(40, dtype=int)
+    before = evidence_of(ready.data, [signature], fold)
+    less = ready.data.less([signature], np.array([1e-7]))
+    after = evidence_of(less, [signature], fold)
+    change = before.score.sum() - after.score.sum()
+    assert change == pytest.approx(1e-7 * before.gram[0][0, 0], rel=1e-2)
+
+
+def test_known_columns_may_be_multiples_of_each_other():
+    random = np.random.default_rng(3)
+    x = random.normal(size=(50, 3))
+    x = np.column_stack([x[:, 0], 2.0 * x[:, 0], x[:, 1:]])
+    gram = x.T @ x
+    left = x - x[:, :2] @ without(gram, np.array([0, 1]))
+    np.testing.assert_allclose(x[:, 0] @ left, 0.0, atol=1e-8)
+    fit = projected(gram, gram @ np.array([1.0, 0.0, 2.0, 3.0]))
+    np.testing.assert_allclose(x @ fit, x @ [1.0, 0.0, 2.0, 3.0], atol=1e-7)
+
+
+def test_sign_flips_alarm_as_often_as_they_say_whatever_the_noise():
+    """100 recordings of nothing, poses of very unequal noise: 5 % at p < 0.05."""
+    random = np.random.default_rng(7)
+    alarms = 0
+    for seed in range(100):
+        scale = np.exp(random.normal(size=(60, 1)))
+        white = [scale * random.normal(size=(60, n)) / 8.0 for n in (1, 1, 3)]
+        alarms += sign_flips(white, seed).p_value < 0.05
+    assert alarms <= 12  # binomial(100, 0.05): more in 1 of 700
+
+
+def test_a_fifth_of_the_poses_is_kept_back_and_always_the_same():
+    one, other = split_of(recording()), split_of(recording())
+    np.testing.assert_array_equal(one.fold, other.fold)
+    assert one.held_out.sum() >= 8
+    for cluster in np.unique(one.cluster):
+        assert len(np.unique(one.fold[one.cluster == cluster])) == 1
+
+
+def test_visits_keep_every_row_once():
+    visit = np.array([0, 0, 0, 1, 1, 2] + [3] * 95)
+    visits = visits_of(visit, visit)
+    rows = np.sort(visits.row[visits.counts])
+    np.testing.assert_array_equal(rows, np.arange(len(visit)))
+
+
+def test_nothing_there_is_no_mismatch():
+    found = diagnosis()
+    assert found.verdict == "no_mismatch"
+    assert found.detection.p_value >= ALARM
+    assert found.named == ()
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "where"),
+    [
+        ("hysteresis@a2", "hysteresis", "a2"),
+        ("bearing_tilt@a3", "bearing_tilt", "a3"),
+        ("encoder_offset@a3,offset_rad=2e-4", "encoder_offset", "a3"),
+    ],
+)
+def test_an_effect_is_found_placed_and_named(effect, name, where):
+    found = diagnosis(effect)
+    assert found.verdict == "explained"
+    assert [(e.name.effect, e.name.where) for e in found.named] == [(name, where)]
+    assert found.located[0].where == where
+
+
+def test_the_interval_holds_the_true_size():
+    """Seeded; a 95 % interval widened once over."""
+    width = diagnosis("hysteresis@a2").named[0].parameters["width_rad"]
+    half = 0.5 * (width.high - width.low)
+    assert abs(width.estimate - 1.5e-4) < 2.0 * half
+
+
+def test_what_no_hypothesis_describes_gets_no_name_but_a_place():
+    found = diagnosis("creep@a2,ratio=0.2")
+    assert found.verdict == "unexplained"
+    assert found.named == ()
+    assert found.unexplained is not None
+    assert found.located[0].where == "a2"
+
+
+def test_a_reversed_axis_is_said_and_nothing_named():
+    whole = recording()
+    posture = whole.posture * [1, 1, -1, 1, 1, 1]
+    found = diagnose(replace(whole, posture=posture), arm(), FEW)
+    assert [(w.code, w.where) for w in found.warnings] == [("axis_reversed", "a3")]
+    assert found.named == () and found.verdict == "unexplained"
+
+
+def test_a_reversed_wrench_is_said_and_nothing_named():
+    whole = recording()
+    assert whole.wrench is not None
+    found = diagnose(replace(whole, wrench=-whole.wrench), arm(), FEW)
+    assert [w.code for w in found.warnings] == ["wrench_sign"]
+    assert found.named == ()
+
+
+def test_a_reading_far_off_counts_less_and_is_told():
+    whole = recording()
+    assert whole.points is not None
+    points = whole.points.copy()
+    row = int(np.flatnonzero(np.isfinite(points[:, 9, 0]))[17])
+    points[row, 9] += 1e-3
+    ready = prepare(replace(whole, points=points), arm())
+    assert (row, 9) in {(r, m) for r, m, _ in ready.doubtful}
+
+
+def test_a_part_of_another_width_is_refused():
+    with pytest.raises(Exception, match="columns"):
+        replace(turn(0, np.ones(3)), columns=2)
+    assert isinstance(turn(0, np.ones(3)).parts[0], Turn)
+    assert translate(0, np.ones((3, 3, 1))).twist.shape == (3, 6, 1)
+
+
+def test_the_square_root_of_an_inverse_covariance_is_one():
+    """The equation of `roots`, evaluated."""
+    random = np.random.default_rng(5)
+    precision = np.stack([np.diag([1.0, 4.0, 9.0]), np.diag([2.0, 3.0, 5.0])])
+    feigned = random.normal(size=(6, 2))
+    root = inverse_root(precision[None], feigned[None])[0]
+    spread = np.diag(1.0 / np.array([1.0, 4.0, 9.0, 2.0, 3.0, 5.0]))
+    covariance = spread + feigned @ feigned.T
+    np.testing.assert_allclose(root.T @ root @ covariance, np.eye(6), atol=1e-12)
