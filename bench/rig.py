@@ -68,9 +68,8 @@ class Rig:
     @cached_property
     def springs(self) -> Float[np.ndarray, " axes"]:
         """Stiffness of the axes' springs without command effects, in N m/rad."""
-        springs = self.stiffness
-        if springs is None:
-            springs = self.nominal.jnt_stiffness.copy()
+        own = self.nominal.jnt_stiffness
+        springs = own if self.stiffness is None else self.stiffness
         return np.where(springs > 0, springs, RIGID)
 
     @cached_property
@@ -145,8 +144,8 @@ class Rig:
         """
         ropes = np.zeros((*hold.shape, len(self.mounted.pulley)))
         turn = pose_in_world(self.spec.body(self.anatomy.base))[0]
-        in_world = (wrench.reshape(-1, 3) @ turn.T).reshape(wrench.shape)
-        return self._rest(posture, ropes, in_world, hold)
+        wrench = (wrench.reshape(-1, 3) @ turn.T).reshape(wrench.shape)
+        return self._rest(posture, ropes, wrench, hold)
 
     def command(self, posture: Float[np.ndarray, "visits axes"]) -> Command:
         """Return what the gears are asked to hold, command effects included."""

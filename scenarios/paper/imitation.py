@@ -1,4 +1,4 @@
-"""How well can a network of some shape imitate six springs? Tables 6 and 7, Fig. 5."""
+"""Tables 6 and 7 and Fig. 5 ask how well a network of some shape imitates springs."""
 
 from dataclasses import dataclass
 from pathlib import Path
