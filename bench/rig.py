@@ -149,8 +149,7 @@ class Rig:
 
     def command(self, posture: Float[np.ndarray, "visits axes"]) -> Command:
         """Return what the gears are asked to hold, command effects included."""
-        nominal = Command(posture, np.broadcast_to(self.springs, posture.shape))
-        total = nominal
+        total = nominal = Command(posture, np.broadcast_to(self.springs, posture.shape))
         for effect in self._sorted:
             if isinstance(effect, CommandEffect):
                 added = effect.command(posture, nominal, self.anatomy)
