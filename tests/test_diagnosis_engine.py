@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from bench.effects.parse import parse_all
 from bench.experiment import record
@@ -23,6 +24,7 @@ from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.diagnosis import Diagnosis
 from stiffness.diagnosis.evidence import evidence_of, projected, without
 from stiffness.diagnosis.flips import sign_flips
+from stiffness.diagnosis.hypotheses import HYPOTHESES
 from stiffness.diagnosis.hypotheses.bearing_tilt import BearingTilt
 from stiffness.diagnosis.hypotheses.encoder_offset import EncoderOffset
 from stiffness.diagnosis.hypotheses.hardening import Hardening
@@ -31,6 +33,7 @@ from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.roots import inverse_root
 from stiffness.diagnosis.signature import Motion, Turn, rotate, translate, turn
 from stiffness.diagnosis.split import split_of
+from stiffness.diagnosis.unknowns import unknowns
 from stiffness.diagnosis.visits import visits_of
 
 MODEL = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
@@ -144,6 +147,32 @@ def test_gram_of_folds_adds_up_to_the_gram_of_poses():
     gram, _ = ready.data.between.products(columns, fold, 4)
     own = ready.data.between.by_visit(columns).sum(axis=0)
     np.testing.assert_allclose(gram.sum(axis=0), own, rtol=1e-2)
+
+
+@pytest.mark.parametrize("hypothesis", HYPOTHESES, ids=lambda h: type(h).__name__)
+def test_information_of_means_is_what_their_columns_hold_and_what_priors_add(
+    hypothesis,
+):
+    """X'X - X'N G of the same columns by two ways, for shifts of many markers too."""
+    ready = prepared()
+    between = ready.data.between
+    assert between is not None
+    for where in hypothesis.places(ready.situation)[:1]:
+        shape = hypothesis.shapes(ready.situation, where)[0]
+        own = hypothesis.signature(ready.situation, where, shape)
+        columns = columns_of([own], ready.data.visits)
+        visits = np.zeros(len(between.residual), dtype=int)
+        gram, score = between.products(columns, visits, 1)
+        design = between.design(columns).reshape(-1, own.columns)
+        held = np.sum(design**2, axis=0)
+        _, sigma = unknowns(
+            ready.situation, ready.data.visits, np.zeros((len(visits), 28, 3)), True
+        )
+        held += np.sum((between.absorbed(columns) / sigma[:, None]) ** 2, axis=0)
+        scale = between.raw(columns)
+        assert_allclose(np.diag(gram[0]) / scale, held / scale, rtol=1e-7, atol=1e-9)
+        asked = design.T @ between.residual.ravel()
+        assert_allclose(score.sum(axis=0), asked, rtol=1e-6, atol=1e-6 * scale.max())
 
 
 def test_taking_a_column_out_lowers_its_score_by_its_gram():

@@ -19,7 +19,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from stiffness.diagnosis.columns import Columns, levers
 from stiffness.diagnosis.roots import inverse_root
-from stiffness.diagnosis.sides import Side, against, mean_over_rows, stacked
+from stiffness.diagnosis.sides import Side, add, against, mean_over_rows, stacked
 
 
 @dataclass(frozen=True)
@@ -137,12 +137,12 @@ class Between:
                     if far.first < 0 and not (same and side.first >= 0):
                         block = far.products(white, visits)
                         gram[f][np.ix_(side.column, far.column)] += block.T
-                back = self.root[visits] @ white if stacks else white
+                back = self.root[visits].swapaxes(1, 2) @ white if stacks else white
                 for stack in stacks:
                     block = stack.products(back).T
-                    gram[f][np.ix_(side.column, stack.column)] += block
+                    add(gram[f], side.column, stack.column, block)
                     if same and side.first < 0:
-                        gram[f][np.ix_(stack.column, side.column)] += block.T
+                        add(gram[f], stack.column, side.column, block.T)
             common = self._common(sides, one.count, visits)
             far_common = common if same else self._common(others, other.count, visits)
             gram[f] -= 0.5 * (common.T @ other_taken + taken.T @ far_common)

@@ -105,7 +105,18 @@ def against(
         if side.first < 0:
             total[:, side.column] += side.products(white, visits).T
     stacks = stacked(sides)
-    back = root @ white if stacks else white
+    back = root.swapaxes(1, 2) @ white if stacks else white
     for stack in stacks:
-        total[:, stack.column] += stack.of(visits).products(back).T
+        every = np.arange(white.shape[2])
+        add(total, every, stack.column, stack.of(visits).products(back).T)
     return total
+
+
+def add(
+    total: Float[np.ndarray, "all many"],
+    rows: Int[np.ndarray, " a"],
+    columns: Int[np.ndarray, " b"],
+    block: Float[np.ndarray, "a b"],
+) -> None:
+    """Add a block where it belongs; a column that shifts many markers comes often."""
+    np.add.at(total, np.ix_(rows, columns), block)
