@@ -18,6 +18,9 @@ from bench.recording import Payload
 GRAVITY = 9.81
 """m/s²; MuJoCo's default, and what a nominal mass on the hook is turned into N by."""
 
+LEAST_REACH = 0.3
+"""In m; chosen: a cell around a shorter arm would have no room for the hook."""
+
 MOUNT, LOAD_POINT = "sensor_far_side", "load_point"
 SENSOR_SITE = "sensor"
 HOOK_SITE = "hook"
@@ -91,13 +94,15 @@ def cell_for(model: mujoco.MjModel, arm: Anatomy) -> Cell:
 def reach(model: mujoco.MjModel, arm: Anatomy) -> float:
     """Return the sum of the links' lengths from the second axis on, in m.
 
-    For the KR10 R1100-2 stretched out this is near its 1.19 m from A1 to the flange.
+    For the KR10 R1100-2 this is near its 1.19 m from A1 to the flange stretched out. An
+    arm of one axis reaches from that one; at least `LEAST_REACH`.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    points = [data.joint(axis).xanchor for axis in arm.axes[1:]]
+    points = [data.joint(axis).xanchor for axis in arm.axes[1:] or arm.axes]
     points.append(data.body(arm.flange).xpos)
-    return float(sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    links = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return max(float(sum(links)), LEAST_REACH)
 
 
 def mount(spec: mujoco.MjSpec, arm: Anatomy, cell: Cell) -> None:
@@ -116,10 +121,8 @@ def mount(spec: mujoco.MjSpec, arm: Anatomy, cell: Cell) -> None:
     far.add_body(name=LOAD_POINT)  # without mass, so that a wrench on it acts here
     far.add_site(name=SENSOR_SITE)
     far.add_site(name=HOOK_SITE, pos=np.asarray(cell.hook))
-    for kind, label in (
-        (mujoco.mjtSensor.mjSENS_FORCE, "force"),
-        (mujoco.mjtSensor.mjSENS_TORQUE, "torque"),
-    ):
+    kinds = mujoco.mjtSensor.mjSENS_FORCE, mujoco.mjtSensor.mjSENS_TORQUE
+    for kind, label in zip(kinds, ("force", "torque"), strict=True):
         spec.add_sensor(
             name=label, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=SENSOR_SITE
         )

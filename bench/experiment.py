@@ -20,7 +20,7 @@ from bench.recording import Recording
 from bench.rig import Rig
 from bench.states import States
 
-__all__ = ["Instruments", "faulty", "marks_in_base", "record"]
+__all__ = ["Instruments", "faulty", "marks_in_base", "observed", "record"]
 
 
 def record(
@@ -44,12 +44,34 @@ def record(
         BenchError: Where the arm finds no rest.
         UnknownName: Where a mark that slips does not exist.
     """
+    instruments = instruments or Instruments()
+    encoders = faulty(instruments, rig).encoders
+    arrival = encoders.arrive(plan.visits, plan.posture.shape[1], streams(seed))
+    return observed(rig, plan, rig.carry_out(plan, arrival), instruments, seed, name)
+
+
+def observed(
+    rig: Rig,
+    plan: Plan,
+    states: States,
+    instruments: Instruments | None = None,
+    seed: int = 0,
+    name: str = "",
+) -> Recording:
+    """Return what the instruments see where a plan was carried out; see `record`.
+
+    Args:
+        rig: The arm.
+        plan: What was done.
+        states: Where everything was.
+        instruments: What watched.
+        seed: Of everything random.
+        name: What the recording is called; empty: as the plan.
+    """
     instruments = faulty(instruments or Instruments(), rig)
     chance = streams(seed)
     stuck = instruments.markers.stick(rig.nominal, rig.anatomy, chance)
     encoders = instruments.encoders
-    arrival = encoders.arrive(plan.visits, plan.posture.shape[1], chance)
-    states = rig.carry_out(plan, arrival)
     point, normal = marks_in_base(rig, states, stuck, instruments.markers, plan.time)
     points, frame = instruments.tracker.read(point, normal, plan.time, chance)
     sensor, frames = instruments.force_sensor, instruments.tracker.frames
@@ -67,7 +89,7 @@ def record(
         load_mass=plan.row_mass,
         markers=tuple(s.marker for s in stuck),
         points=points,
-        link_posture=encoders.read(states.axis_angle, chance),
+        link_posture=encoders.read(states.axis_angle, rig.anatomy.slides, chance),
         frames=np.full(plan.rows, frames) if frames > 1 else None,
         base_from_tracker=frame,
         tracker=instruments.tracker.spec(),

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from bench import equilibrium
 from bench.anatomy import Anatomy, anatomy, with_seats
 from bench.cell import GRAVITY, Cell, cell_for, load_on_sensor, mount, pose_in_world
-from bench.effects.creep import Creep
+from bench.effects.creep import creeping
 from bench.effects.effect import Command, CommandEffect, Effect, ModelEffect, RopeEffect
 from bench.errors import Unusable
 from bench.model_file import load, plain_mjcf
@@ -163,11 +163,7 @@ class Rig:
     ) -> States:
         model = self.model
         axes = np.array([model.joint(axis).id for axis in self.anatomy.axes])
-        creep = {
-            model.joint(f"{self.anatomy.axis(e.where)}_creep").id: e.time_s
-            for e in self._sorted
-            if isinstance(e, Creep) and e.ratio != 0.0
-        }
+        creep = creeping(self._sorted, model, self.anatomy)
         command = self.command(posture)
         schedule = equilibrium.Schedule(
             command.reference + arrival, command.stiffness, ropes, wrench, hold

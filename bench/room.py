@@ -18,6 +18,8 @@ PULLEY = 0.15
 """Least distance of the hook from a pulley, same share; chosen."""
 FREE = np.pi
 """How far an axis without stops is turned either way, in rad; chosen: a whole turn."""
+FREE_SLIDE = 0.5
+"""How far one without stops slides either way, as a share of the reach; chosen."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,10 @@ class Room:
         """Lowest and highest value of each axis, in rad (slides in m)."""
         joints = [self.model.joint(axis).id for axis in self.arm.axes]
         stops = self.model.jnt_limited[joints, None].astype(bool)
-        return np.where(stops, self.model.jnt_range[joints], [-FREE, FREE])
+        slide = FREE_SLIDE * reach(self.model, self.arm)
+        free = np.where(self.arm.slides, slide, FREE)
+        limits = np.stack([-free, free], axis=1)
+        return np.where(stops, self.model.jnt_range[joints], limits)
 
     def __call__(
         self, posture: Float[np.ndarray, "tried axes"]

@@ -7,12 +7,16 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bench.effects import EFFECTS, OTHER_LAWS
+from bench.effects.creep import Creep, creeping
 from bench.effects.gravity_load import GravityLoad
 from bench.effects.instrument_effect import InstrumentEffect
+from bench.effects.joint_compliance import JointCompliance
 from bench.effects.places import misplaced, places_for
+from bench.errors import Unusable
 from bench.load_path import parse_path
 from bench.plan import Plan
 from bench.rig import Rig
+from bench.truth import default_truth
 
 KINDS = (*EFFECTS, *OTHER_LAWS)
 PLACE = {"axis": "a2", "link": "link_2", "marker": "marker:x"}
@@ -108,6 +112,44 @@ def test_effects_of_one_kind_add_up(kr10, plan, nominal):
         Rig(kr10, (replace(load, mass_kg=2.0),)).carry_out(plan), nominal
     )
     assert_allclose(both, one, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "half", [JointCompliance("a2", 1e-5), Creep("a2", ratio=0.015)], ids=named
+)
+def test_an_effect_twice_on_one_axis_is_twice_the_effect(half, kr10, plan):
+    size = LINEAR[half.name][0]
+    whole = replace(half, **{size: 2 * getattr(half, size)})
+    twice = Rig(kr10, (half, half)).carry_out(plan)
+    once = Rig(kr10, (whole,)).carry_out(plan)
+    assert_allclose(twice.position, once.position, atol=1e-9)
+
+
+@pytest.mark.parametrize("effect", IN_THE_ARM, ids=named)
+def test_effect_can_be_there_twice_or_is_refused_with_the_reason(effect, kr10, plan):
+    rig = Rig(kr10, (effect, effect))
+    if effect.name == "link_bending":  # five joints each
+        with pytest.raises(Unusable, match="gives way in 6 ways already; leave one"):
+            _ = rig.model
+    else:
+        assert rig.carry_out(plan).residual <= 1e-9
+
+
+def test_default_truth_has_room_for_more_of_what_it_is_made_of(kr10, plan):
+    known = default_truth().effects
+    more = [e for e in known if e.name in ("hardening", "hysteresis", "creep")]
+    assert Rig(kr10, (*known, *more)).carry_out(plan).residual <= 1e-9
+
+
+def test_two_creeps_of_one_axis_keep_their_own_times(kr10):
+    both = Rig(kr10, tuple(Creep("a2", ratio=0.1, time_s=t) for t in (20.0, 300.0)))
+    hold = np.array([[20.0, 300.0, 6000.0]])
+    pull = np.broadcast_to([0.0, 0.0, -100.0, 0.0, 0.0, 0.0], (1, 3, 6))
+    posture = np.array([[0.1, -1.2, 1.5, 0.3, 0.7, 0.2]])
+    creep = both.respond(posture, pull, hold)
+    fast, slow = (both.model.joint(n).id for n in ("a2_creep", "a2_creep_2"))
+    assert creeping(both._sorted, both.model, both.anatomy) == {fast: 20.0, slow: 300.0}
+    assert len(np.unique(creep.axis_angle[:, 1])) == 3
 
 
 def test_all_effects_at_once_leave_a_nanonewton_metre_unbalanced(kr10, plan):

@@ -126,13 +126,14 @@ def test_foot_gives_way_along_and_about_each_direction_by_its_compliance(arm, al
 
 def test_arm_without_a_base_gives_way_about_the_world_all_the_same(arm, tmp_path):
     effect = BaseCompliance("base", ry_rad_per_nm=1e-6, z_m_per_n=1e-7)
-    based = place(respond(Rig(arm, (effect,)), moments(0.0, 60.0)))
+    stood = respond(Rig(arm, (effect,)), moments(0.0, 60.0))
     text = arm.read_text().replace('<body name="base">', "").replace("</body>", "", 1)
     text = re.sub(r'<inertial mass="10".*?/>', "", text)
     bare = tmp_path / "bare.xml"
     bare.write_text(text)
-    moved = place(respond(Rig(bare, (effect,)), moments(0.0, 60.0)))
-    assert_allclose(moved, based, atol=1e-13)
+    moved = respond(Rig(bare, (effect,)), moments(0.0, 60.0))
+    assert_allclose(place(moved), place(stood), atol=1e-13)
+    assert_allclose(moved.axis_angle, stood.axis_angle, atol=1e-13)
 
 
 # --- The wrist -----------------------------------------------------------------------

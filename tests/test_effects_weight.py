@@ -6,6 +6,7 @@ from numpy.testing import assert_allclose
 from bench.cell import Cell
 from bench.effects.gravity_compensator import GravityCompensator
 from bench.effects.gravity_load import GravityLoad
+from bench.effects.joint_compliance import JointCompliance
 from bench.effects.pulley_friction import PulleyFriction
 from bench.errors import Unusable
 from bench.load_path import parse_path
@@ -67,6 +68,14 @@ def test_compensator_pushes_with_the_sine_of_the_axis_angle(tmp_path, torque, po
     rig = Rig(lever(tmp_path), (effect,))
     q = respond(rig, moments(0.0), (posture,)).axis_angle[0, 0]
     assert_allclose(OWN * (q - posture), torque * np.sin(q - 0.4), atol=1e-9)
+
+
+def test_compensator_winds_up_all_that_is_in_series_in_its_gear(tmp_path):
+    """It bridges the gear: (1/K + c) τ is the wind-up, however soft the gear."""
+    soft = JointCompliance("a1", 3.0 / OWN)
+    rig = Rig(lever(tmp_path), (GravityCompensator("a1", 40.0), soft))
+    q = respond(rig, moments(0.0), (0.7,)).axis_angle[0, 0]
+    assert_allclose(OWN / 4.0 * (q - 0.7), 40.0 * np.sin(q), atol=1e-9)
 
 
 def test_compensator_of_the_right_size_carries_the_arm_in_every_posture(arm):

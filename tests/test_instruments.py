@@ -300,8 +300,8 @@ def test_motors_arrive_with_the_stated_scatter_once_per_visit():
 
 def test_encoders_after_the_gears_read_the_true_angle_with_noise():
     angle = np.random.default_rng(0).uniform(-2, 2, (300, 6))
-    assert Encoders().read(angle, streams(2)) is None
-    reading = Encoders(link_side=True).read(angle, streams(2))
+    assert Encoders().read(angle, (False,) * 6, streams(2)) is None
+    reading = Encoders(link_side=True).read(angle, (False,) * 6, streams(2))
     assert reading is not None
     assert sure(reading - angle, np.deg2rad(0.0005))
 

@@ -64,7 +64,7 @@ class BaseCompliance(ModelEffect):
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
         # an arm that stands on the world without a base gives way below its first axis
-        foot = arm.seat(arm.axes[0]) if arm.base == "world" else arm.base
+        foot = arm.end(arm.axes[0]) if arm.base == "world" else arm.base
         rotation, origin = pose_in(spec.body(foot), spec.body(arm.base))
         for i, (name, compliance) in enumerate(self.parameters().items()):
             if compliance > 0.0:

@@ -8,7 +8,7 @@ Ignores     recovery of different speed, temperature
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -16,8 +16,8 @@ import mujoco
 from typing_extensions import override
 
 from bench.anatomy import Anatomy
-from bench.effects.effect import ModelEffect
-from bench.effects.springs import add_series
+from bench.effects.effect import Effect, ModelEffect
+from bench.effects.springs import add_series, own_name
 
 
 @dataclass(frozen=True)
@@ -51,3 +51,21 @@ class Creep(ModelEffect):
         stiffness = own / self.ratio
         joint = add_series(spec, arm, self.where, "creep", stiffness)
         joint.damping = [stiffness * self.time_s, 0.0, 0.0]
+
+
+def creeping(
+    effects: Iterable[Effect], model: mujoco.MjModel, arm: Anatomy
+) -> dict[int, float]:
+    """Return each joint that creeps and its time constant, in s.
+
+    Args:
+        effects: In the order in which they were built.
+        model: What they were built into.
+        arm: The names of its parts.
+    """
+    times: dict[str, float] = {}
+    for effect in effects:
+        if isinstance(effect, Creep) and effect.ratio != 0.0:
+            joint = own_name(f"{arm.axis(effect.where)}_creep", times)
+            times[joint] = effect.time_s
+    return {model.joint(joint).id: time for joint, time in times.items()}

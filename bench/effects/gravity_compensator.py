@@ -20,7 +20,7 @@ from typing_extensions import override
 
 from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
-from bench.effects.springs import frame_along
+from bench.effects.springs import add_tendon, frame_along
 
 ARM = 0.1
 """Distance of both ends of the spring from the axis, in m; chosen."""
@@ -28,7 +28,7 @@ ARM = 0.1
 
 @dataclass(frozen=True)
 class GravityCompensator(ModelEffect):
-    """A stretched spring from a point of the seat to a point of the link.
+    """A stretched spring past the gear, from the end of the link before to the link.
 
     Attributes:
         torque_nm: Largest torque on the axis.
@@ -54,16 +54,16 @@ class GravityCompensator(ModelEffect):
         if self.torque_nm == 0.0:
             return
         axis = arm.axis(self.where)
-        own, name = spec.joint(axis), f"{axis}_compensator"
+        own = spec.joint(axis)
         u, v, _ = frame_along(np.asarray(own.axis, float)).T
         nearest = self.phase_rad + (np.pi if self.torque_nm > 0 else 0.0) - own.ref
-        on_seat = np.cos(nearest) * u + np.sin(nearest) * v
-        tendon = spec.add_tendon(name=name, springlength=np.zeros(2))
+        on_end = np.cos(nearest) * u + np.sin(nearest) * v
+        tendon = add_tendon(spec, f"{axis}_compensator")
         tendon.stiffness = [abs(self.torque_nm) / ARM**2, 0.0, 0.0]
         for label, body, direction in (
-            ("seat", arm.seat(axis), on_seat),
+            ("end", arm.end(axis), on_end),
             ("link", own.parent.name, u),
         ):
             place = np.asarray(own.pos, float) + ARM * direction
-            spec.body(body).add_site(name=f"{name}_{label}", pos=place)
-            tendon.wrap_site(f"{name}_{label}")
+            spec.body(body).add_site(name=f"{tendon.name}_{label}", pos=place)
+            tendon.wrap_site(f"{tendon.name}_{label}")

@@ -1,18 +1,34 @@
 """Where parts give way, MuJoCo gets a joint with a spring.
 
-Small helpers shared by the effects: every one adds a joint or a tendon of its own.
+Small helpers shared by the effects: every one adds a joint or a tendon of its own, so
+that the same effect can be there twice.
 """
+
+from collections.abc import Iterable
 
 import mujoco
 import numpy as np
 from jaxtyping import Float
 
 from bench.anatomy import SPECK, Anatomy
+from bench.errors import Unusable
 
 ARMATURE = 1e-3
 """Inertia of an added joint, kg m² or kg; chosen: negligible beside the links."""
 
+MOST_JOINTS = 6
+"""That MuJoCo allows one body."""
+
 HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+
+
+def own_name(name: str, taken: Iterable[str]) -> str:
+    """Return a name that no other part has: numbered from the second one on."""
+    others, number, free = set(taken), 1, name
+    while free in others:
+        number += 1
+        free = f"{name}_{number}"
+    return free
 
 
 def add_spring(
@@ -28,7 +44,7 @@ def add_spring(
 
     Args:
         body: The body that gives way.
-        name: Name of the new joint.
+        name: Name of the new joint; numbered where the body has one of that name.
         axis: Unit direction in the body's frame.
         stiffness: In N m/rad, or N/m for a slide.
         pos: A point of the axis in the body's frame, in m; default its origin.
@@ -36,12 +52,18 @@ def add_spring(
 
     Returns:
         The new joint.
+
+    Raises:
+        Unusable: Where the body has as many joints as MuJoCo allows.
     """
+    if len(body.joints) >= MOST_JOINTS:
+        fault = f"{body.name!r} gives way in {MOST_JOINTS} ways already; leave one out."
+        raise Unusable("The list of effects", [fault])
     if not body.explicitinertial:  # what moves must have some mass
         body.mass, body.inertia = SPECK, np.full(3, SPECK)
         body.explicitinertial = True
     joint = body.add_joint(
-        name=name,
+        name=own_name(name, (joint.name for joint in body.joints)),
         type=SLIDE if slide else HINGE,
         axis=np.asarray(axis, float),
         pos=np.zeros(3) if pos is None else np.asarray(pos, float),
@@ -92,7 +114,7 @@ def add_parallel(
 
     Args:
         spec: The model.
-        name: Name of the new tendon.
+        name: Name of the new tendon; numbered where there is one of that name.
         joint: The joint it acts on.
         stiffness: In N m/rad.
         slack: Between these deflections it carries nothing, in rad.
@@ -101,11 +123,19 @@ def add_parallel(
     Returns:
         The new tendon.
     """
-    tendon = spec.add_tendon(name=name, springlength=np.asarray(slack, float))
+    tendon = add_tendon(spec, name, slack)
     tendon.stiffness = [stiffness, 0.0, 0.0]
     tendon.springyield = springyield
     tendon.wrap_joint(joint, 1.0)
     return tendon
+
+
+def add_tendon(
+    spec: mujoco.MjSpec, name: str, slack: tuple[float, float] = (0.0, 0.0)
+) -> mujoco.MjsTendon:
+    """Add a tendon that goes nowhere yet; numbered where its name is taken."""
+    free = own_name(name, (tendon.name for tendon in spec.tendons))
+    return spec.add_tendon(name=free, springlength=np.asarray(slack, float))
 
 
 def frame_along(direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:

@@ -24,6 +24,7 @@ from typing_extensions import override
 
 from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
+from bench.effects.springs import add_tendon
 from bench.errors import Unusable
 
 MOST = 0.45
@@ -70,9 +71,7 @@ class WristCoupling(ModelEffect):
                 f"use two axes and at most {largest:.3g}."
             )
             raise Unusable(f"Effect {self.name!r} at {self.where!r}", [fault])
-        tendon = spec.add_tendon(
-            name=f"{pair[1]}_with_{pair[0]}", springlength=np.zeros(2)
-        )
+        tendon = add_tendon(spec, f"{pair[1]}_with_{pair[0]}")
         tendon.stiffness = [root[0] * root[1] * share / (1 - 2 * share), 0.0, 0.0]
         balance = np.sqrt(root[0] / root[1])
         tendon.wrap_joint(pair[0], balance)

@@ -4,6 +4,7 @@ The controller reports the angle that was asked for. It arrives there nearly: wh
 missing is known to nobody, and it is why a pose visited twice is not quite the same.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,15 +51,22 @@ class Encoders:
         return self.arrival * chance["arrival"].standard_normal((visits, axes))
 
     def read(
-        self, angle: Float[np.ndarray, "rows axes"], chance: Streams
+        self,
+        angle: Float[np.ndarray, "rows axes"],
+        slides: Sequence[bool],
+        chance: Streams,
     ) -> Float[np.ndarray, "rows axes"] | None:
         """Return the readings after the gears, in rad; None without such encoders.
 
+        A slide has none: the format knows no such column.
+
         Args:
             angle: True angles after the gears, in rad.
+            slides: Whether each axis slides.
             chance: Streams of random numbers.
         """
         if not self.link_side:
             return None
         drawn = chance["link_encoders"].standard_normal(angle.shape)
-        return angle + self.noise * self.repeatability * drawn
+        reading = angle + self.noise * self.repeatability * drawn
+        return np.where(slides, np.nan, reading)

@@ -149,7 +149,7 @@ def _around(
     """Return places and normals on a body, in its frame; bodies count from the base."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    scale = max(reach(model, arm), 0.3) / 1.19
+    scale = reach(model, arm) / 1.19
     last = bodies - 1
     body = data.body((arm.base, *arm.links[: last - 1], arm.flange)[b])
     turn = body.xmat.reshape(3, 3)

@@ -37,6 +37,7 @@ class Tracker:
         noise: Its white noise in units of what it states; 0 is silent.
         field: One sigma of a slowly varying error per coordinate, in m, which no
             averaging removes. 15 µm keeps nearly all points within the paper's 0.05 mm.
+        volumetric: One sigma of it that the tracker states, in m; None: what it is.
         frames: How many frames a row averages.
         occlusions: Fraction of readings that are missing, at random.
         widest_view: Largest angle between a mark's normal and the line of sight, in
@@ -53,6 +54,7 @@ class Tracker:
     repeatability: tuple[float, ...] = (1e-5, 1e-5, 1e-5)
     noise: float = 1.0
     field: float = 0.0
+    volumetric: float | None = None
     frames: int = 1
     occlusions: float = 0.0
     widest_view: float | None = None
@@ -64,7 +66,8 @@ class Tracker:
     def __post_init__(self):
         """Check all sizes at once."""
         names = ("repeatability", "noise", "field", "occlusions")
-        faults = not_sizes({name: getattr(self, name) for name in names})
+        sizes = {name: getattr(self, name) for name in names}
+        faults = not_sizes(sizes | {"volumetric": self.volumetric or 0.0})
         faults += not_vectors({"repeatability": self.repeatability}, 3)
         wander = {"drift": self.drift, "base_drift": self.base_drift}
         faults += not_vectors(wander | {"frame_error": self.frame_error or STILL}, 6)
@@ -113,9 +116,8 @@ class Tracker:
 
     def spec(self) -> TrackerSpec:
         """Return what it states of itself, faults left out."""
-        return TrackerSpec(
-            repeatability=np.array(self.repeatability), volumetric=self.field or None
-        )
+        stated = self.field if self.volumetric is None else self.volumetric
+        return TrackerSpec(np.array(self.repeatability), volumetric=stated or None)
 
     def _stated(
         self, base_from_tracker: Float[np.ndarray, "4 4"]

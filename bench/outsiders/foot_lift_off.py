@@ -61,7 +61,7 @@ class FootLiftOff(ModelEffect):
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
         if self.edge_rad_per_nm == 0.0:
             return
-        foot = arm.seat(arm.axes[0]) if arm.base == "world" else arm.base
+        foot = arm.end(arm.axes[0]) if arm.base == "world" else arm.base
         edge = np.array([np.cos(self.angle_rad), np.sin(self.angle_rad), 0.0])
         stiffness = 1.0 / self.edge_rad_per_nm
         hinge = add_spring(spec.body(foot), "foot_edge", edge, stiffness)

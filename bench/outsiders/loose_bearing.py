@@ -60,6 +60,7 @@ class LooseBearing(ModelEffect):
         u, v, _ = frame_along(np.asarray(own.axis, float)).T
         across = np.cos(self.angle_rad) * u + np.sin(self.angle_rad) * v
         stiffness, name = 1.0 / self.u_rad_per_nm, f"{axis}_loose"
-        add_spring(seat, name, across, stiffness, pos=np.asarray(own.pos, float))
+        pos = np.asarray(own.pos, float)
+        hinge = add_spring(seat, name, across, stiffness, pos=pos)
         stop = (CLOSED - 1.0) * stiffness
-        add_parallel(spec, f"{name}_stop", name, stop, slack=(0.0, NEVER))
+        add_parallel(spec, f"{name}_stop", hinge.name, stop, slack=(0.0, NEVER))

@@ -21,7 +21,7 @@ from typing_extensions import override
 
 from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
-from bench.effects.springs import HINGE, add_series, add_spring
+from bench.effects.springs import HINGE, add_series, add_spring, add_tendon
 
 TOGETHER = 0.45
 """r, how firmly the thread keeps turn and shift together; chosen, below 1/2."""
@@ -67,7 +67,7 @@ class ThrustTurn(ModelEffect):
         seat, along = spec.body(arm.seat(axis)), np.asarray(own.axis, float)
         axial = stiffness / self.lead_m**2
         screw = add_spring(seat, f"{axis}_thrust_shift", along, axial, slide=True)
-        tendon = spec.add_tendon(name=f"{axis}_thread", springlength=np.zeros(2))
+        tendon = add_tendon(spec, f"{axis}_thread")
         tendon.stiffness = [stiffness * TOGETHER / (1 - 2 * TOGETHER), 0.0, 0.0]
         tendon.wrap_joint(nut.name, 1.0)
         tendon.wrap_joint(screw.name, -1.0 / self.lead_m)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from bench.experiment import record
+from bench.experiment import observed
 from bench.instruments import Instruments, Tracker
 from bench.plan import Plan
 from bench.recording import Recording
@@ -83,13 +83,15 @@ def carry_out(seed: int, poses: int = 151) -> Experiment:
     rig = Rig(KR10, truth.effects, truth.stiffness)
     plan = table_one(poses, revisits=min(REVISITS, poses))
     instruments = Instruments(tracker=Tracker(field=15e-6))
-    recording = record(rig, plan, instruments, seed, "KR10 pulley bench, Table 1")
+    states = rig.carry_out(plan)
+    name = "KR10 pulley bench, Table 1"
+    recording = observed(rig, plan, states, instruments, seed, name)
     arm = Arm.from_mjcf(KR10).for_recording(recording)
     return Experiment(
         rig=rig,
         plan=plan,
         recording=recording,
-        states=rig.carry_out(plan),
+        states=states,
         arm=arm,
         measured=one_per_pose(arm, recording, None),
     )
