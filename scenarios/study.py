@@ -38,6 +38,7 @@ from scenarios.paper.budget import budget
 from scenarios.paper.cells import Cell, Result
 from scenarios.paper.comparison import Contender, contenders
 from scenarios.paper.experiment import carry_out
+from scenarios.paper.identifiable import refuse_if_blind
 from scenarios.paper.linear_fit import LinearFit
 from scenarios.paper.material import Material
 from scenarios.paper.own_method import OwnMethod, checked
@@ -63,7 +64,8 @@ class Settings:
     jobs: int = 2
     """How many cells are worked at once, each on one core."""
     poses: int = 151
-    """How many of the 151 postures; fewer only to try things out."""
+    """How many of the 151 postures; fewer only to try things out; 55 and more show all
+    six springs."""
     view: bool = False
     """Stream to a viewer while it runs, instead of saving study.rrd."""
 
@@ -81,13 +83,14 @@ def main(settings: Settings) -> Study:
     out, seed = settings.out, settings.seed
     spent = budget(settings.budget, seed)
     own = None if settings.method is None else OwnMethod.named(settings.method)
-    out.mkdir(parents=True, exist_ok=True)
     experiment = carry_out(seed, settings.poses)
-    if own is not None:
-        checked(own, experiment.arm, experiment.recording)
-    found = linear_fit.fit(experiment, seed)
     fresh = unseen(experiment.rig, experiment.arm, spent.unseen, seed)
     material = Material.of(experiment, fresh)
+    refuse_if_blind(material, spent.transfer.seeds)
+    if own is not None:
+        checked(own, experiment.arm, experiment.recording)
+    out.mkdir(parents=True, exist_ok=True)
+    found = linear_fit.fit(experiment, seed)
     stream = playback.live(seed) if settings.view else None
 
     def told(cell: Cell, result: Result) -> None:

@@ -148,7 +148,8 @@ def refuse_if_blind(
 
     An axis is seen where its sigma, taken beside all other axes, is below a third of
     its compliance, or of the model's where that is larger: an axis may turn out stiff,
-    but a soft one must not go unseen. No seen axis may come out negative by as much.
+    but a soft one must not go unseen. No seen axis may come out negative by as much;
+    where all do, the wrench has the wrong sign, for that turns every compliance over.
 
     Args:
         arm: Names the axes.
@@ -160,21 +161,39 @@ def refuse_if_blind(
     Raises:
         NotIdentifiable: With every such axis and what to do.
     """
+    seen = SIGNIFICANT * sigma < np.maximum(np.abs(compliance), nominal[free])
+    negative = seen & (compliance < -SIGNIFICANT * sigma)
+    if np.any(seen) and np.all(negative[seen]):
+        cause = (
+            "as do all that are seen. Check the wrench's sign: it is what the world "
+            "exerts on the robot"
+        )
+    else:
+        cause = (
+            "which no spring has; others are positive, so the wrench's sign is right. "
+            "What gives way beside the axes (a bearing, a link, the base) is taken for "
+            "it. Add postures and loads that twist it"
+        )
     faults = []
-    for k, value, error in zip(free, compliance, sigma, strict=True):
+    for i, k in enumerate(free):
         axis = arm.axes[k]
-        if not SIGNIFICANT * error < max(abs(value), nominal[k]):
-            known = "" if np.isinf(error) else f" ({value:.2g} ± {error:.2g} rad/(N m))"
+        found = f"{compliance[i]:.2g} ± {sigma[i]:.2g} rad/(N m)"
+        hold = f"or hold it: held=({axis!r},)."
+        if np.isinf(sigma[i]):
             faults.append(
-                f"No load case moves the tool through axis {axis!r} enough to tell its "
-                f"compliance from the others'{known}. Add a load whose line of action "
-                f"passes beside its axis, or hold it: held=({axis!r},)."
+                f"No load case turns axis {axis!r} and moves the tool by it. Add a "
+                f"load whose line of action passes beside its axis, {hold}"
             )
-        elif value < -SIGNIFICANT * error:
+        elif not seen[i]:
             faults.append(
-                f"Axis {axis!r} comes out with the negative compliance {value:.2g} ± "
-                f"{error:.2g} rad/(N m). Check the wrench's sign: it is what the world "
-                f"exerts on the robot. Else hold the axis: held=({axis!r},)."
+                f"The compliance of axis {axis!r} is too uncertain beside the others': "
+                f"{found}. Add postures, and loads whose line of action passes beside "
+                f"its axis, {hold}"
+            )
+        elif negative[i]:
+            faults.append(
+                f"Axis {axis!r} comes out with the negative compliance {found}, "
+                f"{cause}, {hold}"
             )
     if faults:
         raise NotIdentifiable("\n".join(faults))

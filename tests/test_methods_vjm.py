@@ -11,7 +11,7 @@ from stiffness.arm import Arm
 from stiffness.cartesian_compliance import cartesian_compliance
 from stiffness.deflections import every_plateau, one_per_pose
 from stiffness.intervals import share
-from stiffness.least_squares import least_squares, solve
+from stiffness.least_squares import least_squares, refuse_if_blind, solve
 from stiffness.methods.vjm import Vjm
 
 TOOL = Payload(1.0, np.array([0.0, 0.01, 0.05]))
@@ -223,6 +223,23 @@ def test_wrench_with_the_wrong_sign_is_refused_with_the_sign_rule(arm):
     backwards = replace(backwards, wrench=-backwards.wrench)
     with pytest.raises(NotIdentifiable, match="world exerts on the robot"):
         Vjm(arm).fit(backwards)
+
+
+def test_lone_negative_axis_is_not_put_down_to_the_wrenchs_sign(arm):
+    """The sign of the wrench turns all compliances over, never one."""
+    value, sigma = 1.0 / TABLE_3, 0.01 / TABLE_3
+    value[3] *= -0.1
+    with pytest.raises(NotIdentifiable, match=r"'a4'.*others are positive") as error:
+        refuse_if_blind(arm, list(range(6)), value, sigma, 1.0 / arm.stiffness)
+    assert "Check the wrench" not in str(error.value)
+
+
+def test_negative_axis_whose_interval_holds_positive_values_is_called_uncertain(arm):
+    value, sigma = 1.0 / TABLE_3, 0.01 / TABLE_3
+    value[5], sigma[5] = -0.5 * value[5], value[5]
+    with pytest.raises(NotIdentifiable, match="'a6' is too uncertain") as error:
+        refuse_if_blind(arm, list(range(6)), value, sigma, 1.0 / arm.stiffness)
+    assert "negative" not in str(error.value)
 
 
 def test_readings_relative_to_the_first_are_as_good(arm):

@@ -9,6 +9,7 @@ import matplotlib as mpl
 import pytest
 from saved_view import entities, identity, timeline
 
+from bench.errors import Unusable
 from scenarios.paper.numbers import TABLE_02_MM, TABLE_03_NM_PER_RAD
 from scenarios.study import Settings, main
 
@@ -144,6 +145,17 @@ def test_same_seed_gives_the_same_recording(study):
         "compare", "--unordered", *(folder / "study.rrd" for folder in study)
     )
     assert compared.returncode == 0, compared.stderr[-500:]
+
+
+def test_too_few_postures_are_refused_before_anything_is_written(tmp_path):
+    """What is said is true: one axis negative is no wrong sign of the wrench."""
+    out = tmp_path / "out"
+    with pytest.raises(
+        Unusable, match=r"(?s)26 postures.*'a4'.*55 postures or"
+    ) as error:
+        main(Settings(out=out, budget="tiny", jobs=1, poses=26))
+    assert "Check the wrench" not in str(error.value)
+    assert not out.exists()
 
 
 # --- What is committed ---------------------------------------------------------------
