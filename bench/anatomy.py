@@ -15,8 +15,8 @@ import mujoco
 from bench.errors import Unusable
 
 SPECK = 1e-12
-"""Mass in kg and inertia in kg m² of a seat; the least that MuJoCo lets move, and far
-below the 1e-9 N m at which an equilibrium counts as found."""
+"""Mass in kg and inertia in kg m² of a seat; the least that MuJoCo lets move. Its
+weight at 1 m is 1e-11 N m, below the 1e-10 at which an equilibrium counts as found."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,8 @@ class Anatomy:
         axes: Joints of the model, a1 first.
         links: The body that each axis moves.
         base: The body that carries the first axis.
-        flange: The body that carries the tool.
+        flange: The body of that name, or the last in the file that the last axis
+            carries.
         slides: Whether each axis slides instead of turning.
     """
 
@@ -58,8 +59,11 @@ class Anatomy:
         return name
 
     def axis(self, where: str) -> str:
-        """Return the model's joint for `a3`, or for the joint's own name."""
-        if where not in self.axes and where[:1] == "a" and where[1:].isdigit():
+        """Return the model's joint for `a3`, or for the joint's own name.
+
+        `a3` is always the third axis from the base, whatever joints are called.
+        """
+        if where[:1] == "a" and where[1:].isdigit():
             k = int(where[1:])
             if 1 <= k <= len(self.axes):
                 return self.axes[k - 1]
@@ -84,7 +88,7 @@ def anatomy(model: mujoco.MjModel) -> Anatomy:
         faults.append("it has no joint; an arm needs at least one hinge.")
     bodies = [int(model.jnt_bodyid[j]) for j in joints]
     for before, after in pairwise(bodies):
-        if before not in _ancestors(model, after) and before != after:
+        if before not in _above(model, after) and before != after:
             faults.append(
                 f"joint on {model.body(after).name!r} does not follow from "
                 f"{model.body(before).name!r}; the axes must form one chain."
@@ -92,7 +96,8 @@ def anatomy(model: mujoco.MjModel) -> Anatomy:
     if faults:
         raise Unusable("The model", faults)
     names = [model.body(b).name for b in range(model.nbody)]
-    flange = "flange" if "flange" in names else _last(model, bodies[-1])
+    carried = [b for b in range(model.nbody) if bodies[-1] in (b, *_above(model, b))]
+    flange = "flange" if "flange" in names else names[carried[-1]]
     return Anatomy(
         axes=tuple(model.joint(j).name for j in joints),
         links=tuple(names[b] for b in bodies),
@@ -141,14 +146,9 @@ def _massless(name: str, pos: str, quat: str) -> ElementTree.Element:
     return body
 
 
-def _ancestors(model: mujoco.MjModel, body: int) -> set[int]:
+def _above(model: mujoco.MjModel, body: int) -> set[int]:
     above = set()
     while body:
         body = int(model.body_parentid[body])
         above.add(body)
     return above
-
-
-def _last(model: mujoco.MjModel, body: int) -> str:
-    children = [b for b in range(1, model.nbody) if model.body_parentid[b] == body]
-    return _last(model, children[0]) if len(children) == 1 else model.body(body).name

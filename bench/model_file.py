@@ -1,10 +1,11 @@
 """A robot's model file, MJCF or URDF, says which bodies hang on which joints.
 
 MuJoCo reads either kind; `plain_mjcf` writes the moving parts back as one
-self-contained MJCF text at full precision, without includes, defaults, pictures or
-contacts, so that Pinocchio and MuJoCo read the very same arm.
+self-contained MJCF text at full precision, without includes, defaults, pictures,
+sites or contacts, so that Pinocchio and MuJoCo read the very same arm.
 """
 
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -13,13 +14,25 @@ import mujoco
 import numpy as np
 
 from bench.errors import BenchError, Unusable
+from bench.model_text import faults_of
 
-LARGEST_MODEL = 20_000_000
-"""Bytes of a model file that are still read; chosen: a hundred times an arm's file."""
+SPECK = 1e-12
+"""Least mass in kg and inertia in kg m² of a URDF's link, whose file may give none."""
+ROOT = "everything"
+"""Body on which all hangs where several stand in the world."""
+
+mujoco.set_mju_user_warning(lambda text: None)  # else it writes a file where one stands
+
+
+class LeftOut(UserWarning):
+    """A model states what neither the bench nor a claim makes use of."""
 
 
 def load(path: Path | str) -> mujoco.MjModel:
     """Compile a model file.
+
+    Bodies and joints without a name are numbered. A URDF keeps its fixed links and
+    loses its meshes, whose places only its own workspace knows.
 
     Args:
         path: An MJCF or URDF file.
@@ -28,22 +41,63 @@ def load(path: Path | str) -> mujoco.MjModel:
         The compiled model; lengths in m, masses in kg, angles in rad.
 
     Raises:
-        BenchError: Where the file is missing or too large.
+        BenchError: Where the file is missing.
         Unusable: Where the file is no model that MuJoCo can compile.
     """
     path = Path(path)
     if not path.is_file():
         raise BenchError(f"There is no model file {str(path)!r}; give an MJCF or URDF.")
-    if path.stat().st_size > LARGEST_MODEL:
-        raise BenchError(f"{str(path)!r} is larger than {LARGEST_MODEL} bytes.")
-    if b"<!ENTITY" in path.read_bytes():
-        raise BenchError(f"{str(path)!r} declares XML entities; write them out.")
+    what = f"Model {str(path)!r}"
+    if faults := faults_of(path):
+        raise Unusable(what, faults)
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError as error:
-        raise Unusable(f"Model {str(path)!r}", [" ".join(str(error).split())]) from None
+        spec = mujoco.MjSpec.from_file(str(path))
+        _prepare(spec, is_urdf=b"<robot" in path.read_bytes())
+        model = spec.compile()
+    except (ValueError, RuntimeError) as error:
+        raise Unusable(what, [" ".join(str(error).split())]) from None
     _refuse_nonsense(path, model)
+    if left := _left_out(model):
+        warnings.warn(f"{what}: {left} left out.", LeftOut, stacklevel=2)
     return model
+
+
+def _prepare(spec: mujoco.MjSpec, is_urdf: bool) -> None:
+    """Name what has no name, and take out what an arm's motion does not need."""
+    for kind, parts in (("body", spec.bodies[1:]), ("joint", spec.joints)):
+        names = {part.name for part in parts}
+        for k, part in enumerate(parts, start=1):
+            if not part.name:
+                part.name = next(
+                    name
+                    for n in range(k, k + len(names) + 1)
+                    if (name := f"{kind}_{n}") not in names
+                )
+                names.add(part.name)
+    fields = [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_HFIELD]
+    for part in (*fields, *spec.hfields, *spec.textures):  # small files can be huge
+        spec.delete(part)
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    if is_urdf:
+        for geom in [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_MESH]:
+            spec.delete(geom)
+        for mesh in list(spec.meshes):
+            spec.delete(mesh)
+        spec.compiler.fusestatic = False
+        spec.compiler.boundmass = spec.compiler.boundinertia = SPECK
+
+
+def _left_out(model: mujoco.MjModel) -> str:
+    """List what a model states beyond rigid bodies, axes and linear springs."""
+    stated = {
+        "equality constraints (mimic joints among them)": model.neq,
+        "tendons": model.ntendon,
+        "springs that are not linear": np.any(model.jnt_stiffnesspoly),
+        "friction of joints": np.any(model.dof_frictionloss),
+        "gravity compensation": np.any(model.body_gravcomp),
+    }
+    return ", ".join(name for name, there in stated.items() if there)
 
 
 def _refuse_nonsense(path: Path, model: mujoco.MjModel) -> None:
@@ -54,12 +108,15 @@ def _refuse_nonsense(path: Path, model: mujoco.MjModel) -> None:
     for j in np.flatnonzero(~(model.jnt_stiffness >= 0)):
         size = model.jnt_stiffness[j]
         faults.append(f"joint {model.joint(j).name!r} has the stiffness {size}.")
+    for b in np.flatnonzero(model.body_jntnum > 1):
+        name, count = model.body(b).name, model.body_jntnum[b]
+        faults.append(f"body {name!r} has {count} joints; give each a body of its own.")
     if faults:
         raise Unusable(f"Model {str(path)!r}", faults)
 
 
 def plain_mjcf(model: mujoco.MjModel) -> str:
-    """Write the bodies, joints and sites of a compiled model as plain MJCF.
+    """Write the bodies and joints of a compiled model as plain MJCF.
 
     Args:
         model: A compiled model.
@@ -71,6 +128,8 @@ def plain_mjcf(model: mujoco.MjModel) -> str:
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
     ElementTree.SubElement(root, "option", gravity=_numbers(model.opt.gravity))
     elements = {0: ElementTree.SubElement(root, "worldbody")}
+    if np.count_nonzero(model.body_parentid[1:] == 0) > 1:  # Pinocchio reads the first
+        elements[0] = ElementTree.SubElement(elements[0], "body", name=ROOT)
     for b in range(1, model.nbody):
         body = ElementTree.SubElement(
             elements[model.body_parentid[b]],
@@ -92,14 +151,6 @@ def plain_mjcf(model: mujoco.MjModel) -> str:
         first = model.body_jntadr[b]
         for j in range(first, first + model.body_jntnum[b]):
             body.append(_joint(model, j))
-    for s in range(model.nsite):
-        ElementTree.SubElement(
-            elements[model.site_bodyid[s]],
-            "site",
-            name=model.site(s).name or f"site_{s}",
-            pos=_numbers(model.site_pos[s]),
-            quat=_numbers(model.site_quat[s]),
-        )
     return ElementTree.tostring(root, encoding="unicode")
 
 

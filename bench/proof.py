@@ -92,8 +92,9 @@ def prove(
         BenchError: Where the patch cannot be built or finds no rest.
     """
     recording = _thinned(recording)
-    mounted = mounted_on(recording, rig_of(Patch(), arm_file))
-    patch = replace(in_model(recording, patch), mounted=mounted)
+    model = rig_of(Patch(), arm_file)
+    patch = in_model(recording, patch, model.anatomy)
+    patch = replace(patch, mounted=mounted_on(recording, model))
     rig = rig_of(patch, arm_file)
     own = effects_of(patch)
     bare = rig_of(replace(patch, effects=(), laws=()), arm_file)

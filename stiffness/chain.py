@@ -101,7 +101,7 @@ def chain_of(model: pinocchio.Model, axes: Sequence[str], gravity: np.ndarray) -
         if moved is not None:
             numbered[f"link_{k + 1}"] = places[moved]
     places.update(numbered)
-    last = [f.name for f in inner][-1]
+    last = [f.name for f in inner if f.parentJoint == max(joints)][-1]
     places.setdefault("flange", places[last])
     places.setdefault("tool", places["flange"])
     parents = [model.parents[joint] for joint in joints]

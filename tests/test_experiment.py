@@ -1,4 +1,5 @@
 from dataclasses import replace
+from shutil import copytree
 
 import numpy as np
 import pytest
@@ -158,8 +159,8 @@ def test_base_frame_is_the_base_bodys_wherever_the_model_puts_it(kr10, tmp_path,
         '<body name="base">', '<body name="base" pos="0.3 -0.2 0.1" quat="1 0 0 1">'
     )
     turned = tmp_path / "turned.xml"
-    meshes = f'meshdir="{kr10.parent / "meshes"}"'
-    turned.write_text(text.replace('meshdir="meshes"', meshes))
+    turned.write_text(text)
+    copytree(kr10.parent / "meshes", tmp_path / "meshes")
     unloaded = replace(PLAN, path=parse_path("0"))
     ours, theirs = (
         numbers(record(Rig(arm), unloaded, SILENT, seed=4))[0] for arm in (kr10, turned)

@@ -1,3 +1,4 @@
+import os
 from itertools import pairwise
 from xml.etree import ElementTree
 
@@ -8,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bench import model_file
+from bench import model_text
+from bench.anatomy import anatomy
 from bench.errors import BenchError, Unusable
-from bench.model_file import load, plain_mjcf
+from bench.model_file import LeftOut, load, plain_mjcf
 
 CLOSE = 1e-10
 """In m, 1, N m: the bar on positions, Jacobians and gravity torques."""
@@ -42,7 +44,6 @@ MJCF = """<mujoco><compiler angle="degree"/>
         <joint name="a1" axis="0 1 0" pos="0.05 0 0" range="-90 120" stiffness="5e4"
                ref="10" springref="20"/>
         <geom type="box" size="0.1 0.1 0.1" mass="0"/>
-        <site name="tip" pos="0.3 0 0.1" euler="0 45 0"/>
       </body>
     </body>
   </worldbody></mujoco>"""
@@ -121,10 +122,10 @@ def test_everything_that_moves_reads_back_to_the_last_bit(tmp_path):
     for name in (
         *("body_pos", "body_mass", "body_ipos", "body_inertia", "jnt_pos"),
         *("jnt_axis", "jnt_range", "jnt_stiffness", "qpos0", "qpos_spring"),
-        *("dof_armature", "dof_damping", "site_pos"),
+        *("dof_armature", "dof_damping"),
     ):
         np.testing.assert_array_equal(getattr(plain, name), getattr(model, name))
-    for name in ("body_quat", "body_iquat", "site_quat"):  # normalised once more
+    for name in ("body_quat", "body_iquat"):  # normalised once more
         np.testing.assert_allclose(
             getattr(plain, name), getattr(model, name), rtol=0, atol=1e-16
         )
@@ -146,11 +147,11 @@ def test_no_digit_of_a_number_is_lost(place, mass):
 
 
 def test_plain_is_plain(kr10):
-    """One file without defaults, pictures, contacts, tendons or motors."""
+    """One file without defaults, pictures, sites, contacts, tendons or motors."""
     root = ElementTree.fromstring(plain_mjcf(load(kr10)))
     tags = {element.tag for element in root.iter()}
     kept = {"mujoco", "compiler", "option", "worldbody", "body", "inertial", "joint"}
-    assert tags <= kept | {"site"}
+    assert tags <= kept
     assert plain_mjcf(mujoco.MjModel.from_xml_string(plain_mjcf(load(kr10)))) == (
         plain_mjcf(load(kr10))
     )
@@ -178,10 +179,87 @@ def test_file_that_swells_on_reading_is_refused_unread(tmp_path):
 
 
 def test_file_that_is_too_large_is_refused_unread(tmp_path, monkeypatch):
-    monkeypatch.setattr(model_file, "LARGEST_MODEL", 100)
+    monkeypatch.setattr(model_text, "LARGEST_MODEL", 100)
     (tmp_path / "large.xml").write_text(MJCF)
     with pytest.raises(BenchError, match="larger than 100 bytes"):
         load(tmp_path / "large.xml")
+
+
+ARM = """<body><joint name="{}" axis="0 1 0"/><geom size="0.1"/>{}</body>"""
+HUGE = [
+    pytest.param(
+        '<worldbody><replicate count="200"><replicate count="200" offset="0 0 1">'
+        '<geom size="1"/></replicate></replicate></worldbody>',
+        r"unfolds to 8.*e\+04 parts; the most is 20000",
+        id="replicate",
+    ),
+    pytest.param(
+        '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>',
+        r"hfield has 3.6e\+09 cells; the most is 10000000",
+        id="hfield",
+    ),
+    pytest.param(
+        '<asset><mesh name="m" file="../secret.stl"/></asset>',
+        r"'\.\./secret\.stl' leaves the model's folder",
+        id="elsewhere",
+    ),
+    pytest.param('<include file="pipe.xml"/>', "'pipe.xml' is not a file", id="pipe"),
+]
+
+
+@pytest.mark.parametrize(("asked", "says"), HUGE)
+def test_model_that_asks_for_too_much_or_elsewhere_is_refused(tmp_path, asked, says):
+    inside = tmp_path / "inside"
+    inside.mkdir()
+    (tmp_path / "secret.stl").write_text("x")
+    os.mkfifo(inside / "pipe.xml")
+    (inside / "deep.xml").write_text(f"<mujoco>{asked}</mujoco>")
+    main = '<mujoco><include file="deep.xml"/></mujoco>'
+    (inside / "main.xml").write_text(main)
+    with pytest.raises(Unusable, match=says):
+        load(inside / "main.xml")
+
+
+def test_two_joints_of_one_body_are_refused_by_name(tmp_path):
+    text = ARM.format("one", '<joint name="two" axis="1 0 0"/>')
+    file = tmp_path / "two.xml"
+    file.write_text(f"<mujoco><worldbody>{text}</worldbody></mujoco>")
+    with pytest.raises(Unusable, match="'body_1' has 2 joints; give each a body of"):
+        load(file)
+
+
+# --- What is left out ----------------------------------------------------------------
+
+
+def test_parts_without_a_name_are_numbered_and_keep_clear_of_names(tmp_path):
+    text = ARM.format("", ARM.format("joint_1", ""))
+    file = tmp_path / "nameless.xml"
+    file.write_text(f"<mujoco><worldbody>{text}</worldbody></mujoco>")
+    model = load(file)
+    assert [model.joint(j).name for j in range(2)] == ["joint_2", "joint_1"]
+    assert [model.body(b).name for b in (1, 2)] == ["body_1", "body_2"]
+
+
+def test_what_moves_the_arm_and_is_left_out_is_said(tmp_path):
+    file = tmp_path / "tied.xml"
+    tie = '<equality><joint joint1="one" polycoef="0 1 0 0 0"/></equality>'
+    file.write_text(
+        f"<mujoco>{tie}<worldbody>{ARM.format('one', '')}</worldbody></mujoco>"
+    )
+    with pytest.warns(LeftOut, match=r"tied\.xml.*equality constraints.* left out"):
+        load(file)
+
+
+def test_urdf_keeps_its_fixed_links_and_needs_no_mesh(urdf):
+    mesh = '<geometry><mesh filename="package://arm/meshes/1.stl"/></geometry>'
+    shapes = f"<visual>{mesh}</visual><collision>{mesh}</collision></link>"
+    tool = '<link name="tool0"/><joint name="f" type="fixed"><parent link="link_2"/>'
+    tool += '<child link="tool0"/><origin xyz="0 0 0.1"/></joint></robot>'
+    text = URDF.replace("</link>", shapes).replace("</robot>", tool)
+    urdf.write_text(text)
+    model = load(urdf)
+    assert model.ngeom == 0
+    assert anatomy(model).flange == "tool0"
 
 
 @pytest.mark.parametrize("text", ["", "no model", "<mujoco><worldbody>", "<unknown/>"])

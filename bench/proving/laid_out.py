@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bench.anatomy import Anatomy
 from bench.effects.creep import Creep
 from bench.errors import UnknownName
 from bench.patch import Mounted, Patch
@@ -60,13 +61,16 @@ def model_body(recording: Recording, rig: Rig, name: str) -> str:
     return found
 
 
-def in_model(recording: Recording, patch: Patch) -> Patch:
-    """Return a patch whose axes have the model's names where a recording's differ."""
+def in_model(recording: Recording, patch: Patch, arm: Anatomy) -> Patch:
+    """Return a patch whose axes count as the model's where a recording's differ."""
     if not recording.axes:
         return patch
 
     def joint(where: str) -> str:
-        known = {f"a{k + 1}": axis for k, axis in enumerate(recording.axes)}
+        known = {
+            f"a{k + 1}": f"a{arm.axes.index(axis) + 1}"
+            for k, axis in enumerate(recording.axes)
+        }
         return known.get(where, where)
 
     def renamed(effect: Named) -> Named:
