@@ -18,7 +18,9 @@ from bench.recording import Recording
 from bench.rig import Rig
 from bench.table_one import plan
 from stiffness.arm import Arm
-from stiffness.diagnosis.columns import columns_of, levers
+from stiffness.diagnosis.by_pose import by_pose
+from stiffness.diagnosis.columns import levers
+from stiffness.diagnosis.crossing import cross_of
 from stiffness.diagnosis.detect import ALARM
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.diagnosis import Diagnosis
@@ -29,8 +31,9 @@ from stiffness.diagnosis.hypotheses.bearing_tilt import BearingTilt
 from stiffness.diagnosis.hypotheses.encoder_offset import EncoderOffset
 from stiffness.diagnosis.hypotheses.hardening import Hardening
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
+from stiffness.diagnosis.hypotheses.marker_slip import MarkerSlip
 from stiffness.diagnosis.prepare import Prepared, prepare
-from stiffness.diagnosis.roots import inverse_root
+from stiffness.diagnosis.roots import Roots
 from stiffness.diagnosis.signature import Motion, Turn, rotate, translate, turn
 from stiffness.diagnosis.split import split_of
 from stiffness.diagnosis.unknowns import unknowns
@@ -86,7 +89,7 @@ def test_measured_noise_is_the_stated_one():
 
 def test_whitened_square_within_visits_is_its_freedom():
     within = prepared().data.within
-    square, freedom = within.whitened_square().sum(), within.freedom.sum()
+    square, freedom = within.square.sum(), within.freedom.sum()
     assert abs(square - freedom) < 5.0 * np.sqrt(2.0 * freedom)
 
 
@@ -135,18 +138,43 @@ def test_a_turn_and_the_same_motion_are_the_same_column():
 
 
 def test_gram_of_folds_adds_up_to_the_gram_of_poses():
+    """Turns, a motion and a shift; exact within visits, between but for the prior."""
     ready = prepared()
     at = ready.situation
-    signatures = [turn(1, at.torque[:, 1]), turn(4, at.torque[:, 4] ** 2)]
-    columns = columns_of(signatures, ready.data.visits)
+    tilt = BearingTilt().signature(at, "a3", np.zeros(1))
+    slip = MarkerSlip().signature(at, "marker:link2_b", np.array([at.recording.time[99]]))
+    laws = [turn(1, at.torque[:, 1]), turn(4, at.torque[:, 4] ** 2)]
     fold = np.arange(40) % 4
-    gram, _ = ready.data.within.products(columns, fold, 4)
-    own = ready.data.within.by_visit(columns).sum(axis=0)
-    np.testing.assert_allclose(gram.sum(axis=0), own, rtol=1e-9)
-    assert ready.data.between is not None
-    gram, _ = ready.data.between.products(columns, fold, 4)
-    own = ready.data.between.by_visit(columns).sum(axis=0)
-    np.testing.assert_allclose(gram.sum(axis=0), own, rtol=1e-2)
+    for data, signatures, near in (
+        (replace(ready.data, between=None), [*laws, tilt], 1e-9),
+        (ready.data, [*laws, tilt, slip], 1e-2),
+    ):
+        of_folds = evidence_of(data, signatures, fold)
+        of_poses = by_pose(data, signatures, fold)
+        whole = of_folds.gram.sum(axis=0)
+        size = np.sqrt(np.diag(whole))
+        own = of_poses.own.sum(axis=0) / size / size[:, None]
+        np.testing.assert_allclose(own, whole / size / size[:, None], atol=near)
+        np.testing.assert_allclose(of_poses.gram, of_folds.gram, rtol=1e-9)
+        score = of_folds.score / size
+        np.testing.assert_allclose(of_poses.score / size, score, atol=1e-6)
+
+
+def test_few_columns_meet_many_as_if_all_stood_together():
+    """One evidence of all columns has what `cross_of` says of two parts of them."""
+    ready = prepared()
+    at = ready.situation
+    few = [turn(1, at.torque[:, 1]), BearingTilt().signature(at, "a4", np.zeros(1))]
+    slip = MarkerSlip().signature(at, "marker:link4_a", np.array([at.recording.time[99]]))
+    many = [slip, BearingTilt().signature(at, "a2", np.zeros(1)), few[0]]
+    fold = np.arange(40) % 3
+    whole = evidence_of(ready.data, [*few, *many], fold)
+    gram, score = cross_of(ready.data, few, many, fold)
+    size = np.sqrt(np.diag(whole.gram.sum(axis=0)))
+    unit = size[:3, None] * size[3:]
+    np.testing.assert_allclose(gram / unit, whole.gram[:, :3, 3:] / unit, atol=1e-9)
+    np.testing.assert_allclose(score / size[3:], whole.score[:, 3:] / size[3:],
+                               atol=1e-6)  # fmt: skip
 
 
 @pytest.mark.parametrize("hypothesis", HYPOTHESES, ids=lambda h: type(h).__name__)
@@ -298,7 +326,11 @@ def test_the_square_root_of_an_inverse_covariance_is_one():
     random = np.random.default_rng(5)
     precision = np.stack([np.diag([1.0, 4.0, 9.0]), np.diag([2.0, 3.0, 5.0])])
     feigned = random.normal(size=(6, 2))
-    root = inverse_root(precision[None], feigned[None])[0]
+    roots = Roots.of(precision[None], feigned[None])
+    root = roots.white(np.eye(6)[None])[0]
     spread = np.diag(1.0 / np.array([1.0, 4.0, 9.0, 2.0, 3.0, 5.0]))
     covariance = spread + feigned @ feigned.T
     np.testing.assert_allclose(root.T @ root @ covariance, np.eye(6), atol=1e-12)
+    np.testing.assert_allclose(roots.back(np.eye(6)[None])[0], root.T, atol=1e-12)
+    plain, shared = np.linalg.inv(spread), roots.shared()[0]
+    np.testing.assert_allclose(plain - shared.T @ shared, root.T @ root, atol=1e-12)

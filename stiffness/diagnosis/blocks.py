@@ -4,15 +4,16 @@ Within visits and between them are orthogonal parts of the same readings. Where 
 marker was not seen, its mean is completed by the motion of its body.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from stiffness.diagnosis.arrival import arrival_of, largest_arrival, trend_of
 from stiffness.diagnosis.between import Between
-from stiffness.diagnosis.columns import columns_of, levers
-from stiffness.diagnosis.evidence import Data
+from stiffness.diagnosis.columns import levers
+from stiffness.diagnosis.data import Data
+from stiffness.diagnosis.evidence import evidence_of
 from stiffness.diagnosis.rigid import rigid_motion
 from stiffness.diagnosis.signature import Signature, turn
 from stiffness.diagnosis.situation import Situation
@@ -101,9 +102,9 @@ def blocks(
             situation.torque[first],
             situation.recording.time[first],
         )
-        lever = silent.root @ turned
+        lever = silent.roots.white(turned)
         largest = largest_arrival(situation)
-        arrival = arrival_of(silent.residual, lever, trend, largest)
+        arrival = arrival_of(silent.residual[..., 0], lever, trend, largest)
     feigned = np.concatenate([turned * arrival, turned @ shared], axis=2)
     between = Between.of(mean, precision, feigned, nuisance, place)
     return Data(visits, within, between), arrival
@@ -126,13 +127,10 @@ def spring_step(
         means: Whether the means of visits have a say.
     """
     model = 1.0 / situation.arm.stiffness[springs]
-    columns = columns_of(spring_columns(situation, springs), data.visits)
-    fold = np.zeros(len(data.visits.row), dtype=int)
-    gram, score = data.within.products(columns, fold, 1)
-    gram, score = gram[0], score.sum(axis=0)
-    if means and data.between is not None:
-        more, extra = data.between.products(columns, fold, 1)
-        gram, score = gram + more[0], score + extra.sum(axis=0)
+    asked = data if means else replace(data, between=None)
+    fold = np.zeros(data.visits.poses(), dtype=int)
+    found = evidence_of(asked, spring_columns(situation, springs), fold)
+    gram, score = found.gram[0], found.score.sum(axis=0)
     prior = (DECADES * model) ** -2.0
     inner = (gram + np.diag(prior)) * model * model[:, None]
     ask = model * (score + prior * (model - situation.compliance[springs]))

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiffness.diagnosis.evidence import Data, Evidence
+from stiffness.diagnosis.data import Data
+from stiffness.diagnosis.evidence import Evidence
 from stiffness.diagnosis.library import Library
 from stiffness.diagnosis.signature import Signature
 from stiffness.diagnosis.situation import Situation

@@ -1,102 +1,114 @@
 """Signatures stand side by side as the columns of one linear model.
 
 A column that turns an axis is kept as its law along the axis, any other as a twist;
-what both mean for readings is the business of `within` and `between`.
+what both mean for readings is the business of `within` and `between`. Every part of a
+column has a slot of its own, sorted by where it acts; slots of a column add up.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.diagnosis.signature import Motion, Part, Shift, Signature, Turn
-from stiffness.diagnosis.visits import Visits
+from stiffness.diagnosis.signature import Motion, Shift, Signature, Turn, values
 
 
 @dataclass(frozen=True)
 class Group:
-    """Columns that act at one place in one way.
+    """Parts of columns that act at one place in one way.
 
     Attributes:
         place: Axis from 0 for turns, place from 0 for motions, marker for shifts.
         values: (visits, longest, columns), or with 6 (a twist) or 3 (a shift) before
             the columns.
-        column: Number of each column in the whole model.
+        slots: Where they stand among all slots.
     """
 
     place: int
     values: np.ndarray
-    column: Int[np.ndarray, " columns"]
+    slots: slice
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Columns:
-    """The columns of a linear model, sorted by where they act.
+    """The columns of a linear model in some visits, sorted by where they act.
 
     Attributes:
-        count: How many.
+        count: How many columns.
+        column: Number of the column that each slot belongs to.
         turns: Along axes.
         motions: Of what places carry.
         shifts: Of single markers.
     """
 
     count: int
+    column: Int[np.ndarray, " slots"]
     turns: tuple[Group, ...]
     motions: tuple[Group, ...]
     shifts: tuple[Group, ...]
 
+    @cached_property
+    def _order(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        order = np.argsort(self.column, kind="stable")
+        owner, start = np.unique(self.column[order], return_index=True)
+        return order, owner, start
 
-def columns_of(signatures: Sequence[Signature], visits: Visits) -> Columns:
+    def joined(
+        self, slots: Float[np.ndarray, "*many slots"]
+    ) -> Float[np.ndarray, "*many columns"]:
+        """Add up the slots of each column."""
+        total = np.zeros((*slots.shape[:-1], self.count))
+        order, owner, start = self._order
+        if len(order):
+            total[..., owner] = np.add.reduceat(slots[..., order], start, axis=-1)
+        return total
+
+    def both_joined(
+        self, slots: Float[np.ndarray, "slots slots"]
+    ) -> Float[np.ndarray, "columns columns"]:
+        """Add up the slots of rows and of columns."""
+        return self.joined(self.joined(slots).T).T
+
+
+def columns_of(
+    signatures: Sequence[Signature], row: Int[np.ndarray, "visits longest"]
+) -> Columns:
     """Put signatures side by side, in their order.
 
     Args:
         signatures: Each with columns of its own.
-        visits: How rows lie side by side.
+        row: The recording's rows of the visits that are asked for.
     """
-    sorts: dict[type, dict[int, list[tuple[np.ndarray, np.ndarray]]]] = {
-        Turn: {},
-        Motion: {},
-        Shift: {},
-    }
-    start = 0
+    kinds = (Turn, Motion, Shift)
+    found: dict[tuple[int, int], list[tuple[np.ndarray, np.ndarray]]] = {}
+    count = 0
     for signature in signatures:
-        numbers = np.arange(start, start + signature.columns)
+        numbers = np.arange(count, count + signature.columns)
         for part in signature.parts:
-            if type(part) in sorts:
-                place, values = _at(part)
-                sorts[type(part)].setdefault(place, []).append((values, numbers))
-        start += signature.columns
-    turns, motions, shifts = (_groups(sorts[kind], visits) for kind in sorts)
-    return Columns(start, turns, motions, shifts)
+            if isinstance(part, kinds):
+                where = (kinds.index(type(part)), _place(part))
+                found.setdefault(where, []).append((values(part), numbers))
+        count += signature.columns
+    groups: tuple[list[Group], ...] = ([], [], [])
+    column: list[np.ndarray] = []
+    start = 0
+    for (kind, place), pieces in sorted(found.items(), key=lambda one: one[0]):
+        laid = np.concatenate([law[row] for law, _ in pieces], axis=-1)
+        slots = slice(start, start + laid.shape[-1])
+        groups[kind].append(Group(place, laid, slots))
+        column.extend(numbers for _, numbers in pieces)
+        start = slots.stop
+    of_slot = np.concatenate(column) if column else np.zeros(0, dtype=int)
+    turns, motions, shifts = (tuple(of_kind) for of_kind in groups)
+    return Columns(count, of_slot, turns, motions, shifts)
 
 
-def _at(part: Part) -> tuple[int, np.ndarray]:
+def _place(part: Turn | Motion | Shift) -> int:
     if isinstance(part, Turn):
-        return part.axis, part.law
-    if isinstance(part, Motion):
-        return part.place, part.twist
-    if isinstance(part, Shift):
-        return part.marker, part.displacement
-    return part.axis, part.angle
-
-
-def _groups(
-    found: dict[int, list[tuple[np.ndarray, np.ndarray]]], visits: Visits
-) -> tuple[Group, ...]:
-    """Join what acts at the same place; columns named twice there add up."""
-    groups = []
-    for place, pieces in sorted(found.items()):
-        values = np.concatenate([v for v, _ in pieces], axis=-1)
-        number = np.concatenate([n for _, n in pieces])
-        once, where = np.unique(number, return_inverse=True)
-        if len(once) < len(number):
-            summed = np.zeros((*values.shape[:-1], len(once)))
-            for k, column in enumerate(where):
-                summed[..., column] += values[..., k]
-            values, number = summed, once
-        groups.append(Group(place, visits.gather(values), number))
-    return tuple(groups)
+        return part.axis
+    return part.place if isinstance(part, Motion) else part.marker
 
 
 def levers(
@@ -114,8 +126,8 @@ def levers(
 
 
 def contract(
-    one: Float[np.ndarray, "visits a n"], other: Float[np.ndarray, "visits n b"]
+    one: Float[np.ndarray, "visits n a"], other: Float[np.ndarray, "visits n b"]
 ) -> Float[np.ndarray, "a b"]:
-    """Sum the products of two stacks of matrices over visits."""
-    visits, a, n = one.shape
-    return one.transpose(1, 0, 2).reshape(a, visits * n) @ other.reshape(visits * n, -1)
+    """Sum the products of two stacks of columns over visits."""
+    visits, n, a = one.shape
+    return one.reshape(visits * n, a).T @ other.reshape(visits * n, -1)

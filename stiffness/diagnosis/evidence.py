@@ -15,11 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.diagnosis.between import Between
-from stiffness.diagnosis.columns import Columns, columns_of
+from stiffness.diagnosis.columns import columns_of
+from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.signature import Signature
-from stiffness.diagnosis.visits import Visits
-from stiffness.diagnosis.within import Within
+from stiffness.diagnosis.visits import stretches
 
 SPANS = 1e-10
 """Least share of a direction that is no rounding error; chosen: a million times above
@@ -29,33 +28,6 @@ what sums of some 100,000 products leave."""
 SURVIVES = 1e-9
 """Share of a direction's raw information that must survive the projection; chosen: a
 thousand times above rounding, a hundredth of what could ever be detected."""
-
-
-@dataclass(frozen=True)
-class Data:
-    """Both blocks of a recording's readings.
-
-    Attributes:
-        visits: How rows lie side by side.
-        within: Differences within visits.
-        between: Means of visits; None where readings are relative.
-    """
-
-    visits: Visits
-    within: Within
-    between: Between | None
-
-    def less(
-        self,
-        signatures: Sequence[Signature],
-        coefficients: Float[np.ndarray, " columns"],
-    ) -> "Data":
-        """Return the data without what these columns do."""
-        columns = columns_of(signatures, self.visits)
-        between = self.between
-        if between is not None:
-            between = between.less(columns, coefficients)
-        return Data(self.visits, self.within.less(columns, coefficients), between)
 
 
 @dataclass(frozen=True)
@@ -85,62 +57,40 @@ def evidence_of(
         signatures: The columns.
         fold: Of each pose.
     """
-    columns = columns_of(signatures, data.visits)
-    folds = int(fold.max()) + 1
-    of_visit = fold[data.visits.pose]
-    gram, score = data.within.products(columns, of_visit, folds)
-    if data.between is not None:
-        more, extra = data.between.products(columns, of_visit, folds)
-        gram, score = gram + more, score + extra
-    return Evidence(gram, by_pose(score, data.visits), fold, _raw(data, columns, gram))
-
-
-def _raw(
-    data: Data, columns: Columns, gram: Float[np.ndarray, "folds columns columns"]
-) -> Float[np.ndarray, " columns"]:
-    raw = np.maximum(np.diagonal(gram.sum(axis=0)), 0.0)
-    return raw if data.between is None else raw + data.between.raw(columns)
-
-
-def cross_of(
-    data: Data,
-    few: Sequence[Signature],
-    many: Sequence[Signature],
-    fold: Int[np.ndarray, " poses"],
-) -> Float[np.ndarray, "folds few many"]:
-    """Return the products of a few columns with many, fold by fold."""
-    one, other = columns_of(few, data.visits), columns_of(many, data.visits)
-    of_visit = fold[data.visits.pose]
-    folds = int(fold.max()) + 1
-    gram = data.within.cross(one, other, of_visit, folds)
-    if data.between is not None:
-        gram = gram + data.between.cross(one, other, of_visit, folds)
-    return gram
-
-
-def scores_of(data: Data, signatures: Sequence[Signature]) -> np.ndarray:
-    """Return each pose's scores alone, for data that have changed."""
-    columns = columns_of(signatures, data.visits)
-    score = data.within.scores(columns)
-    if data.between is not None:
-        score = score + data.between.scores(columns)
-    return by_pose(score, data.visits)
-
-
-def gram_by_pose(data: Data, signatures: Sequence[Signature]) -> np.ndarray:
-    """Return each pose's own Gram matrix; for few columns."""
-    columns = columns_of(signatures, data.visits)
-    gram = data.within.by_visit(columns)
-    if data.between is not None:
-        gram = gram + data.between.by_visit(columns)
-    return by_pose(gram, data.visits)
-
-
-def by_pose(values: np.ndarray, visits: Visits) -> np.ndarray:
-    """Add up what visits of the same pose say."""
-    total = np.zeros((visits.poses(), *values.shape[1:]))
-    np.add.at(total, visits.pose, values)
-    return total
+    visits, between = data.visits, data.between
+    of_visit, folds = fold[visits.pose], int(fold.max()) + 1
+    empty = columns_of(signatures, visits.row[:0])
+    slots = len(empty.column)
+    gram, of_means = np.zeros((2, folds, slots, slots))
+    asked = np.zeros((folds, data.unknowns, slots))
+    by_unknown = np.zeros((visits.poses(), data.unknowns))
+    score = np.zeros((visits.poses(), empty.count))
+    for some in stretches(len(visits.row), of_visit):
+        f, pose = of_visit[some[0]], visits.pose[some]
+        columns = columns_of(signatures, visits.row[some])
+        within = data.within.some(some)
+        within.add_gram(columns, gram[f])
+        own = within.of_each(columns, within.pull)
+        if between is not None:
+            means, unknown = between.some(some), between.unknown_pull(some)
+            sites = means.sites(columns)
+            means.add_gram(sites, of_means[f])
+            asked[f] += means.products(sites, slots, unknown)
+            pull = means.roots.back(between.residual[some])
+            own += means.of_each(sites, slots, pull)
+            back = between.unknown.of(some).swapaxes(1, 2) @ pull
+            np.add.at(by_unknown, pose, back[..., 0])
+        np.add.at(score, pose, columns.joined(own[:, 0]))
+    total = np.stack([empty.both_joined(own) for own in gram + of_means])
+    if between is not None:
+        by_fold = empty.joined(asked)
+        taken = between.taken(by_fold.sum(axis=0))
+        half = 0.5 * by_fold.swapaxes(1, 2) @ taken
+        total -= half + half.swapaxes(1, 2)
+        score -= by_unknown @ taken
+    whole = empty.both_joined(of_means.sum(axis=0))
+    raw = np.maximum(np.diagonal(total.sum(axis=0)), 0.0) + np.diag(whole)
+    return Evidence(total, score, fold, raw)
 
 
 def without(

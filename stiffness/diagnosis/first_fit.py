@@ -84,7 +84,7 @@ def first_fit(recording: Recording, arm: Arm) -> FirstFit:
             compliance = compliance.copy()
             compliance[springs] = new
         if data.between is not None:
-            columns = columns_of(spring_columns(situation, springs), visits)
+            columns = columns_of(spring_columns(situation, springs), visits.row)
             known = some.base_from_tracker is not None
             frames = frames_after(frames, data.between, columns, step, known)
     return FirstFit(frames, compliance, None)

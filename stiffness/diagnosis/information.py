@@ -10,110 +10,115 @@ Valid       small motions of rigid bodies; noise of rows independent but for U
 Ignores     the change of a tracker's smooth error over a few millimetres
 ==========  ==========================================================================
 
-A *site* is where columns act: (axis, False) along an axis counted from 0, one number a
-row; (place, True) at a place by any twist, six numbers a row.
+A turn has one number a row, a motion of a place six; index order axis, row for turns,
+row, component for motions.
 """
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Bool, Float
-
-Site: TypeAlias = tuple[int, bool]
+from jaxtyping import Bool, Float, Int
 
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """Information on twists, visit by visit.
+    """Information on twists in some visits, laid out when it is asked for.
 
     Attributes:
-        body: Of each body's twists; index order row, component.
+        weight: Of each reading.
+        lever: What takes a twist to a marker's displacement.
+        inverse: Inverse covariance of one frame's reading.
+        body: Index of each marker's body.
         carried: Whether a place carries a body.
         screw: Twist of what an axis carries per radian along it.
-        noise: Turns of the axes, one sigma, that the wrench's errors feign; index
-            order axis, row.
     """
 
-    body: Float[np.ndarray, "bodies visits n n"]
+    weight: Float[np.ndarray, "visits rows markers"]
+    lever: Float[np.ndarray, "visits markers 3 6"]
+    inverse: Float[np.ndarray, "3 3"]
+    body: Int[np.ndarray, " markers"]
     carried: Bool[np.ndarray, "places bodies"]
     screw: Float[np.ndarray, "visits rows axes 6"]
-    noise: Float[np.ndarray, "visits turns errors"]
 
     @property
-    def rows(self) -> int:
-        """Rows of a visit."""
-        return self.screw.shape[1]
-
-    @property
-    def axes(self) -> range:
-        """Numbers of the axes."""
-        return range(self.screw.shape[2])
+    def axes(self) -> int:
+        """How many axes there are."""
+        return self.screw.shape[2]
 
     @cached_property
-    def kernel(self) -> Float[np.ndarray, "visits turns turns"]:
-        """U (1 + U' information U)^-1 U' of the wrench's errors."""
-        turns = np.concatenate([self.to_turns((k, False)) for k in self.axes], axis=1)
-        u = self.noise
-        inner = np.eye(u.shape[2]) + u.swapaxes(1, 2) @ turns @ u
-        return u @ np.linalg.solve(inner, u.swapaxes(1, 2))
+    def laplace(self) -> Float[np.ndarray, "visits rows rows markers"]:
+        """Weights of products of two rows, the rest position marginalised."""
+        weight, rows = self.weight, self.weight.shape[1]
+        total = weight.sum(axis=1)
+        share = weight / np.where(total > 0, total, 1.0)[:, None]
+        laplace = -weight[:, :, None] * share[:, None]
+        laplace[:, range(rows), range(rows)] += weight
+        return laplace
 
-    def between(self, one: Site, other: Site) -> Float[np.ndarray, "visits a b"]:
-        """Return the information between two sites, the wrench's errors taken out."""
-        if (one, other) not in self._kept:
-            raw = self._raw(one, other)
-            through = self.to_turns(one) @ self.kernel
-            out = self.to_turns(other).swapaxes(1, 2)
-            self._kept[one, other] = raw - through @ out
-        return self._kept[one, other]
+    @cached_property
+    def on_turns(self) -> Float[np.ndarray, "visits turns turns"]:
+        """Raw information between the axes' turns."""
+        visits, rows = self.screw.shape[:2]
+        blocks = []
+        for k in range(self.axes):
+            onto = self.through(k + 1).reshape(visits, -1, rows, 6)
+            blocks.append(np.einsum("vtrc,vrc->vtr", onto, self.screw[:, :, k]))
+        return np.concatenate(blocks, axis=2)
 
-    def to_turns(self, site: Site) -> Float[np.ndarray, "visits a turns"]:
-        """Return the raw information between a site and all axes' turns."""
-        if site not in self._through:
-            blocks = [self._raw(site, (k, False)) for k in self.axes]
-            self._through[site] = np.concatenate(blocks, axis=2)
-        return self._through[site]
+    def through(self, place: int) -> Float[np.ndarray, "visits turns n"]:
+        """Return the raw information between the axes' turns and a place's motions."""
+        if place not in self._through:
+            blocks = [
+                self._turned(k, self.both(k + 1, place)) for k in range(self.axes)
+            ]
+            self._through[place] = np.concatenate(blocks, axis=1)
+        return self._through[place]
 
-    def onto(
-        self, score: Float[np.ndarray, "bodies visits n"], site: Site
-    ) -> Float[np.ndarray, "visits a"]:
-        """Add up the scores of the bodies that a site moves."""
-        at, moves = site
-        on = self.carried[at if moves else at + 1].astype(float)
-        total = np.tensordot(on, score, axes=1)
-        if moves:
-            return total
-        shaped = total.reshape(len(total), self.rows, 6)
-        return np.sum(shaped * self.screw[:, :, at], axis=2)
+    def of(self, bodies: tuple[int, ...]) -> Float[np.ndarray, "visits n n"]:
+        """Return the information on a motion that these bodies share."""
+        if bodies not in self._sums:
+            visits, rows = self.screw.shape[:2]
+            if not bodies:
+                total = np.zeros((visits, rows * 6, rows * 6))
+            elif len(bodies) == 1:
+                total = self._of_body(bodies[0])
+            else:  # the bodies of nested places differ by one
+                total = self.of(bodies[1:]) + self.of(bodies[:1])
+            self._sums[bodies] = total
+        return self._sums[bodies]
 
-    def _raw(self, one: Site, other: Site) -> np.ndarray:
-        p, q = (at if moves else at + 1 for at, moves in (one, other))
-        both = np.flatnonzero(self.carried[p] & self.carried[q])
-        key = tuple(both.tolist())
-        if key not in self._sums:
-            zero = np.zeros(self.body.shape[1:])
-            self._sums[key] = sum((self.body[b] for b in both), zero)
-        matrix = self._sums[key]
-        visits, n, _ = matrix.shape
-        if not other[1]:
-            screw = self.screw[:, :, other[0]]
-            shaped = matrix.reshape(visits, n, self.rows, 6).swapaxes(1, 2)
-            matrix = (shaped @ screw[..., None])[..., 0].swapaxes(1, 2)
-        if not one[1]:
-            screw = self.screw[:, :, one[0]]
-            shaped = matrix.reshape(visits, self.rows, 6, -1)
-            matrix = (screw[:, :, None] @ shaped)[:, :, 0]
-        return matrix
+    def both(self, one: int, other: int) -> tuple[int, ...]:
+        """Return the bodies that both places carry."""
+        shared = self.carried[one] & self.carried[other]
+        return tuple(int(b) for b in np.flatnonzero(shared))
+
+    def _of_body(self, b: int) -> np.ndarray:
+        own = np.flatnonzero(self.body == b)
+        visits, rows = self.screw.shape[:2]
+        lever = self.lever[:, own]
+        hessian = lever.swapaxes(2, 3) @ self.inverse @ lever
+        joined = self.laplace[..., own].reshape(visits, rows * rows, len(own))
+        product = joined @ hessian.reshape(visits, len(own), 36)
+        shaped = product.reshape(visits, rows, rows, 6, 6).transpose(0, 1, 3, 2, 4)
+        return shaped.reshape(visits, rows * 6, rows * 6)
+
+    def _turned(self, k: int, bodies: tuple[int, ...]) -> np.ndarray:
+        if (k, bodies) not in self._rows:
+            visits, rows = self.screw.shape[:2]
+            shaped = self.of(bodies).reshape(visits, rows, 6, rows * 6)
+            turned = (self.screw[:, :, None, k] @ shaped)[:, :, 0]
+            self._rows[k, bodies] = turned
+        return self._rows[k, bodies]
 
     @cached_property
     def _sums(self) -> dict[tuple[int, ...], np.ndarray]:
         return {}
 
     @cached_property
-    def _through(self) -> dict[Site, np.ndarray]:
+    def _rows(self) -> dict[tuple[int, tuple[int, ...]], np.ndarray]:
         return {}
 
     @cached_property
-    def _kept(self) -> dict[tuple[Site, Site], np.ndarray]:
+    def _through(self) -> dict[int, np.ndarray]:
         return {}

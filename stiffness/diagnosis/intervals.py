@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student
 
-from stiffness.diagnosis.evidence import Data, evidence_of, scores_of
+from stiffness.diagnosis.by_pose import by_pose
+from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.member import Member, SetFit, training
 from stiffness.diagnosis.refine import shape_columns
 from stiffness.diagnosis.signature import Signature
@@ -52,9 +53,10 @@ def parameters_of(
     ]
     flat = [s for of_one in slopes for s in of_one]
     signatures = [*nominal, *own, *flat]
-    gram = evidence_of(data, signatures, training(split)).gram[1]
+    found = by_pose(data, signatures, training(split))
+    gram = found.gram[1]
     fitted = np.concatenate([fit.springs, *fit.coefficients, np.zeros(len(flat))])
-    score = scores_of(data.less(signatures, fitted), signatures)[~split.held_out]
+    score = (found.score - found.own @ fitted)[~split.held_out]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
     white = score * scale

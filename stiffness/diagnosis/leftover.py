@@ -6,14 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from stiffness.diagnosis.case import Case
+from stiffness.diagnosis.crossing import cross_of
 from stiffness.diagnosis.detect import Found, detect
-from stiffness.diagnosis.evidence import (
-    Evidence,
-    cross_of,
-    evidence_of,
-    projected,
-    scores_of,
-)
+from stiffness.diagnosis.evidence import Evidence, evidence_of, projected
 from stiffness.diagnosis.library import Library
 from stiffness.diagnosis.member import Member, SetFit
 from stiffness.diagnosis.refine import shape_columns
@@ -22,22 +17,21 @@ from stiffness.diagnosis.signature import Signature
 
 def what_is_left(case: Case, fit: SetFit) -> Found:
     """Test everything again after a set is named, other forms of its laws allowed."""
-    own = [m.signature(case.situation) for m in fit.members]
+    members = [m.signature(case.situation) for m in fit.members]
     extra: list[Signature] = []
     for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
         extra.extend(shape_columns(case.situation, member, coefficients))
-    known = [*case.nominal, *own, *extra, *other_forms(case, fit.members)]
+    known = [*case.nominal, *members, *extra, *other_forms(case, fit.members)]
     fold = case.evidence.fold
-    own_gram = evidence_of(case.data, known, fold)
-    count = own_gram.gram.shape[1]
-    side = cross_of(case.data, known, case.library.signatures, fold)
-    gram = np.block([[own_gram.gram, side], [side.swapaxes(1, 2), case.evidence.gram]])
+    own = evidence_of(case.data, known, fold)
+    count = own.gram.shape[1]
     mask = ~case.split.held_out
-    score = own_gram.score[mask].sum(axis=0)
-    beta = projected(own_gram.gram[1], score)
-    data = case.data.less(known, beta)
-    score = scores_of(data, [*known, *case.library.signatures])
-    raw = np.concatenate([own_gram.raw, case.evidence.raw])
+    beta = projected(own.gram[1], own.score[mask].sum(axis=0))
+    every = [*known, *case.library.signatures]
+    side, score = cross_of(case.data.less(known, beta), known, every, fold)
+    below = np.concatenate([side[..., count:].swapaxes(1, 2), case.evidence.gram], 2)
+    gram = np.concatenate([side, below], axis=1)
+    raw = np.concatenate([own.raw, case.evidence.raw])
     joint = Evidence(gram, score, fold, raw)
     library = _moved(case.library, count)
     return detect(library, joint, score, np.arange(count), mask, case.seed + 1)

@@ -7,12 +7,9 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from stiffness.diagnosis.evidence import (
-    Data,
-    evidence_of,
-    gram_by_pose,
-    scores_of,
-)
+from stiffness.diagnosis.by_pose import ByPose, by_pose
+from stiffness.diagnosis.data import Data
+from stiffness.diagnosis.evidence import evidence_of
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.signature import Signature
 from stiffness.diagnosis.situation import Situation
@@ -75,13 +72,28 @@ def fit_set(
 ) -> SetFit:
     """Fit members and nominal springs to the training poses."""
     own = [m.signature(situation) for m in members]
-    evidence = evidence_of(data, [*nominal, *own], training(split))
-    gram = evidence.gram[1]
-    score = evidence.score[~split.held_out].sum(axis=0)
-    n = sum(s.columns for s in nominal)
+    found = evidence_of(data, [*nominal, *own], training(split))
+    score = found.score[~split.held_out].sum(axis=0)
+    return fit_of(members, own, found.gram[1], score)
+
+
+def fit_of(
+    members: Sequence[Member],
+    own: Sequence[Signature],
+    gram: Float[np.ndarray, "columns columns"],
+    score: Float[np.ndarray, " columns"],
+) -> SetFit:
+    """Solve for nominal springs, which come first, and members.
+
+    Args:
+        members: The set.
+        own: Their signatures.
+        gram: Of the training poses.
+        score: The same.
+    """
     solved = solve(gram, score)
-    known = np.arange(n)
-    before = score[known] @ solve(gram[:n, :n], score[known]) if n else 0.0
+    n = len(gram) - sum(s.columns for s in own)
+    before = score[:n] @ solve(gram[:n, :n], score[:n]) if n else 0.0
     gain = float(score @ solved - before)
     ends = np.cumsum([n, *(s.columns for s in own)])
     parts = tuple(solved[a:b] for a, b in pairwise(ends))
@@ -104,8 +116,12 @@ def held_out_gain(
     Half the fall in whitened square against the data as they are: an expected log
     predictive density, pose by pose; 0 for the poses of the hold-out.
     """
-    own = gram_by_pose(data, signatures)
-    of_pose = scores_of(data, signatures)
+    return gain_left_out(by_pose(data, signatures, training(split)), split)
+
+
+def gain_left_out(found: ByPose, split: Split) -> Float[np.ndarray, " poses"]:
+    """Return the same as `held_out_gain` from what poses say of the columns."""
+    own, of_pose = found.own, found.score
     whole = own[~split.held_out].sum(axis=0)
     score = of_pose[~split.held_out].sum(axis=0)
     gain = np.zeros(len(own))

@@ -13,8 +13,8 @@ from bench.errors import Unusable
 from bench.recording import Recording
 from stiffness.arm import Arm
 from stiffness.diagnosis.blocks import Residuals, blocks, spring_step
+from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.diagnosis import Warned
-from stiffness.diagnosis.evidence import Data
 from stiffness.diagnosis.first_fit import BLIND, first_fit, residuals_of
 from stiffness.diagnosis.outliers import checked
 from stiffness.diagnosis.readings import Frames, bodies_of

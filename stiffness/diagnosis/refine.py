@@ -15,7 +15,8 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from stiffness.diagnosis.evidence import Data, evidence_of, without
+from stiffness.diagnosis.data import Data
+from stiffness.diagnosis.evidence import evidence_of, without
 from stiffness.diagnosis.member import Member, solve, training
 from stiffness.diagnosis.signature import Signature, values
 from stiffness.diagnosis.situation import Situation

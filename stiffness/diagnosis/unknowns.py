@@ -18,6 +18,7 @@ from stiffness.diagnosis.columns import Columns, levers
 from stiffness.diagnosis.readings import Frames
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.smooth_error import smooth_basis
+from stiffness.diagnosis.unknown_columns import UnknownColumns
 from stiffness.diagnosis.visits import Visits
 
 PLACE = 1e-3
@@ -31,7 +32,7 @@ def unknowns(
     visits: Visits,
     point: Float[np.ndarray, "visits markers 3"],
     field: bool,
-) -> tuple[Float[np.ndarray, "visits n unknowns"], Float[np.ndarray, " unknowns"]]:
+) -> UnknownColumns:
     """Return columns of what is unknown, and their prior sigmas.
 
     Args:
@@ -42,26 +43,22 @@ def unknowns(
     """
     recording = situation.recording
     count, markers = point.shape[:2]
-    standing = situation.arm.at(situation.rest[visits.row[:, 0]])
-    columns, sigma = [], []
+    frame = np.zeros((count, markers, 3, 0))
     if recording.base_from_tracker is None:
-        columns.append(levers(point).reshape(count, 3 * markers, 6))
-        sigma.append(np.full(6, FREE))
-    for m, marker in enumerate(recording.markers):
-        place = np.zeros((count, markers, 3, 3))
-        place[:, m] = standing.turn(marker.body)
-        columns.append(place.reshape(count, 3 * markers, 3))
-        sigma.append(np.full(3, FREE if marker.position is None else PLACE))
+        frame = levers(point)
+    places = [
+        np.full(3, FREE if marker.position is None else PLACE)
+        for marker in recording.markers
+    ]
+    standing = situation.arm.at(situation.rest[visits.row[:, 0]])
+    turn = np.stack([standing.turn(m.body) for m in recording.markers], axis=1)
     tracker = recording.tracker
+    waves = np.zeros((count, markers, 0))
     if field and tracker is not None and tracker.volumetric:
-        basis = smooth_basis(point.reshape(-1, 3), tracker.volumetric)
-        basis = basis.reshape(count, markers, -1)
-        wave = np.zeros((count, markers, 3, 3, basis.shape[2]))
-        for i in range(3):
-            wave[:, :, i, i] = basis
-        columns.append(wave.reshape(count, 3 * markers, -1))
-        sigma.append(np.ones(3 * basis.shape[2]))
-    return np.concatenate(columns, axis=2), np.concatenate(sigma)
+        waves = smooth_basis(point.reshape(-1, 3), tracker.volumetric)
+        waves = waves.reshape(count, markers, -1)
+    sigma = [np.full(frame.shape[3], FREE), *places, np.ones(3 * waves.shape[2])]
+    return UnknownColumns(frame, turn, waves, np.concatenate(sigma))
 
 
 def frames_after(

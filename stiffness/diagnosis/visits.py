@@ -69,3 +69,18 @@ def mean_of(
     return np.einsum(
         "vrm,vrmi->vmi", share, np.where(share[..., None] > 0, values, 0.0)
     )
+
+
+STRETCH = 48
+"""Visits that are reckoned with at once; chosen: their matrices stay in the cache."""
+
+
+def stretches(
+    visits: int, label: Int[np.ndarray, " visits"] | None = None
+) -> list[Int[np.ndarray, " some"]]:
+    """Cut visits into short stretches, each with one label."""
+    if label is None:
+        label = np.zeros(visits, dtype=int)
+    order = np.argsort(label, kind="stable")
+    own = np.split(order, np.cumsum(np.bincount(label))[:-1])
+    return [one[at : at + STRETCH] for one in own for at in range(0, len(one), STRETCH)]

@@ -1,0 +1,66 @@
+"""A few columns meet many: their products, and what else readings say of the many."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from stiffness.diagnosis.columns import columns_of
+from stiffness.diagnosis.data import Data
+from stiffness.diagnosis.signature import Signature
+from stiffness.diagnosis.visits import stretches
+
+
+def cross_of(
+    data: Data,
+    few: Sequence[Signature],
+    many: Sequence[Signature],
+    fold: Int[np.ndarray, " poses"],
+) -> tuple[Float[np.ndarray, "folds few many"], Float[np.ndarray, "poses many"]]:
+    """Return the products of a few columns with many by fold, and the many's scores.
+
+    Args:
+        data: The readings.
+        few: Columns without which the readings were not or already are.
+        many: More columns.
+        fold: Of each pose.
+    """
+    visits, between = data.visits, data.between
+    of_visit, folds = fold[visits.pose], int(fold.max()) + 1
+    one, other = (columns_of(s, visits.row[:0]) for s in (few, many))
+    slots, unknowns = len(other.column), data.unknowns
+    gram = np.zeros((folds, one.count, slots))
+    near = np.zeros((folds, unknowns, one.count))
+    far = np.zeros((folds, unknowns, slots))
+    by_unknown = np.zeros((visits.poses(), unknowns))
+    score = np.zeros((visits.poses(), other.count))
+    for some in stretches(len(visits.row), of_visit):
+        f, pose = of_visit[some[0]], visits.pose[some]
+        few_here = columns_of(few, visits.row[some])
+        many_here = columns_of(many, visits.row[some])
+        within = data.within.some(some)
+        gram[f] += within.products(many_here, within.pulls(few_here))
+        own = within.of_each(many_here, within.pull)
+        if between is not None:
+            means, unknown = between.some(some), between.unknown_pull(some)
+            sites = means.sites(many_here)
+            moved = means.moved(few_here)
+            pull = means.roots.back(means.roots.white(moved))
+            residual = means.roots.back(between.residual[some])
+            count = unknown.shape[2]
+            both = np.concatenate([unknown, pull], axis=2)
+            found = means.products(sites, slots, both)
+            far[f] += found[:count]
+            gram[f] += found[count:]
+            near[f] += np.sum(unknown.swapaxes(1, 2) @ moved, axis=0)
+            own += means.of_each(sites, slots, residual)
+            back = between.unknown.of(some).swapaxes(1, 2) @ residual
+            np.add.at(by_unknown, pose, back[..., 0])
+        np.add.at(score, pose, many_here.joined(own[:, 0]))
+    total = other.joined(gram)
+    if between is not None:
+        far = other.joined(far)
+        taken, far_taken = (between.taken(a.sum(axis=0)) for a in (near, far))
+        total -= 0.5 * (near.swapaxes(1, 2) @ far_taken + taken.T @ far)
+        score -= by_unknown @ far_taken
+    return total, score
