@@ -106,14 +106,11 @@ def magnify(
     return result
 
 
-def blueprint(
-    texts: tuple[str, ...] = (), curves: tuple[str, ...] = ()
-) -> rrb.Blueprint:
+def blueprint(tabs: tuple[rrb.View | rrb.Container, ...] = ()) -> rrb.Blueprint:
     """Return the layout that opens on the timeline of readings, camera on the arm.
 
     Args:
-        texts: Entities with a text that get a tab beside the errors.
-        curves: Entities with curves that get one.
+        tabs: What gets a tab beside the errors.
     """
     camera = rrb.EyeControls3D(
         position=(1.55, -1.6, 1.25), look_target=(0.25, 0.0, 0.62), eye_up=(0, 0, 1)
@@ -138,8 +135,7 @@ def blueprint(
                     row_shares=[1.3, *[1] * len(plots)],
                     name="pose by pose",
                 ),
-                *(rrb.TextDocumentView(origin=f"/{t}", name=t) for t in texts),
-                *(rrb.TimeSeriesView(origin=f"/{c}", name=c) for c in curves),
+                *tabs,
             ),
             column_shares=[3, 2],
         ),

@@ -39,3 +39,12 @@ def column(file: Path, path: str, name: str) -> tuple[np.ndarray, np.ndarray]:
             ticks = batch.column("reading").to_numpy(zero_copy_only=False)
             return ticks, np.array(batch.column(name).to_pylist(), float)
     raise AssertionError(f"{path} has no {name}.")
+
+
+def still(file: Path, path: str, name: str) -> list:
+    """Return the items of a component that is there at all times."""
+    for piece in chunk.RrdReader(file).store().stream():
+        batch = piece.to_record_batch()
+        if str(piece.entity_path) == path and name in batch.schema.names:
+            return batch.column(name).to_pylist()[0]
+    raise AssertionError(f"{path} has no {name}.")

@@ -1,13 +1,13 @@
 import csv
 import json
-import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import matplotlib as mpl
 import pytest
-from saved_view import entities, identity, timeline
+from saved_view import entities, identity, still, timeline
 
 from bench.errors import Unusable
 from scenarios.paper.numbers import TABLE_02_MM, TABLE_03_NM_PER_RAD
@@ -26,16 +26,34 @@ TABLES = ("table_02.csv", "table_03.csv")
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    """A small study, and the same again, killed halfway and gone on; two folders."""
+    """A small study, and the same again, killed and gone on; two folders."""
     whole, resumed = (tmp_path_factory.mktemp("study") / n for n in ("one", "two"))
+    kill_halfway(resumed)
     with mpl.rc_context({"savefig.dpi": 20}):
         main(small(whole))
-        cells = sorted((whole / "cells").iterdir())
-        (resumed / "cells").mkdir(parents=True)
-        for cell in cells[::2]:
-            shutil.copy(cell, resumed / "cells")
         main(small(resumed))
     return whole, resumed
+
+
+def kill_halfway(out: Path) -> None:
+    """Begin the small study from the command line and end it by force."""
+    words = "--budget tiny --jobs 1 --seed 4".split()
+    words += ["--poses", str(POSES), "--out", str(out)]
+    root = Path(__file__).parents[1]
+    program = [sys.executable, "-m", "scenarios.study"]
+    begun = subprocess.Popen([*program, *words], cwd=root)
+    while len(finished(out)) < 3 and begun.poll() is None:
+        time.sleep(0.02)
+    begun.kill()
+    begun.wait()
+    assert not (out / "report.md").exists()
+    assert len(finished(out)) >= 3
+
+
+def finished(out: Path) -> list[Path]:
+    """Return the cells that are whole."""
+    cells = (out / "cells").glob("*.npz")
+    return [cell for cell in cells if ".training" not in cell.name]
 
 
 def small(out: Path) -> Settings:
@@ -125,12 +143,21 @@ def test_recording_is_whole_and_opens_on_the_readings(study):
     assert identity(file) == ("stiffness_bench", "study-4")
     assert entities(file) >= {
         "/cell/arm/flange", "/cell/ghost/flange", "/cell/rope", "/cell/force",
-        "/cell/markers", "/error/x/vjm",
+        "/cell/markers", "/error/x/vjm", "/cell/errors/ft_mlp", "/worst",
+        "/training/loss/dt_cnn/spanning/seed_4",
     }  # fmt: skip
 
 
 @pytest.mark.slow
-def test_same_seed_gives_the_same_numbers_to_the_last_digit_even_after_a_break(study):
+def test_worst_ten_poses_hang_beside_each_other_with_every_methods_error(study):
+    file = study[0] / "study.rrd"
+    for method in ("vjm", "ft_mlp", "dt_cnn", "gp_residual"):
+        path = f"/worst_ten/errors/{method}"
+        assert len(still(file, path, "Arrows3D:vectors")) == 10
+
+
+@pytest.mark.slow
+def test_killed_study_ends_with_the_same_numbers_to_the_last_digit(study):
     tables = [{p.name for p in folder.glob("*.csv")} for folder in study]
     assert tables[0] == tables[1] >= set(TABLES)
     for name in tables[0]:

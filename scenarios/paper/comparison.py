@@ -1,6 +1,6 @@
 """What every method leaves on poses it has not seen, gathered over seeds and plans."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,7 +67,7 @@ def contenders(
     """Gather every method, the paper's three first."""
     seeds, evaluations = budget.transfer.seeds, budget.transfer.evaluations
     springs = [found[SpringsCell(seed, evaluations)] for seed in seeds]
-    gathered = [_of("vjm", NO_PLAN, springs, "vjm")]
+    gathered = [of_results("vjm", NO_PLAN, springs, "vjm")]
     by_plan = {
         (kind, plan): perceptrons(budget, found, plan)
         if kind is PerceptronCell
@@ -86,11 +86,11 @@ def contenders(
         for plan in PLANS:
             results = by_plan[kind, plan]
             if f"{name}/unseen" in results[0]:
-                gathered.append(_of(method, plan, results, name))
-    gathered.append(_of("gp_residual", NO_PLAN, springs, "gp_residual"))
+                gathered.append(of_results(method, plan, results, name))
+    gathered.append(of_results("gp_residual", NO_PLAN, springs, "gp_residual"))
     if own is not None:
         results = [found[OwnCell(seed, own)] for seed in seeds]
-        gathered.append(_of(own.title, NO_PLAN, results, "own"))
+        gathered.append(of_results(own.title, NO_PLAN, results, "own"))
     return gathered
 
 
@@ -103,7 +103,17 @@ def perceptrons(
     return [found[cells[seed]] for seed in budget.transfer.seeds]
 
 
-def _of(method: str, plan: str, results: list[Result], name: str) -> Contender:
+def of_results(
+    method: str, plan: str, results: Sequence[Result], name: str
+) -> Contender:
+    """Gather one method's cells, one a seed.
+
+    Args:
+        method: Its name in tables.
+        plan: Of its source domain, or `NO_PLAN`.
+        results: What the cells found.
+        name: What the cells call it.
+    """
     return Contender(
         method,
         TITLES.get(method, method),

@@ -51,8 +51,7 @@ def report(budget: Budget, found: Found, seed: int, out: Path) -> Sequence[Block
             "4 and 5) and are tested on the other 30 %. Errors are means over x, y, z; "
             "STDE is of absolute errors, Eq. 8 to the letter. The paper "
             "takes 100,000 steps on all rows at once, which would take days on two "
-            "cores; here each step sees 256 rows, every row also pulled the other way. "
-            f"Budget: {budget.name}."
+            f"cores; here each step sees 256 rows. Budget: {budget.name}."
         ),
         shown(
             f"Table 6. Hidden layers of 100, {sweep.depth_steps} steps, {seeds} a cell "

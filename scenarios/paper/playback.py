@@ -7,20 +7,28 @@ from pathlib import Path
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from jaxtyping import Float
 
 from bench import viewer
 from scenarios.paper.experiment import Experiment
+from scenarios.paper.gallery import ERRORS_MAGNIFIED, colours, view
 from scenarios.paper.linear_fit import LinearFit
 from scenarios.paper.scene import MAGNIFIED, scene
 from scenarios.paper.training_curves import Curve
 from scenarios.paper.training_curves import show as show_curve
 from scenarios.paper.worst import WORST, show_worst
 
-ERRORS_MAGNIFIED = 2000.0
-"""An error of 0.1 mm is an arrow of 200 mm; chosen."""
-LAYOUT = viewer.blueprint(texts=("worst",), curves=("training",))
-COLOURS = ((138, 138, 138), (240, 100, 0), (31, 111, 180), (58, 146, 58), (192, 61, 62))
+LAYOUT = viewer.blueprint(
+    tabs=(
+        rrb.Vertical(
+            rrb.TextDocumentView(origin="/worst", name="which they are"),
+            view(),
+            name="the worst ten poses",
+        ),
+        rrb.TimeSeriesView(origin="/training", name="training"),
+    )
+)
 
 
 @dataclass(frozen=True)
@@ -89,7 +97,8 @@ def _arrows(
     """Draw each method's error at the flange, side by side."""
     rows = experiment.measured.row
     place = shown.actual[rows, -1, :3, 3]
-    for i, (name, error) in enumerate(learnt.error_mm.items()):
+    colour = colours(learnt.error_mm)
+    for name, error in learnt.error_mm.items():
         arrow = (1e-3 * ERRORS_MAGNIFIED * error).astype(np.float32)
         path = f"/cell/errors/{rr.escape_entity_path_part(name)}"
         recording.send_columns(
@@ -99,10 +108,8 @@ def _arrows(
                 vectors=arrow, origins=place.astype(np.float32)
             ),
         )
-        colour = COLOURS[i % len(COLOURS)]
-        recording.log(
-            path, rr.Arrows3D.from_fields(colors=[colour], radii=0.005), static=True
-        )
+        drawn = rr.Arrows3D.from_fields(colors=[colour[name]], radii=0.005)
+        recording.log(path, drawn, static=True)
 
 
 def _words(experiment: Experiment, found: LinearFit, learnt: Learnt) -> str:
@@ -115,9 +122,10 @@ def _words(experiment: Experiment, found: LinearFit, learnt: Learnt) -> str:
         f"Arrows at the flange: the errors of {methods}, magnified "
         f"{ERRORS_MAGNIFIED:.0f} times.",
         "Timeline `reading`: nine readings a posture, weights up and down; beside the "
-        "arm the errors, posture by posture. Timeline "
-        f"`{WORST}`: the ten poses that the methods get most wrong, one tick each. "
-        "Timeline `step`: how the networks were trained.",
+        "arm the errors, posture by posture, in the colours of the arrows. The tabs "
+        "above: the ten poses that the methods get most wrong (timeline "
+        f"`{WORST}` shows them in the cell), and how the networks were trained "
+        "(timeline `step`).",
         "",
         "| axis | identified [kN m/rad] | truth, secant |",
         "|---|---|---|",

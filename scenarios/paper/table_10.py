@@ -5,7 +5,7 @@ from pathlib import Path
 
 from scenarios.paper import transfer_pictures as pictures
 from scenarios.paper.comparison import Contender
-from scenarios.paper.gains import finding, gain_rows, gains
+from scenarios.paper.gains import finding, gain_rows, gains, verdict
 from scenarios.paper.numbers import TABLE_10_MM
 from scenarios.paper.pooled import MEASURES
 from scenarios.reporting import table
@@ -42,6 +42,7 @@ def report(
         ),
         _table_10(contenders, n, len(seeds), budget),
         gains(tuned, springs, seeds),
+        Paragraph(verdict(tuned, springs, seeds)),
         Figure(finding(tuned, springs), "figure_09.png"),
         Figure(
             "How many of the fresh poses stay below an error, for the paper's three "

@@ -7,6 +7,7 @@ import rerun as rr
 from jaxtyping import Float, Int
 
 from bench.viewer import Scene, magnify
+from scenarios.paper.gallery import ERRORS_MAGNIFIED, hang
 from stiffness.deflections import Deflections
 
 WORST = "worst"
@@ -33,7 +34,7 @@ def show_worst(
     error_mm: Mapping[str, Float[np.ndarray, "poses 3"]],
     measured: Deflections,
 ) -> None:
-    """Log the worst poses on a timeline of their own, and a table of them.
+    """Log the worst poses side by side, on a timeline of their own, and in a table.
 
     Args:
         recording: Where to.
@@ -62,6 +63,14 @@ def show_worst(
     pull = (scene.force[rows] / 300.0).astype(np.float32)
     send("/cell/force", rr.Arrows3D.columns(vectors=pull, origins=corners[:, 0]))
     send("/cell/weight", rr.Points3D.columns(positions=corners[:, -1]))
+    for name, error in error_mm.items():
+        arrow = (1e-3 * ERRORS_MAGNIFIED * error[chosen]).astype(np.float32)
+        place = actual[:, -1, :3, 3].astype(np.float32)
+        path = f"/cell/errors/{rr.escape_entity_path_part(name)}"
+        send(path, rr.Arrows3D.columns(vectors=arrow, origins=place))
+    words = [f"{i}: pose {pose}" for i, pose in enumerate(measured.pose[chosen], 1)]
+    at_worst = {name: error[chosen] for name, error in error_mm.items()}
+    hang(recording, scene, rows, at_worst, words)
     lines = [f"| | pose | A1 to A6 [deg] | {' | '.join(error_mm)} [mm] |"]
     lines.append("|" + "---|" * (3 + len(error_mm)))
     for rank, k in enumerate(chosen, start=1):
@@ -71,7 +80,12 @@ def show_worst(
         cells = [str(rank), str(measured.pose[k]), posture, *sizes]
         lines.append(f"| {' | '.join(cells)} |")
     text = "\n".join(["## The worst ten poses", "", *lines])
-    text += f"\n\nThe timeline `{WORST}` goes through them; lengths of the errors."
+    text += (
+        "\n\nLengths of the errors. Below: the ten beside each other, rigid (grey) and "
+        f"as they stand (orange, magnified {scene.magnified:.0f} times), with every "
+        f"method's error ({ERRORS_MAGNIFIED:.0f} times). The timeline `{WORST}` goes "
+        "through them in the cell."
+    )
     recording.log(
         "/worst", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True
     )
