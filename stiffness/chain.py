@@ -35,6 +35,8 @@ class Chain:
         before: Transform from each axis' frame at zero to its parent's, in m.
         mass: Of what each axis moves up to the next one, in kg.
         centre: Of that mass, in the axis' frame, in m.
+        foot_mass: Of the base and all that is fixed to it, in kg.
+        foot_centre: Of that mass, in the base's frame, in m.
         places: The bodies by name.
         gravity: Acceleration along the base's axes, in m/s^2.
     """
@@ -45,6 +47,8 @@ class Chain:
     before: Float[np.ndarray, "axes 4 4"]
     mass: Float[np.ndarray, " axes"]
     centre: Float[np.ndarray, "axes 3"]
+    foot_mass: float
+    foot_centre: Float[np.ndarray, "3"]
     places: Mapping[str, Place]
     gravity: Float[np.ndarray, "3"]
 
@@ -119,6 +123,9 @@ def chain_of(model: pinocchio.Model, axes: Sequence[str], gravity: np.ndarray) -
         before=np.stack(before),
         mass=np.array([model.inertias[joint].mass for joint in joints]),
         centre=np.stack(centres),
+        foot_mass=float(model.inertias[0].mass),
+        foot_centre=base_from_world[:3, :3] @ model.inertias[0].lever
+        + base_from_world[:3, 3],
         places=places,
         gravity=base_from_world[:3, :3] @ gravity,
     )

@@ -5,7 +5,7 @@ Equation    F_p = sum m g + F_load; M_p = sum (c - o_p) x m g + (s - o_p) x F_lo
             over all that place p carries; torque of axis k = z_k . M_k (slide: z_k . F)
 Source      Siciliano et al. 2009, "Robotics: Modelling, Planning and Control", 7.3
 Valid       an arm at rest
-Ignores     the base's own weight, which never changes
+Ignores     what gives way beyond the axes' own springs
 ==========  ==========================================================================
 """
 
@@ -134,6 +134,7 @@ def _carried(
         (k, mass * chain.gravity, standing.origin[k] + standing.rotation[k] @ centre)
         for k, (mass, centre) in enumerate(zip(chain.mass, chain.centre, strict=True))
     ]
+    pulls.append((-1, chain.foot_mass * chain.gravity, chain.foot_centre[None]))
     tool, tip = recording.tool, standing.place("flange").axis
     if tool is not None and tool.mass:
         at = standing.point("flange", tool.com)

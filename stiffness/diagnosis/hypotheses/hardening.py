@@ -1,12 +1,13 @@
 """A strain-wave gear's wind-up grows ever less with torque.
 
 ==========  ==========================================================================
-Equation    θ = τ/K3 + a b tanh(τ/b); soft: 1/K1 = 1/K3 + a, stiff: K3; b: the bend
-Source      smooth form of Harmonic Drive's three-piece table (CHA engineering data
-            1018854): compliance falls from 1/K1 at rest to 1/K3 under full torque;
-            where the table's K1 ends, at T1, the mean slope asks for b = 1.5 T1
-Valid       static torques of either sign, both ways alike
-Ignores     hysteresis; the two separate knees of the table (its variants)
+Equation    θ = τ/K3 + a [(1 - m) c(τ, T1) + m c(τ, r T1)]; 1/K1 = 1/K3 + a; c = τ up
+            to the knee T, T beyond, rounded over T/10
+Source      Harmonic Drive's three-piece table (CHA engineering data 1018854) seen from
+            the torque; r = T2/T1: 3.1 to 3.7, m = (1/K2 - 1/K3)/(1/K1 - 1/K3): 0.12 to
+            0.32 over its sizes 14 to 32
+Valid       static torques of either sign, gravity's included, both ways alike
+Ignores     hysteresis; a stiffness that climbs without a knee (its variants)
 ==========  ==========================================================================
 """
 
@@ -22,13 +23,14 @@ from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.signature import Signature, turn
 from stiffness.diagnosis.situation import Situation
 
-BEND_OVER_KNEE = 1.5
-"""b / T1; chosen: a tanh fitted to two pieces of slope 1 and 1/1.8 over 0 … 4 T1."""
-
-
-KNEES = tuple(np.geomspace(0.35, 6.0, 14))
-"""Where other forms may bend, over T1; chosen: so close that a knee between two of them
-is met to a percent, and far enough out for a table's second knee at 3.7 T1."""
+MIDDLE, SECOND = 0.2, 3.5
+"""m and r; chosen: between the table's sizes. A knee at T1 is found to 3 % on all."""
+ROUND = 0.1
+"""Over how much of a knee's torque it is rounded; chosen: teeth engage one by one."""
+KNEES = (0.08, 0.12, 0.2, 0.32, 0.5, 0.75)
+"""T1 over the axis' largest torque; chosen: a knee below is a play that closes."""
+ARCTAN = 1.2
+"""Torque scale of the arctangent law over T1, that its slope falls as the table's."""
 
 
 @dataclass(frozen=True)
@@ -52,15 +54,16 @@ class Hardening(Hypothesis):
         self, situation: Situation, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         largest = np.max(np.abs(situation.torque[:, situation.axis(where)]))
-        return (largest * np.array([0.06, 0.1, 0.2, 0.35, 0.6]))[:, None]
+        return (largest * np.array(KNEES))[:, None]
 
     @override
     def signature(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
         k = situation.axis(where)
-        bend = BEND_OVER_KNEE * shape[0]
-        return turn(k, bend * np.tanh(situation.torque[:, k] / bend))
+        torque, knee = situation.torque[:, k], shape[0]
+        first, second = bent(torque, knee), bent(torque, SECOND * knee)
+        return turn(k, (1.0 - MIDDLE) * first + MIDDLE * second)
 
     @override
     def variants(
@@ -68,8 +71,9 @@ class Hardening(Hypothesis):
     ) -> Signature:
         k = situation.axis(where)
         torque, knee = situation.torque[:, k], shape[0]
-        pieces = [np.clip(torque, -x * knee, x * knee) for x in KNEES]
-        return turn(k, *pieces)
+        sharp = [np.clip(torque, -x, x) for x in (knee, SECOND * knee)]
+        smooth = ARCTAN * knee * np.arctan(torque / (ARCTAN * knee))
+        return turn(k, *sharp, smooth)
 
     @override
     def parameters(
@@ -82,3 +86,9 @@ class Hardening(Hypothesis):
         stiff = situation.compliance[situation.axis(where)]
         ratio = (stiff + coefficients[0]) / stiff
         return {"stiffness_ratio": ratio, "torque_nm": shape[0]}
+
+
+def bent(torque: Float[np.ndarray, " rows"], knee: float) -> Float[np.ndarray, " rows"]:
+    """Return a torque that stops growing at a knee, both in N m."""
+    width = ROUND * knee
+    return 0.5 * (np.hypot(torque + knee, width) - np.hypot(torque - knee, width))
