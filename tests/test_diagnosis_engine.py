@@ -19,7 +19,7 @@ from bench.rig import Rig
 from bench.table_one import plan
 from stiffness.arm import Arm
 from stiffness.diagnosis.by_pose import by_pose
-from stiffness.diagnosis.columns import levers
+from stiffness.diagnosis.columns import columns_of, levers
 from stiffness.diagnosis.crossing import cross_of
 from stiffness.diagnosis.detect import ALARM
 from stiffness.diagnosis.diagnose import diagnose
@@ -36,7 +36,6 @@ from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.roots import Roots
 from stiffness.diagnosis.signature import Motion, Turn, rotate, translate, turn
 from stiffness.diagnosis.split import split_of
-from stiffness.diagnosis.unknowns import unknowns
 from stiffness.diagnosis.visits import visits_of
 
 MODEL = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
@@ -142,7 +141,7 @@ def test_gram_of_folds_adds_up_to_the_gram_of_poses():
     ready = prepared()
     at = ready.situation
     tilt = BearingTilt().signature(at, "a3", np.zeros(1))
-    slip = MarkerSlip().signature(at, "marker:link2_b", np.array([at.recording.time[99]]))
+    slip = MarkerSlip().signature(at, "marker:link2_b", at.recording.time[99:100])
     laws = [turn(1, at.torque[:, 1]), turn(4, at.torque[:, 4] ** 2)]
     fold = np.arange(40) % 4
     for data, signatures, near in (
@@ -165,7 +164,7 @@ def test_few_columns_meet_many_as_if_all_stood_together():
     ready = prepared()
     at = ready.situation
     few = [turn(1, at.torque[:, 1]), BearingTilt().signature(at, "a4", np.zeros(1))]
-    slip = MarkerSlip().signature(at, "marker:link4_a", np.array([at.recording.time[99]]))
+    slip = MarkerSlip().signature(at, "marker:link4_a", at.recording.time[99:100])
     many = [slip, BearingTilt().signature(at, "a2", np.zeros(1)), few[0]]
     fold = np.arange(40) % 3
     whole = evidence_of(ready.data, [*few, *many], fold)
@@ -185,22 +184,29 @@ def test_information_of_means_is_what_their_columns_hold_and_what_priors_add(
     ready = prepared()
     between = ready.data.between
     assert between is not None
+    blind = replace(ready.data.within, **{
+        name: np.zeros_like(getattr(ready.data.within, name))
+        for name in ("weight", "kernel", "turns", "pull")
+    })  # fmt: skip
+    everyone = np.arange(len(between.residual))
+    means = between.some(everyone)
+    unknown = means.roots.white(between.unknown.of(everyone))
     for where in hypothesis.places(ready.situation)[:1]:
         shape = hypothesis.shapes(ready.situation, where)[0]
         own = hypothesis.signature(ready.situation, where, shape)
-        columns = columns_of([own], ready.data.visits)
-        visits = np.zeros(len(between.residual), dtype=int)
-        gram, score = between.products(columns, visits, 1)
-        design = between.design(columns).reshape(-1, own.columns)
-        held = np.sum(design**2, axis=0)
-        _, sigma = unknowns(
-            ready.situation, ready.data.visits, np.zeros((len(visits), 28, 3)), True
-        )
-        held += np.sum((between.absorbed(columns) / sigma[:, None]) ** 2, axis=0)
-        scale = between.raw(columns)
-        assert_allclose(np.diag(gram[0]) / scale, held / scale, rtol=1e-7, atol=1e-9)
-        asked = design.T @ between.residual.ravel()
-        assert_allclose(score.sum(axis=0), asked, rtol=1e-6, atol=1e-6 * scale.max())
+        columns = columns_of([own], ready.data.visits.row)
+        taken = between.absorbed(columns)
+        design = means.roots.white(means.moved(columns)) - unknown @ taken
+        held = np.sum(design**2, axis=(0, 1))
+        held += np.sum((taken / between.unknown.sigma[:, None]) ** 2, axis=0)
+        data = replace(ready.data, within=blind)
+        found = evidence_of(data, [own], np.zeros(40, dtype=int))
+        scale = found.raw
+        of_one = np.diag(found.gram[0])
+        assert_allclose(of_one / scale, held / scale, rtol=1e-7, atol=1e-9)
+        asked = np.sum(design * between.residual, axis=(0, 1))
+        score = found.score.sum(axis=0)
+        assert_allclose(score, asked, rtol=1e-6, atol=1e-6 * scale.max())
 
 
 def test_taking_a_column_out_lowers_its_score_by_its_gram():

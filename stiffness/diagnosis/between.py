@@ -11,7 +11,7 @@ Ignores     ageing of the field over the day
 ==========  ==========================================================================
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -39,6 +39,7 @@ class Between:
         factor: Cholesky factor of their information, prior included, scaled.
         residual: Whitened mean residuals with the unknown taken out.
         moved: What the unknown was estimated to be.
+        kept: The unknown's own Gram matrix by folds, for every division asked for.
     """
 
     roots: Roots
@@ -51,6 +52,7 @@ class Between:
     factor: tuple[np.ndarray, bool]
     residual: Float[np.ndarray, "visits n 1"]
     moved: Float[np.ndarray, " unknowns"]
+    kept: dict[bytes, np.ndarray] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -129,6 +131,48 @@ class Between:
         """Return what the unknown takes of columns from their products with it."""
         scale = self.scale[:, None]
         return scale * cho_solve(self.factor, scale * asked)
+
+    def projected(
+        self,
+        near: Float[np.ndarray, "folds unknowns some"],
+        far: Float[np.ndarray, "folds unknowns others"],
+        label: Int[np.ndarray, " visits"],
+    ) -> Float[np.ndarray, "folds some others"]:
+        """Return what products of columns lose as what is unknown is projected out.
+
+        They are products of columns already projected, so that an error of what is
+        taken enters squared; the prior's part is shared by visits.
+
+        Args:
+            near: Products of the unknown with some columns, fold by fold.
+            far: With others; may be the same.
+            label: Fold of each visit.
+        """
+        one = self.taken(near.sum(axis=0))
+        other = one if near is far else self.taken(far.sum(axis=0))
+        prior = one.T @ (self.unknown.sigma[:, None] ** -2.0 * other)
+        lost = np.empty((len(near), one.shape[1], other.shape[1]))
+        inner = self._of_unknown(label, len(near))
+        share = np.bincount(label, minlength=len(near)) / len(label)
+        for f, own in enumerate(inner):
+            back = far[f] - own @ other
+            lost[f] = near[f].T @ other + one.T @ back - share[f] * prior
+        return lost
+
+    def _of_unknown(
+        self, label: Int[np.ndarray, " visits"], folds: int
+    ) -> Float[np.ndarray, "folds unknowns unknowns"]:
+        """Return the unknown's own Gram matrix of each fold."""
+        key = label.tobytes()
+        if key not in self.kept:
+            size = len(self.scale)
+            total = np.zeros((folds, size, size))
+            for some in stretches(len(label), label):
+                white = self.roots.some(some).white(self.unknown.of(some))
+                flat = white.reshape(-1, size)
+                total[label[some[0]]] += flat.T @ flat
+            self.kept[key] = total
+        return self.kept[key]
 
     def less(self, residual: np.ndarray) -> "Between":
         """Return the same with other residuals."""

@@ -72,8 +72,7 @@ def by_pose(
     if between is None:
         return ByPose(gram, own, score)
     taken = between.taken(asked.sum(axis=0))
-    half = 0.5 * asked.swapaxes(1, 2) @ taken
-    gram -= half + half.swapaxes(1, 2)
+    gram -= between.projected(asked, asked, of_visit)
     for some, white in means_of:
         pose = visits.pose[some]
         unknown = between.unknown.of(some) @ taken

@@ -60,7 +60,6 @@ def cross_of(
     total = other.joined(gram)
     if between is not None:
         far = other.joined(far)
-        taken, far_taken = (between.taken(a.sum(axis=0)) for a in (near, far))
-        total -= 0.5 * (near.swapaxes(1, 2) @ far_taken + taken.T @ far)
-        score -= by_unknown @ far_taken
+        total -= between.projected(near, far, of_visit)
+        score -= by_unknown @ between.taken(far.sum(axis=0))
     return total, score

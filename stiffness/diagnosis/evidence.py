@@ -85,8 +85,7 @@ def evidence_of(
     if between is not None:
         by_fold = empty.joined(asked)
         taken = between.taken(by_fold.sum(axis=0))
-        half = 0.5 * by_fold.swapaxes(1, 2) @ taken
-        total -= half + half.swapaxes(1, 2)
+        total -= between.projected(by_fold, by_fold, of_visit)
         score -= by_unknown @ taken
     whole = empty.both_joined(of_means.sum(axis=0))
     raw = np.maximum(np.diagonal(total.sum(axis=0)), 0.0) + np.diag(whole)
