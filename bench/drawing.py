@@ -12,7 +12,11 @@ from bench.shapes import shapes
 if TYPE_CHECKING:
     from bench.viewer import Scene
 
-COLOURS = ((240, 100, 0), (31, 111, 180), (58, 146, 58), (138, 138, 138))
+COLOURS = (
+    *((240, 100, 0), (31, 111, 180), (58, 146, 58), (138, 138, 138)),
+    (126, 87, 194),
+)
+"""Of the methods, in their order."""
 METRES_PER_NEWTON = 1 / 300
 """Length of the force's arrow; chosen: 100 N are a third of a metre."""
 

@@ -1,3 +1,5 @@
+import importlib
+import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -294,3 +296,20 @@ def test_method_that_breaks_the_contract_is_refused_before_the_study_runs(experi
         experiment.arm,
         experiment.recording,
     )
+
+
+def test_readmes_method_and_its_check_run_as_they_stand(
+    experiment, root, tmp_path, monkeypatch
+):
+    blocks = re.findall(r"```python\n(.*?)```", (root / "README.md").read_text(), re.S)
+    method, check = (
+        next(b for b in blocks if word in b)
+        for word in ("class Scaled(Method)", "import faults")
+    )
+    (tmp_path / "my_method.py").write_text(method)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("scenarios.paper.experiment.carry_out", lambda **_: experiment)
+    (tmp_path / "check_it.py").write_text(check)
+    importlib.import_module("check_it")  # ends with an assertion
+    own = OwnMethod.named("my_method:Scaled")
+    checked(own, experiment.arm, experiment.recording)

@@ -51,7 +51,7 @@ def _learnt(methods: Sequence[Contender]) -> list[str]:
     """Say by how much every method differs from the springs on fresh poses."""
     springs, said = methods[0], []
     for c in methods[1:]:
-        if c.method not in ("ft_mlp", "dt_cnn", "gp_residual"):
+        if c.method in ("pretrained", "aligned", "frozen"):
             continue
         change = [
             c.draws(k, "MAE").change_from(springs.draws(k, "MAE")) for k in range(3)
