@@ -20,8 +20,9 @@ from scipy.linalg import cho_factor, cho_solve
 from stiffness.diagnosis.columns import Columns, levers
 from stiffness.diagnosis.means import Means
 from stiffness.diagnosis.roots import Roots
+from stiffness.diagnosis.sites import sites_of
 from stiffness.diagnosis.unknown_columns import UnknownColumns
-from stiffness.diagnosis.visits import stretches
+from stiffness.diagnosis.visits import Kept, stretches
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,8 @@ class Between:
         factor: Cholesky factor of their information, prior included, scaled.
         residual: Whitened mean residuals with the unknown taken out.
         moved: What the unknown was estimated to be.
-        kept: The unknown's own Gram matrix by folds, for every division asked for.
+        inner: The unknown's own Gram matrix by folds, for every division asked for.
+        kept: What is laid out for the visits asked for last.
     """
 
     roots: Roots
@@ -52,7 +54,8 @@ class Between:
     factor: tuple[np.ndarray, bool]
     residual: Float[np.ndarray, "visits n 1"]
     moved: Float[np.ndarray, " unknowns"]
-    kept: dict[bytes, np.ndarray] = field(default_factory=dict)
+    inner: dict[bytes, np.ndarray] = field(default_factory=dict)
+    kept: Kept[Means] = field(default_factory=Kept)
 
     @classmethod
     def of(
@@ -104,26 +107,24 @@ class Between:
         """
         everyone = np.arange(len(self.residual))
         means = self.some(everyone)
-        sites, pull = means.sites(columns), self.unknown_pull(everyone)
-        asked = means.products(sites, len(columns.column), pull)
+        asked = means.of_unknown(
+            sites_of(columns, means.share, means.screw), len(columns.column)
+        )
         return self.taken(columns.joined(asked))
 
     def some(self, visits: Int[np.ndarray, " some"]) -> Means:
         """Return what means of some visits could say."""
+        return self.kept.of(visits, self._means)
+
+    def _means(self, visits: Int[np.ndarray, " some"]) -> Means:
         return Means(
             self.roots.some(visits),
             self.lever[visits],
             self.carries,
             self.share[visits],
             self.screw[visits],
+            self.unknown.of(visits),
         )
-
-    def unknown_pull(
-        self, visits: Int[np.ndarray, " some"]
-    ) -> Float[np.ndarray, "some n unknowns"]:
-        """Return what one unit of each unknown pulls at the markers."""
-        roots = self.roots.some(visits)
-        return roots.back(roots.white(self.unknown.of(visits)))
 
     def taken(
         self, asked: Float[np.ndarray, "unknowns columns"]
@@ -164,15 +165,15 @@ class Between:
     ) -> Float[np.ndarray, "folds unknowns unknowns"]:
         """Return the unknown's own Gram matrix of each fold."""
         key = label.tobytes()
-        if key not in self.kept:
+        if key not in self.inner:
             size = len(self.scale)
             total = np.zeros((folds, size, size))
             for some in stretches(len(label), label):
-                white = self.roots.some(some).white(self.unknown.of(some))
-                flat = white.reshape(-1, size)
+                means = self.some(some)
+                flat = means.roots.white(means.unknown).reshape(-1, size)
                 total[label[some[0]]] += flat.T @ flat
-            self.kept[key] = total
-        return self.kept[key]
+            self.inner[key] = total
+        return self.inner[key]
 
     def less(self, residual: np.ndarray) -> "Between":
         """Return the same with other residuals."""

@@ -64,10 +64,10 @@ def by_pose(
         if between is not None:
             means = between.some(some)
             white = means.roots.white(means.moved(columns))
-            unknown = means.roots.white(between.unknown.of(some))
+            back = means.roots.back(white)
             flat = white.reshape(-1, count)
             gram[f] += flat.T @ flat
-            asked[f] += unknown.reshape(len(flat), -1).T @ flat
+            asked[f] += np.sum(means.unknown.swapaxes(1, 2) @ back, axis=0)
             means_of.append((some, white))
     if between is None:
         return ByPose(gram, own, score)
@@ -75,8 +75,8 @@ def by_pose(
     gram -= between.projected(asked, asked, of_visit)
     for some, white in means_of:
         pose = visits.pose[some]
-        unknown = between.unknown.of(some) @ taken
-        left = white - between.roots.some(some).white(unknown)
+        means = between.some(some)
+        left = white - means.roots.white(means.unknown @ taken)
         np.add.at(own, pose, left.swapaxes(1, 2) @ left)
         np.add.at(score, pose, (left.swapaxes(1, 2) @ between.residual[some])[..., 0])
     return ByPose(gram, own, score)

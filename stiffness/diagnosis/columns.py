@@ -50,19 +50,21 @@ class Columns:
     shifts: tuple[Group, ...]
 
     @cached_property
-    def _order(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        order = np.argsort(self.column, kind="stable")
-        owner, start = np.unique(self.column[order], return_index=True)
-        return order, owner, start
+    def _once(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Columns with slots, the first slot of each, and all further slots."""
+        owner, first = np.unique(self.column, return_index=True)
+        again = np.setdiff1d(np.arange(len(self.column)), first)
+        return owner, first, again
 
     def joined(
         self, slots: Float[np.ndarray, "*many slots"]
     ) -> Float[np.ndarray, "*many columns"]:
         """Add up the slots of each column."""
+        owner, first, again = self._once
         total = np.zeros((*slots.shape[:-1], self.count))
-        order, owner, start = self._order
-        if len(order):
-            total[..., owner] = np.add.reduceat(slots[..., order], start, axis=-1)
+        total[..., owner] = slots[..., first]
+        for slot in again:
+            total[..., self.column[slot]] += slots[..., slot]
         return total
 
     def both_joined(

@@ -28,12 +28,14 @@ class Contrasts:
     Attributes:
         information: What they could say.
         kernel: U (1 + U' information U)^-1 U' of the wrench's errors U.
-        turns: Information between turns, the wrench's errors taken out.
+        raw: Information between turns.
+        turns: The same with the wrench's errors taken out.
         pull: Of the readings, without what the wrench's errors feigned.
     """
 
     information: Information
     kernel: Float[np.ndarray, "visits turns turns"]
+    raw: Float[np.ndarray, "visits turns turns"]
     turns: Float[np.ndarray, "visits turns turns"]
     pull: Float[np.ndarray, "bodies visits n 1"]
 
@@ -149,7 +151,7 @@ class Contrasts:
         )
         feigned = self.kernel @ along
         own = slice(start, end)
-        left = along - info.on_turns @ feigned if columns.turns else along
+        left = along - self.raw @ feigned
         for near in columns.turns:
             one = slice(near.place * rows, near.place * rows + rows)
             block = contract(near.values, left[:, one])

@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from stiffness.diagnosis.columns import columns_of
 from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.signature import Signature
+from stiffness.diagnosis.sites import sites_of
 from stiffness.diagnosis.visits import stretches
 
 
@@ -42,19 +43,16 @@ def cross_of(
         gram[f] += within.products(many_here, within.pulls(few_here))
         own = within.of_each(many_here, within.pull)
         if between is not None:
-            means, unknown = between.some(some), between.unknown_pull(some)
-            sites = means.sites(many_here)
+            means = between.some(some)
+            sites = sites_of(many_here, means.share, means.screw)
             moved = means.moved(few_here)
             pull = means.roots.back(means.roots.white(moved))
             residual = means.roots.back(between.residual[some])
-            count = unknown.shape[2]
-            both = np.concatenate([unknown, pull], axis=2)
-            found = means.products(sites, slots, both)
-            far[f] += found[:count]
-            gram[f] += found[count:]
-            near[f] += np.sum(unknown.swapaxes(1, 2) @ moved, axis=0)
+            far[f] += means.of_unknown(sites, slots)
+            gram[f] += means.products(sites, slots, pull)
+            near[f] += np.sum(means.unknown.swapaxes(1, 2) @ pull, axis=0)
             own += means.of_each(sites, slots, residual)
-            back = between.unknown.of(some).swapaxes(1, 2) @ residual
+            back = means.unknown.swapaxes(1, 2) @ residual
             np.add.at(by_unknown, pose, back[..., 0])
         np.add.at(score, pose, many_here.joined(own[:, 0]))
     total = other.joined(gram)

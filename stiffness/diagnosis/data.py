@@ -54,13 +54,13 @@ class Data:
                 means = between.some(some)
                 one = means.roots.white(means.moved(columns) @ mix)
                 back = means.roots.back(one)
-                asked += np.sum(between.unknown.of(some).swapaxes(1, 2) @ back, axis=0)
+                asked += np.sum(means.unknown.swapaxes(1, 2) @ back, axis=0)
                 white.append(one)
         within = self.within.less(pull, square)
         if between is None:
             return Data(self.visits, within, None)
         residual, taken = between.residual.copy(), between.taken(asked)
         for some, one in zip(stretches(len(row)), white, strict=True):
-            unknown = between.unknown.of(some) @ taken
-            residual[some] += between.roots.some(some).white(unknown) - one
+            means = between.some(some)
+            residual[some] += means.roots.white(means.unknown @ taken) - one
         return Data(self.visits, within, between.less(residual))

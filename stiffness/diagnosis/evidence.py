@@ -18,6 +18,7 @@ from jaxtyping import Float, Int
 from stiffness.diagnosis.columns import columns_of
 from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.signature import Signature
+from stiffness.diagnosis.sites import sites_of
 from stiffness.diagnosis.visits import stretches
 
 SPANS = 1e-10
@@ -72,13 +73,13 @@ def evidence_of(
         within.add_gram(columns, gram[f])
         own = within.of_each(columns, within.pull)
         if between is not None:
-            means, unknown = between.some(some), between.unknown_pull(some)
-            sites = means.sites(columns)
+            means = between.some(some)
+            sites = sites_of(columns, means.share, means.screw)
             means.add_gram(sites, of_means[f])
-            asked[f] += means.products(sites, slots, unknown)
+            asked[f] += means.of_unknown(sites, slots)
             pull = means.roots.back(between.residual[some])
             own += means.of_each(sites, slots, pull)
-            back = between.unknown.of(some).swapaxes(1, 2) @ pull
+            back = means.unknown.swapaxes(1, 2) @ pull
             np.add.at(by_unknown, pose, back[..., 0])
         np.add.at(score, pose, columns.joined(own[:, 0]))
     total = np.stack([empty.both_joined(own) for own in gram + of_means])

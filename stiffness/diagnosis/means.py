@@ -9,31 +9,15 @@ Ignores     as `Between`
 ==========  ==========================================================================
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from stiffness.diagnosis.columns import Columns, contract
 from stiffness.diagnosis.roots import Roots
-
-
-@dataclass(frozen=True, eq=False)
-class Site:
-    """Slots of one group, averaged over the rows of each visit.
-
-    Attributes:
-        slots: Where they stand among all slots.
-        mean: Twists or shifts of each visit.
-        place: The place that moves; -1 where a marker shifts.
-        marker: The marker that shifts; -1 where bodies move.
-    """
-
-    slots: slice
-    mean: Float[np.ndarray, "visits k columns"]
-    place: int = -1
-    marker: int = -1
+from stiffness.diagnosis.sites import Site, sites_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +30,7 @@ class Means:
         carries: Whether a place carries a marker.
         share: Weight of each row in each visit's mean.
         screw: Twist of what an axis carries per radian along it.
+        unknown: Displacement of the markers per unit of each unknown.
     """
 
     roots: Roots
@@ -53,28 +38,13 @@ class Means:
     carries: Bool[np.ndarray, "places markers"]
     share: Float[np.ndarray, "visits rows"]
     screw: Float[np.ndarray, "visits rows axes 6"]
-
-    def sites(self, columns: Columns) -> list[Site]:
-        """Return the means of all groups of columns."""
-        share = self.share[:, None]
-        sites = []
-        for group in columns.turns:
-            screw = share.swapaxes(1, 2) * self.screw[:, :, group.place]
-            mean = screw.swapaxes(1, 2) @ group.values
-            sites.append(Site(group.slots, mean, place=group.place + 1))
-        for group in (*columns.motions, *columns.shifts):
-            visits, rows, k, count = group.values.shape
-            flat = share @ group.values.reshape(visits, rows, k * count)
-            mean = flat.reshape(visits, k, count)
-            at = {"place" if k == 6 else "marker": group.place}
-            sites.append(Site(group.slots, mean, **at))
-        return sites
+    unknown: Float[np.ndarray, "visits n unknowns"]
 
     def moved(self, columns: Columns) -> Float[np.ndarray, "visits n columns"]:
         """Return mean displacements of all markers by columns; for few."""
         visits, markers = self.lever.shape[:2]
         total = np.zeros((visits, markers, 3, len(columns.column)))
-        for site in self.sites(columns):
+        for site in sites_of(columns, self.share, self.screw):
             if site.marker >= 0:
                 total[:, site.marker, :, site.slots] = site.mean
             else:
@@ -88,7 +58,19 @@ class Means:
     ) -> Float[np.ndarray, "pulls slots"]:
         """Return the products of pulls at markers with slots, added up."""
         total = np.zeros((pull.shape[2], slots))
-        for site, at in self._at(sites, pull):
+        places: dict[int, np.ndarray] = {}
+        for site in sites:
+            at = self._at(site, pull, places)
+            total[:, site.slots] = contract(at, site.mean)
+        return total
+
+    def of_unknown(
+        self, sites: list[Site], slots: int
+    ) -> Float[np.ndarray, "unknowns slots"]:
+        """Return the products of the unknown with slots, added up."""
+        total = np.zeros((self.unknown.shape[2], slots))
+        for site in sites:
+            at = self._at(site, self._unknown_pull, self._unknown_at)
             total[:, site.slots] = contract(at, site.mean)
         return total
 
@@ -97,7 +79,9 @@ class Means:
     ) -> Float[np.ndarray, "visits pulls slots"]:
         """Return the products of pulls at markers with slots, visit by visit."""
         total = np.zeros((len(pull), pull.shape[2], slots))
-        for site, at in self._at(sites, pull):
+        places: dict[int, np.ndarray] = {}
+        for site in sites:
+            at = self._at(site, pull, places)
             total[:, :, site.slots] = at.swapaxes(1, 2) @ site.mean
         return total
 
@@ -105,34 +89,31 @@ class Means:
         self, sites: list[Site], total: Float[np.ndarray, "slots slots"]
     ) -> None:
         """Add the products of all slots, summed over visits."""
-        visits, markers = self.lever.shape[:2]
-        half, seen = self.roots.half, self.roots.shared()
-        apart = self.lever.reshape(visits, 3 * markers, 6)
-        shared = np.empty((visits, seen.shape[1], len(total)))
+        seen, precision = self._shared, self._precision
+        shared = np.empty((*seen.shape[:2], len(total)))
         for site in sites:
             if site.marker >= 0:
                 at = seen[..., 3 * site.marker : 3 * site.marker + 3]
             else:
-                at = seen @ (apart * np.repeat(self.carries[site.place], 3)[:, None])
+                at = seen @ self._onto(site.place)
             shared[..., site.slots] = at @ site.mean
         flat = shared.reshape(-1, len(total))
         total -= flat.T @ flat
-        precision = half @ half
         heavy = precision @ self.lever
         self._of_places([s for s in sites if s.place >= 0], heavy, total)
         self._of_markers(sites, heavy, precision, total)
 
     def _of_places(self, sites: list[Site], heavy: np.ndarray, gram: np.ndarray):
         """Add the products of motions of bodies with each other, H left out."""
-        inner = self.lever.swapaxes(2, 3) @ heavy  # (visits, markers, 6, 6)
-        sums: dict[bytes, np.ndarray] = {}
+        sums = self._inner
         for j, far in enumerate(sites):
             pulled: dict[bytes, np.ndarray] = {}
             for near in sites[: j + 1]:
                 both = self.carries[near.place] & self.carries[far.place]
                 key = both.tobytes()
                 if key not in sums:
-                    sums[key] = inner[:, both].sum(axis=1)
+                    lever = self.lever[:, both].swapaxes(2, 3)
+                    sums[key] = (lever @ heavy[:, both]).sum(axis=1)
                 if key not in pulled:
                     pulled[key] = sums[key] @ far.mean
                 block = contract(near.mean, pulled[key])
@@ -163,17 +144,39 @@ class Means:
             gram[site.slots, start:end] += block
             gram[start:end, site.slots] += block.T
 
-    def _at(self, sites: list[Site], pull: np.ndarray) -> Iterator[tuple]:
-        """Yield sites with what pulls at markers make of them: (visits, k, pulls)."""
+    def _at(
+        self, site: Site, pull: np.ndarray, places: dict[int, np.ndarray]
+    ) -> np.ndarray:
+        """Return what pulls at markers make at a site: (visits, k, pulls)."""
+        if site.marker >= 0:
+            return pull[:, 3 * site.marker : 3 * site.marker + 3]
+        if site.place not in places:
+            places[site.place] = self._onto(site.place).swapaxes(1, 2) @ pull
+        return places[site.place]
+
+    def _onto(self, place: int) -> np.ndarray:
+        """Return what takes a place's twist to displacements: (visits, n, 6)."""
         visits, markers = self.lever.shape[:2]
         apart = self.lever.reshape(visits, 3 * markers, 6)
-        places: dict[int, np.ndarray] = {}
-        for site in sites:
-            if site.marker >= 0:
-                yield site, pull[:, 3 * site.marker : 3 * site.marker + 3]
-                continue
-            if site.place not in places:
-                on = np.repeat(self.carries[site.place], 3)
-                onto = np.ascontiguousarray((apart * on[:, None]).swapaxes(1, 2))
-                places[site.place] = onto @ pull
-            yield site, places[site.place]
+        return apart * np.repeat(self.carries[place], 3)[:, None]
+
+    @cached_property
+    def _unknown_pull(self) -> np.ndarray:
+        return self.roots.back(self.roots.white(self.unknown))
+
+    @cached_property
+    def _unknown_at(self) -> dict[int, np.ndarray]:
+        return {}
+
+    @cached_property
+    def _shared(self) -> np.ndarray:
+        return self.roots.shared()
+
+    @cached_property
+    def _precision(self) -> np.ndarray:
+        return self.roots.half @ self.roots.half
+
+    @cached_property
+    def _inner(self) -> dict[bytes, np.ndarray]:
+        """What markers seen by the noise alone make of twists, by who carries them."""
+        return {}

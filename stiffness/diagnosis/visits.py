@@ -4,7 +4,9 @@ Within a visit only the load changes, so that a marker's differences speak of th
 between visits the arm has moved, and only where markers stand speaks of that.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -84,3 +86,29 @@ def stretches(
     order = np.argsort(label, kind="stable")
     own = np.split(order, np.cumsum(np.bincount(label))[:-1])
     return [one[at : at + STRETCH] for one in own for at in range(0, len(one), STRETCH)]
+
+
+MOST = 12
+"""Stretches of visits for which what was laid out is kept; chosen: an experiment of
+some hundred visits is laid out once, a long one never fills the memory."""
+Laid = TypeVar("Laid")
+
+
+@dataclass(frozen=True, eq=False)
+class Kept(Generic[Laid]):
+    """What was laid out for the stretches asked for last."""
+
+    laid: dict[bytes, Laid] = field(default_factory=dict)
+
+    def of(
+        self,
+        visits: Int[np.ndarray, " some"],
+        lay: Callable[[Int[np.ndarray, " some"]], Laid],
+    ) -> Laid:
+        """Return what was laid out for these visits, or lay it out."""
+        key = visits.tobytes()
+        if key not in self.laid:
+            if len(self.laid) >= MOST:
+                del self.laid[next(iter(self.laid))]
+            self.laid[key] = lay(visits)
+        return self.laid[key]

@@ -9,7 +9,7 @@ Ignores     as `Information`
 ==========  ==========================================================================
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from stiffness.diagnosis.columns import levers
 from stiffness.diagnosis.contrasts import Contrasts
 from stiffness.diagnosis.information import Information
-from stiffness.diagnosis.visits import stretches
+from stiffness.diagnosis.visits import Kept, stretches
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,10 +32,12 @@ class Within:
         carried: Whether a place carries a body.
         screw: Twist of what an axis carries per radian along it.
         kernel: U (1 + U' information U)^-1 U' of the wrench's errors U.
-        turns: Information between turns, the wrench's errors taken out.
+        raw: Information between turns.
+        turns: The same with the wrench's errors taken out.
         pull: Of the readings, without what the wrench's errors feigned.
         square: Whitened sum of squares of each visit's differences, the same taken out.
         freedom: How many differences of coordinates each visit has.
+        kept: What is laid out for the visits asked for last.
     """
 
     weight: Float[np.ndarray, "visits rows markers"]
@@ -45,10 +47,12 @@ class Within:
     carried: Bool[np.ndarray, "places bodies"]
     screw: Float[np.ndarray, "visits rows axes 6"]
     kernel: Float[np.ndarray, "visits turns turns"]
+    raw: Float[np.ndarray, "visits turns turns"]
     turns: Float[np.ndarray, "visits turns turns"]
     pull: Float[np.ndarray, "bodies visits n 1"]
     square: Float[np.ndarray, " visits"]
     freedom: Float[np.ndarray, " visits"]
+    kept: Kept[Information] = field(default_factory=Kept)
 
     @classmethod
     def of(
@@ -75,7 +79,7 @@ class Within:
         visits, rows, _ = weight.shape
         carried, screw, noise = frame
         turns, bodies = noise.shape[1], carried.shape[1]
-        kernel, on_turns = np.empty((2, visits, turns, turns))
+        kernel, raw, on_turns = np.empty((3, visits, turns, turns))
         pull = np.zeros((bodies, visits, rows * 6, 1))
         square = np.empty(visits)
         lever = levers(point)
@@ -83,17 +87,17 @@ class Within:
             info = Information(
                 weight[some], lever[some], inverse, body, carried, screw[some]
             )
-            u, raw = noise[some], info.on_turns
-            inner = np.eye(u.shape[2]) + u.swapaxes(1, 2) @ raw @ u
+            u, own = noise[some], info.on_turns
+            inner = np.eye(u.shape[2]) + u.swapaxes(1, 2) @ own @ u
             kernel[some] = u @ np.linalg.solve(inner, u.swapaxes(1, 2))
-            on_turns[some] = raw - raw @ kernel[some] @ raw
+            raw[some], on_turns[some] = own, own - own @ kernel[some] @ own
             values = residual[some].transpose(0, 2, 1, 3)  # (visits, markers, rows, 3)
             contrast = np.ascontiguousarray(info.laplace.transpose(0, 3, 1, 2)) @ values
             asked = contrast @ (inverse @ info.lever)
             for b in range(bodies):
-                own = asked[:, body == b].sum(axis=1)
-                pull[b, some] = own.reshape(len(own), -1, 1)
-            seen = Contrasts(info, kernel[some], on_turns[some], pull[:, some])
+                of_body = asked[:, body == b].sum(axis=1)
+                pull[b, some] = of_body.reshape(len(of_body), -1, 1)
+            seen = Contrasts(info, kernel[some], own, on_turns[some], pull[:, some])
             along = seen.on_turns(seen.pull)
             feigned = np.sum(along * (kernel[some] @ along), axis=(1, 2))
             whole = np.sum(values * (contrast @ inverse), axis=(1, 2, 3))
@@ -102,12 +106,17 @@ class Within:
         freedom = 3.0 * np.maximum((weight > 0).sum(axis=1) - 1, 0).sum(axis=1)
         return cls(
             weight, lever, inverse, body, carried, screw,
-            kernel, on_turns, pull, square, freedom,
+            kernel, raw, on_turns, pull, square, freedom,
         )  # fmt: skip
 
     def some(self, visits: Int[np.ndarray, " some"]) -> Contrasts:
         """Return what differences within some visits say."""
-        info = Information(
+        info = self.kept.of(visits, self._information)
+        kernel, raw, turns = self.kernel[visits], self.raw[visits], self.turns[visits]
+        return Contrasts(info, kernel, raw, turns, self.pull[:, visits])
+
+    def _information(self, visits: Int[np.ndarray, " some"]) -> Information:
+        return Information(
             self.weight[visits],
             self.lever[visits],
             self.inverse,
@@ -115,8 +124,6 @@ class Within:
             self.carried,
             self.screw[visits],
         )
-        pull = self.pull[:, visits]
-        return Contrasts(info, self.kernel[visits], self.turns[visits], pull)
 
     def less(self, pull: np.ndarray, square: np.ndarray) -> "Within":
         """Return the same with another pull and whitened square."""
