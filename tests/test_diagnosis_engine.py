@@ -36,7 +36,7 @@ from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.roots import Roots
 from stiffness.diagnosis.signature import Motion, Turn, rotate, translate, turn
 from stiffness.diagnosis.split import split_of
-from stiffness.diagnosis.visits import visits_of
+from stiffness.diagnosis.visits import Kept, visits_of
 
 MODEL = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 SOFTER = 1.6  # true stiffness over the model's, so that the silent fit has work to do
@@ -184,7 +184,7 @@ def test_information_of_means_is_what_their_columns_hold_and_what_priors_add(
     ready = prepared()
     between = ready.data.between
     assert between is not None
-    blind = replace(ready.data.within, **{
+    blind = replace(ready.data.within, kept=Kept(), **{
         name: np.zeros_like(getattr(ready.data.within, name))
         for name in ("weight", "kernel", "turns", "pull")
     })  # fmt: skip

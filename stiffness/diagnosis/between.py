@@ -55,7 +55,7 @@ class Between:
     residual: Float[np.ndarray, "visits n 1"]
     moved: Float[np.ndarray, " unknowns"]
     inner: dict[bytes, np.ndarray] = field(default_factory=dict)
-    kept: Kept[Means] = field(default_factory=Kept)
+    kept: Kept[Means] = field(default_factory=Kept[Means])
 
     @classmethod
     def of(

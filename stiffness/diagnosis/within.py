@@ -52,7 +52,7 @@ class Within:
     pull: Float[np.ndarray, "bodies visits n 1"]
     square: Float[np.ndarray, " visits"]
     freedom: Float[np.ndarray, " visits"]
-    kept: Kept[Information] = field(default_factory=Kept)
+    kept: Kept[Information] = field(default_factory=Kept[Information])
 
     @classmethod
     def of(
