@@ -266,11 +266,7 @@ def test_what_the_data_cannot_show_has_no_place():
     by, usual = truth.BY_NAME, truth.recording()
     assert by["creep"].places(in_recording(load_time=usual.time)) == ()
     still = in_recording(posture=np.zeros_like(usual.posture))
-    for effect in (
-        "angle_dependent_stiffness",
-        "transmission_error",
-        "gravity_compensator",
-    ):
+    for effect in ("angle_dependent_stiffness", "transmission_error"):
         assert by[effect].places(still) == ()
     unseen = in_recording(base_from_tracker=None)
     assert by["tracker_misalignment"].places(unseen) == ()
@@ -280,6 +276,17 @@ def test_what_the_data_cannot_show_has_no_place():
     one_way = replace(truth.situation(), torque=np.abs(truth.situation().torque) + 1.0)
     assert by["lost_motion"].places(one_way) == ()
     assert by["asymmetric_stiffness"].places(one_way) == ()
+
+
+def test_compensator_of_an_axis_that_stands_still_is_an_offset_of_its_encoder():
+    by, usual = truth.BY_NAME, truth.recording()
+    still = in_recording(posture=np.full_like(usual.posture, 0.3))
+    spring, offset = by["gravity_compensator"], by["encoder_offset"]
+    one, other = (h.signature(still, "a3", np.zeros(0)) for h in (spring, offset))
+    assert_array_equal(truth.moved(still, one), truth.moved(still, other))
+    found = spring.parameters(still, "a3", np.zeros(0), np.array([-2e-5]))
+    torque = found["torque_nm"] * np.sin(0.3 - found["phase_rad"])
+    assert torque * still.compliance[2] == pytest.approx(-2e-5)
 
 
 def test_axis_that_the_model_calls_rigid_is_a_place_for_compliance_and_no_other_is():

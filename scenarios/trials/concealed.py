@@ -7,9 +7,16 @@ import numpy as np
 
 from bench.anatomy import Anatomy
 from bench.effects.effect import Effect
+from bench.effects.geometry_error import GeometryError
+from bench.effects.link_bending import LinkBending
 from bench.effects.marker_slip import MarkerSlip
 from bench.effects.places import places_for
 from scenarios.trials.forms import FORMS, PARTNERS, as_it_is
+
+
+BETWEEN_AXES = (GeometryError, LinkBending)
+"""What a link does to the axis after it; the vocabulary's links end with an axis, and
+what is beyond the last one are markers' places and a sensor's mounting."""
 
 
 def drawn(
@@ -35,6 +42,8 @@ def drawn(
     ]
     if "marker" in kind.places:
         known += [f"marker:{name}" for name in markers]
+    if kind in BETWEEN_AXES:
+        known.remove(arm.links[-1])
     known = list(PARTNERS.get(kind, known))
     effect = kind(where=str(draw.choice(known)))
     effect = FORMS.get(kind, as_it_is)(effect, draw)

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from stiffness.diagnosis.evidence import Evidence
-from stiffness.diagnosis.flips import Tested, sign_flips, white_scores
+from stiffness.diagnosis.flips import Tested, families, sign_flips, white_scores
 from stiffness.diagnosis.library import Library
 
 ALARM = 0.005
@@ -20,6 +20,9 @@ some hundred blocks of nothing stays below it in 199 of 200 recordings."""
 @dataclass(frozen=True)
 class Found:
     """What the test of everything found.
+
+    Candidates are one family and the map another, so that a thousand names do not
+    drown what has none.
 
     Attributes:
         tested: Candidates at every shape, then blocks of the map, then whole places of
@@ -82,7 +85,9 @@ def detect(
     ]
     every: Sequence[np.ndarray] = [*own, *parts, *whole, np.concatenate(parts)]
     white = white_scores(gram, score[poses], known, every, evidence.raw)
-    tested = sign_flips(white, seed)
+    tested = families(
+        sign_flips(white[: len(own)], seed), sign_flips(white[len(own) :], seed + 1)
+    )
     of_map = np.concatenate(white[len(own) : len(own) + len(parts)], axis=1)
     dispersion = float(np.sum(of_map**2) / max(1, of_map.shape[1]))
     return Found(tested, len(own), len(parts), places, dispersion)

@@ -111,6 +111,22 @@ def without(
     return half @ (half.T @ gram[known])
 
 
+def left_of(
+    gram: Float[np.ndarray, "columns columns"],
+    known: Int[np.ndarray, " known"],
+    share: Float[np.ndarray, "known columns"],
+    block: Int[np.ndarray, " block"],
+) -> Float[np.ndarray, "block block"]:
+    """Return the Gram matrix of X_b - X_K share_b, whatever the shares' rounding.
+
+    Written as gram_bb - gram_bK share_b it would err in the first order of it.
+    """
+    own, side = share[:, block], gram[np.ix_(block, known)]
+    inner = gram[np.ix_(known, known)]
+    cross = side @ own
+    return gram[np.ix_(block, block)] - cross - cross.T + own.T @ inner @ own
+
+
 def white_turn(
     left: Float[np.ndarray, "columns columns"], raw: Float[np.ndarray, " columns"]
 ) -> Float[np.ndarray, "columns freedom"]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.diagnosis.evidence import white_turn, without
+from stiffness.diagnosis.evidence import left_of, white_turn, without
 
 COMPARISONS = 4999
 """Chosen: p-values down to 0.0002, and a verdict at 0.005 that rests on 25 of them."""
@@ -67,8 +67,7 @@ def white_scores(
     share = without(gram, known)
     white = []
     for block in blocks:
-        own = gram[np.ix_(block, block)]
-        left = own - gram[np.ix_(block, known)] @ share[:, block]
+        left = left_of(gram, known, share, block)
         turn = white_turn(left, raw[block])
         white.append((score[:, block] - score[:, known] @ share[:, block]) @ turn)
     return white
@@ -86,8 +85,13 @@ def sign_flips(
         seed: Of the signs.
         inflation: Variance of white scores over one, where the noise is misstated.
     """
-    freedom = np.array([w.shape[1] for w in white])
+    freedom = np.array([w.shape[1] for w in white], dtype=int)
     some = np.flatnonzero(freedom > 0)
+    if not len(some):
+        count = len(white)
+        return Tested(
+            np.zeros(count), freedom, np.full(count, -9.0), *np.ones((2, count))
+        )
     poses = len(white[0])
     stacked = np.concatenate([w for w in white if w.shape[1]], axis=1) / np.sqrt(
         inflation
@@ -110,6 +114,18 @@ def sign_flips(
     answer[0][some], answer[1][some] = seen, z
     answer[2][some], answer[3][some] = alone, (1.0 + above) / (1.0 + COMPARISONS)
     return Tested(answer[0], freedom.astype(float), answer[1], answer[2], answer[3])
+
+
+def families(one: Tested, other: Tested) -> Tested:
+    """Return two families of blocks as one, each with half of the error (Bonferroni)."""
+    together = np.minimum(1.0, 2.0 * np.concatenate([one.together, other.together]))
+    return Tested(
+        np.concatenate([one.captured, other.captured]),
+        np.concatenate([one.freedom, other.freedom]),
+        np.concatenate([one.z, other.z]),
+        np.concatenate([one.alone, other.alone]),
+        together,
+    )
 
 
 def _normal(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:

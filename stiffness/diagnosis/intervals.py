@@ -14,10 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 from scipy.stats import t as student
 
 from stiffness.diagnosis.by_pose import by_pose
 from stiffness.diagnosis.data import Data
+from stiffness.diagnosis.evidence import left_of, without
 from stiffness.diagnosis.member import Member, SetFit, training
 from stiffness.diagnosis.refine import shape_columns
 from stiffness.diagnosis.signature import Signature
@@ -44,8 +46,14 @@ def parameters_of(
     fit: SetFit,
     split: Split,
     inflation: float,
-) -> list[dict[str, Parameter]]:
-    """Return every member's parameters of the vocabulary with 95 % intervals."""
+) -> tuple[list[dict[str, Parameter]], list[float]]:
+    """Return every member's parameters of the vocabulary with 95 % intervals.
+
+    Returns:
+        Parameters, and p-values of each member's coefficients being all zero, at its
+        shape, while the others' coefficients and shapes adapt (Wald): a member that
+        others could replace is not determined.
+    """
     own = [m.signature(situation) for m in fit.members]
     slopes = [
         shape_columns(situation, m, c)
@@ -69,7 +77,7 @@ def parameters_of(
     cov = plain * grow * grow[:, None] * scale * scale[:, None]
     quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, poses - len(gram))))
     n = len(fit.springs)
-    answers = []
+    answers, zero = [], []
     at, shape_at = n, n + sum(len(c) for c in fit.coefficients)
     for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
         index = np.concatenate(
@@ -79,6 +87,11 @@ def parameters_of(
                 np.arange(shape_at, shape_at + member.freedom),
             ]
         )
+        own = np.arange(at, at + len(coefficients))
+        others = np.delete(
+            np.arange(len(cov)), np.arange(shape_at, shape_at + member.freedom)
+        )
+        zero.append(_of_zero(coefficients, gram[np.ix_(others, others)], own))
         at, shape_at = at + len(coefficients), shape_at + member.freedom
         answers.append(
             _of_member(
@@ -90,7 +103,14 @@ def parameters_of(
                 quantile,
             )
         )
-    return answers
+    return answers, zero
+
+
+def _of_zero(coefficients: np.ndarray, gram: np.ndarray, own: np.ndarray) -> float:
+    """Return the p-value of zero from a Gram matrix in which `own` are meant."""
+    rest = np.delete(np.arange(len(gram)), own)
+    left = left_of(gram, rest, without(gram, rest), own)
+    return float(chi2.sf(coefficients @ left @ coefficients, len(own)))
 
 
 def _of_member(situation, springs, member, fitted, cov, quantile):

@@ -16,7 +16,11 @@ from stiffness.diagnosis.signature import Signature
 
 
 def what_is_left(case: Case, fit: SetFit) -> Found:
-    """Test everything again after a set is named, other forms of its laws allowed."""
+    """Test everything again after a set is named, other forms of its laws allowed.
+
+    Other shapes of what is named are no candidates: a law is searched along a line, and
+    what that leaves of a strong one is not news.
+    """
     members = [m.signature(case.situation) for m in fit.members]
     extra: list[Signature] = []
     for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
@@ -33,7 +37,8 @@ def what_is_left(case: Case, fit: SetFit) -> Found:
     gram = np.concatenate([side, below], axis=1)
     raw = np.concatenate([own.raw, case.evidence.raw])
     joint = Evidence(gram, score, fold, raw)
-    library = _moved(case.library, count)
+    named = {member.name for member in fit.members}
+    library = _moved(case.library, count, named)
     return detect(library, joint, score, np.arange(count), mask, case.seed + 1)
 
 
@@ -46,12 +51,13 @@ def other_forms(case: Case, members: Sequence[Member]) -> list[Signature]:
     return [form for form in forms if form.columns]
 
 
-def _moved(library: Library, by: int) -> Library:
+def _moved(library: Library, by: int, named: set[tuple[str, str]]) -> Library:
     return replace(
         library,
         candidates=tuple(
             replace(c, columns=tuple(block + by for block in c.columns))
             for c in library.candidates
+            if c.name not in named
         ),
         map=tuple(replace(m, columns=m.columns + by) for m in library.map),
     )

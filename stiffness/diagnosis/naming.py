@@ -40,12 +40,14 @@ class Scored:
         log_evidence: With the prior of its size.
         predicted: Gain on each pose by fits that did not see it.
         parameters: Of each member.
+        zero: p-value of each member's being nothing while the others adapt.
     """
 
     fit: SetFit
     log_evidence: float
     predicted: Float[np.ndarray, " poses"]
     parameters: tuple[dict[str, Parameter], ...]
+    zero: tuple[float, ...]
 
     @property
     def names(self) -> frozenset[tuple[str, str]]:
@@ -127,7 +129,7 @@ def _best_of(case: Case, every: Ranked, order: np.ndarray) -> list[Scored]:
             break
         members = refined(case.data, case.situation, case.nominal, members, case.split)
         one = _score(case, members, 1.0)
-        if any(
+        if max(one.zero) >= ALARM or any(
             beyond_limits(m, p)
             for m, p in zip(one.fit.members, one.parameters, strict=True)
         ):
@@ -142,11 +144,12 @@ def _best_of(case: Case, every: Ranked, order: np.ndarray) -> list[Scored]:
 def _score(case: Case, members: Sequence[Member], inflation: float) -> Scored:
     fit = fit_set(case.data, case.situation, case.nominal, members, case.split)
     prior = log_prior(len(members), len(case.library.candidates))
+    prior += sum(member.hypothesis.log_prior for member in members)
     evidence = 0.5 * fit.gain / inflation - 0.5 * fit.freedom * np.log(case.poses)
     own = [m.signature(case.situation) for m in members]
     forms = other_forms(case, members)
     predicted = held_out_gain(case.data, [*case.nominal, *own, *forms], case.split)
-    parameters = parameters_of(
+    parameters, zero = parameters_of(
         case.data,
         case.situation,
         case.nominal,
@@ -155,7 +158,7 @@ def _score(case: Case, members: Sequence[Member], inflation: float) -> Scored:
         case.split,
         inflation,
     )
-    return Scored(fit, evidence + prior, predicted, tuple(parameters))
+    return Scored(fit, evidence + prior, predicted, tuple(parameters), tuple(zero))
 
 
 def _earns(before: Scored, after: Scored) -> bool:

@@ -26,6 +26,8 @@ KNOTS = 7
 """Knots of torque; chosen: three segments a side."""
 TIMES = 5
 HARMONICS = (1, 2, 3)
+DIRECTIONS = 4
+"""Directions of a moment, half a turn together; chosen: one is never far."""
 
 
 @dataclass(frozen=True)
@@ -98,14 +100,25 @@ def _of_axis(situation: Situation, k: int) -> list[MapBlock]:
     place = k + 1
     across = situation.seat[:, place, :, :2]
     moment = np.einsum("rij,ri->rj", across, situation.moment[:, place])
-    size = np.max(np.abs(moment)) + 1e-9
-    m = moment / size
-    laws = np.column_stack([m, np.abs(m)])
-    rotation = across[:, :, [0, 1, 0, 1]] * laws[:, None, :]
+    m = moment / (np.max(np.abs(moment)) + 1e-9)
+    rotation = np.concatenate([across * m[:, None, :], _one_sided(across, m)], axis=2)
     tilt = rotate(place, rotation, situation.origin[:, place])
-    blocks.append(MapBlock(where, "load", Signature(4, (tilt,))))
+    blocks.append(MapBlock(where, "load", Signature(rotation.shape[2], (tilt,))))
     blocks.append(MapBlock(where, "geometry", _constant(situation, place)))
     return blocks
+
+
+def _one_sided(
+    across: Float[np.ndarray, "rows 3 2"], moment: Float[np.ndarray, "rows 2"]
+) -> Float[np.ndarray, "rows 3 columns"]:
+    """Return rotations about both directions by sizes of the moment about any.
+
+    What opens one way only, a bearing or a foot, knows no directions of ours.
+    """
+    about = np.linspace(0.0, np.pi, DIRECTIONS, endpoint=False)
+    even = np.abs(moment @ np.stack([np.cos(about), np.sin(about)]))
+    columns = across[:, :, :, None] * even[:, None, None, :]
+    return columns.reshape(len(moment), 3, -1)
 
 
 def _waves(situation: Situation, k: int, angle: np.ndarray) -> np.ndarray:
@@ -139,8 +152,9 @@ def _of_base(situation: Situation) -> list[MapBlock]:
 
     loads = [
         rotate(0, eye * law[:, None, :], origin)
-        for law in (moment, np.abs(moment), moment * np.abs(moment))
+        for law in (moment, moment * np.abs(moment))
     ]
+    loads.append(rotate(0, _one_sided(eye[:, :, :2], moment[:, :2]), origin))
     shifts = [translate(0, eye * force[:, None, :])]
     wander = [
         law(0, eye * t[:, None, :])

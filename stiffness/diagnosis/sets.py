@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import gammaln
 
-from stiffness.diagnosis.evidence import Evidence, white_turn, without
+from stiffness.diagnosis.evidence import Evidence, left_of, white_turn, without
 from stiffness.diagnosis.library import Library
 
 PRIOR_OF_SIZE = (0.4, 0.35, 0.2, 0.05)
@@ -80,8 +80,7 @@ def white_candidates(library: Library, evidence: Evidence) -> White:
     for candidate in library.candidates:
         best: tuple[float, int, np.ndarray] = (-1.0, 0, np.zeros((0, 0)))
         for s, block in enumerate(candidate.columns):
-            own = gram[np.ix_(block, block)]
-            left = own - gram[np.ix_(block, nominal)] @ share[:, block]
+            left = left_of(gram, nominal, share, block)
             turn = white_turn(left, evidence.raw[block])
             gain = float(np.sum((turn.T @ score[block]) ** 2))
             if gain > best[0]:
@@ -99,8 +98,7 @@ def white_candidates(library: Library, evidence: Evidence) -> White:
     for turn, own in zip(turns, owned, strict=True):
         mix[row : row + len(turn), own] = turn
         row += len(turn)
-    left = gram[np.ix_(columns, columns)]
-    left = left - gram[np.ix_(columns, nominal)] @ share[:, columns]
+    left = left_of(gram, nominal, share, columns)
     return White(
         mix.T @ left @ mix,
         mix.T @ score[columns],
@@ -165,7 +163,10 @@ def ranked(
         every += triples
     gain = np.concatenate(total)
     freedom = np.array([sum(library.candidates[k].freedom for k in s) for s in every])
-    prior = np.array([log_prior(len(s), count) for s in every])
+    rarer = [c.hypothesis.log_prior for c in library.candidates]
+    prior = np.array(
+        [log_prior(len(s), count) + sum(rarer[k] for k in s) for s in every]
+    )
     log_evidence = 0.5 * gain / inflation - 0.5 * freedom * np.log(poses) + prior
     shape = tuple(tuple(white.shape[k] for k in s) for s in every)
     return Ranked(tuple(every), shape, gain, log_evidence)

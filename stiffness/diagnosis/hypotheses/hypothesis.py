@@ -38,11 +38,13 @@ class Hypothesis(ABC):
         limits: Lowest and highest physical value of each reported parameter, in SI.
             Parameters beyond them are another physics: the name is then withdrawn. A
             limit is wide (what any arm could have), not what is likely.
+        log_prior: How much rarer than others it is, as a log; 0 where nothing is known.
     """
 
     effect: ClassVar[str]
     shape_names: ClassVar[tuple[str, ...]] = ()
     limits: ClassVar[Mapping[str, tuple[float, float]]]
+    log_prior: ClassVar[float] = 0.0
 
     @abstractmethod
     def places(self, situation: Situation) -> tuple[str, ...]:

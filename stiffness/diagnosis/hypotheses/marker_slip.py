@@ -26,6 +26,9 @@ from stiffness.diagnosis.situation import Situation
 PREFIX = "marker:"
 TIMES = 7
 """How many times of a slip are tried at first; chosen."""
+EDGE = 0.05
+"""Share of the visits at either end where none is tried: a slip that a few visits alone
+show is their own error; chosen."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +53,9 @@ class MarkerSlip(Hypothesis):
         self, situation: Situation, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         begins = np.sort(situation.recording.time[situation.steps[:, 0]])[1:]
-        chosen = np.linspace(0, len(begins) - 1, min(TIMES, len(begins))).round()
-        return begins[chosen.astype(int), None]
+        edge = min(np.ceil(EDGE * len(begins)), (len(begins) - 1) // 2)
+        chosen = np.linspace(edge, len(begins) - 1 - edge, TIMES).round()
+        return begins[np.unique(chosen.astype(int)), None]
 
     @override
     def signature(
