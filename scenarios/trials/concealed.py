@@ -13,7 +13,6 @@ from bench.effects.marker_slip import MarkerSlip
 from bench.effects.places import places_for
 from scenarios.trials.forms import FORMS, PARTNERS, as_it_is
 
-
 BETWEEN_AXES = (GeometryError, LinkBending)
 """What a link does to the axis after it; the vocabulary's links end with an axis, and
 what is beyond the last one are markers' places and a sensor's mounting."""

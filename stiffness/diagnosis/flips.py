@@ -117,7 +117,7 @@ def sign_flips(
 
 
 def families(one: Tested, other: Tested) -> Tested:
-    """Return two families of blocks as one, each with half of the error (Bonferroni)."""
+    """Return two families of blocks as one, each with half of the error."""
     together = np.minimum(1.0, 2.0 * np.concatenate([one.together, other.together]))
     return Tested(
         np.concatenate([one.captured, other.captured]),
