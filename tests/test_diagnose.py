@@ -9,6 +9,7 @@ from saved_view import entities, timeline
 from bench import files, patch
 from bench.effects import EFFECTS
 from bench.errors import BenchError, Unusable
+from bench.patch_effects import Named, effect_of
 from scenarios import diagnose, record
 from scenarios.command import run
 from scenarios.diagnosing import next_experiments, steps, story
@@ -283,6 +284,32 @@ def test_an_answer_without_end_or_number_says_null(found):
     warned = Warned("axis_reversed", "a3", "a3 looks reversed.")
     stopped = Diagnosis("x", "unexplained", nothing, warnings=(warned,))
     assert answer_of(stopped, None, (), 1.0).detection.residual_rms_mm is None
+
+
+def test_first_moments_come_with_a_mass_and_a_centre_that_have_them(found):
+    """Of the vocabulary's names, with ends as wide as any arm's; the patch agrees."""
+    moments = {
+        "moment_x_kg_m": (0.12, 0.10, 0.14),
+        "moment_y_kg_m": (-0.05, -0.06, -0.04),
+    }
+    pull = NamedEffect(
+        Name("gravity_load", "link_2"),
+        1.0,
+        (),
+        {name: Parameter(*values) for name, values in moments.items()},
+    )
+    told = answer_of(replace(found, named=(pull,)), None, (), 1.0)
+    plain = json.loads(text_of(told))["named"][0]["parameters"]
+    mass = plain["mass_kg"]["estimate"]
+    for name, (moment, _, _) in moments.items():
+        centre = name.replace("moment", "com").replace("_kg_m", "_m")
+        assert mass * plain[centre]["estimate"] == pytest.approx(moment)
+        assert plain[centre]["low"] < -1.0 and plain[centre]["high"] > 1.0
+        assert plain[name]["estimate"] == moment
+    values = {name: p["estimate"] for name, p in plain.items()}
+    made = effect_of(Named("gravity_load", "link_2", values)).parameters()
+    weight = float(made["mass_kg"])
+    assert weight * float(made["com_x_m"]) == pytest.approx(0.12)
 
 
 def test_story_says_what_where_and_what_stays_open(found, recording):

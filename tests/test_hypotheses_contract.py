@@ -266,8 +266,7 @@ def test_what_the_data_cannot_show_has_no_place():
     by, usual = truth.BY_NAME, truth.recording()
     assert by["creep"].places(in_recording(load_time=usual.time)) == ()
     still = in_recording(posture=np.zeros_like(usual.posture))
-    for effect in ("angle_dependent_stiffness", "transmission_error"):
-        assert by[effect].places(still) == ()
+    assert by["angle_dependent_stiffness"].places(still) == ()
     unseen = in_recording(base_from_tracker=None)
     assert by["tracker_misalignment"].places(unseen) == ()
     nothing = in_recording(wrench=None)
@@ -287,6 +286,36 @@ def test_compensator_of_an_axis_that_stands_still_is_an_offset_of_its_encoder():
     found = spring.parameters(still, "a3", np.zeros(0), np.array([-2e-5]))
     torque = found["torque_nm"] * np.sin(0.3 - found["phase_rad"])
     assert torque * still.compliance[2] == pytest.approx(-2e-5)
+
+
+def test_transmission_error_of_an_axis_that_stands_is_an_encoder_s_offset():
+    """And the parameters that are reported have the value that shows."""
+    usual = truth.recording()
+    still = in_recording(posture=np.full_like(usual.posture, 0.4))
+    hypothesis, offset = (
+        truth.BY_NAME[e] for e in ("transmission_error", "encoder_offset")
+    )
+    shape = truth.middle(still, hypothesis, "a4")
+    one = hypothesis.signature(still, "a4", shape)
+    other = offset.signature(still, "a4", np.zeros(0))
+    assert_array_equal(truth.moved(still, one), truth.moved(still, other))
+    found = hypothesis.parameters(still, "a4", shape, np.array([-1e-4]))
+    turned = np.sin(found["order"] * 0.4 + found["phase_rad"])
+    assert_allclose(found["amplitude_rad"] * turned, -1e-4, rtol=1e-9)
+
+
+def test_drift_of_a_tracker_is_along_its_own_axes_wherever_its_frame_comes_from():
+    stated = truth.situation()
+    unstated = in_recording(base_from_tracker=None)
+    hypothesis = truth.BY_NAME["drift"]
+    one, other = (
+        values(hypothesis.signature(s, "tracker", np.zeros(0)).parts[0])
+        for s in (stated, unstated)
+    )
+    assert_array_equal(one, other)
+    assert np.any(
+        one != values(hypothesis.signature(stated, "base", np.zeros(0)).parts[0])
+    )
 
 
 def test_axis_that_the_model_calls_rigid_is_a_place_for_compliance_and_no_other_is():

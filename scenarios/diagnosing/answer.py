@@ -25,6 +25,9 @@ from scenarios.diagnosing.schema import (
 from stiffness.diagnosis.diagnosis import Diagnosis, Name, NamedEffect
 
 MM, URAD = 1e3, 1e6
+USUAL_M, FARTHEST_M, HEAVIEST_KG = 0.1, 2.0, 100.0
+"""How far from its body's origin an added mass sits, usually and at most, and how heavy
+it is at most; chosen: wider than any arm's."""
 
 
 def answer_of(
@@ -117,6 +120,8 @@ def _called(named: NamedEffect) -> Called:
     for name, value in named.settings.items():
         if isinstance(value, str):
             parameters[name] = Interval(value, value, value)
+    if named.name.effect == "gravity_load":
+        parameters = _with_mass(parameters)
     return Called(
         named.name.effect,
         named.name.where,
@@ -124,6 +129,29 @@ def _called(named: NamedEffect) -> Called:
         tuple(map(_at, named.equivalents)),
         parameters,
     )
+
+
+def _with_mass(parameters: dict[str, Interval]) -> dict[str, Interval]:
+    """Add mass and centre to first moments that show no mass: one of many pairs.
+
+    A turn about a level axis feels mass x distance alone. The pair given has its centre
+    at a usual distance; neither has ends but those of any arm, and the moments, which
+    are known, stay beside them.
+    """
+    moment = {
+        name: p.estimate
+        for name, p in parameters.items()
+        if name.startswith("moment_") and isinstance(p.estimate, float)
+    }
+    size = math.hypot(*moment.values())
+    if "mass_kg" in parameters or not size:
+        return parameters
+    mass = size / USUAL_M
+    found = {"mass_kg": Interval(mass, -HEAVIEST_KG, HEAVIEST_KG)}
+    for name, value in moment.items():
+        centre = name.replace("moment", "com").replace("_kg_m", "_m")
+        found[centre] = Interval(value / mass, -FARTHEST_M, FARTHEST_M)
+    return parameters | found
 
 
 def _at(name: Name) -> At:

@@ -125,13 +125,11 @@ def nominal_of(
     if prepared.springs:
         compliance[list(prepared.springs)] += springs
         sigma[list(prepared.springs)] = prepared.sigma
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = prepared.frames.turn, prepared.frames.shift
     return Nominal(
         compliance,
         sigma,
         tuple(f"a{k + 1}" for k in prepared.blind),
-        transform,
+        prepared.frames.transform,
         prepared.frames.place,
         prepared.noise,
         prepared.arrival,

@@ -76,6 +76,7 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
     start = first_fit(recording, arm)
     names, body = bodies_of(arm, recording)
     situation = situation_of(arm, recording, start.compliance, names)
+    situation = replace(situation, tracker=start.frames.transform)
     visits = visits_of(situation.visit, situation.pose)
     readings = residuals_of(situation, start.frames)
     check = checked(

@@ -34,6 +34,13 @@ class Frames:
     shift: Float[np.ndarray, "3"]
     place: Float[np.ndarray, "markers 3"]
 
+    @property
+    def transform(self) -> Float[np.ndarray, "4 4"]:
+        """Transform from the tracker's frame to the base's, in m."""
+        whole = np.eye(4)
+        whole[:3, :3], whole[:3, 3] = self.turn, self.shift
+        return whole
+
     def moved(
         self, twist: Float[np.ndarray, "6"], place: Float[np.ndarray, "markers 3"]
     ) -> "Frames":

@@ -39,6 +39,8 @@ class Situation:
         sensor_axes: The axes along which the sensor reads, as columns.
         carried: Whether each place carries each body of `bodies`.
         bodies: Names of the bodies with markers.
+        tracker: Transform from the tracker's frame to the base's, as stated or fitted;
+            None: nobody knows.
     """
 
     recording: Recording
@@ -57,6 +59,7 @@ class Situation:
     sensor_axes: Float[np.ndarray, "rows 3 3"]
     carried: Bool[np.ndarray, "places bodies"]
     bodies: tuple[str, ...]
+    tracker: Float[np.ndarray, "4 4"] | None = None
 
     @property
     def rows(self) -> int:

@@ -79,6 +79,7 @@ def situation_of(
         sensor_axes=sensor_axes,
         carried=carried,
         bodies=tuple(bodies),
+        tracker=recording.base_from_tracker,
     )
 
 

@@ -38,6 +38,16 @@ def orders(situation: Situation, axis: int) -> Float[np.ndarray, " orders"]:
     return ORDERS[ORDERS * span >= LEAST_PHASE]
 
 
+def still(situation: Situation, axis: int) -> bool:
+    """Return whether a hinge hardly turns, so that a law of its angle has one value."""
+    return not situation.arm.slides[axis] and not len(orders(situation, axis))
+
+
+def middle_angle(situation: Situation, axis: int) -> float:
+    """Return the mean reported angle of an axis, in rad."""
+    return float(np.mean(situation.recording.posture[:, axis]))
+
+
 def absolute(situation: Situation) -> bool:
     """Return whether what stays the same throughout a visit can be seen."""
     return situation.recording.displacement == "absolute"

@@ -5,7 +5,7 @@ Equation    p + t (x, y, z) + t (rx, ry, rz) x p, t since the start; at `base` a
             base's axes, at `tracker` along the tracker's and about it
 Source      ISO 230-3, "Determination of thermal effects": linear in time to first order
 Valid       drifts of less than a millimetre; at `tracker` along the base's axes where
-            the frame is not stated
+            nobody knows how it stands
 Ignores     t² and temperature (its variants); gravity's pull on a base that turned
 ==========  ==========================================================================
 """
@@ -85,7 +85,7 @@ def wander(
     situation: Situation, where: str, *courses: Float[np.ndarray, " rows"]
 ) -> Signature:
     """Return what six speeds do that go on with each course, from row to row."""
-    frame = situation.recording.base_from_tracker
+    frame = situation.tracker
     if where == "base" or frame is None:
         frame = np.eye(4)
     centre = np.broadcast_to(frame[:3, 3], (situation.rows, 3))

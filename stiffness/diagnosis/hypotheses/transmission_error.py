@@ -19,15 +19,24 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.diagnosis.hypotheses.axes import absolute, orders
+from stiffness.diagnosis.hypotheses.axes import (
+    absolute,
+    middle_angle,
+    orders,
+    still,
+)
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.signature import Signature, turn
+from stiffness.diagnosis.signature import NOTHING, Signature, turn
 from stiffness.diagnosis.situation import Situation
 
 
 @dataclass(frozen=True)
 class TransmissionError(Hypothesis):
-    """An axis whose angle errs with a few periods per turn."""
+    """An axis whose angle errs with a few periods per turn.
+
+    Of an axis that hardly turns one value of the error shows, as an encoder's offset
+    would; the smallest amplitude that has it is reported.
+    """
 
     effect: ClassVar[str] = "transmission_error"
     shape_names: ClassVar[tuple[str, ...]] = ("order",)
@@ -41,21 +50,23 @@ class TransmissionError(Hypothesis):
     def places(self, situation: Situation) -> tuple[str, ...]:
         if not absolute(situation):
             return ()
-        return tuple(
-            a for a in situation.axes if len(orders(situation, situation.axis(a)))
-        )
+        turns = ~situation.arm.slides
+        return tuple(a for a, t in zip(situation.axes, turns, strict=True) if t)
 
     @override
     def shapes(
         self, situation: Situation, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
-        return orders(situation, situation.axis(where))[:, None]
+        found = orders(situation, situation.axis(where))
+        return found[:, None] if len(found) else np.ones((1, 1))
 
     @override
     def signature(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
         k = situation.axis(where)
+        if still(situation, k):
+            return turn(k, np.ones(situation.rows))
         phase = shape[0] * situation.recording.posture[:, k]
         return turn(k, np.sin(phase), np.cos(phase))
 
@@ -63,6 +74,8 @@ class TransmissionError(Hypothesis):
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
+        if still(situation, situation.axis(where)):
+            return NOTHING
         return self.signature(situation, where, 2.0 * shape)
 
     @override
@@ -73,7 +86,10 @@ class TransmissionError(Hypothesis):
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
     ) -> Mapping[str, float]:
-        s, c = coefficients
+        s, c = coefficients[0], coefficients[-1]
+        if len(coefficients) == 1:  # all of a sine at its crest where the axis stands
+            at = shape[0] * middle_angle(situation, situation.axis(where))
+            s, c = c * np.sin(at), c * np.cos(at)
         return {
             "amplitude_rad": np.hypot(s, c),
             "order": shape[0],
