@@ -169,6 +169,8 @@ def test_impossible_networks_are_refused_with_all_faults():
         Mlp(activation="relo")
     with pytest.raises(Unusable, match="dropout is 1"):
         Cnn(dropout=1.0)
+    with pytest.raises(Unusable, match="four of at least 1"):
+        Cnn(channels=(16, 0, 8, 8))
 
 
 # --- Pre-training --------------------------------------------------------------------

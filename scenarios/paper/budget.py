@@ -45,7 +45,7 @@ class Transfer:
 
     Attributes:
         steps: Of pre-training the perceptron.
-        cnn_steps: Of pre-training the convolutional network.
+        cnn_steps: Of pre-training the convolutional network; as many as the perceptron.
         epochs: Of fine-tuning in Tables 9 and 10.
         unfreezing_epochs: Of fine-tuning in Table 8.
         seeds: Of Tables 9 and 10; each has its own split of the poses.
@@ -101,7 +101,7 @@ def budget(name: Literal["quick", "full", "tiny"], seed: int) -> Budget:
         )
         transfer = Transfer(
             steps=7000,
-            cnn_steps=2500,
+            cnn_steps=7000,
             epochs=300,
             unfreezing_epochs=150,
             seeds=(seed,),
@@ -121,7 +121,7 @@ def budget(name: Literal["quick", "full", "tiny"], seed: int) -> Budget:
         )
         transfer = Transfer(
             steps=20_000,
-            cnn_steps=8000,
+            cnn_steps=20_000,
             epochs=300,
             unfreezing_epochs=300,
             seeds=five,

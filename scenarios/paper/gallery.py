@@ -13,21 +13,20 @@ from bench.viewer import Scene, magnify
 
 GALLERY = "/worst_ten"
 A_ROW = 5
-APART = np.array([0.0, 1.7, -1.9])
-"""Steps to the next arm in a row and to the next row, along y and z, in m; chosen."""
+APART = np.array([1.9, 0.0, -2.0])
+"""Steps to the next arm in a row and to the next row, along x and z, in m; chosen."""
 ERRORS_MAGNIFIED = 2000.0
 """An error of 0.1 mm is an arrow of 200 mm; chosen."""
 LINES = {"rigid": ((150, 158, 170), 0.012), "actual": ((240, 100, 0), 0.028)}
 
 
 def view() -> rrb.Spatial3DView:
-    """Return the view of all of them, from the front."""
-    middle = 0.5 * APART * [0, A_ROW - 1, 1]
-    target = np.array([0.3, 0.0, 0.6]) + middle
+    """Return the view of all of them, from the side."""
+    middle = 0.5 * APART * [A_ROW - 1, 0, 1]
+    target = np.array([0.2, 0.0, 0.6]) + middle
+    away = np.array([0.0, -7.8, 0.5])
     camera = rrb.EyeControls3D(
-        position=target + np.array([8.0, 0.0, 0.8]),
-        look_target=target,
-        eye_up=(0, 0, 1),
+        position=target + away, look_target=target, eye_up=(0, 0, 1)
     )
     return rrb.Spatial3DView(
         origin=GALLERY,
@@ -60,7 +59,7 @@ def hang(
         words: What stands at the foot of each.
     """
     steps = np.stack([np.divmod(k, A_ROW) for k in range(len(rows))])
-    place = APART * np.stack([0 * steps[:, 0], steps[:, 1], steps[:, 0]], axis=1)
+    place = APART * np.stack([steps[:, 1], 0 * steps[:, 0], steps[:, 0]], axis=1)
     nominal, actual = scene.nominal[rows], scene.actual[rows]
     arms = {"rigid": nominal, "actual": magnify(nominal, actual, scene.magnified)}
     for name, transforms in arms.items():

@@ -24,6 +24,7 @@ LAYOUT = viewer.blueprint(
         rrb.Vertical(
             rrb.TextDocumentView(origin="/worst", name="which they are"),
             view(),
+            row_shares=[1, 1.3],
             name="the worst ten poses",
         ),
         rrb.TimeSeriesView(origin="/training", name="training"),

@@ -19,6 +19,12 @@ What are channels? The paper does not say. Two readings of its twelve quantities
 - `signal`: the inputs are the places of one channel, as the reference's vibration
   signals are. All inputs then pass the same small network one by one, pairs are
   pooled, and the largest in each quarter survives: which input it came from is lost.
+
+With kernels of one the reference's 16 channels are a first layer of 16 neurons: half of
+what a ReLU is given is lost, and 14 inputs vary. That bounds how well springs are
+imitated (tried: 0.060 mm after 2,500 steps, 0.048 mm after 5,000; with
+`channels=(64, 64, 64, 128)` 0.042 mm after 2,500). Batch normalisation does not: left
+out, it was 0.076 mm, and running statistics are as good as those of the final weights.
 """
 
 from dataclasses import dataclass
@@ -45,6 +51,7 @@ class Cnn(Shape):
 
     Attributes:
         inputs_are: `channels` or `signal`, see above.
+        channels: Of each convolution; the reference's.
         dropout: Share of the dense layer that is left out in training. The reference's
             is 0.5, to tell classes apart; chosen: none, for it blurs a regression.
 
@@ -53,6 +60,7 @@ class Cnn(Shape):
     """
 
     inputs_are: Literal["channels", "signal"] = "channels"
+    channels: tuple[int, int, int, int] = CHANNELS
     dropout: float = 0.0
 
     def __post_init__(self):
@@ -61,6 +69,9 @@ class Cnn(Shape):
         if self.inputs_are not in ("channels", "signal"):
             fault = f"inputs_are is {self.inputs_are!r}, expected 'channels' or "
             faults.append(fault + "'signal'.")
+        if len(self.channels) != len(CHANNELS) or min(self.channels) < 1:
+            fault = f"channels are {self.channels}, expected four of at least 1."
+            faults.append(fault)
         if not 0.0 <= self.dropout < 1.0:
             faults.append(f"dropout is {self.dropout}, expected 0 to below 1.")
         if faults:
@@ -74,7 +85,7 @@ class Cnn(Shape):
             one_by_one = self.inputs_are == "signal"
             before = 1 if one_by_one else inputs
             parts: list[nn.Module] = [nn.Unflatten(1, (before, inputs // before))]
-            for i, after in enumerate(CHANNELS):
+            for i, after in enumerate(self.channels):
                 convolution = nn.Conv1d(before, after, kernel_size=1)
                 block = [convolution, nn.BatchNorm1d(after), nn.ReLU()]
                 if i == POOLED[0]:
