@@ -32,3 +32,7 @@ class Unusable(BenchError):
 
 class NotIdentifiable(BenchError):
     """The data carry no information about a parameter that was asked for."""
+
+
+class LeftOut(UserWarning):
+    """A model states what neither the bench nor a claim makes use of."""

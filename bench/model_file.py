@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import mujoco
 import numpy as np
 
-from bench.errors import BenchError, Unusable
+from bench.errors import BenchError, LeftOut, Unusable
 from bench.model_text import faults_of
 
 SPECK = 1e-12
@@ -22,10 +22,6 @@ ROOT = "everything"
 """Body on which all hangs where several stand in the world."""
 
 mujoco.set_mju_user_warning(lambda text: None)  # else it writes a file where one stands
-
-
-class LeftOut(UserWarning):
-    """A model states what neither the bench nor a claim makes use of."""
 
 
 def load(path: Path | str) -> mujoco.MjModel:

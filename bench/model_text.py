@@ -105,10 +105,10 @@ def _too_large(element: ElementTree.Element) -> list[str]:
 def _elsewhere(there: list[Path], home: Path, name: str) -> list[str]:
     faults = []
     for place in there:
-        if not place.resolve().is_relative_to(home):
-            faults.append(f"{quoted(name)} leaves the model's folder; put it inside.")
-        elif not place.is_file():
+        if not place.is_file():
             faults.append(f"{quoted(name)} is not a file.")
+        elif not place.resolve().is_relative_to(home):
+            faults.append(f"{quoted(name)} leaves the model's folder; put it inside.")
         elif place.stat().st_size > LARGEST_MODEL:
             faults.append(f"{quoted(name)} is larger than {LARGEST_MODEL} bytes.")
     return faults

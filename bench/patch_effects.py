@@ -93,7 +93,7 @@ def _possible(kind: type[Effect], name: str, value: float, usual: object) -> obj
         value = round(value)
     least = kind.at_least.get(name, -math.inf)
     if value >= least:
-        return value
+        return type(value)(min(value, kind.at_most.get(name, math.inf)))
     # a beam of less than no stiffness is one whose compliance came out below zero
     return math.inf if name.endswith("_nm2") else type(value)(least)
 

@@ -102,6 +102,9 @@ class Rig:
         Args:
             plan: Postures that the controller reports, and what hangs on the hook.
             arrival: How far beyond its report each motor stops, in rad; None: nowhere.
+
+        Raises:
+            BenchError: Where the arm finds no rest, or none near what was planned.
         """
         steps = len(plan.path)
         weight = GRAVITY * plan.row_mass
@@ -118,13 +121,14 @@ class Rig:
             axis=2,
         )
         hold = np.array([step.hold for step in plan.path])
-        return self._rest(
+        states = self._rest(
             plan.posture,
             ropes,
             np.zeros((len(plan.pose), steps, 6)),
             np.broadcast_to(hold, (len(plan.pose), steps)),
             0.0 if arrival is None else arrival,
         )
+        return states.near(plan.posture[plan.row_visit])
 
     def respond(
         self,

@@ -5,6 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from bench.errors import BenchError
+
+FURTHEST = 0.5
+"""How far an axis may end beside its command, in rad (m); chosen: no arm would hold."""
+
 
 @dataclass(frozen=True)
 class States:
@@ -33,3 +38,22 @@ class States:
         """Return where a point of a body was, in the world's frame, in m."""
         b = self.bodies.index(body)
         return self.position[:, b] + self.rotation[:, b] @ place
+
+    def near(self, commanded: Float[np.ndarray, "rows axes"]) -> "States":
+        """Return the states, where every axis stands about where it was told to.
+
+        Args:
+            commanded: Angles that the controller reports, in rad (m).
+
+        Raises:
+            BenchError: Where an axis ends further off than `FURTHEST`, naming it.
+        """
+        off = np.nan_to_num(np.abs(self.axis_angle - commanded), nan=np.inf)
+        row, axis = np.unravel_index(off.argmax(), off.shape)
+        if off[row, axis] > FURTHEST:
+            raise BenchError(
+                f"In row {row} axis a{axis + 1} ends {off[row, axis]:.3g} rad beside "
+                f"its command, more than {FURTHEST}. A spring is too soft for its "
+                "load, or an effect too large."
+            )
+        return self

@@ -6,6 +6,21 @@ from typing import Any
 from bench.errors import BenchError, Unusable
 
 
+def at_least(least: int, **flags: int) -> None:
+    """Refuse flags below the least that they can be.
+
+    Raises:
+        Unusable: Naming all of them.
+    """
+    faults = [
+        f"--{name} is {value}, expected at least {least}."
+        for name, value in flags.items()
+        if value < least
+    ]
+    if faults:
+        raise Unusable("Flags", faults)
+
+
 def collect(*makers: Callable[[], Any]) -> tuple[Any, ...]:
     """Return what each makes, or name everything that is wrong with all of them.
 

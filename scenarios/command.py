@@ -5,15 +5,18 @@ Every scenario ends with `run(main, Settings)`; its docstring is its manual.
 
 import os
 import sys
+import warnings
 from collections.abc import Callable
 from io import TextIOWrapper
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import tyro
 
-from bench.errors import BenchError
+from bench.errors import BenchError, LeftOut
+from scenarios import INTERRUPTED, SAYS
 
-USER_MISTAKE, INTERRUPTED = 2, 130
+USER_MISTAKE = 2
+_usual = warnings.showwarning
 
 Settings = TypeVar("Settings")
 
@@ -26,6 +29,7 @@ def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
         settings: A frozen dataclass; its fields are the flags.
     """
     module = sys.modules[main.__module__]
+    warnings.showwarning = _noted
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")
@@ -37,10 +41,17 @@ def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
         print(error, file=sys.stderr)
         sys.exit(USER_MISTAKE)
     except KeyboardInterrupt:
-        print("interrupted; run again to go on", file=sys.stderr)
+        print(SAYS, file=sys.stderr)
         sys.exit(INTERRUPTED)
     except BrokenPipeError:  # the reader of our output left, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (OSError, MemoryError) as error:  # a folder, a disk, a memory: not a bug
         print(f"It cannot be done here: {error}.", file=sys.stderr)
         sys.exit(USER_MISTAKE)
+
+
+def _noted(message: Warning | str, category: type[Warning], *where: Any) -> None:
+    if issubclass(category, LeftOut):
+        print(f"Note: {message}", file=sys.stderr)
+    else:
+        _usual(message, category, *where)

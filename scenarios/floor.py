@@ -56,8 +56,8 @@ class Settings:
 def main(settings: Settings) -> list[dict[str, object]]:
     """Find the floor and write everything into the folder."""
     out, seed, effort = settings.out, settings.seed, settings.effort
-    out.mkdir(parents=True, exist_ok=True)
     experiment = carry_out(seed, settings.poses)
+    out.mkdir(parents=True, exist_ok=True)
     fresh = unseen(experiment.rig, experiment.arm, settings.unseen, seed)
     material = Material.of(experiment, fresh)
     count = len(sizes(default_truth())[: settings.known])

@@ -52,8 +52,8 @@ class Settings:
 def main(settings: Settings) -> list[dict[str, object]]:
     """Run the comparison and write everything into the folder."""
     out, seed = settings.out, settings.seed
-    out.mkdir(parents=True, exist_ok=True)
     experiment = carry_out(seed, settings.poses)
+    out.mkdir(parents=True, exist_ok=True)
     fresh = unseen(experiment.rig, experiment.arm, settings.unseen, seed)
     material = Material.of(experiment, fresh)
     for kind in ("mlp", "cnn"):  # once, before the cells that share them

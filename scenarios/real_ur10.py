@@ -14,7 +14,7 @@ Expect: 3.01 mm rms with the tracker's frame fitted, 0.84 mm with the target's p
 
 import json
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -36,8 +36,7 @@ from stiffness.frames import kabsch
 FILE = "measurements_grid.csv"
 MODEL = Path(__file__).parents[1] / "mjcf" / "ur10" / "ur10.xml"
 NOMINAL_TARGET = np.array([0.0, 0.0, 0.109])
-"""Place of the target in the flange's frame, in m (the series' own description; its
-flange's y is this model's z)."""
+"""Of the target in the flange's frame, in m (the series'; its y is our flange's z)."""
 REPEATABILITY = 1e-5
 """One sigma of a point, in m (the tracker's class)."""
 TETRAHEDRON = 0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -89,19 +88,20 @@ def recording_of(folder: Path) -> Recording:
         Unusable: Where the file is not there or is another one.
     """
     try:
-        table = pa_csv.read_csv(
-            folder / FILE,
-            parse_options=pa_csv.ParseOptions(delimiter=";"),
-            convert_options=pa_csv.ConvertOptions(decimal_point=","),
-        )
-        stamp = table.column("Timestamp").to_numpy()
+        semicolons = pa_csv.ParseOptions(delimiter=";")
+        commas = pa_csv.ConvertOptions(decimal_point=",")
+        table = pa_csv.read_csv(folder / FILE, None, semicolons, commas)
+        stamps = map(str, table.column("Timestamp").to_pylist())
+        when = np.array([datetime.strptime(s, "%Y%m%d%H%M%S") for s in stamps])
+        time = (when - when.min()) / timedelta(seconds=1)
         columns = [table.column(n).to_numpy().astype(float) for n in _columns()]
-    except (OSError, pa.ArrowException, KeyError, ValueError) as error:
+        values = np.stack(columns, axis=1)
+        if np.size(bad := np.flatnonzero(~np.isfinite(values).all(axis=1)) + 1):
+            raise ValueError(f"blanks in rows {bad[:5].tolist()}")
+    except (OSError, pa.ArrowException, KeyError, ValueError, TypeError) as error:
         raise Unusable(f"Folder {str(folder)!r}", [f"{FILE}: {error}"]) from error
-    order = np.argsort(stamp, kind="stable")
-    when = [datetime.strptime(str(s), "%Y%m%d%H%M%S") for s in stamp[order]]
-    time = np.array([(w - when[0]).total_seconds() for w in when])
-    values = np.stack(columns, axis=1)[order]
+    order = np.argsort(time, kind="stable")
+    time, values = time[order].astype(float), values[order]
     turn = Rotation.from_euler("XYZ", values[:, 10:], degrees=True).as_matrix()
     pose = np.arange(len(time))
     names = ("target_o", "target_x", "target_y", "target_z")

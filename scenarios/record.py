@@ -29,7 +29,7 @@ from bench.recording import Recording
 from bench.rig import Rig
 from bench.tour import is_kr10, tour
 from bench.truth import default_truth
-from scenarios.collect import collect
+from scenarios.collect import at_least, collect
 from scenarios.command import run
 from scenarios.reporting.truth_file import refuse_inside, truth_text, written_with
 from scenarios.watching import Watching
@@ -75,7 +75,8 @@ def main(settings: Settings) -> Recording:
         lambda: _rig(s),
         lambda: parse_path(s.path),
         s.watch.instruments,
-        lambda: _check(s),
+        lambda: at_least(0, seed=s.seed),
+        lambda: at_least(1, poses=s.poses),
         lambda: refuse_inside(s.out, s.truth_file),
     )
     plan = tour(rig, s.poses, path, s.revisits, s.seed)
@@ -88,16 +89,6 @@ def main(settings: Settings) -> Recording:
     rows, markers = len(recording.time), len(recording.markers)
     print(f"{s.out}: {rows} rows, {markers} markers.")
     return recording
-
-
-def _check(settings: Settings) -> None:
-    faults = []
-    if settings.seed < 0:
-        faults.append(f"--seed is {settings.seed}, expected at least 0.")
-    if settings.poses < 1:
-        faults.append(f"--poses is {settings.poses}, expected at least 1.")
-    if faults:
-        raise Unusable("Flags", faults)
 
 
 def _rig(settings: Settings) -> Rig:

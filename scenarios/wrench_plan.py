@@ -58,8 +58,8 @@ class Settings:
 def main(settings: Settings) -> list[dict[str, object]]:
     """Run the comparison and write everything into the folder."""
     out, seed, n = settings.out, settings.seed, settings.unseen
-    out.mkdir(parents=True, exist_ok=True)
     experiment = carry_out(seed, settings.poses)
+    out.mkdir(parents=True, exist_ok=True)
     fresh = unseen(experiment.rig, experiment.arm, n, seed)
     judges = both(fresh, pulled_elsewhere(experiment, fresh, seed))
     material = Material.of(experiment, judges)

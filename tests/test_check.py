@@ -21,7 +21,7 @@ from recordings import (
 
 from bench.files import read, write
 from bench.recording import Marker, TrackerSpec
-from scenarios import check
+from scenarios import SAYS, check
 from scenarios.abilities import abilities, replicate_noise
 from scenarios.axis_view import axis_views
 from scenarios.command import run
@@ -204,7 +204,27 @@ def test_an_interrupted_command_says_that_it_can_go_on(monkeypatch, folder):
     with pytest.raises(SystemExit) as left:
         run(interrupted, check.Settings)
     assert left.value.code == 130
-    assert error.getvalue() == "interrupted; run again to go on\n"
+    assert error.getvalue() == f"{SAYS}\n"
+
+
+def test_a_command_interrupted_while_it_loads_ends_with_130_and_no_trace():
+    """The interrupt comes when the first library asks for numpy."""
+    program = (
+        "import runpy, sys\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'numpy': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        "runpy.run_module('scenarios.check', run_name='__main__')"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (130, f"{SAYS}\n")
 
 
 def test_a_recording_written_again_checks_alike(folder, tmp_path, arm):

@@ -204,7 +204,8 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("text for a number", said("0.04", '"small"'), ("sensors.wrench.accuracy_n", "'small'")),
     ("NaN in the manifest", said("0.04", "nan"), ("sensors.wrench.accuracy_n", "finite")),
     ("negative accuracy", said("0.04", "-0.04"), ("sensors.wrench.accuracy_n", "-0.04")),
-    ("negative repeatability", said("0.010", "-0.010"), ("sensors.tracker.repeatability_mm", "less than zero")),
+    ("negative repeatability", said("0.010", "-0.010"), ("sensors.tracker.repeatability_mm", "-0.01 is none; a standard deviation is above 0")),
+    ("no noise at all", said("0.010", "0"), ("sensors.tracker.repeatability_mm", "above 0")),
     ("two coordinates", said("[10, 20, 30]", "[10, 20]"), ("markers.p1.position_mm", "length 3")),
     ("not a quaternion", said("[1, 0, 0, 0]", "[1, 0.1, 0, 0]"), ("frames.tracker.quaternion_wxyz", "1.00499")),
     ("a body nobody knows", said('"link_3"', '"link_33"'), ("markers.p2.body", "'link_33'", "Did you mean 'link_3'?")),
@@ -222,6 +223,10 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("a separator of two", more('[csv]\nseparator = ";;"'), ("csv.separator", "';;'")),
     ("a separator that is the mark", more('[csv]\ndecimal = ","'), ("csv", "both ','")),
     ("robot twice", both(said("rows", 'robot = "kr10"\nrows'), more("[robot]\n")), ("not TOML", "Inside [robot]")),
+    ("a mass without end", more("[tool]\nmass_kg = 1e308"), ("tool.mass_kg", "1000000")),
+    ("an angle without end", cell(3, "a2_deg", "1e300"), (*A2_ROW_3, "is its unit right?")),
+    ("a place without end", cell(3, "p1_x_mm", "1e300"), ("p1_x_mm", "is its unit right?")),
+    ("time in nanoseconds", cell(5, "time_s", "1.7e18"), ("time_s", "is its unit right?")),
     # several at once
     ("many at once", both(cell(3, "a2_deg", "up"), cell(7, "time_s", "-5"), without("pose"), added("q7_x_mm", "1"), said("[1, 0, 0, 0]", "[1, 1, 0, 0]"), said('"link_3"', '"link_9"')), (*A2_ROW_3, "row 7", "backwards", "'pose' is missing", "'q7'", "frames.tracker", "'link_9'")),
 ]  # fmt: skip

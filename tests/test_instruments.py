@@ -284,7 +284,7 @@ def test_readings_come_in_steps_of_the_resolution(wrench):
 
 
 def test_force_sensor_names_every_size_that_cannot_be():
-    with pytest.raises(Unusable, match=r"turn is -0.1.*\n.*bias is .*6 finite numbers"):
+    with pytest.raises(Unusable, match=r"turn is -0.1.*\n.*bias is .*6 numbers"):
         ForceSensor(turn=-0.1, bias=(1.0,))
 
 

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from bench import model_text
 from bench.anatomy import anatomy
-from bench.errors import BenchError, Unusable
-from bench.model_file import LeftOut, load, plain_mjcf
+from bench.errors import BenchError, LeftOut, Unusable
+from bench.model_file import load, plain_mjcf
 
 CLOSE = 1e-10
 """In m, 1, N m: the bar on positions, Jacobians and gravity torques."""

@@ -85,6 +85,20 @@ def test_another_file_is_refused_by_name(tmp_path):
         real_ur10.recording_of(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("cell", "says"), [("no stamp", "does not match"), ("", "blanks in rows")]
+)
+def test_a_stamp_or_a_reading_that_is_none_is_refused(series, cell, says):
+    file = series / real_ur10.FILE
+    lines = file.read_text().splitlines()
+    cells = lines[3].split(";")
+    cells[0 if cell else 5] = cell
+    lines[3] = ";".join(cells)
+    file.write_text("\n".join(lines) + "\n")
+    with pytest.raises(Unusable, match=says):
+        real_ur10.recording_of(series)
+
+
 @pytest.mark.skipif("REAL_RECORDINGS" not in os.environ, reason="no REAL_RECORDINGS")
 def test_the_nominal_ur10_errs_by_3_01_mm_with_only_the_frame_fitted(tmp_path):
     """The figure was reached by hand before; 0.84 mm with the target's place fitted."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench import files
-from bench.errors import Unusable
+from bench.errors import BenchError, Unusable
 from scenarios import record as scenario
 from scenarios.command import run
 from scenarios.record import Settings, main
@@ -90,6 +90,30 @@ def test_truth_file_behind_a_link_into_the_recording_is_refused(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "r")
     with pytest.raises(Unusable, match="lies inside"):
         main(small(tmp_path / "r", truth_file=tmp_path / "link" / "t.json"))
+
+
+def test_truth_file_that_is_a_loop_of_links_is_refused(tmp_path):
+    (tmp_path / "a").symlink_to("b")
+    (tmp_path / "b").symlink_to("a")
+    with pytest.raises(Unusable, match="it is there and is no file"):
+        main(small(tmp_path / "r", truth_file=tmp_path / "a"))
+
+
+@pytest.mark.parametrize(
+    ("setting", "says"),
+    [
+        ({"effect": ("pulley_friction@rig,ratio=1",)}, "at least 0.0 and at most 0.5"),
+        ({"effect": ("creep@a2,ratio=1e9",)}, "at least 0.0 and at most 10.0"),
+        ({"effect": ("hysteresis@a2,elements=1e9",)}, "at least 1 and at most 100"),
+        ({"effect": ("joint_compliance@a2,compliance_rad_per_nm=5e-3",)}, "a2 ends"),
+        ({"watch": Watching(direction_deg=1e300)}, "turn is .*at most 1e"),
+        ({"watch": Watching(noise_mm=(1e300,))}, "repeatability is .*at most 1e"),
+    ],
+)
+def test_what_no_arm_and_no_instrument_can_be_is_refused(tmp_path, setting, says):
+    with pytest.raises(BenchError, match=says):
+        main(small(tmp_path / "r", **setting))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_unknown_effect_ends_with_2_and_the_nearest_name(tmp_path, monkeypatch, capsys):

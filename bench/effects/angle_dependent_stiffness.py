@@ -32,6 +32,8 @@ class AngleDependentStiffness(CommandEffect):
 
     name: ClassVar[str] = "angle_dependent_stiffness"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {"ratio": -0.9}
+    at_most: ClassVar[Mapping[str, float]] = {"ratio": 0.9}
     ratio: float = 0.05
     order: float = 2.0
     phase_rad: float = 0.0

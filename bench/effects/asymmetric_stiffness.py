@@ -35,6 +35,7 @@ class AsymmetricStiffness(ModelEffect):
     name: ClassVar[str] = "asymmetric_stiffness"
     places: ClassVar[tuple[str, ...]] = ("axis",)
     at_least: ClassVar[Mapping[str, float]] = {"ratio": 1e-2}
+    at_most: ClassVar[Mapping[str, float]] = {"ratio": 100.0}
     ratio: float = 1.3
 
     @override

@@ -32,6 +32,7 @@ class Creep(ModelEffect):
     name: ClassVar[str] = "creep"
     places: ClassVar[tuple[str, ...]] = ("axis",)
     at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.0, "time_s": 1e-3}
+    at_most: ClassVar[Mapping[str, float]] = {"ratio": 10.0, "time_s": 10000000.0}
     ratio: float = 0.03
     time_s: float = 20.0
 

@@ -8,6 +8,7 @@ Kinds of effects say where their physics happens:
 - `InstrumentEffect`: in what an instrument makes of the world.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -33,6 +34,8 @@ class Effect(ABC):
         name: Its name in the diagnosis' vocabulary.
         places: Kinds of parts it can sit in, see `bench.effects.places`.
         at_least: Smallest value of each parameter that cannot be any number.
+        at_most: Largest value of each that would leave no arm or no memory; chosen, far
+            beyond all catalogues.
         where: The part it sits in: an axis `a1` …, a link `link_k` (between axes k
             and k+1), `base`, `flange`, `tool`, `rig`, `tracker`, `wrench_sensor` or
             `marker:<name>`.
@@ -41,15 +44,21 @@ class Effect(ABC):
     name: ClassVar[str]
     places: ClassVar[tuple[str, ...]]
     at_least: ClassVar[Mapping[str, float]] = {}
+    at_most: ClassVar[Mapping[str, float]] = {}
     where: str
 
     def __post_init__(self):
         """Check the sizes, naming every fault."""
-        faults = [
-            f"{name} is {getattr(self, name)}, expected at least {least}."
-            for name, least in self.at_least.items()
-            if not getattr(self, name) >= least
-        ]
+        faults = []
+        for name in {**self.at_least, **self.at_most}:
+            value = getattr(self, name)
+            least = self.at_least.get(name, -math.inf)
+            most = self.at_most.get(name, math.inf)
+            if not least <= value <= most:
+                most_of_all = "" if math.isinf(most) else f" and at most {most}"
+                faults.append(
+                    f"{name} is {value}, expected at least {least}{most_of_all}."
+                )
         if faults:
             raise Unusable(f"Effect {self.name!r} at {self.where!r}", faults)
 

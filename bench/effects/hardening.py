@@ -39,6 +39,12 @@ class Hardening(ModelEffect):
         "middle_share": 0.0,
         "second_torque": 1.0,
     }
+    at_most: ClassVar[Mapping[str, float]] = {
+        "stiffness_ratio": 100.0,
+        "torque_nm": 1000000.0,
+        "middle_share": 1.0,
+        "second_torque": 100.0,
+    }
     stiffness_ratio: float = 1.79
     torque_nm: float = 29.0
     middle_share: float = 0.81

@@ -40,6 +40,11 @@ class Hysteresis(ModelEffect):
         "elements": 1,
         "stiffening": 1e-3,
     }
+    at_most: ClassVar[Mapping[str, float]] = {
+        "width_rad": 0.1,
+        "elements": 100,
+        "stiffening": 100.0,
+    }
     width_rad: float = 1.5e-4
     elements: int = 4
     stiffening: float = 0.6

@@ -41,6 +41,11 @@ class ManyContacts(ModelEffect):
         "elements": 1,
         "stiffening": 1e-3,
     }
+    at_most: ClassVar[Mapping[str, float]] = {
+        "width_rad": 0.1,
+        "elements": 100,
+        "stiffening": 100.0,
+    }
     width_rad: float = 1.5e-4
     elements: int = 12
     stiffening: float = 1.0

@@ -38,6 +38,7 @@ class SmoothLostMotion(ModelEffect):
     name: ClassVar[str] = "lost_motion"
     places: ClassVar[tuple[str, ...]] = ("axis",)
     at_least: ClassVar[Mapping[str, float]] = {"width_rad": 0.0, "closing_nm": 1e-6}
+    at_most: ClassVar[Mapping[str, float]] = {"width_rad": 0.1, "closing_nm": 10000.0}
     width_rad: float = 1.5e-4
     closing_nm: float = 1.5
 

@@ -32,6 +32,7 @@ class PulleyFriction(RopeEffect):
     name: ClassVar[str] = "pulley_friction"
     places: ClassVar[tuple[str, ...]] = ("rig",)
     at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
+    at_most: ClassVar[Mapping[str, float]] = {"ratio": 0.5}
     ratio: float = 0.02
 
     @override

@@ -3,8 +3,10 @@
 import math
 from collections import defaultdict
 
+import numpy as np
+
 from bench.format.faults import nearest, quoted
-from bench.format.manifest import FILE, Manifest, MarkerEntry, Quaternion
+from bench.format.manifest import FILE, LARGEST, Manifest, MarkerEntry, Quaternion
 from bench.model_facts import ModelFacts
 
 UNIT_WITHIN = 1e-3
@@ -97,11 +99,12 @@ def csv_faults(manifest: Manifest) -> list[str]:
 
 def _tracker_faults(manifest: Manifest) -> list[str]:
     tracker = manifest.sensors.tracker
-    stated = tracker.repeatability_mm if tracker else 0.0
-    if min(stated if isinstance(stated, tuple) else (stated,)) >= 0.0:
+    stated = tracker.repeatability_mm if tracker else 1.0
+    if all(0.0 < s <= LARGEST for s in np.ravel(stated)):
         return []
     place = f"{FILE}, sensors.tracker.repeatability_mm"
-    return [f"{place}: {stated} is less than zero; it is a standard deviation."]
+    say = f"a standard deviation is above 0 and at most {LARGEST:g}"
+    return [f"{place}: {stated} is none; {say}."]
 
 
 def _turn_faults(place: str, quaternion: Quaternion) -> list[str]:

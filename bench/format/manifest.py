@@ -9,9 +9,12 @@ from msgspec import UNSET, Struct, UnsetType, field
 from bench.format.sections import fill, first_line
 
 FILE = "recording.toml"
-Vector = tuple[float, float, float]
+LARGEST = 1e6
+"""Largest number of a manifest, in its units; chosen: a kilometre, a thousand tons."""
+Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
+Vector = tuple[Number, Number, Number]
 Quaternion = tuple[float, float, float, float]
-NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST)]
 
 
 class Entry(Struct, frozen=True, forbid_unknown_fields=True):
@@ -21,8 +24,9 @@ class Entry(Struct, frozen=True, forbid_unknown_fields=True):
 class Tracker(Entry, frozen=True):
     """`[sensors.tracker]`."""
 
-    repeatability_mm: float | Vector  # its sign is checked in `agreement`: msgspec
-    # 0.22 aborts on a union of a bounded float and a tuple
+    repeatability_mm: float | tuple[float, float, float]
+    # its size is checked in `agreement`: msgspec 0.22 aborts on a union of a bounded
+    # float and a tuple
     volumetric_mm: NotNegative | None = None
 
 

@@ -13,6 +13,17 @@ from bench.recording import STAGES
 
 MAX_FORCE, MAX_TORQUE = 20e3, 5e3
 """N and N m, by the format."""
+LARGEST = {
+    "time": (1e10, "s"),
+    "angle": (200 * np.pi, "rad"),
+    "length": (1e3, "m"),
+    "mass": (1e5, "kg"),
+    "torque": (1e6, "Nm"),
+    "temperature": (1e3, "°C"),
+    "count": (1e9, ""),
+}
+"""Sizes beyond which a unit is wrong, whatever the arm; chosen: stamps since 1970 in s,
+a hundred turns, a kilometre, and a torque that no motor has."""
 BEYOND_LIMIT = np.radians(0.5)
 """How far an angle may exceed its limit, by the format."""
 SLIDE_BEYOND_LIMIT = 1e-3
@@ -70,6 +81,13 @@ def faults_in(
                 name, column < least, lambda r, c=column, s=say: s.format(c[r])
             )
     faults += _too_strong(values, at)
+    for name, held in layout.held.items():
+        if name in values and held.column.kind in LARGEST and name not in WRENCH:
+            most, unit = LARGEST[held.column.kind]
+            say = f"{{:.4g}} {unit} is beyond {most:.4g}; is its unit right?"
+            column = values[name]
+            beyond = np.abs(column) > most
+            faults += at(name, beyond, lambda r, c=column, s=say: s.format(c[r]))
     if "pose" in values:
         faults += _odd_visits(values, relative, at)
     if model is not None:

@@ -6,6 +6,7 @@ long streams. Both come out as the same `Table`; nothing in them is evaluated.
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -49,6 +50,8 @@ class Header:
 
     def read(self, wanted: Collection[str]) -> "Cells":
         """Read the wanted columns."""
+        once = {name for name, count in Counter(self.names).items() if count == 1}
+        wanted = once & set(wanted)
         index = {name: i for i, name in enumerate(self.names) if name in wanted}
         try:
             if self.place.has_lines:
@@ -118,8 +121,9 @@ def _checked(header: Header) -> tuple[Header | None, list[str]]:
     names, file = header.names, header.place.file
     if len(names) > MAX_COLUMNS:
         return None, [f"{file} has {len(names)} columns; the most is {MAX_COLUMNS}."]
-    twice = sorted({n for n in names if n and names.count(n) > 1})
-    faults = [f"{file}, line 1: column {quoted(n)} is there twice." for n in twice]
+    twice = sorted(n for n, count in Counter(names).items() if n and count > 1)
+    line = ", line 1" if header.place.has_lines else ""
+    faults = [f"{file}{line}: column {quoted(n)} is there twice." for n in twice]
     return header, faults
 
 

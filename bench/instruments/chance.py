@@ -4,6 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from bench.errors import Unusable
+
 CAUSES = (
     "tracker_frame",
     "tracker_noise",
@@ -28,6 +30,11 @@ def streams(seed: int) -> Streams:
 
     Args:
         seed: At least 0; the same seed gives the same numbers.
+
+    Raises:
+        Unusable: Where it is below.
     """
+    if seed < 0:
+        raise Unusable("Seed", [f"it is {seed}, expected at least 0."])
     children = np.random.SeedSequence(seed).spawn(len(CAUSES))
     return dict(zip(CAUSES, map(np.random.default_rng, children), strict=True))

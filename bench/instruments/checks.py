@@ -1,4 +1,4 @@
-"""A size of an instrument is a finite number, and most sizes are not negative."""
+"""A size of an instrument is a number that one can have, seldom a negative one."""
 
 from collections.abc import Mapping
 
@@ -13,20 +13,23 @@ def refuse(what: str, faults: list[str]) -> None:
         raise Unusable(what, faults)
 
 
+MOST = 1e6
+"""Largest size of anything, in SI; chosen: beyond it is no instrument."""
+
+
 def not_sizes(sizes: Mapping[str, object]) -> list[str]:
-    """Name every entry that is not finite and at least 0."""
+    """Name every entry that is not from 0 to `MOST`."""
     return [
-        f"{name} is {value}, expected finite and at least 0."
+        f"{name} is {value}, expected at least 0 and at most {MOST:g}."
         for name, value in sizes.items()
-        if not np.all(np.isfinite(np.asarray(value, float)))
-        or np.any(np.asarray(value, float) < 0.0)
+        if not np.all((np.asarray(value, float) >= 0.0) & (np.asarray(value) <= MOST))
     ]
 
 
 def not_vectors(vectors: Mapping[str, tuple[float, ...]], length: int) -> list[str]:
-    """Name every entry that is not so many finite numbers."""
+    """Name every entry that is not so many numbers of at most `MOST` either way."""
     return [
-        f"{name} is {value}, expected {length} finite numbers."
+        f"{name} is {value}, expected {length} numbers from {-MOST:g} to {MOST:g}."
         for name, value in vectors.items()
-        if len(value) != length or not np.all(np.isfinite(value))
+        if len(value) != length or not np.all(np.abs(value) <= MOST)
     ]

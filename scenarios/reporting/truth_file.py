@@ -55,7 +55,7 @@ def refuse_inside(folder: Path, truth_file: Path | None) -> None:
     """
     if truth_file is None:
         return
-    if truth_file.exists() and not truth_file.is_file():
+    if os.path.lexists(truth_file) and not truth_file.is_file():
         fault = "it is there and is no file; give another name."
         raise Unusable("Truth file", [f"--truth-file {str(truth_file)!r}: {fault}"])
     inside = truth_file.resolve().is_relative_to(folder.resolve())
