@@ -17,12 +17,9 @@ import numpy as np
 from scipy.stats import chi2
 from scipy.stats import t as student
 
-from stiffness.diagnosis.by_pose import by_pose
-from stiffness.diagnosis.data import Data
+from stiffness.diagnosis.close_look import CloseLook
 from stiffness.diagnosis.evidence import left_of, without
-from stiffness.diagnosis.member import Member, SetFit, training
-from stiffness.diagnosis.refine import shape_columns
-from stiffness.diagnosis.signature import Signature
+from stiffness.diagnosis.member import Member
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import Split
 
@@ -39,11 +36,9 @@ class Parameter:
 
 
 def parameters_of(
-    data: Data,
     situation: Situation,
-    nominal: Sequence[Signature],
     springs: Sequence[int],
-    fit: SetFit,
+    look: CloseLook,
     split: Split,
     inflation: float,
 ) -> tuple[list[dict[str, Parameter]], list[float]]:
@@ -54,16 +49,10 @@ def parameters_of(
         shape, while the others' coefficients and shapes adapt (Wald): a member that
         others could replace is not determined.
     """
-    own = [m.signature(situation) for m in fit.members]
-    slopes = [
-        shape_columns(situation, m, c)
-        for m, c in zip(fit.members, fit.coefficients, strict=True)
-    ]
-    flat = [s for of_one in slopes for s in of_one]
-    signatures = [*nominal, *own, *flat]
-    found = by_pose(data, signatures, training(split))
+    fit, found = look.fit, look.slopes
     gram = found.gram[1]
-    fitted = np.concatenate([fit.springs, *fit.coefficients, np.zeros(len(flat))])
+    fitted = np.concatenate([fit.springs, *fit.coefficients])
+    fitted = np.pad(fitted, (0, len(gram) - len(fitted)))
     score = (found.score - found.own @ fitted)[~split.held_out]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)

@@ -12,10 +12,11 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.diagnosis.case import Case
+from stiffness.diagnosis.close_look import close_look
 from stiffness.diagnosis.detect import ALARM, Found
 from stiffness.diagnosis.intervals import Parameter, beyond_limits, parameters_of
 from stiffness.diagnosis.leftover import other_forms, what_is_left
-from stiffness.diagnosis.member import Member, SetFit, fit_set, held_out_gain
+from stiffness.diagnosis.member import Member, SetFit
 from stiffness.diagnosis.refine import refined
 from stiffness.diagnosis.sets import Ranked, log_prior, ranked, white_candidates
 
@@ -142,22 +143,18 @@ def _best_of(case: Case, every: Ranked, order: np.ndarray) -> list[Scored]:
 
 
 def _score(case: Case, members: Sequence[Member], inflation: float) -> Scored:
-    fit = fit_set(case.data, case.situation, case.nominal, members, case.split)
+    forms = other_forms(case, members)
+    look = close_look(
+        case.data, case.situation, case.nominal, members, forms, case.split
+    )
+    fit = look.fit
     prior = log_prior(len(members), len(case.library.candidates))
     prior += sum(member.hypothesis.log_prior for member in members)
     evidence = 0.5 * fit.gain / inflation - 0.5 * fit.freedom * np.log(case.poses)
-    own = [m.signature(case.situation) for m in members]
-    forms = other_forms(case, members)
-    predicted = held_out_gain(case.data, [*case.nominal, *own, *forms], case.split)
     parameters, zero = parameters_of(
-        case.data,
-        case.situation,
-        case.nominal,
-        case.springs,
-        fit,
-        case.split,
-        inflation,
+        case.situation, case.springs, look, case.split, inflation
     )
+    predicted = look.predicted
     return Scored(fit, evidence + prior, predicted, tuple(parameters), tuple(zero))
 
 

@@ -97,11 +97,18 @@ def _along(data, situation, nominal, at, grid, split) -> Member:
 def shape_columns(
     situation: Situation, member: Member, coefficients: np.ndarray
 ) -> list[Signature]:
-    """Return what a little more of each shape parameter does, per unit of it."""
+    """Return what a little more of each shape parameter does, per unit of it.
+
+    Args:
+        situation: Where the arm stood.
+        member: Whose shape.
+        coefficients: Of its columns; or several sets of them, one a column.
+    """
+    sets = coefficients.reshape(len(coefficients), -1)
     slopes = []
     for j in range(member.freedom):
         if member.hypothesis.shape_names[j] in WHOLE:
-            slopes.append(Signature(1))
+            slopes.append(Signature(sets.shape[1]))
             continue
         span = np.ptp(member.hypothesis.shapes(situation, member.where)[:, j])
         step = 1e-3 * (span if span > 0 else max(1.0, abs(member.shape[j])))
@@ -111,7 +118,7 @@ def shape_columns(
             shape[j] += sign * step
             sides.append(Member(member.hypothesis, member.where, shape))
         high, low = (m.signature(situation) for m in sides)
-        slopes.append(_difference(high, low, coefficients / (2 * step)))
+        slopes.append(_difference(high, low, sets / (2 * step)))
     return slopes
 
 
@@ -120,5 +127,5 @@ def _difference(high: Signature, low: Signature, weight: np.ndarray) -> Signatur
     for one, other in zip(high.parts, low.parts, strict=True):
         name = fields(one)[1].name
         change = (values(one) - values(other)) @ weight
-        parts.append(replace(one, **{name: change[..., None]}))
-    return Signature(1, tuple(parts))
+        parts.append(replace(one, **{name: change}))
+    return Signature(weight.shape[1], tuple(parts))
