@@ -1,0 +1,1 @@
+"""What `scenarios.calibrate` says, proves and draws."""

@@ -1,0 +1,153 @@
+"""A calibration is put into the fixed form of diagnosis.json.
+
+==========  ==========================================================================
+Equation    probability of a name = Phi(z), z = its loss when taken out over the loss'
+            standard error over regions left out; share = its loss over all losses
+Source      paired differences over clusters, taken as normal
+Valid       ten regions or more
+Ignores     that losses of confounded names overlap
+==========  ==========================================================================
+"""
+
+import numpy as np
+from scipy.stats import norm
+
+from scenarios.calibrating.proof import Proof, rms
+from scenarios.calibrating.remains import Remains
+from scenarios.diagnosing.schema import (
+    Answer,
+    At,
+    Called,
+    Detected,
+    Interval,
+    Left,
+    Placed,
+    Proved,
+)
+from stiffness.calibration.blocks import Key
+from stiffness.calibration.calibrated import Calibrated
+
+MM = 1e3
+ALPHA = 0.005
+"""Below this p-value there is something, or something left."""
+DEPENDS = {
+    "joint_compliance": ("torque",),
+    "bearing_tilt": ("torque",),
+    "transmission_error": ("angle",),
+    "hysteresis": ("direction", "history"),
+    "drift": ("time",),
+}
+LIKE = {"hysteresis": "lost_motion"}
+"""What looks the same in an arm that only stands: the side it came from."""
+
+
+def answer_of(
+    name: str, found: Calibrated, proof: Proof, remains: Remains, seconds: float
+) -> Answer:
+    """Put everything together."""
+    first, last = found.at_first, found.at_last
+    something = first.p_value < ALPHA
+    names = found.named if something else ()
+    if not something:
+        verdict = "no_mismatch"
+    elif not names:
+        verdict = "unexplained"
+    else:
+        verdict = "partly_explained" if last.p_value < ALPHA else "explained"
+    left = None
+    if verdict in ("partly_explained", "unexplained"):
+        left = Left(remains.where, remains.signature, {}, MM * rms(proof.after))
+    low, high = MM * proof.gain[1], MM * proof.gain[2]
+    return Answer(
+        schema=1,
+        recording=name,
+        verdict=verdict,
+        detection=Detected(
+            first.p_value, MM * first.rms, MM * last.noise, MM * last.smallest
+        ),
+        located=_located(found, names),
+        named=tuple(_called(found, key) for key in names),
+        rivals=(),
+        unexplained=left,
+        confounded=tuple(
+            (At(e.effect, e.where), other)
+            for e in map(_called, [found] * len(names), names)
+            for other in e.equivalents
+        ),
+        warnings=(),
+        proof=Proved(
+            simulator="mujoco",
+            held_out_poses=proof.poses,
+            before_rms_mm=MM * rms(proof.before),
+            after_rms_mm=MM * rms(proof.after),
+            noise_rms_mm=MM * last.noise,
+            gain_mm=Interval(MM * proof.gain[0], low, high),
+        ),
+        next_experiments=(),
+        seconds=round(seconds, 1),
+    )
+
+
+def _located(found: Calibrated, names: tuple[Key, ...]) -> tuple[Placed, ...]:
+    budget = found.selected.budget
+    total = sum(max(loss, 0.0) for loss, _ in budget.values())
+    places: dict[str, list[Key]] = {}
+    for key in names:
+        places.setdefault(key[1], []).append(key)
+    placed = []
+    for where, own in places.items():
+        share = sum(budget[k][0] for k in own) / max(total, 1e-30)
+        p = min(float(norm.sf(budget[k][0] / budget[k][1])) for k in own)
+        depends = dict.fromkeys(d for k in own for d in DEPENDS.get(k[0], ()))
+        placed.append(Placed(where, p, float(share), tuple(depends), _zone(found, own)))
+    return tuple(sorted(placed, key=lambda p: -p.share))
+
+
+def _zone(found: Calibrated, own: list[Key]) -> str:
+    where = own[0][1]
+    if not (where[:1] == "a" and where[1:].isdigit()):
+        return "everywhere"
+    k = int(where[1:]) - 1
+    angle = np.degrees(found.readings.posture[:, k])
+    low, high = np.quantile(angle, [0.01, 0.99])
+    if where in found.tables:
+        grid = np.radians(np.linspace(low, high, 721))
+        worst = np.degrees(grid[np.argmax(np.abs(found.tables[where].at(grid)))])
+        return f"from {low:.0f}° to {high:.0f}°, most at {worst:.0f}°"
+    return f"from {low:.0f}° to {high:.0f}°"
+
+
+def _called(found: Calibrated, key: Key) -> Called:
+    loss, error = found.selected.budget[key]
+    effect, where = key
+    parameters = {
+        name: Interval(e.value, e.low, e.high)
+        for name, e in found.estimates.get(key, {}).items()
+    }
+    if effect == "transmission_error":
+        table = found.tables[where]
+        size = np.hypot(table.cos, table.sin)
+        top = int(np.argmax(size))
+        order, phase = table.order[top], np.arctan2(table.cos[top], table.sin[top])
+        for name, value in (
+            ("amplitude_rad", size[top]), ("order", order), ("phase_rad", phase),
+        ):  # fmt: skip
+            half = found.wave_widths[where] if name == "amplitude_rad" else 0.0
+            low, high = float(value - half), float(value + half)
+            if name == "phase_rad":
+                turn = found.wave_widths[where] / max(size[top], 1e-30)
+                low, high = float(value - turn), float(value + turn)
+            parameters[name] = Interval(float(value), low, high)
+    equivalents: tuple[At, ...] = ()
+    if effect in LIKE:
+        equivalents = (At(LIKE[effect], where),)
+    elif effect == "drift":
+        equivalents = (At("drift", "tracker"),)
+    elif (
+        effect == "encoder_offset"
+        and found.readings.arm.chain.parent[int(where[1:]) - 1] >= 0
+    ):
+        link = found.readings.arm.chain.parent[int(where[1:]) - 1] + 1
+        equivalents = (At("geometry_error", f"link_{link}"),)
+    sure = float(np.clip(norm.cdf(loss / error), 0.0, 0.9999))
+    return Called(effect, where, sure, equivalents, parameters)

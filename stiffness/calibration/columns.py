@@ -1,0 +1,157 @@
+"""Everything that a real arm may do beyond its drawing moves its target in its own way.
+
+==========  ==========================================================================
+Equation    joint_compliance    turn about the axis = c tau
+            bearing_tilt        turn about x or y of the axis' seat = c moment about it
+            transmission_error  turn about the axis = sum over orders n of
+                                a_n cos n q + b_n sin n q
+            hysteresis          turn about the axis = width / 2 against the side it
+                                came from (friction that the drive left wound up)
+            drift               the arm's base moves and turns with time
+            tracker_scale       places = (1 + ratio) places
+            tau, moment: of the arm's own weight, in N m
+Source      Spong 1987 (compliance); Klimchik et al. 2011 (tilt); Tuttle 1992 (uneven
+            gears); Iwan 1966 (friction); ISO 9283 (drift, approach)
+Valid       small deflections: all enter linearly
+Ignores     what comes between the poses that were recorded
+==========  ==========================================================================
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from stiffness.calibration.stance import Stance
+
+ORDERS = (1, 3, 5, 9, 17, 33, 65, 129, 257)
+"""Where bands of orders begin; the last one ends them. Chosen: octaves, up to what a
+strain-wave gear of ratio 100 does twice in each turn of its input (200)."""
+POSES_PER_ORDER = 5
+"""Poses that an order asks for at least; chosen."""
+VISIBLE = 1e-6
+"""Rms of a column in m per unit of what is usual below which it is not seen."""
+USUAL_TORQUE_COMPLIANCE, USUAL_TURN = 1e-5, 1e-4
+"""In rad/(N m) and rad; sizes at which columns are judged visible."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect at one place, with the columns that it can move.
+
+    Attributes:
+        effect: Name in the vocabulary.
+        where: Its place.
+        parameters: Names of its coefficients; of a table one for each order, twice.
+        columns: From a stance.
+        least: Smallest value that a coefficient can have.
+        orders: Of each column of a table; empty: no table.
+    """
+
+    effect: str
+    where: str
+    parameters: tuple[str, ...]
+    columns: Callable[[Stance], Float[np.ndarray, "rows 3 columns"]]
+    least: float = -np.inf
+    orders: tuple[int, ...] = ()
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """Effect and place."""
+        return self.effect, self.where
+
+
+def candidates_of(stance: Stance, highest: int = ORDERS[-1]) -> tuple[Candidate, ...]:
+    """Return everything beyond the drawing that these postures could show.
+
+    Args:
+        stance: The arm in its postures.
+        highest: Order below which tables end.
+    """
+    chain = stance.standing.chain
+    found: list[Candidate] = []
+    poses = len(np.unique(stance.readings.pose))
+    for k, slides in enumerate(chain.slides):
+        where = f"a{k + 1}"
+        if slides:
+            continue
+        found.append(
+            Candidate(
+                "joint_compliance", where, ("compliance_rad_per_nm",), _wind_up(k), 0.0
+            )
+        )
+        for j, name in enumerate(("u_rad_per_nm", "v_rad_per_nm")):
+            found.append(Candidate("bearing_tilt", where, (name,), _tilt(k, j), 0.0))
+        found.append(Candidate("hysteresis", where, ("width_rad",), _side(k), 0.0))
+        orders = tuple(range(1, min(highest, poses // POSES_PER_ORDER + 1)))
+        names = tuple(f"{f}_{n}" for n in orders for f in ("cos", "sin"))
+        twice = tuple(n for n in orders for _ in range(2))
+        table = _table(k, orders)
+        found.append(Candidate("transmission_error", where, names, table, orders=twice))
+    shift = tuple(f"{a}_m_per_h" for a in "xyz") + tuple(
+        f"r{a}_rad_per_h" for a in "xyz"
+    )
+    found.append(Candidate("drift", "base", shift, _drift))
+    found.append(Candidate("tracker_scale", "tracker", ("ratio",), _scale))
+    return tuple(c for c in found if _shows(c, stance))
+
+
+def _shows(candidate: Candidate, stance: Stance) -> bool:
+    some = stance
+    if candidate.orders:  # its first orders tell
+        lever = stance.lever[int(candidate.where[1:]) - 1]
+        return bool(np.sqrt(np.mean(lever**2)) * USUAL_TURN > VISIBLE)
+    size = np.sqrt(np.mean(candidate.columns(some) ** 2, axis=(0, 1)))
+    usual = {"joint_compliance": USUAL_TORQUE_COMPLIANCE, "hysteresis": USUAL_TURN}
+    usual["bearing_tilt"] = USUAL_TORQUE_COMPLIANCE
+    return bool(size.max() * usual.get(candidate.effect, 1.0) > VISIBLE)
+
+
+def stacked(
+    candidates: Sequence[Candidate], stance: Stance
+) -> Float[np.ndarray, "rows 3 columns"]:
+    """Return the columns of several candidates side by side."""
+    rows = (*stance.point.shape, 0)
+    return np.concatenate(
+        [np.zeros(rows), *(c.columns(stance) for c in candidates)], axis=2
+    )
+
+
+def _wind_up(k: int):
+    return lambda s: (s.lever[k] * s.torque[:, k, None])[:, :, None]
+
+
+def _side(k: int):
+    return lambda s: (-0.5 * s.lever[k] * s.readings.side[:, k, None])[:, :, None]
+
+
+def _tilt(k: int, j: int):
+    def columns(s: Stance) -> np.ndarray:
+        q = s.readings.posture[:, k, None] + s.drawn.values[k]
+        x, y = s.standing.rotation[k, :, :, 0], s.standing.rotation[k, :, :, 1]
+        seat = (np.cos(q) * x - np.sin(q) * y, np.sin(q) * x + np.cos(q) * y)[j]
+        about = np.sum(seat * s.moment[k], axis=1)
+        return (s.tilting(k, seat) * about[:, None])[:, :, None]
+
+    return columns
+
+
+def _table(k: int, orders: Sequence[int]):
+    def columns(s: Stance) -> np.ndarray:
+        angle = s.readings.posture[:, k, None] * np.array(orders)
+        waves = np.stack([np.cos(angle), np.sin(angle)], axis=2).reshape(len(angle), -1)
+        return s.lever[k][:, :, None] * waves[:, None, :]
+
+    return columns
+
+
+def _drift(s: Stance) -> np.ndarray:
+    turns = [np.cross(along, s.point) for along in np.eye(3)]
+    shift = np.broadcast_to(np.eye(3), (*s.point.shape, 3))
+    moved = np.concatenate([shift, np.stack(turns, axis=2)], axis=2)
+    return moved * s.readings.hours[:, None, None]
+
+
+def _scale(s: Stance) -> np.ndarray:
+    return s.point[:, :, None]

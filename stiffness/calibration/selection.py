@@ -1,0 +1,137 @@
+"""An effect is believed when regions of poses that it was not fitted to confirm it.
+
+==========  ==========================================================================
+Equation    gain of a fold = log of what the set leaves there − log of what set and
+            effect leave, both fitted on the other folds: each region counts alike;
+            believed where the mean gain is more than two of its standard errors over
+            folds; the one that gains most goes first
+Source      Breiman et al. 1984, "Classification and Regression Trees" (margins of one
+            standard error; two here, for there are many candidates)
+Valid       folds that share no region of poses
+Ignores     that sizes of tables' bands are learnt from all folds together
+==========  ==========================================================================
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from stiffness.calibration.blocks import SILENT, Blocks, Key
+from stiffness.calibration.judging import Columns, Judge, Trial, compared
+
+MARGIN = 2.0
+"""Standard errors that a gain must exceed."""
+DRAWING: Key = ("geometry_error", "all links")
+"""The corrections of the drawing, which are tried together."""
+BELIEVED, NO_GAIN, IMPOSSIBLE = "believed", "no gain", "out of bounds"
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect that was tried when it was its turn.
+
+    Attributes:
+        key: Effect and place.
+        parameters: Which of its coefficients.
+        rms: What is left on folds left out, 3-D per reading, in m; with it if believed.
+        gain: Of the logarithm of the mean square on a fold left out.
+        error: Its standard error over folds.
+        verdict: `believed`, `no gain` or `out of bounds`.
+    """
+
+    key: Key
+    parameters: tuple[str, ...]
+    rms: float
+    gain: float
+    error: float
+    verdict: str
+
+
+@dataclass(frozen=True)
+class Selected:
+    """What was believed.
+
+    Attributes:
+        columns: All that are fitted, the silent ones included.
+        steps: What was believed, in order; then what was refused.
+        budget: Of each effect believed, how the logarithm of the mean square on folds
+            left out grows when it alone is taken out, and its standard error.
+    """
+
+    columns: Columns
+    steps: tuple[Step, ...]
+    budget: dict[Key, tuple[float, float]]
+
+
+def selected(judge: Judge, said: Callable[[str], None] = lambda _: None) -> Selected:
+    """Choose forward, then take out what folds left out are better without.
+
+    Args:
+        judge: Holds the folds.
+        said: Is told what was believed.
+    """
+    known = judge.blocks.columns_of([SILENT])
+    rest = _units(judge.blocks)
+    steps: list[Step] = []
+    while rest:
+        trial = judge.on(known)
+        tried = [(_tried(trial, key, own), own) for key, own in rest]
+        good = [t for t in tried if t[0].verdict == BELIEVED]
+        if not good:
+            steps += [step for step, _ in tried]
+            break
+        best, own = max(good, key=lambda t: t[0].gain)
+        steps.append(best)
+        said(
+            f"{best.key[0]}@{best.key[1]}: {1e3 * best.rms:.4f} mm on regions left out"
+        )
+        known = np.sort(np.concatenate([known, own]))
+        rest = [u for u in rest if not np.array_equal(u[1], own)]
+    known, budget = _pruned(judge, known)
+    return Selected(known, tuple(steps), budget)
+
+
+def _units(blocks: Blocks) -> list[tuple[Key, Columns]]:
+    """Return what enters together: the drawing, each table, each bounded number."""
+    claims = np.array([owner != SILENT for owner in blocks.owner])
+    drawing = np.flatnonzero((blocks.entry >= 0) & claims)
+    units: list[tuple[Key, Columns]] = [(DRAWING, drawing)] if len(drawing) else []
+    for key in blocks.keys:
+        if key[0] not in ("encoder_offset", "geometry_error"):
+            units += [(key, own) for own in blocks.parts(key)]
+    return units
+
+
+def _tried(trial: Trial, key: Key, own: Columns) -> Step:
+    blocks = trial.judge.blocks
+    left, x = trial.with_columns(own)
+    gain, error = compared(trial.left, left)
+    verdict = BELIEVED if gain > max(MARGIN * error, 0.0) else NO_GAIN
+    if (x < blocks.least[own]).any():
+        verdict = IMPOSSIBLE
+    square = (left if verdict == BELIEVED else trial.left).sum()
+    rms = float(np.sqrt(max(square, 0.0) / trial.judge.total.count * 3.0))
+    names = tuple(blocks.parameter[j] for j in own)
+    return Step(key, names, rms, gain, error, verdict)
+
+
+def _pruned(
+    judge: Judge, known: Columns
+) -> tuple[Columns, dict[Key, tuple[float, float]]]:
+    """Take out, worst first, what folds left out are better without."""
+    while True:
+        trial = judge.on(known)
+        place = {int(c): i for i, c in enumerate(known)}
+        budget: dict[Key, tuple[float, float]] = {}
+        inside: dict[Key, Columns] = {}
+        for key in judge.blocks.keys:
+            own = [place[c] for c in judge.blocks.columns_of([key]) if c in place]
+            if own:
+                inside[key] = np.array(own)
+                budget[key] = compared(trial.without(inside[key]), trial.left)
+        idle = [key for key, (loss, _) in budget.items() if loss <= 0.0]
+        if not idle:
+            return known, budget
+        worst = min(idle, key=lambda key: budget[key][0])
+        known = np.delete(known, inside[worst])
