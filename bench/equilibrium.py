@@ -69,6 +69,7 @@ def solve(
     axes: Int[np.ndarray, " axes"],
     creep: dict[int, float],
     schedule: Schedule,
+    before: int = 0,
 ) -> Rest:
     """Bring the arm to rest under every load of every visit, in the order of time.
 
@@ -77,6 +78,7 @@ def solve(
         axes: Ids of the axes' joints.
         creep: Joint id and time constant, in s, of every joint that creeps.
         schedule: What is done to it.
+        before: How many visits came before these.
 
     Returns:
         Where everything came to rest.
@@ -95,7 +97,7 @@ def solve(
     sensors, qpos = runs.bind("sensordata"), runs.bind("qpos")
     mount = model.body(LOAD_POINT).id
     creeping = _Creep(runs, model, creep)
-    settle = Settle(runs, model, axes, creep)
+    settle = Settle(runs, model, axes, creep, before)
 
     rest, worst = [], 0.0
     for step in range(steps):

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bench import equilibrium
+from bench import blocks, equilibrium
 from bench.anatomy import Anatomy, anatomy, with_seats
 from bench.cell import GRAVITY, Cell, cell_for, load_on_sensor, mount, pose_in_world
 from bench.effects.creep import creeping
@@ -172,7 +172,7 @@ class Rig:
         schedule = equilibrium.Schedule(
             command.reference + arrival, command.stiffness, ropes, wrench, hold
         )
-        rest = equilibrium.solve(model, axes, creep, schedule)
+        rest = blocks.solve(model, axes, creep, schedule)
         rows = hold.size
         rotation = rest.rotation.reshape(rows, model.nbody, 3, 3)
         joint = rest.joint.reshape(rows, -1)

@@ -62,6 +62,7 @@ class Settle:
         model: mujoco.MjModel,
         axes: Int[np.ndarray, " axes"],
         creep: dict[int, float],
+        before: int = 0,
     ):
         """Watch these runs of a static model.
 
@@ -70,8 +71,9 @@ class Settle:
             model: What runs.
             axes: Joint ids of the axes.
             creep: Joints that creep and are not asked to balance.
+            before: How many visits came before these.
         """
-        self.runs = runs
+        self.runs, self.before = runs, before
         self.own, self.tendons = model.jnt_stiffness, _tendons_on_joints(model)
         self.slips = model.tendon_plasticadr >= 0
         angle = np.full(model.njnt, 1e-3)  # what a rounded angle may be, in rad
@@ -110,8 +112,8 @@ class Settle:
             stiffness = self.own + (tight | self.slips) @ self.tendons
             self.qpos += self.free * self.force / stiffness
         raise BenchError(
-            f"Visit {int(largest.argmax())} finds no rest: {largest.max():.2g} times "
-            f"the {TOLERANCE} N m allowed stay unbalanced. "
+            f"Visit {self.before + int(largest.argmax())} finds no rest: "
+            f"{largest.max():.2g} times the {TOLERANCE} N m allowed stay unbalanced. "
             "A spring may be too soft for its load."
         )
 

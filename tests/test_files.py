@@ -137,10 +137,12 @@ def test_a_slide_axis_is_in_millimetres(folder):
 
 
 def test_an_angle_may_exceed_its_limit_by_half_a_degree(folder):
-    cell(3, "a2_deg", "45.5")(folder)
+    both(cell(3, "a2_deg", "45.5"), cell(3, "pose", "9"))(folder)
+    rows = table(folder)
+    save(folder, [rows[0], *rows[3:4], *rows[6:]])  # the second visit, and this row
     read(folder, ARM)
-    cell(3, "a2_deg", "45.51")(folder)
-    with pytest.raises(Unusable):
+    cell(1, "a2_deg", "45.51")(folder)
+    with pytest.raises(Unusable, match="beyond the limits"):
         read(folder, ARM)
 
 

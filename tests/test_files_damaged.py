@@ -223,6 +223,7 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("a separator of two", more('[csv]\nseparator = ";;"'), ("csv.separator", "';;'")),
     ("a separator that is the mark", more('[csv]\ndecimal = ","'), ("csv", "both ','")),
     ("robot twice", both(said("rows", 'robot = "kr10"\nrows'), more("[robot]\n")), ("not TOML", "Inside [robot]")),
+    ("two postures of one pose", cell(8, "a4_deg", "14.06"), (CSV, "row 8", "'a4_deg'", "0.06° from where pose 2 stood first")),
     ("a mass without end", more("[tool]\nmass_kg = 1e308"), ("tool.mass_kg", "1000000")),
     ("an angle without end", cell(3, "a2_deg", "1e300"), (*A2_ROW_3, "is its unit right?")),
     ("a place without end", cell(3, "p1_x_mm", "1e300"), ("p1_x_mm", "is its unit right?")),
@@ -230,6 +231,20 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     # several at once
     ("many at once", both(cell(3, "a2_deg", "up"), cell(7, "time_s", "-5"), without("pose"), added("q7_x_mm", "1"), said("[1, 0, 0, 0]", "[1, 1, 0, 0]"), said('"link_3"', '"link_9"')), (*A2_ROW_3, "row 7", "backwards", "'pose' is missing", "'q7'", "frames.tracker", "'link_9'")),
 ]  # fmt: skip
+
+
+def test_a_small_parquet_file_that_unfolds_to_gigabytes_is_refused(tmp_path):
+    """One long word in many rows; the file itself has two kilobytes."""
+    folder = write_good(tmp_path / "recording")
+    (folder / CSV).unlink()
+    word = pa.DictionaryArray.from_arrays(
+        pa.array([0] * 300_000, pa.int32()), pa.array(["x" * 5_000])
+    )
+    file = folder / "samples.parquet"
+    pa_parquet.write_table(pa.table({"stage": word}), file, store_schema=False)
+    assert file.stat().st_size < 10_000
+    with pytest.raises(Unusable, match=r"'stage' unfolds to over 1200000000 B"):
+        read(folder, ARM)
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,10 @@ import mujoco
 import numpy as np
 import pytest
 
+from bench import blocks
 from bench.cell import GRAVITY, HOOK_SITE, MOUNT
 from bench.effects.pulley_friction import PulleyFriction
+from bench.errors import BenchError
 from bench.load_path import parse_path
 from bench.plan import Plan
 from bench.rig import Rig
@@ -132,3 +134,17 @@ def _carriers(model: mujoco.MjModel, body: int) -> set[str]:
         body = int(model.body_parentid[body])
         names.add(model.body(body).name)
     return names
+
+
+def test_many_visits_are_worked_in_blocks_that_change_nothing(kr10, monkeypatch):
+    """Nor does the message of one that finds no rest count from the block's start."""
+    plan = table_one(7, parse_path("0,10"))
+    whole = Rig(kr10).carry_out(plan)
+    monkeypatch.setattr(blocks, "BLOCK", 3)
+    apart = Rig(kr10).carry_out(plan)
+    np.testing.assert_allclose(apart.position, whole.position, rtol=0, atol=1e-12)
+    with pytest.raises(BenchError, match="Visit 6 finds no rest"):
+        hold = np.array([step.hold for step in plan.path])
+        pull = np.zeros((7, 2, 6))
+        pull[6, 1] = np.nan
+        Rig(kr10).respond(plan.posture, pull, np.tile(hold, (7, 1)))

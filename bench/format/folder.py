@@ -51,7 +51,7 @@ def faults_or_recording(
     if header is None:
         return None, [], faults + faults_of(manifest, axes, model)
     layout = layout_of(header.names, manifest, header.place.file, axes)
-    faults += faults_of(manifest, layout.axes, model)
+    faults += faults_of(manifest, layout.axes or None, model)
     faults += layout.faults
     notes = [f"{header.place.file}: column {n!r} left alone." for n in layout.unknown]
     known = (model, joints) if model is not None and joints is not None else None
@@ -117,7 +117,10 @@ def _values(
     if values and not any(len(column) for column in values.values()):
         return {}, [*faults, f"{header.place.file}: there are no rows."]
     relative = manifest.displacement == "relative"
-    return values, faults + faults_in(values, layout, cells.place, relative, model)
+    plateaus = manifest.rows == "plateaus"
+    return values, faults + faults_in(
+        values, layout, cells.place, relative, plateaus, model
+    )
 
 
 def _bytes(folder: Path, file: str, most: int) -> tuple[bytes | None, list[str]]:

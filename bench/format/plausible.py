@@ -1,5 +1,6 @@
 """A reading that no bench can have made is a fault of the file, not a finding."""
 
+import re
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -24,6 +25,9 @@ LARGEST = {
 }
 """Sizes beyond which a unit is wrong, whatever the arm; chosen: stamps since 1970 in s,
 a hundred turns, a kilometre, and a torque that no motor has."""
+SAME_POSTURE = np.radians(0.05)
+"""How far a pose's angles may differ from row to row; chosen: a hundred times what an
+axis returns to, and far below the difference of two poses."""
 BEYOND_LIMIT = np.radians(0.5)
 """How far an angle may exceed its limit, by the format."""
 SLIDE_BEYOND_LIMIT = 1e-3
@@ -35,6 +39,7 @@ def faults_in(
     layout: Layout,
     place: Place,
     relative: bool,
+    plateaus: bool,
     model: tuple[ModelFacts, tuple[int, ...]] | None,
 ) -> list[str]:
     """Name every reading that cannot be.
@@ -44,6 +49,7 @@ def faults_in(
         layout: Where they stand in the file.
         place: The file.
         relative: Whether only differences within a visit mean anything.
+        plateaus: Whether a pose is a posture, not a motion.
         model: The model, and which of its joints each axis is; None where unknown.
     """
 
@@ -90,6 +96,8 @@ def faults_in(
             faults += at(name, beyond, lambda r, c=column, s=say: s.format(c[r]))
     if "pose" in values:
         faults += _odd_visits(values, relative, at)
+    if "pose" in values and plateaus:
+        faults += _other_postures(values, at)
     if model is not None:
         faults += _beyond_limits(values, *model, at)
     return faults
@@ -139,6 +147,26 @@ def _odd_visits(values: Mapping[str, np.ndarray], relative: bool, at: At) -> lis
             "visit" if "visit" in values else "pose",
             (counts == 1)[where],
             lambda r: "one row in its visit, and relative displacements need two.",
+        )
+    return faults
+
+
+def _other_postures(values: Mapping[str, np.ndarray], at: At) -> list[str]:
+    """Say where a pose's id stands for another posture than in its first row."""
+    pose = values["pose"]
+    if not np.isfinite(pose).all():
+        return []
+    _, first, which = np.unique(pose, return_index=True, return_inverse=True)
+    faults = []
+    for name in (n for n in values if re.fullmatch(r"a[0-9]+_deg", n)):
+        away = np.degrees(values[name] - values[name][first[which]])
+        faults += at(
+            name,
+            np.abs(away) > np.degrees(SAME_POSTURE),
+            lambda r, a=away: (
+                f"{a[r]:.3g}° from where pose {pose[r]:.0f} stood first; give another "
+                "posture an id of its own."
+            ),
         )
     return faults
 

@@ -12,17 +12,15 @@ from dataclasses import dataclass, replace
 
 import pyarrow as pa
 import pyarrow.csv as pa_csv
-import pyarrow.parquet as pa_parquet
 
 from bench.format.faults import SHOWN, Place, quoted
+from bench.format.parquet import PARQUET_FILE, measured, unfolded
 from bench.format.sections import first_line
 
-CSV_FILE, PARQUET_FILE = "samples.csv", "samples.parquet"
+CSV_FILE = "samples.csv"
 
 MAX_BYTES = 512 * 2**20
 """Largest samples file (chosen: 30 columns at 250 Hz for 90 minutes)."""
-MAX_CELLS = 150_000_000
-"""Most cells of a table, which a small parquet file can exceed (chosen: 1.2 GB)."""
 MAX_COLUMNS = 10_000
 """Most columns (chosen: 3,000 markers)."""
 _ENCODINGS = {
@@ -58,7 +56,7 @@ class Header:
                 table, unread, faults = _csv_cells(self, sorted(index.values()))
                 table = _without_last_blanks(table)
             else:
-                table, unread, faults = _parquet_cells(self, list(index)), (), []
+                table, unread, faults = unfolded(self.source, list(index)), (), []
         except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
             fault = f"{self.place.file} cannot be read: {first_line(error)}."
             return Cells(self.place, {}, [fault])
@@ -104,17 +102,13 @@ def open_csv(source: bytes, separator: str) -> tuple[Header | None, list[str]]:
 
 def open_parquet(source: bytes) -> tuple[Header | None, list[str]]:
     """Read the header of a parquet file, and how much it would unfold to."""
-    place = Place(PARQUET_FILE, False)
     try:
-        about = pa_parquet.ParquetFile(pa.BufferReader(source))
-        names = tuple(about.schema_arrow.names)
-        cells = about.metadata.num_rows * len(names)
+        names, fault = measured(source)
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
         return None, [f"{PARQUET_FILE} cannot be read: {first_line(error)}."]
-    if cells > MAX_CELLS:
-        fault = f"{PARQUET_FILE} holds {cells} cells; the most is {MAX_CELLS}."
+    if fault:
         return None, [fault]
-    return _checked(Header(place, names, source))
+    return _checked(Header(Place(PARQUET_FILE, False), names, source))
 
 
 def _checked(header: Header) -> tuple[Header | None, list[str]]:
@@ -190,8 +184,3 @@ def _without_last_blanks(table: pa.Table) -> pa.Table:
     while length and not any(c[length - 1].as_py().strip() for c in table.columns):
         length -= 1
     return table.slice(0, length)
-
-
-def _parquet_cells(header: Header, wanted: list[str]) -> pa.Table:
-    file = pa_parquet.ParquetFile(pa.BufferReader(header.source))
-    return file.read(columns=wanted, use_threads=False)
