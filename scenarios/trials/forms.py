@@ -22,6 +22,7 @@ from bench.effects.gravity_compensator import GravityCompensator
 from bench.effects.gravity_load import GravityLoad
 from bench.effects.hardening import Hardening
 from bench.effects.hardening_smooth import SmoothHardening
+from bench.effects.lost_motion_smooth import SmoothLostMotion
 from bench.effects.marker_slip import MarkerSlip
 from bench.effects.tracker_misalignment import TrackerMisalignment
 from bench.effects.transmission_error import TransmissionError
@@ -41,6 +42,9 @@ PARTNERS = {
     AxisCrosstalk: {"a2": ("a1",), "a3": ("a1", "a2")},
 }
 """Which axes a coupling can join; the names are those of a KR10."""
+CLOSED = 0.2
+"""Torque that closes a play over that of the knee; chosen: some hundredths of the
+largest, where makers measure lost motion."""
 SHIFT, TURN = ("x_m", "y_m", "z_m"), ("rx_rad", "ry_rad", "rz_rad")
 
 
@@ -77,6 +81,11 @@ def _knee(effect: Effect, draw: np.random.Generator) -> Effect:
     return replace(effect, torque_nm=_about(draw, GEARS[effect.where][1][0]))
 
 
+def _closed(effect: Effect, draw: np.random.Generator) -> Effect:
+    """Let a play close at a fifth of the torque where the axis' gear has its knee."""
+    return replace(effect, closing_nm=_about(draw, CLOSED * GEARS[effect.where][1][0]))
+
+
 def _coupled(effect: Effect, draw: np.random.Generator) -> Effect:
     partner = str(draw.choice(PARTNERS[type(effect)][effect.where]))
     sign = float(draw.choice([-1.0, 1.0]))
@@ -87,6 +96,7 @@ def _coupled(effect: Effect, draw: np.random.Generator) -> Effect:
 FORMS: dict[type[Effect], Callable[[Effect, np.random.Generator], Effect]] = {
     Hardening: _knee,
     SmoothHardening: _knee,
+    SmoothLostMotion: _closed,
     Softening: _knee,
     AsymmetricStiffness: lambda e, d: replace(e, ratio=1.2 ** float(d.choice([-1, 1]))),
     Creep: lambda e, d: replace(e, time_s=_about(d, 25.0, 2.0)),

@@ -58,8 +58,10 @@ def sized(
     def weigh(effect: Effect) -> Weight:
         return scale.weigh(bench.seen((effect,), quiet))
 
+    watching = replace(trial.instruments.tracker, occlusions=0.0)  # as it is weighed
+
     def captured(effect: Effect) -> float:
-        seen = bench.seen((effect,), trial.instruments)
+        seen = bench.seen((effect,), replace(trial.instruments, tracker=watching))
         return explained(seen, Path(bench.rig.arm_file), (effect.name,))
 
     found, weights = [], []

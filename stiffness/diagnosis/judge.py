@@ -50,6 +50,7 @@ def contradicted(named: Named, gains: Sequence[float]) -> list[bool]:
     for member, gain in zip(named.best.fit.members, gains, strict=True):
         where = place_in_map(member)
         near = where not in z or where == loudest or neighbours(where, loudest)
+        near = near or _weighs_on(member, loudest)
         excess = captured[loudest] - freedom[loudest]
         answer.append(near and excess > CONTRADICTS * gain)
     wrong = max(
@@ -64,6 +65,17 @@ def place_in_map(member: Member) -> str:
     if where.startswith("link_") and where[5:].isdigit():
         return f"a{int(where[5:]) + 1}"
     return where
+
+
+def _weighs_on(member: Member, place: str) -> bool:
+    """Return whether a weight acts at a place of the map: at all before it."""
+    return member.name[0] == "gravity_load" and _number(place) <= _number(member.where)
+
+
+def _number(where: str) -> int:
+    """Return the number of an axis or a link; 0 for the base, far for a tool."""
+    digits = where.removeprefix("link_").removeprefix("a")
+    return int(digits) if digits.isdigit() else 0 if where == "base" else 99
 
 
 def neighbours(one: str, other: str) -> bool:
