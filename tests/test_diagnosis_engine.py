@@ -136,6 +136,12 @@ def test_a_turn_and_the_same_motion_are_the_same_column():
     )
 
 
+def test_a_model_without_springs_has_no_columns_and_no_fault():
+    data, fold = prepared().data, np.zeros(40, dtype=int)
+    assert evidence_of(data, [], fold).gram.shape == (1, 0, 0)
+    assert by_pose(data, [], fold).score.shape == (40, 0)
+
+
 def test_gram_of_folds_adds_up_to_the_gram_of_poses():
     """Turns, a motion and a shift; exact within visits, between but for the prior."""
     ready = prepared()

@@ -324,6 +324,13 @@ def test_axis_that_the_model_calls_rigid_is_a_place_for_compliance_and_no_other_
     assert hypothesis.places(truth.showing("joint_compliance")) == ("a2", "a4")
 
 
+def test_play_shows_on_an_axis_that_the_model_calls_rigid():
+    """Its width is no share of a stiffness; what is such a share has no place there."""
+    rigid = truth.showing("joint_compliance")
+    assert "a2" in truth.BY_NAME["lost_motion"].places(rigid)
+    assert "a2" not in truth.BY_NAME["asymmetric_stiffness"].places(rigid)
+
+
 def test_wrist_couples_each_pair_of_the_last_three_axes():
     hypothesis, situation = truth.BY_NAME["wrist_coupling"], truth.situation()
     assert hypothesis.places(situation) == ("a5", "a6")

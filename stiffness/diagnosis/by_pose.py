@@ -65,7 +65,7 @@ def by_pose(
             means = between.some(some)
             white = means.roots.white(means.moved(columns))
             back = means.roots.back(white)
-            flat = white.reshape(-1, count)
+            flat = white.reshape(white.shape[0] * white.shape[1], count)
             gram[f] += flat.T @ flat
             asked[f] += np.sum(means.unknown.swapaxes(1, 2) @ back, axis=0)
             means_of.append((some, white))

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.diagnosis.hypotheses.axes import reversing
+from stiffness.diagnosis.hypotheses.axes import reversing, sprung
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.signature import NOTHING, Signature, turn
 from stiffness.diagnosis.situation import Situation
@@ -33,7 +33,8 @@ class AsymmetricStiffness(Hypothesis):
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:
-        return reversing(situation)
+        soft = sprung(situation)
+        return tuple(a for a in reversing(situation) if a in soft)
 
     @override
     def shapes(

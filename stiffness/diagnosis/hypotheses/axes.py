@@ -21,10 +21,10 @@ def sprung(situation: Situation) -> tuple[str, ...]:
 
 
 def reversing(situation: Situation) -> tuple[str, ...]:
-    """Return the sprung axes whose torque comes with either sign."""
+    """Return the axes whose torque comes with either sign."""
     high, low = situation.torque.max(axis=0), situation.torque.min(axis=0)
     both = np.minimum(high, -low) > LEAST_REVERSAL * np.maximum(high, -low)
-    return tuple(a for a in sprung(situation) if both[situation.axis(a)])
+    return tuple(a for a, b in zip(situation.axes, both, strict=True) if b)
 
 
 def orders(situation: Situation, axis: int) -> Float[np.ndarray, " orders"]:

@@ -23,8 +23,9 @@ from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.signature import Signature, turn
 from stiffness.diagnosis.situation import Situation
 
-MIDDLE, SECOND = 0.2, 3.5
-"""m and r; chosen: between the table's sizes. A knee at T1 is found to 3 % on all."""
+MIDDLE, SECOND = 0.15, 3.5
+"""m and r; chosen: between the table's sizes 25 and 32. Where no torque reaches T2, K3
+is K2 by this share: right within an eighth of K3/K1 - 1 for them, low for size 14."""
 ROUND = 0.1
 """Over how much of a knee's torque it is rounded; chosen: teeth engage one by one."""
 KNEES = (0.08, 0.12, 0.2, 0.32, 0.5, 0.75)
