@@ -108,7 +108,7 @@ def equivalents(named: Named, k: int) -> list[Name]:
         gap = best.predicted - rival.predicted
         gap = gap[gap != 0.0]
         error = np.std(gap, ddof=1) / np.sqrt(len(gap)) if len(gap) > 1 else 0.0
-        if len(gap) > 1 and np.mean(gap) > MARGIN * error:
+        if np.sum(gap) > ALIKE and np.mean(gap) > MARGIN * error:
             continue
         name = next(iter(changed))
         if name != own:
