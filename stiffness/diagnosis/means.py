@@ -97,7 +97,7 @@ class Means:
             else:
                 at = seen @ self._onto(site.place)
             shared[..., site.slots] = at @ site.mean
-        flat = shared.reshape(shared.shape[0] * shared.shape[1], len(total))
+        flat = shared.reshape(seen.shape[0] * seen.shape[1], len(total))
         total -= flat.T @ flat
         heavy = precision @ self.lever
         self._of_places([s for s in sites if s.place >= 0], heavy, total)
