@@ -9,7 +9,10 @@ from scenarios import floor, how_many_poses, wrench_plan
 from scenarios.paper.budget import budget
 from scenarios.paper.elsewhere import APART, both, nearest, pulled_elsewhere
 from scenarios.paper.few_poses import Effort, FewPosesCell, springs_of
+from scenarios.paper.gains import BARS
+from scenarios.paper.material import Material
 from scenarios.paper.oracle import NUDGE, NudgeCell, nudged, oracle_error, sizes
+from scenarios.reporting import table
 from stiffness.deflections import every_plateau
 from stiffness.methods.vjm import Vjm
 from stiffness.networks.training import Training
@@ -49,11 +52,25 @@ def test_how_many_poses_runs_small(experiment, tmp_path, monkeypatch):
 def test_wrench_plan_runs_small(experiment, tmp_path, monkeypatch):
     monkeypatch.setattr(wrench_plan, "carry_out", lambda *_: experiment)
     settings = wrench_plan.Settings(
-        tmp_path, 12, jobs=1, poses=POSES, effort=replace(TRANSFER, epochs=3)
+        tmp_path,
+        unseen=12,
+        seeds=2,
+        seeds_of_table_5=1,
+        jobs=1,
+        poses=POSES,
+        effort=replace(TRANSFER, epochs=3),
     )
+    monkeypatch.setattr(
+        Material, "held_out", lambda material, _: np.unique(material.recording.pose)[:8]
+    )  # whose other 32 show every spring
     rows = wrench_plan.main(settings)
     assert {r["loads"] for r in rows} == set(wrench_plan.LOADS)
     assert (tmp_path / "wrench_plan.png").exists()
+    gains = table.read(tmp_path / "gains.csv")
+    seeds = {(r["plan"], r["seeds"]) for r in gains}
+    assert seeds == {("table 5", "0"), ("spanning", "0 1")}
+    assert {r["metric"] for r in gains if r["bar_percent"]} == set(BARS)
+    assert "of these 12 gains" in (tmp_path / "report.md").read_text()
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ def report(
         ),
         _table_10(contenders, n, len(seeds), budget),
         gains(tuned, springs, seeds),
-        Paragraph(verdict(tuned, springs, seeds)),
+        Paragraph(verdict(tuned, springs)),
         Figure(finding(tuned, springs), "figure_09.png"),
         Figure(
             "How many of the fresh poses stay below an error, for the paper's three "

@@ -59,4 +59,7 @@ def draw(
     lines.set_xlabel("angle to the nearest direction of the experiment [deg]")
     lines.set_ylabel("median error [mm]")
     lines.set_yscale("log")
+    for chart in (bars, lines):
+        chart.yaxis.set_major_formatter("{x:g}")
+        chart.yaxis.set_minor_formatter("{x:g}")
     style.save(picture, file)
