@@ -45,7 +45,8 @@ class Transfer:
 
     Attributes:
         steps: Of pre-training the perceptron.
-        cnn_steps: Of pre-training the convolutional network; as many as the perceptron.
+        cnn_steps: Of pre-training the convolutional network; at the full budget as many
+            as the perceptron's.
         epochs: Of fine-tuning in Tables 9 and 10.
         unfreezing_epochs: Of fine-tuning in Table 8.
         seeds: Of Tables 9 and 10; each has its own split of the poses.
@@ -101,7 +102,7 @@ def budget(name: Literal["quick", "full", "tiny"], seed: int) -> Budget:
         )
         transfer = Transfer(
             steps=7000,
-            cnn_steps=7000,
+            cnn_steps=2500,
             epochs=300,
             unfreezing_epochs=150,
             seeds=(seed,),
