@@ -136,8 +136,9 @@ def test_benchmark_writes_ratios_of_every_task_with_their_range(
 
 
 def test_diagnosis_is_weighed_against_one_simulation_of_each_hypothesis():
-    ours, other = diagnosis.race(poses=2).ways
+    ours, other, longer = diagnosis.race(poses=2).ways
     assert (ours.share, other.share) == (1.0, 1 / len(HYPOTHESES))
+    assert longer.share == diagnosis.LONGER  # seconds for each of so many are compared
     assert other.run().position.shape[0] == 18  # two postures of nine readings
 
 

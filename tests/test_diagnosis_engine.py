@@ -18,9 +18,11 @@ from bench.recording import Recording
 from bench.rig import Rig
 from bench.table_one import plan
 from stiffness.arm import Arm
+from stiffness.diagnosis import flips
 from stiffness.diagnosis.by_pose import by_pose
 from stiffness.diagnosis.columns import columns_of, levers
 from stiffness.diagnosis.crossing import cross_of
+from stiffness.diagnosis.deferred import Deferred
 from stiffness.diagnosis.detect import ALARM
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.diagnosis import Diagnosis
@@ -32,9 +34,17 @@ from stiffness.diagnosis.hypotheses.encoder_offset import EncoderOffset
 from stiffness.diagnosis.hypotheses.hardening import Hardening
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.hypotheses.marker_slip import MarkerSlip
+from stiffness.diagnosis.library import library_of
 from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.roots import Roots
-from stiffness.diagnosis.signature import Motion, Turn, rotate, translate, turn
+from stiffness.diagnosis.signature import (
+    Motion,
+    Turn,
+    rotate,
+    translate,
+    turn,
+    values,
+)
 from stiffness.diagnosis.split import split_of
 from stiffness.diagnosis.visits import Kept, visits_of
 
@@ -346,3 +356,23 @@ def test_the_square_root_of_an_inverse_covariance_is_one():
     np.testing.assert_allclose(roots.back(np.eye(6)[None])[0], root.T, atol=1e-12)
     plain, shared = np.linalg.inv(spread), roots.shared()[0]
     np.testing.assert_allclose(plain - shared.T @ shared, root.T @ root, atol=1e-12)
+
+
+def test_signatures_that_are_worked_out_later_know_no_row_but_their_own():
+    """What `library_of` defers, in rows out of order, is what it is in all rows."""
+    at = prepared().situation
+    rows = np.random.default_rng(2).permutation(at.rows)[:50]
+    library = library_of(at, prepared().springs, HYPOTHESES)
+    later = [s for s in library.signatures if isinstance(s, Deferred)]
+    assert {type(s.hypothesis) for s in later} >= {BearingTilt, MarkerSlip}
+    for one in later:
+        whole, some = one.of(at), one.of(at.some(rows))
+        for part, own in zip(whole.parts, some.parts, strict=True):
+            np.testing.assert_array_equal(values(part)[rows], values(own))
+
+
+def test_random_signs_are_the_same_however_many_are_drawn_at_once(monkeypatch):
+    white = [np.random.default_rng(1).normal(size=(30, n)) for n in (1, 2)]
+    once = sign_flips(white, 5)
+    monkeypatch.setattr(flips, "AT_ONCE", 4999)
+    np.testing.assert_array_equal(once.together, sign_flips(white, 5).together)

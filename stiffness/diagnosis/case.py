@@ -6,7 +6,7 @@ import numpy as np
 
 from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.evidence import Evidence
-from stiffness.diagnosis.library import Library
+from stiffness.diagnosis.library import Library, springs_of
 from stiffness.diagnosis.signature import Signature
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import Split
@@ -37,7 +37,7 @@ class Case:
     @property
     def nominal(self) -> tuple[Signature, ...]:
         """The nominal columns."""
-        return self.library.signatures[: self.library.nominal]
+        return springs_of(self.situation, self.springs)
 
     @property
     def poses(self) -> int:

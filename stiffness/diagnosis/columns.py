@@ -12,7 +12,9 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
+from stiffness.diagnosis.deferred import Deferred
 from stiffness.diagnosis.signature import Motion, Shift, Signature, Turn, values
+from stiffness.diagnosis.situation import Situation
 
 
 @dataclass(frozen=True)
@@ -75,29 +77,37 @@ class Columns:
 
 
 def columns_of(
-    signatures: Sequence[Signature], row: Int[np.ndarray, "visits longest"]
+    signatures: Sequence[Signature | Deferred],
+    row: Int[np.ndarray, "visits longest"],
 ) -> Columns:
     """Put signatures side by side, in their order.
 
     Args:
         signatures: Each with columns of its own.
-        row: The recording's rows of the visits that are asked for.
+        row: The recording's rows of the visits that are asked for. Deferred signatures
+            are all of one situation.
     """
     kinds = (Turn, Motion, Shift)
     found: dict[tuple[int, int], list[tuple[np.ndarray, np.ndarray]]] = {}
+    local = np.arange(row.size).reshape(row.shape)
+    some: Situation | None = None
     count = 0
     for signature in signatures:
         numbers = np.arange(count, count + signature.columns)
-        for part in signature.parts:
+        at, own = row, signature
+        if isinstance(own, Deferred):
+            some = own.situation.some(row.ravel()) if some is None else some
+            at, own = local, own.of(some)
+        for part in own.parts:
             if isinstance(part, kinds):
                 where = (kinds.index(type(part)), _place(part))
-                found.setdefault(where, []).append((values(part), numbers))
+                found.setdefault(where, []).append((values(part)[at], numbers))
         count += signature.columns
     groups: tuple[list[Group], ...] = ([], [], [])
     column: list[np.ndarray] = []
     start = 0
     for (kind, place), pieces in sorted(found.items(), key=lambda one: one[0]):
-        laid = np.concatenate([law[row] for law, _ in pieces], axis=-1)
+        laid = np.concatenate([law for law, _ in pieces], axis=-1)
         slots = slice(start, start + laid.shape[-1])
         groups[kind].append(Group(place, laid, slots))
         column.extend(numbers for _, numbers in pieces)

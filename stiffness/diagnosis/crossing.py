@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from stiffness.diagnosis.columns import columns_of
 from stiffness.diagnosis.data import Data
+from stiffness.diagnosis.deferred import Deferred
 from stiffness.diagnosis.signature import Signature
 from stiffness.diagnosis.sites import sites_of
 from stiffness.diagnosis.visits import stretches
@@ -15,7 +16,7 @@ from stiffness.diagnosis.visits import stretches
 def cross_of(
     data: Data,
     few: Sequence[Signature],
-    many: Sequence[Signature],
+    many: Sequence[Signature | Deferred],
     fold: Int[np.ndarray, " poses"],
 ) -> tuple[Float[np.ndarray, "folds few many"], Float[np.ndarray, "poses many"]]:
     """Return the products of a few columns with many by fold, and the many's scores.
@@ -28,7 +29,7 @@ def cross_of(
     """
     visits, between = data.visits, data.between
     of_visit, folds = fold[visits.pose], int(fold.max()) + 1
-    one, other = (columns_of(s, visits.row[:0]) for s in (few, many))
+    one, other = (columns_of(s, visits.row[:1]) for s in (few, many))
     slots, unknowns = len(other.column), data.unknowns
     gram = np.zeros((folds, one.count, slots))
     near = np.zeros((folds, unknowns, one.count))

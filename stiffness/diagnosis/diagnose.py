@@ -23,7 +23,7 @@ from stiffness.diagnosis.diagnosis import (
 from stiffness.diagnosis.evidence import evidence_of
 from stiffness.diagnosis.hypotheses import HYPOTHESES
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.library import library_of
+from stiffness.diagnosis.library import library_of, springs_of
 from stiffness.diagnosis.member import solve, training
 from stiffness.diagnosis.naming import name
 from stiffness.diagnosis.prepare import Prepared, prepare
@@ -93,7 +93,7 @@ def case_of(prepared: Prepared, hypotheses: Sequence[Hypothesis]) -> Case:
     split = split_of(recording)
     library = library_of(prepared.situation, prepared.springs, hypotheses)
     data = prepared.data
-    springs = library.signatures[: library.nominal]
+    springs = springs_of(prepared.situation, prepared.springs)
     if springs:
         evidence = evidence_of(data, springs, training(split))
         beta = solve(evidence.gram.sum(axis=0), evidence.score.sum(axis=0))

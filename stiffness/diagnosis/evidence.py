@@ -17,6 +17,7 @@ from jaxtyping import Float, Int
 
 from stiffness.diagnosis.columns import columns_of
 from stiffness.diagnosis.data import Data
+from stiffness.diagnosis.deferred import Deferred
 from stiffness.diagnosis.signature import Signature
 from stiffness.diagnosis.sites import sites_of
 from stiffness.diagnosis.visits import stretches
@@ -49,7 +50,9 @@ class Evidence:
 
 
 def evidence_of(
-    data: Data, signatures: Sequence[Signature], fold: Int[np.ndarray, " poses"]
+    data: Data,
+    signatures: Sequence[Signature | Deferred],
+    fold: Int[np.ndarray, " poses"],
 ) -> Evidence:
     """Let the readings speak about signatures.
 
@@ -60,7 +63,7 @@ def evidence_of(
     """
     visits, between = data.visits, data.between
     of_visit, folds = fold[visits.pose], int(fold.max()) + 1
-    empty = columns_of(signatures, visits.row[:0])
+    empty = columns_of(signatures, visits.row[:1])
     slots = len(empty.column)
     gram, of_means = np.zeros((2, folds, slots, slots))
     asked = np.zeros((folds, data.unknowns, slots))

@@ -21,6 +21,8 @@ from stiffness.diagnosis.evidence import left_of, white_turn, without
 
 COMPARISONS = 4999
 """Chosen: p-values down to 0.0002, and a verdict at 0.005 that rests on 25 of them."""
+AT_ONCE = 500
+"""Comparisons made at once; chosen: signs of many poses never fill the memory."""
 
 
 @dataclass(frozen=True)
@@ -98,10 +100,14 @@ def sign_flips(
     )
     start = np.cumsum(freedom[some]) - freedom[some]
     random = np.random.default_rng(seed)
-    signs = (2 * random.integers(0, 2, (COMPARISONS, poses)) - 1).astype(np.float32)
     seen = np.add.reduceat(stacked.sum(axis=0) ** 2, start)
-    flipped = (signs @ stacked.astype(np.float32)) ** 2  # compared, never reported
-    flipped = np.add.reduceat(flipped, start, axis=1)
+    single = stacked.astype(np.float32)  # compared, never reported
+    flipped = np.empty((COMPARISONS, len(some)), dtype=np.float32)
+    for at in range(0, COMPARISONS, AT_ONCE):
+        count = min(AT_ONCE, COMPARISONS - at)
+        signs = 2 * random.integers(0, 2, (count, poses)) - 1
+        square = (signs.astype(np.float32) @ single) ** 2
+        flipped[at : at + count] = np.add.reduceat(square, start, axis=1)
     z, others = _normal(seen, freedom[some]), _normal(flipped, freedom[some])
     strongest = np.sort(others.max(axis=1))
     above = COMPARISONS - np.searchsorted(strongest, z, side="left")

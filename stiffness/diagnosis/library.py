@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from stiffness.diagnosis.deferred import Deferred, deferred
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.residual_map import residual_map
 from stiffness.diagnosis.signature import Signature, turn
@@ -62,7 +63,7 @@ class Library:
         map: The residual map.
     """
 
-    signatures: tuple[Signature, ...]
+    signatures: tuple[Signature | Deferred, ...]
     nominal: int
     candidates: tuple[Candidate, ...]
     map: tuple[Mapped, ...]
@@ -77,7 +78,7 @@ def library_of(
     situation: Situation, springs: Sequence[int], hypotheses: Sequence[Hypothesis]
 ) -> Library:
     """Lay out nominal springs, all hypotheses at all places and shapes, and the map."""
-    signatures = list(springs_of(situation, springs))
+    signatures: list[Signature | Deferred] = [*springs_of(situation, springs)]
     at = len(signatures)
     candidates, mapped = [], []
     for hypothesis in hypotheses:
@@ -86,7 +87,11 @@ def library_of(
             owned = []
             for shape in shapes:
                 signature = hypothesis.signature(situation, where, shape)
-                signatures.append(signature)
+                if len(shapes) > 1:
+                    here = (hypothesis, where, shape, situation)
+                    signatures.append(deferred(signature, *here))
+                else:
+                    signatures.append(signature)
                 owned.append(np.arange(at, at + signature.columns))
                 at += signature.columns
             candidates.append(Candidate(hypothesis, where, shapes, tuple(owned)))

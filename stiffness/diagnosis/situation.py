@@ -119,3 +119,12 @@ class Situation:
     def with_compliance(self, compliance: Float[np.ndarray, " axes"]) -> "Situation":
         """Return the same, saying that the axes have this compliance."""
         return replace(self, compliance=compliance)
+
+    def some(self, rows: Int[np.ndarray, " some"]) -> "Situation":
+        """Return some rows of the same, for laws that know no row but their own."""
+        per_row = (
+            "rest", "torque", "load_torque", "force", "moment", "origin", "frame",
+            "seat", "wrench", "sensor", "sensor_axes",
+        )  # fmt: skip
+        taken = {name: getattr(self, name)[rows] for name in per_row}
+        return replace(self, recording=self.recording.take(rows), **taken)
