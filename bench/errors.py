@@ -24,7 +24,7 @@ class Unusable(BenchError):
 
     def __init__(self, what: str, faults: Sequence[str]):
         """Keep the faults, one sentence each, and join them into one message."""
-        self.faults = tuple(faults)
+        self.what, self.faults = what, tuple(faults)
         count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
         lines = "\n".join(f"  - {fault}" for fault in self.faults)
         super().__init__(f"{what} cannot be used, {count}:\n{lines}")

@@ -36,8 +36,9 @@ GEARS = {
 }
 HYSTERESIS_ARCMIN = 0.3  # catalogue: below 1
 TILT_NM_PER_RAD = {
-    # cross-roller bearings 44 (size 14), 78 (17) to 910 kN m/rad (40), from memory of
-    # the CSF-2UH list; A1 and A2 stiffer, chosen: a robot's main bearings are larger
+    # chosen, each within a factor of two of cross-roller bearings of 44 (size 14), 78
+    # (17) to 910 kN m/rad (40), from memory of the CSF-2UH list; A4 and A5 are softer
+    # than theirs, A1 stiffer than any: a robot's main bearing is larger
     "a1": 1800e3,
     "a2": 900e3,
     "a3": 400e3,

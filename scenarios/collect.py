@@ -35,7 +35,7 @@ def collect(*makers: Callable[[], Any]) -> tuple[Any, ...]:
         try:
             made.append(make())
         except Unusable as error:
-            faults += error.faults
+            faults += [f"{error.what}: {fault}" for fault in error.faults]
         except BenchError as error:
             faults.append(str(error))
     if faults:

@@ -4,6 +4,7 @@ Every scenario ends with `run(main, Settings)`; its docstring is its manual.
 """
 
 import os
+import re
 import sys
 import warnings
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from typing import Any, TypeVar
 import tyro
 
 from bench.errors import BenchError, LeftOut
+from bench.format.faults import visible
 from scenarios import INTERRUPTED, SAYS
 
 USER_MISTAKE = 2
@@ -34,11 +36,12 @@ def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")
     name = f"python -m {module.__spec__.name}" if module.__spec__ else None
+    manual = re.sub(r"\n(?=(Takes|Expect):)", "\n\n", module.__doc__ or "")
     try:
-        main(tyro.cli(settings, prog=name, description=module.__doc__))
+        main(tyro.cli(settings, prog=name, description=manual))
         sys.stdout.flush()
     except BenchError as error:
-        print(error, file=sys.stderr)
+        print("\n".join(map(visible, str(error).split("\n"))), file=sys.stderr)
         sys.exit(USER_MISTAKE)
     except KeyboardInterrupt:
         print(SAYS, file=sys.stderr)

@@ -1,8 +1,10 @@
 """One model file is the arm of a claim and the names that a recording must use."""
 
+from dataclasses import replace
 from pathlib import Path
 
 from bench.files import read
+from bench.format.faults import visible
 from bench.model_facts import ModelFacts
 from bench.model_file import load, plain_mjcf
 from bench.recording import Recording
@@ -33,10 +35,17 @@ def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
     """Read a recording of an arm.
 
     Returns:
-        The recording; the arm with the recording's own names; and notes.
+        The recording, its names without what a terminal would obey; the arm with the
+        recording's own names; and notes.
 
     Raises:
         Unusable: With every fault of the recording.
     """
     recording, notes = read(folder, facts_of(arm))
-    return recording, arm.for_recording(recording), notes
+    shown = replace(
+        recording,
+        name=visible(recording.name),
+        robot=visible(recording.robot),
+        markers=tuple(replace(m, name=visible(m.name)) for m in recording.markers),
+    )
+    return shown, arm.for_recording(recording), notes

@@ -49,7 +49,9 @@ class Settings:
     """`default`: the study's KR10, with springs and effects of its own; more add up."""
     stiffness_scale: tuple[float, ...] = (1.0,)
     """True stiffness over the model's, one for all axes or one each."""
-    robot: Path = KR10
+    robot: Annotated[
+        Path, tyro.conf.arg(help_behavior_hint="(default: the KR10 R1100-2)")
+    ] = KR10
     """MJCF or URDF of the arm alone."""
     poses: int = 151
     """How many postures; a KR10's table has 151."""

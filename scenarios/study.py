@@ -120,10 +120,9 @@ def main(settings: Settings) -> Study:
     else:
         playback.save(out / "study.rrd", seed, experiment, found, learnt)
     page.write(out, "The study on the bench", summary(found, methods, results), blocks)
-    command = f"python -m scenarios.study --budget {settings.budget} --seed"
     run_file.write(
         out,
-        f"{command} {seed} --out {out.as_posix()}",
+        run_file.command("scenarios.study", settings),
         asdict(settings),
         rows=len(experiment.recording.time),
         fresh_poses=spent.unseen,

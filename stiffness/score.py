@@ -34,7 +34,8 @@ class Score:
         direction: Along which axis of the base.
         metric: A name of `METRICS`.
         value_mm: In mm; lower is better.
-        low_mm: Lower end of the 95 % interval over poses.
+        low_mm: Lower end of the 95 % interval over poses; None for a largest error,
+            which draws from these poses cannot exceed (Efron, Tibshirani 1993, 7.4).
         high_mm: Upper end.
         n: How many errors went in.
     """
@@ -42,8 +43,8 @@ class Score:
     direction: str
     metric: str
     value_mm: float
-    low_mm: float
-    high_mm: float
+    low_mm: float | None
+    high_mm: float | None
     n: int
 
 
@@ -122,5 +123,7 @@ def scores(
         for metric, statistic in METRICS.items():
             interval = bootstrap(error_mm[:, k], pose, statistic, seed, resamples)
             value, low, high = interval.value, interval.low, interval.high
+            if metric == "ME":
+                low = high = None
             found.append(Score(direction, metric, value, low, high, len(error_mm)))
     return tuple(found)

@@ -174,6 +174,16 @@ def test_the_command_shows_three_tables_and_ends_with_0(folder):
         assert words in done.stdout
 
 
+def test_a_name_that_a_terminal_would_obey_is_only_shown(folder):
+    manifest = folder / "recording.toml"
+    text = manifest.read_text()
+    manifest.write_text(text.replace('name = "', 'name = "\\u001b]0;mine\\u0007', 1))
+    done = command(folder, "--robot", MODEL)
+    assert done.returncode == 0, done.stderr
+    assert "\x1b]" not in done.stdout
+    assert "\\x1b]0;mine\\x07" in done.stdout
+
+
 def test_a_flag_nobody_knows_ends_with_2(folder):
     done = command(folder, "--robt", MODEL)
     assert done.returncode == 2

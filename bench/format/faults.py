@@ -61,6 +61,11 @@ def quoted(text: object) -> str:
     return shown if len(shown) <= LONGEST else shown[: LONGEST - 1] + "…"
 
 
+def visible(text: str) -> str:
+    """Return a text that a terminal shows and does not obey."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
 def nearest(name: str, known: Sequence[str]) -> str:
     """Ask whether the nearest known name was meant; empty where none is near."""
     folded = {k.casefold(): k for k in known}

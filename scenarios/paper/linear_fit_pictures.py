@@ -30,7 +30,7 @@ def figure_04(experiment: Experiment, found: LinearFit, file: Path) -> None:
     style.save(picture, file)
 
 
-def stiffness_bars(experiment: Experiment, found: LinearFit, file: Path) -> None:
+def stiffness_points(experiment: Experiment, found: LinearFit, file: Path) -> None:
     """Draw identified, true secant and published stiffness of each axis."""
     picture = Picture(figsize=(8, 3.8), layout="constrained")
     axes = picture.subplots()
@@ -41,7 +41,7 @@ def stiffness_bars(experiment: Experiment, found: LinearFit, file: Path) -> None
     high = np.array([p.high for p in springs]) / 1e3 - value
     paper = np.array(TABLE_03_NM_PER_RAD) / 1e3
     for shift, (label, height, colour) in zip(
-        (-0.27, 0.0, 0.27),
+        (-0.2, 0.0, 0.2),
         (
             ("identified", value, style.ORANGE),
             ("truth, secant", experiment.secant_stiffness / 1e3, style.BLUE),
@@ -49,9 +49,9 @@ def stiffness_bars(experiment: Experiment, found: LinearFit, file: Path) -> None
         ),
         strict=True,
     ):
-        axes.bar(place + shift, height, 0.25, color=colour, label=label)
+        axes.plot(place + shift, height, "o", color=colour, label=label)
     axes.errorbar(
-        place - 0.27, value, (low, high), fmt="none", ecolor="black", capsize=2
+        place - 0.2, value, (low, high), fmt="none", ecolor=style.ORANGE, capsize=2
     )
     axes.set_yscale("log")
     axes.set_xticks(place, [p.name.upper() for p in springs])

@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.intervals import Interval, Statistic
-from stiffness.score import METRICS
+from stiffness.score import METRICS, me
 
 RESAMPLES = 2000
 
@@ -54,7 +54,7 @@ class Draws:
 
     @property
     def interval(self) -> Interval:
-        """The 95 % interval."""
+        """The 95 % interval; its ends are NaN where there is none."""
         low, high = np.quantile(self.replicates, [0.025, 0.975])
         return Interval(self.value, float(low), float(high))
 
@@ -91,6 +91,8 @@ def pooled(
 ) -> Draws:
     """Pool a statistic over seeds; two calls of one shape and seed draw alike.
 
+    A largest error has no interval, for draws from these poses cannot exceed it.
+
     Args:
         error: Of each seed in each pose, the same poses for all seeds.
         statistic: Of one seed's errors, vectorised over weights.
@@ -100,5 +102,7 @@ def pooled(
     seeds, poses = error.shape
     weight, which = _drawn(seeds, poses, seed, resamples)
     values = [float(statistic(row, np.ones(poses))) for row in error]
+    if statistic is me:
+        return Draws(float(np.mean(values)), np.full(resamples, np.nan))
     replicates = np.stack([statistic(row, weight) for row in error], axis=1)
     return Draws(float(np.mean(values)), (which * replicates).sum(axis=1))

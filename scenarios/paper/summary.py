@@ -25,10 +25,11 @@ def _springs(found: LinearFit) -> str:
         f"{mae[d].high_mm:.3f}; floor {floor[d].value_mm:.4f})"
         for d in mae
     ]
+    times = np.mean([mae[d].value_mm / floor[d].value_mm for d in mae])
     return (
         f"Six linear springs fitted to {mae['x'].n} postures leave a mean absolute "
-        f"error of {', '.join(parts)}: about ten times what the instruments alone "
-        "would leave. The rest is physics that six springs do not have."
+        f"error of {', '.join(parts)}: {times:.1f} times what the instruments alone "
+        "would leave."
     )
 
 

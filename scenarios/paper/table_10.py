@@ -93,7 +93,8 @@ def _table_10(
             for metric in ("MAE", "STDE_signed", "ME", "P99"):
                 i = c.draws(k, metric).interval
                 published = paper.get(PUBLISHED.get(metric, ""))
-                line.append(f"{i.value:.3f} ({i.low:.3f} to {i.high:.3f})")
+                ends = "" if metric == "ME" else f" ({i.low:.3f} to {i.high:.3f})"
+                line.append(f"{i.value:.3f}{ends}")
                 if metric != "P99":
                     line.append("" if published is None else f"{published:.3f}")
             rows.append(line)

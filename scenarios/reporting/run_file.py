@@ -4,10 +4,24 @@ import json
 import platform
 import sys
 from collections.abc import Mapping
+from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 LIBRARIES = ("mujoco", "pin", "numpy", "scipy", "torch", "rerun-sdk")
+
+
+def command(module: str, settings: Any) -> str:
+    """Return the command that makes a result again, all its flags written out."""
+    given = {f.name: getattr(settings, f.name) for f in fields(settings)}
+    out = given.pop("out").as_posix()
+    flags = [
+        f"--{name.replace('_', '-')}" + ("" if value is True else f" {value}")
+        for name, value in given.items()
+        if value is not None and value is not False
+    ]
+    return " ".join([f"python -m {module}", *flags, f"--out {out}"])
 
 
 def write(folder: Path, command: str, settings: Mapping[str, object], **facts) -> None:

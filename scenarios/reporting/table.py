@@ -1,12 +1,13 @@
 """A tidy table has one number a row and says everything about it in its columns."""
 
 import csv
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
 
 def write(file: Path, rows: Sequence[dict[str, object]]) -> None:
-    """Write rows of the same columns as csv; floats keep seven digits."""
+    """Write rows of the same columns as csv; floats keep seven digits, NaN is blank."""
     with file.open("w", newline="", encoding="utf-8") as out:
         writer = csv.DictWriter(out, fieldnames=list(rows[0]), lineterminator="\n")
         writer.writeheader()
@@ -21,4 +22,6 @@ def read(file: Path) -> list[dict[str, str]]:
 
 
 def _cell(value: object) -> object:
-    return f"{value:.7g}" if isinstance(value, float) else value
+    if not isinstance(value, float):
+        return value
+    return "" if math.isnan(value) else f"{value:.7g}"
