@@ -42,12 +42,12 @@ class Settings:
     """Folder for report, table and figure."""
     unseen: int = 500
     """Fresh postures on which is judged."""
-    seeds: int = 1
-    """How many splits and networks; 5 for the committed result."""
-    seeds_of_table_5: int | None = None
-    """How many of them for Table 5's plan; all unless said."""
+    seeds: tuple[int, ...] = (0,)
+    """Of the splits and the networks."""
+    seeds_of_table_5: tuple[int, ...] | None = None
+    """Of those for Table 5's plan; the same unless said."""
     seed: int = 0
-    """The first of them, and of the experiment."""
+    """Of the experiment."""
     jobs: int = 2
     """How many cells are worked at once."""
     poses: int = 151
@@ -64,27 +64,30 @@ def main(settings: Settings) -> list[dict[str, object]]:
     fresh = unseen(experiment.rig, experiment.arm, n, seed)
     judges = both(fresh, pulled_elsewhere(experiment, fresh, seed))
     material = Material.of(experiment, judges)
-    seeds, effort = range(seed, seed + settings.seeds), settings.effort
-    plain = [SpringsCell(s, effort.evaluations) for s in seeds]
-    some = {"table 5": seeds[: settings.seeds_of_table_5]}
+    effort, by_plan = settings.effort, dict.fromkeys(PLANS, settings.seeds)
+    if settings.seeds_of_table_5 is not None:
+        by_plan["table 5"] = settings.seeds_of_table_5
+    plain = {s: SpringsCell(s, effort.evaluations) for s in settings.seeds}
     networks = {
-        p: [PerceptronCell(s, p, effort, ()) for s in some.get(p, seeds)] for p in PLANS
+        plan: {s: PerceptronCell(s, plan, effort, ()) for s in seeds}
+        for plan, seeds in by_plan.items()
     }
-    cells = [*plain, *(cell for plan in PLANS for cell in networks[plan])]
-    results = swept(cells, material, out / "cells", settings.jobs)
+    chosen = [
+        ("vjm", NO_PLAN, plain, "vjm"),
+        ("gp_residual", NO_PLAN, plain, "gp_residual"),
+        *(("ft_mlp", plan, networks[plan], "best") for plan in PLANS),
+    ]
+    cells = dict.fromkeys(cell for c in chosen for cell in c[2].values())
+    results = swept(list(cells), material, out / "cells", settings.jobs)
     everywhere = [
-        of_results("vjm", NO_PLAN, [results[c] for c in plain], "vjm"),
-        of_results("gp_residual", NO_PLAN, [results[c] for c in plain], "gp_residual"),
-        *(
-            of_results("ft_mlp", plan, [results[c] for c in networks[plan]], "best")
-            for plan in PLANS
-        ),
+        of_results(method, plan, {s: results[c] for s, c in cells.items()}, name)
+        for method, plan, cells, name in chosen
     ]
     errors = {c.name: c.unseen for c in everywhere}
     springs, _, *tuned = [replace(c, unseen=c.unseen[:, :n]) for c in everywhere]
-    rows = tidy(errors, LOADS, seeds)
+    rows = tidy(everywhere, LOADS)
     table.write(out / "wrench_plan.csv", rows)
-    changes = [row for c in tuned for row in gain_rows(c, springs, seeds)]
+    changes = [row for c in tuned for row in gain_rows(c, springs)]
     table.write(out / "gains.csv", changes)
     used = experiment.measured.cases.wrench_in_base[:, :3]
     angle = np.rad2deg(nearest(judges.cases.wrench_in_base[:, :3], used))
@@ -99,7 +102,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
         page.Table("MAE and 99th percentile over all directions [mm]", *shown(rows)),
         page.Heading("Is the paper's gain reached?"),
         page.Paragraph(verdict(tuned, springs)),
-        gains(tuned, springs, seeds),
+        gains(tuned, springs),
         page.Paragraph(
             "Other directions are at least 25 degrees from any that the experiment "
             "used; hook and load are the same. Both plans have 106,400 rows and the "
@@ -107,9 +110,9 @@ def main(settings: Settings) -> list[dict[str, object]]:
         ),
     ]
     page.write(out, "What does the wrench plan cost?", _summary(rows), blocks)
-    command = f"python -m scenarios.wrench_plan --seeds {settings.seeds} --seed {seed}"
-    if settings.seeds_of_table_5 is not None:
-        command += f" --seeds-of-table-5 {settings.seeds_of_table_5}"
+    command = f"python -m scenarios.wrench_plan --seed {seed} --seeds"
+    command += f" {' '.join(map(str, settings.seeds))} --seeds-of-table-5"
+    command += f" {' '.join(map(str, by_plan['table 5']))}"
     run_file.write(out, f"{command} --out {out.as_posix()}", asdict(settings))
     print(f"Report: {out / 'report.html'}")
     return rows

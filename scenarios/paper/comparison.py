@@ -1,6 +1,6 @@
 """What every method leaves on poses it has not seen, gathered over seeds and plans."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,7 @@ class Contender:
         method: Its name in tables that one computes with.
         title: Its name for readers.
         plan: Of its source domain; `-` where it has none.
+        seeds: Of its splits and networks.
         unseen: Errors in mm of every seed on the fresh poses.
         held_out: Errors in mm of every seed on the measured poses it has not seen.
         experiment: Errors in mm of the first seed on all measured poses.
@@ -42,6 +43,7 @@ class Contender:
     method: str
     title: str
     plan: str
+    seeds: tuple[int, ...]
     unseen: Float[np.ndarray, "seeds poses 3"]
     held_out: Float[np.ndarray, "seeds out 3"]
     experiment: Float[np.ndarray, "measured 3"]
@@ -66,12 +68,12 @@ def contenders(
 ) -> list[Contender]:
     """Gather every method, the paper's three first."""
     seeds, evaluations = budget.transfer.seeds, budget.transfer.evaluations
-    springs = [found[SpringsCell(seed, evaluations)] for seed in seeds]
+    springs = {seed: found[SpringsCell(seed, evaluations)] for seed in seeds}
     gathered = [of_results("vjm", NO_PLAN, springs, "vjm")]
     by_plan = {
-        (kind, plan): perceptrons(budget, found, plan)
+        (kind, plan): dict(zip(seeds, perceptrons(budget, found, plan), strict=True))
         if kind is PerceptronCell
-        else [found[ConvolutionCell(s, plan, budget.transfer)] for s in seeds]
+        else {s: found[ConvolutionCell(s, plan, budget.transfer)] for s in seeds}
         for plan in PLANS
         for kind in (PerceptronCell, ConvolutionCell)
     }
@@ -85,11 +87,11 @@ def contenders(
     for method, kind, name in wanted:
         for plan in PLANS:
             results = by_plan[kind, plan]
-            if f"{name}/unseen" in results[0]:
+            if f"{name}/unseen" in results[seeds[0]]:
                 gathered.append(of_results(method, plan, results, name))
     gathered.append(of_results("gp_residual", NO_PLAN, springs, "gp_residual"))
     if own is not None:
-        results = [found[OwnCell(seed, own)] for seed in seeds]
+        results = {seed: found[OwnCell(seed, own)] for seed in seeds}
         gathered.append(of_results(own.title, NO_PLAN, results, "own"))
     return gathered
 
@@ -104,20 +106,22 @@ def perceptrons(
 
 
 def of_results(
-    method: str, plan: str, results: Sequence[Result], name: str
+    method: str, plan: str, by_seed: Mapping[int, Result], name: str
 ) -> Contender:
     """Gather one method's cells, one a seed.
 
     Args:
         method: Its name in tables.
         plan: Of its source domain, or `NO_PLAN`.
-        results: What the cells found.
+        by_seed: What the cells found.
         name: What the cells call it.
     """
+    results = list(by_seed.values())
     return Contender(
         method,
         TITLES.get(method, method),
         plan,
+        tuple(by_seed),
         np.stack([r[f"{name}/unseen"] for r in results]),
         np.stack([r[f"{name}/held_out"] for r in results]),
         results[0][f"{name}/experiment"],

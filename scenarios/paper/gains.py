@@ -22,9 +22,7 @@ CALLED = {"STDE_absolute": "STDE, absolute", "STDE_signed": "STDE, signed"}
 SURELY, YES, NO = "surely", "yes", "no"
 
 
-def gain_rows(
-    c: Contender, springs: Contender, seeds: Sequence[int]
-) -> list[dict[str, object]]:
+def gain_rows(c: Contender, springs: Contender) -> list[dict[str, object]]:
     """Return by how many per cent a method's errors differ from the springs'."""
     rows = []
     for k, direction in enumerate(DIRECTIONS):
@@ -46,19 +44,17 @@ def gain_rows(
                     "bar_percent": bar,
                     "reached": None if bar is None else _reached(change, bar / 100),
                     "n": c.unseen.shape[1],
-                    "seeds": " ".join(map(str, seeds[: len(c.unseen)])),
+                    "seeds": " ".join(map(str, c.seeds)),
                 }
             )
     return rows
 
 
-def gains(
-    tuned: Sequence[Contender], springs: Contender, seeds: Sequence[int]
-) -> Table:
+def gains(tuned: Sequence[Contender], springs: Contender) -> Table:
     """Return a table of FT-MLP's gains over the springs, beside the paper's."""
     rows = []
     for c in tuned:
-        for row in gain_rows(c, springs, seeds):
+        for row in gain_rows(c, springs):
             if row["bar_percent"] is not None:
                 rows.append(
                     (
@@ -88,11 +84,11 @@ def verdict(tuned: Sequence[Contender], springs: Contender) -> str:
         f"{springs.unseen.shape[1]} fresh poses:"
     ]
     for c in tuned:
-        rows = gain_rows(c, springs, range(len(c.unseen)))
+        rows = gain_rows(c, springs)
         rows = [row for row in rows if row["reached"] is not None]
         missed = [row for row in rows if row["reached"] == NO]
         surely = sum(row["reached"] == SURELY for row in rows)
-        reached, seeds = len(rows) - len(missed), len(c.unseen)
+        reached, seeds = len(rows) - len(missed), len(c.seeds)
         count = "one seed" if seeds == 1 else f"{seeds} seeds"
         text = (
             f"pre-trained on the {c.plan} plan ({count}) FT-MLP reaches {reached} of "

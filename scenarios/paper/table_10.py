@@ -21,8 +21,8 @@ def report(
     """Write tables and figures into a folder and return the section of the report."""
     springs = contenders[0]
     tuned = [c for c in contenders if c.method == "ft_mlp"]
-    table.write(out / "table_10.csv", _tidy(contenders, seeds))
-    changes = [row for c in contenders[1:] for row in gain_rows(c, springs, seeds)]
+    table.write(out / "table_10.csv", _tidy(contenders))
+    changes = [row for c in contenders[1:] for row in gain_rows(c, springs)]
     table.write(out / "table_10_changes.csv", changes)
     paper_three = [c for c in contenders if c.method in TABLE_10_MM]
     pictures.figure_08(paper_three, out / "figure_08.png")
@@ -41,7 +41,7 @@ def report(
             "whose readings carry 0.006 mm of noise."
         ),
         _table_10(contenders, n, len(seeds), budget),
-        gains(tuned, springs, seeds),
+        gains(tuned, springs),
         Paragraph(verdict(tuned, springs)),
         Figure(finding(tuned, springs), "figure_09.png"),
         Figure(
@@ -53,7 +53,7 @@ def report(
     ]
 
 
-def _tidy(contenders: Sequence[Contender], seeds: Sequence[int]) -> list[dict]:
+def _tidy(contenders: Sequence[Contender]) -> list[dict]:
     rows = []
     for c in contenders:
         for k, direction in enumerate(DIRECTIONS):
@@ -74,7 +74,7 @@ def _tidy(contenders: Sequence[Contender], seeds: Sequence[int]) -> list[dict]:
                             "high_mm": interval.high,
                             "paper_mm": paper.get(PUBLISHED.get(metric, "")),
                             "n": n,
-                            "seeds": " ".join(map(str, seeds)),
+                            "seeds": " ".join(map(str, c.seeds)),
                             "plan": c.plan,
                             "judged_on": judged,
                         }

@@ -1,42 +1,37 @@
 """Errors under loads as in the experiment, and under others, as tables."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
 
+from scenarios.paper.comparison import Contender
 from scenarios.paper.pooled import MEASURES, pooled
 
 
-def tidy(
-    errors: Mapping[str, Float[np.ndarray, "seeds poses 3"]],
-    loads: Sequence[str],
-    seeds: Sequence[int],
-) -> list[dict[str, object]]:
+def tidy(methods: Sequence[Contender], loads: Sequence[str]) -> list[dict[str, object]]:
     """Return a row for every method, kind of loads and measure.
 
     Args:
-        errors: Of each method, in mm; the second half of the poses is loaded otherwise.
+        methods: The second half of their fresh poses is loaded otherwise.
         loads: What both kinds are called.
-        seeds: Of the methods; one with fewer has the first of them.
     """
     rows = []
-    for method, error in errors.items():
-        n = error.shape[1] // 2
+    for c in methods:
+        error, n = c.unseen, c.unseen.shape[1] // 2
         for load, part in zip(loads, (slice(n), slice(n, None)), strict=True):
             size = np.abs(error[:, part]).mean(axis=2)  # (seeds, poses) mm
             for metric in ("MAE", "P99"):
                 interval = pooled(size, MEASURES[metric]).interval
                 rows.append(
                     {
-                        "method": method,
+                        "method": c.name,
                         "loads": load,
                         "metric": metric,
                         "value_mm": interval.value,
                         "low_mm": interval.low,
                         "high_mm": interval.high,
                         "n": n,
-                        "seeds": " ".join(map(str, seeds[: len(error)])),
+                        "seeds": " ".join(map(str, c.seeds)),
                     }
                 )
     return rows
