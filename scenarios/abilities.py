@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from bench.recording import UNLOADING, Recording
-from scenarios.axis_view import SMALL_TORQUE, AxisView
+from scenarios.axis_view import SMALL_TORQUE, AxisView, alike
+from scenarios.replicates import replicate_noise
 from stiffness.arm import Arm
 
 
@@ -26,32 +26,6 @@ class Ability:
     can: bool
     why: str
     add: str = ""
-
-
-def replicate_noise(recording: Recording) -> tuple[Float[np.ndarray, "3"], int] | None:
-    """Compare rows of the same pose, load and place in the visit's course.
-
-    Returns:
-        Their standard deviation along x, y, z of the tracker, in m, pooled over
-        markers, and how many degrees of freedom it has; None without replicates.
-    """
-    points, visits = recording.points, recording.visit
-    if points is None:
-        return None
-    _, first = np.unique(visits, return_index=True)
-    start = first[np.searchsorted(visits[first], visits)]
-    if recording.displacement == "relative":
-        points = points - points[start]
-    load = recording.load_mass
-    load = np.zeros(len(visits)) if load is None else load
-    keys = np.stack([recording.pose, np.arange(len(visits)) - start, load], axis=1)
-    _, group = np.unique(keys, axis=0, return_inverse=True)
-    squares, freedom = np.zeros(3), 0
-    for members in (points[group == g] for g in np.flatnonzero(np.bincount(group) > 1)):
-        seen = members[:, np.isfinite(members).all(axis=(0, 2))]
-        squares += np.sum((seen - seen.mean(axis=0)) ** 2, axis=(0, 1))
-        freedom += (len(seen) - 1) * seen.shape[1]
-    return (np.sqrt(squares / freedom), freedom) if freedom else None
 
 
 def abilities(
@@ -95,6 +69,7 @@ def abilities(
         "the wrench is measured" if loaded else "no wrench: weight is the only load",
         "" if loaded else "a force sensor, fx_n … tz_nm",
     )
+    warm, absolute = r.temperature is not None, r.displacement == "absolute"
     found = replicate_noise(r)
     yield Ability(
         "whether the stated noise is real",
@@ -104,23 +79,41 @@ def abilities(
     )
     yield Ability(
         "drift with temperature",
-        r.temperature is not None,
-        "temperature is recorded" if r.temperature is not None else "no temperature_c",
-        ""
-        if r.temperature is not None
-        else "temperature_c; till then drift is in time",
+        warm and absolute,
+        ("temperature is recorded" if warm else "no temperature_c")
+        + ("" if absolute else "; displacements are relative"),
+        ("" if absolute else "absolute places")
+        or ("" if warm else "temperature_c; till then drift is in time"),
     )
-    absolute = r.displacement == "absolute"
+    framed = r.base_from_tracker is not None
     yield Ability(
         "geometry, offsets of encoders",
         absolute and bool(r.markers),
-        "places are absolute" if absolute else "displacements are relative",
-        "" if absolute else "absolute places of the unloaded arm",
+        "displacements are relative"
+        if not absolute
+        else "places are absolute"
+        if framed
+        else "places are absolute; the tracker's frame is unknown and fitted, so the "
+        "first axis' offset and the base's tilt go into it",
+        "absolute places of the unloaded arm"
+        if not absolute
+        else ""
+        if framed
+        else "where the tracker stands ([frames.tracker]), for these two",
     )
-    yield from _of_axes(views)
+    yield from _of_axes(views, absolute)
+    pairs = [f"{a} and {b}" for a, b in alike(r, arm)]
+    yield Ability(
+        "which axis gives way",
+        not pairs,
+        f"{', '.join(pairs)} move the markers alike"
+        if pairs
+        else "no two axes move the markers alike",
+        "other directions of load, or a marker between these axes" if pairs else "",
+    )
 
 
-def _of_axes(views: list[AxisView]) -> Iterator[Ability]:
+def _of_axes(views: list[AxisView], absolute: bool) -> Iterator[Ability]:
     idle = [v.name for v in views if v.torque < SMALL_TORQUE]
     yield Ability(
         "compliance of every axis",
@@ -140,7 +133,15 @@ def _of_axes(views: list[AxisView]) -> Iterator[Ability]:
     still = [v.name for v in views if v.travel < np.radians(1.0)]
     yield Ability(
         "errors that vary with an angle",
-        not still,
-        f"{', '.join(still)}: never moved" if still else "all axes travel",
-        "poses in which these axes move" if still else "",
+        absolute and not still,
+        "displacements are relative"
+        if not absolute
+        else f"{', '.join(still)}: never moved"
+        if still
+        else "all axes travel",
+        "absolute places"
+        if not absolute
+        else "poses in which these axes move"
+        if still
+        else "",
     )

@@ -22,10 +22,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.recording import Recording
-from scenarios.abilities import abilities, replicate_noise
+from scenarios.abilities import abilities
 from scenarios.axis_view import axis_views
 from scenarios.command import run
 from scenarios.nominal import arm_of, read_for
+from scenarios.replicates import replicate_noise
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ from rich.console import Console
 
 from bench.patch import FILE, MODEL_FILE, text_of
 from bench.patch_model import mjcf_of
-from scenarios.abilities import replicate_noise
 from scenarios.command import run
 from scenarios.diagnosing import answer, next_experiments, playback, report, story
 from scenarios.diagnosing.finding import Finding
@@ -29,6 +28,7 @@ from scenarios.diagnosing.steps import asked, proved
 from scenarios.diagnosing.telling import tell
 from scenarios.diagnosing.writing import refuse, written
 from scenarios.nominal import arm_of, read_for
+from scenarios.replicates import replicate_noise
 from scenarios.reporting import page
 
 

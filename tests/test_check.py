@@ -22,10 +22,11 @@ from recordings import (
 from bench.files import read, write
 from bench.recording import Marker, TrackerSpec
 from scenarios import SAYS, check
-from scenarios.abilities import abilities, replicate_noise
-from scenarios.axis_view import axis_views
+from scenarios.abilities import abilities
+from scenarios.axis_view import alike, axis_views
 from scenarios.command import run
 from scenarios.nominal import arm_of, read_for
+from scenarios.replicates import replicate_noise
 from stiffness.arm import Arm
 
 ROOT = Path(__file__).parents[1]
@@ -100,6 +101,40 @@ def test_an_axis_that_moves_no_marker_is_named(folder, answers):
     said('body = "flange"\nposition_mm = [10, 20, 30]', 'body = "link_3"')(folder)
     why = answers()["motion of every axis"].why
     assert why.startswith("a4, a5, a6:")
+
+
+def test_relative_displacements_show_no_geometry_and_no_drift(folder, answers):
+    added("temperature_c", "21")(folder)
+    assert answers()["drift with temperature"].can
+    said('"absolute"', '"relative"')(folder)
+    found = answers()
+    for question in (
+        *("geometry, offsets of encoders", "drift with temperature"),
+        "errors that vary with an angle",
+    ):
+        assert not found[question].can
+        assert "relative" in found[question].why
+
+
+def test_what_an_unknown_frame_takes_up_is_said(folder, answers):
+    assert "frame" not in answers()["geometry, offsets of encoders"].why
+    frame = (
+        "[frames.tracker]\nposition_mm = [100, 0, 0]\nquaternion_wxyz = [1, 0, 0, 0]"
+    )
+    said(frame, "")(folder)
+    assert "first axis' offset" in answers()["geometry, offsets of encoders"].why
+
+
+def test_axes_that_move_the_markers_alike_are_named(folder, arm):
+    """Stretched out and pulled down, a2 and a3 both move a flange's marker down."""
+    recording, _ = read(folder)
+    posture = np.tile(np.deg2rad([0.0, -20.0, 20.0, 0.0, 0.0, 0.0]), (20, 1))
+    one = (Marker("m", "flange", np.zeros(3)),)
+    seen = replace(recording, posture=posture, markers=one, points=np.zeros((20, 1, 3)))
+    assert ("a2", "a3") in alike(seen, arm)
+    between = (*one, Marker("n", "link_2", np.array([0.5, 0.0, 0.0])))
+    more = replace(seen, markers=between, points=np.zeros((20, 2, 3)))
+    assert ("a2", "a3") not in alike(more, arm)
 
 
 def test_an_encoder_after_the_gear_shows_its_axis(folder, answers):
