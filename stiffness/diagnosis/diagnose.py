@@ -51,8 +51,6 @@ def diagnose(
     if mistakes:
         return _stopped(recording, mistakes, started)
     prepared = prepare(recording, arm)
-    if prepared.mistake is not None:
-        return _stopped(recording, (prepared.mistake,), started)
     case = case_of(prepared, hypotheses)
     nominal = np.arange(case.library.nominal)
     everyone = np.ones(len(case.split.fold), dtype=bool)

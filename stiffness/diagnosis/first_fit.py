@@ -9,7 +9,6 @@ from bench.recording import Recording
 from stiffness.arm import Arm
 from stiffness.diagnosis.blocks import Residuals, blocks, spring_columns, spring_step
 from stiffness.diagnosis.columns import columns_of
-from stiffness.diagnosis.diagnosis import Warned
 from stiffness.diagnosis.first_frames import first_frames
 from stiffness.diagnosis.readings import (
     Frames,
@@ -18,7 +17,6 @@ from stiffness.diagnosis.readings import (
     seen_in_base,
     weight_of,
 )
-from stiffness.diagnosis.set_up import wrench_mistake
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.standing_under_load import situation_of
 from stiffness.diagnosis.unknowns import frames_after
@@ -42,12 +40,10 @@ class FirstFit:
     Attributes:
         frames: Tracker and markers.
         compliance: Of each axis, in rad/(N m).
-        mistake: What makes the springs senseless; None where nothing does.
     """
 
     frames: Frames
     compliance: Float[np.ndarray, " axes"]
-    mistake: Warned | None
 
 
 def first_fit(recording: Recording, arm: Arm) -> FirstFit:
@@ -65,16 +61,11 @@ def first_fit(recording: Recording, arm: Arm) -> FirstFit:
     model = compliance[springs]
     frames = first_frames(arm, some, compliance)
     names, _ = bodies_of(arm, some)
-    for number in range(ROUNDS):
+    for _ in range(ROUNDS):
         situation = situation_of(arm, some, compliance, names)
         visits = visits_of(situation.visit, situation.pose)
         readings = residuals_of(situation, frames)
         data, _ = blocks(situation, visits, readings, np.zeros(len(compliance)), False)
-        if number == 0 and len(springs):
-            step, sigma = spring_step(situation, data, springs, means=False)
-            mistake = wrench_mistake((model + step) / model, sigma / model)
-            if mistake is not None:
-                return FirstFit(frames, compliance, mistake)
         step = np.zeros(0)
         if len(springs):
             step, sigma = spring_step(situation, data, springs)
@@ -87,7 +78,7 @@ def first_fit(recording: Recording, arm: Arm) -> FirstFit:
             columns = columns_of(spring_columns(situation, springs), visits.row)
             known = some.base_from_tracker is not None
             frames = frames_after(frames, data.between, columns, step, known)
-    return FirstFit(frames, compliance, None)
+    return FirstFit(frames, compliance)
 
 
 def model_compliance(arm: Arm) -> Float[np.ndarray, " axes"]:

@@ -14,7 +14,6 @@ from bench.recording import Recording
 from stiffness.arm import Arm
 from stiffness.diagnosis.blocks import Residuals, blocks, spring_step
 from stiffness.diagnosis.data import Data
-from stiffness.diagnosis.diagnosis import Warned
 from stiffness.diagnosis.first_fit import BLIND, first_fit, residuals_of
 from stiffness.diagnosis.outliers import checked
 from stiffness.diagnosis.readings import Frames, bodies_of
@@ -39,7 +38,6 @@ class Prepared:
         freedom: How many contrasts that ratio rests on.
         doubtful: Readings (row, marker) that count less, and their size in sigma.
         arrival: One sigma of the axes' arrival, in rad.
-        mistake: What makes the springs senseless: the wrench's sign, units.
     """
 
     situation: Situation
@@ -53,7 +51,6 @@ class Prepared:
     freedom: int
     doubtful: tuple[tuple[int, int, float], ...]
     arrival: Float[np.ndarray, " axes"]
-    mistake: Warned | None
 
 
 def prepare(recording: Recording, arm: Arm) -> Prepared:
@@ -101,5 +98,4 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
         freedom=check.freedom,
         doubtful=check.doubtful,
         arrival=arrival,
-        mistake=start.mistake,
     )

@@ -1,0 +1,233 @@
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.recording import Recording
+from scenarios.nominal import arm_of
+from scenarios.record import Settings, main
+from scenarios.watching import Watching
+from stiffness.arm import Arm
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.set_up import mistakes_of_set_up
+
+ROOT = Path(__file__).parents[1]
+MODELS = {
+    "kr10": ROOT / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml",
+    "ur10": ROOT / "mjcf" / "ur10" / "ur10.xml",
+}
+SOFT = tuple(
+    f"joint_compliance@a{k},compliance_rad_per_nm={c}"
+    for k, c in enumerate((1e-6, 1e-6, 2e-6, 1e-5, 1e-5, 2e-5), start=1)
+)
+"""The UR10's model is rigid; its truth is not."""
+LARGE = (
+    "encoder_offset@a2,offset_rad=0.017",
+    "bearing_tilt@a4,u_rad_per_nm=1e-4,v_rad_per_nm=1e-4",
+    "lost_motion@a6,width_rad=3e-3",
+    "tracker_misalignment@tracker,x_m=0.01,rz_rad=0.01",
+    "wrench_gain@wrench_sensor,fx=0.3",
+)
+"""Ten times what catalogues allow, and more."""
+
+Cell = tuple[Recording, Arm]
+Mistake = Callable[[Recording], Recording]
+
+
+def recorded(folder: Path, arm: str, targets, frame: bool, *effects: str) -> Cell:
+    effects = (*(SOFT if arm == "ur10" else ()), *effects)
+    watch = Watching(targets=targets, state_frame=frame, placement_mm=0.5)
+    recording = main(
+        Settings(
+            out=folder,
+            robot=MODELS[arm],
+            effect=effects,
+            poses=20,
+            path="0,10,0",
+            watch=watch,
+            seed=3,
+        )
+    )
+    nominal = arm_of(MODELS[arm])
+    return recording, nominal.for_recording(recording)
+
+
+@pytest.fixture(scope="module", params=["kr10-all", "ur10-flange"])
+def cell(request, tmp_path_factory) -> Cell:
+    """One arm with markers on all links and no frame; one with a target alone."""
+    arm, targets = request.param.split("-")
+    folder = tmp_path_factory.mktemp("recorded") / "r"
+    return recorded(folder, arm, targets, targets == "flange")
+
+
+def said(recording: Recording, arm: Arm) -> list[tuple[str, str]]:
+    return [(w.code, w.where) for w in mistakes_of_set_up(recording, arm)]
+
+
+def unplaced(recording: Recording) -> Recording:
+    markers = tuple(replace(m, position=None) for m in recording.markers)
+    return replace(recording, markers=markers)
+
+
+def unframed(recording: Recording) -> Recording:
+    return replace(recording, base_from_tracker=None)
+
+
+def signed(*axes: int) -> Mistake:
+    def reverse(r: Recording) -> Recording:
+        sign = np.ones(r.posture.shape[1])
+        sign[list(axes)] = -1.0
+        return replace(r, posture=r.posture * sign)
+
+    return reverse
+
+
+def ordered(*order: int) -> Mistake:
+    return lambda r: replace(r, posture=r.posture[:, list(order)])
+
+
+def seen(matrix) -> Mistake:
+    def change(r: Recording) -> Recording:
+        assert r.points is not None
+        return replace(r, points=r.points @ np.array(matrix, float).T)
+
+    return change
+
+
+def turned(factor: float) -> Mistake:
+    return lambda r: replace(r, posture=r.posture * factor)
+
+
+def pulled(*factors: float) -> Mistake:
+    def change(r: Recording) -> Recording:
+        assert r.wrench is not None
+        return replace(r, wrench=r.wrench * np.repeat(factors, 3))
+
+    return change
+
+
+def in_base(r: Recording) -> Recording:
+    assert r.wrench_sensor is not None
+    return replace(r, wrench_sensor=replace(r.wrench_sensor, frame="base"))
+
+
+MISTAKES: dict[str, tuple[Mistake, list[tuple[str, str]]]] = {
+    "a1 reversed": (signed(0), [("axis_reversed", "a1")]),
+    "a2 reversed": (signed(1), [("axis_reversed", "a2")]),
+    "a3 reversed": (signed(2), [("axis_reversed", "a3")]),
+    "a5 reversed": (signed(4), [("axis_reversed", "a5")]),
+    "a2, a3 reversed": (
+        signed(1, 2),
+        [("axis_reversed", "a2"), ("axis_reversed", "a3")],
+    ),
+    "a2, a3 swapped": (ordered(0, 2, 1, 3, 4, 5), [("axis_order", "a2")]),
+    "a1, a6 swapped": (ordered(5, 1, 2, 3, 4, 0), [("axis_order", "a1")]),
+    "order turned round": (ordered(5, 4, 3, 2, 1, 0), [("axis_order", "a1")]),
+    "y mirrored": (seen(np.diag([1, -1, 1])), [("mirrored", "tracker")]),
+    "x and y swapped": (
+        seen([[0, 1, 0], [1, 0, 0], [0, 0, 1]]),
+        [("mirrored", "tracker")],
+    ),
+    "m for mm": (seen(np.eye(3) / 1e3), [("units", "tracker")]),
+    "µm for mm": (seen(np.eye(3) * 1e3), [("units", "tracker")]),
+    "radians for degrees": (turned(np.pi / 180), [("units", "axes")]),
+    "degrees for radians": (turned(180 / np.pi), [("units", "axes")]),
+    "wrench reversed": (pulled(-1, -1), [("wrench_sign", "wrench_sensor")]),
+    "kN for N": (pulled(1e-3, 1e-3), [("units", "wrench_sensor")]),
+    "mN for N": (pulled(1e3, 1e3), [("units", "wrench_sensor")]),
+    "Nmm for Nm": (pulled(1, 1e3), [("units", "wrench_sensor")]),
+    "axes of the base": (in_base, [("wrench_frame", "wrench_sensor")]),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_said_in_so_many_words(name, cell):
+    recording, arm = cell
+    mistake, expected = MISTAKES[name]
+    assert said(mistake(recording), arm) == expected
+
+
+@pytest.mark.parametrize("change", [unplaced, unframed])
+@pytest.mark.parametrize(
+    "name", ["a3 reversed", "y mirrored", "m for mm", "wrench reversed"]
+)
+def test_it_is_said_without_stated_places_or_frame_too(name, change, cell):
+    recording, arm = cell
+    mistake, expected = MISTAKES[name]
+    assert said(mistake(change(recording)), arm) == expected
+
+
+def relative(r: Recording) -> Recording:
+    assert r.points is not None
+    start = np.searchsorted(r.visit, r.visit)
+    return replace(r, points=r.points - r.points[start], displacement="relative")
+
+
+@pytest.mark.parametrize(
+    "name", ["a3 reversed", "a2, a3 swapped", "wrench reversed", "kN for N"]
+)
+def test_differences_within_visits_show_it_where_places_do_not(name, cell):
+    recording, arm = cell
+    if recording.base_from_tracker is None:
+        pytest.skip("relative readings need a frame")
+    mistake, expected = MISTAKES[name]
+    code = expected[0][0]
+    assert [c for c, _ in said(mistake(relative(recording)), arm)] == [code]
+
+
+def test_an_honest_recording_has_no_mistake(cell):
+    recording, arm = cell
+    for change in (lambda r: r, unplaced, unframed):
+        assert said(change(recording), arm) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", LARGE)
+def test_no_effect_however_large_is_taken_for_a_mistake(effect, tmp_path):
+    recording, arm = recorded(tmp_path / "r", "kr10", "flange", True, effect)
+    for change in (lambda r: r, unplaced, unframed, relative):
+        assert said(change(recording), arm) == []
+
+
+def test_a_stated_frame_that_is_inverted_is_said(cell):
+    recording, arm = cell
+    transform = np.eye(4)
+    transform[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]]
+    transform[:3, 3] = 1.5, 0.5, 0.2
+    assert recording.points is not None
+    true = recording.base_from_tracker
+    if true is None:
+        pytest.skip("its frame is not stated")
+    back = np.linalg.inv(transform)
+    base = recording.points @ true[:3, :3].T + true[:3, 3]
+    points = base @ back[:3, :3].T + back[:3, 3]
+    good = replace(recording, points=points, base_from_tracker=transform)
+    assert said(good, arm) == []
+    wrong = replace(good, base_from_tracker=back)
+    assert said(wrong, arm) == [("tracker_frame", "tracker")]
+
+
+def test_markers_that_belong_to_other_rows_are_no_recording_of_this_arm(cell):
+    recording, arm = cell
+    assert recording.points is not None
+    order = np.random.default_rng(0).permutation(len(recording.time))
+    shuffled = replace(recording, points=recording.points[order])
+    assert said(shuffled, arm) == [("wrong_model", "rig")]
+
+
+def test_another_arm_s_model_is_not_diagnosed(cell):
+    recording, _ = cell
+    other = arm_of(MODELS["ur10" if "kr10" in recording.robot else "kr10"])
+    found = diagnose(replace(recording, axes=(), bodies={}), other)
+    assert [w.code for w in found.warnings] == ["wrong_model"]
+    assert found.named == () and found.verdict == "unexplained"
+
+
+def test_one_reading_far_off_is_no_mistake(cell):
+    recording, arm = cell
+    assert recording.points is not None
+    points = recording.points.copy()
+    points[0, 0, 0] = 1e5
+    assert said(replace(recording, points=points), arm) == []
