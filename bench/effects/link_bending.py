@@ -7,7 +7,9 @@ Source      Euler-Bernoulli beam, held at one axis and loaded at the next; size:
             aluminium tube of 150 mm with 8 mm wall, EI = 6.3e5 N m², GJ = 4.7e5 N m²
             (chosen; cast links differ)
 Valid       small deflections; a straight link of one section
-Ignores     shear, stretch, the bend under the link's own distributed weight
+Ignores     shear, stretch, the bend under the link's own distributed weight; where
+            bearings sit: the beam goes from joint origin to joint origin of the model
+            (on the KR10's link_4 that is 9 degrees beside the forearm's middle line)
 ==========  ==========================================================================
 """
 

@@ -8,6 +8,8 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from bench.format.columns import (
     COORDINATES,
     COUNT,
@@ -93,6 +95,11 @@ def layout_of(
             f"{file}: columns for a{extra[0]} and up, but there are {count} axes."
         )
     slides = tuple(f"a{k}_mm" in held for k in range(1, count + 1))
+    faults += [
+        f"{file}: 'a{k}_link_deg' is an angle, but a{k} slides."
+        for k in np.flatnonzero(slides) + 1
+        if f"a{k}_link_deg" in held
+    ]
     unknown = tuple(n or "(no name)" for n in unread if column_of(n, ()) is None)
     return Layout(held, count, slides, unknown, tuple(faults))
 

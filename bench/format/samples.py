@@ -6,6 +6,7 @@ long streams. Both come out as the same `Table`; nothing in them is evaluated.
 
 import csv
 import io
+import json
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -51,6 +52,8 @@ class Header:
         once = {name for name, count in Counter(self.names).items() if count == 1}
         wanted = once & set(wanted)
         index = {name: i for i, name in enumerate(self.names) if name in wanted}
+        if not index:
+            return Cells(self.place, {}, [])
         try:
             if self.place.has_lines:
                 table, unread, faults = _csv_cells(self, sorted(index.values()))
@@ -97,6 +100,10 @@ def open_csv(source: bytes, separator: str) -> tuple[Header | None, list[str]]:
     except (StopIteration, csv.Error):
         return None, [f"{CSV_FILE}, line 1: there is no header."]
     names = tuple(cell.strip() for cell in cells)
+    other = next((mark for mark in ";\t|" if mark in text), "")
+    if len(names) == 1 and other:
+        say = f"its columns stand apart by {other!r}; say so in [csv]: separator ="
+        return None, [f"{CSV_FILE}, line 1: {say} {json.dumps(other)}."]
     return _checked(Header(Place(CSV_FILE, True), names, source, separator))
 
 

@@ -6,7 +6,8 @@ Equation    with L w from axis to axis, F and M of all beyond on its end: slope 
             b (L³/3 F_across + L²/2 M x w)
 Source      Euler-Bernoulli beam: Gere, Timoshenko 1997, "Mechanics of materials", beams
 Valid       a slender link, alike in all directions across
-Ignores     shear, stretch, the bend under the link's own weight
+Ignores     shear, stretch, the bend under the link's own weight; that bearings may sit
+            beside the origins of the model's joints
 ==========  ==========================================================================
 """
 
