@@ -148,3 +148,14 @@ def test_many_visits_are_worked_in_blocks_that_change_nothing(kr10, monkeypatch)
         pull = np.zeros((7, 2, 6))
         pull[6, 1] = np.nan
         Rig(kr10).respond(plan.posture, pull, np.tile(hold, (7, 1)))
+
+
+def test_an_arm_that_finds_no_rest_leaves_no_file_where_one_stands(
+    kr10, tmp_path, monkeypatch
+):
+    """The engine would write its warnings there."""
+    monkeypatch.chdir(tmp_path)
+    posture = table_one(2, parse_path("0,10")).posture
+    with pytest.raises(BenchError, match="finds no rest"):
+        Rig(kr10).respond(posture, np.full((2, 1, 6), 1e300), np.ones((2, 1)))
+    assert list(tmp_path.iterdir()) == []
