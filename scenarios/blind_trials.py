@@ -15,6 +15,7 @@ Expect: summary.json and report.html in the folder, failures first; exit status 
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Literal
 
 from rich.progress import Progress
 
@@ -22,6 +23,7 @@ from bench.errors import UnknownName, Unusable
 from scenarios.command import run
 from scenarios.reporting import run_file
 from scenarios.trials import report
+from scenarios.trials.arms import arm_of
 from scenarios.trials.draw import trials_of
 from scenarios.trials.rates import bars, failures
 from scenarios.trials.score import Score, score
@@ -48,6 +50,8 @@ class Settings:
     """Keep the recordings, 2.6 MB each, after they were answered."""
     poses: int = 151
     """Postures of a recording; fewer only to try things out."""
+    arm: Literal["kr10", "six", "seven", "column"] = "kr10"
+    """The KR10, or one drawn from the seed: six or seven axes, or six on a column."""
     jobs: int = 2
     """Trials that run side by side."""
 
@@ -58,7 +62,8 @@ def main(settings: Settings) -> list[Score]:
     _check(s)
     sweep = Sweep(s.out, s.poses, s.proof, s.keep, s.jobs)
     _same_seed(s)
-    trials = list(trials_of(s.seed, s.strata, 0, s.trials))
+    arm = arm_of(s.arm, s.seed, s.out / "models")
+    trials = list(trials_of(s.seed, s.strata, 0, s.trials, arm))
     with Progress(transient=True) as progress:
         task = progress.add_task("concealing, asking", total=len(trials))
         for done in carried_out(sweep, trials):
@@ -68,9 +73,16 @@ def main(settings: Settings) -> list[Score]:
         answer, truth, code = opened(s.out, trial.name)
         scores.append(score(trial.label, trial.name, answer, truth))
         codes.add(code)
-    facts = {"seed": s.seed, "poses": s.poses, "code_sha256": sorted(codes)}
+    facts = {
+        "seed": s.seed,
+        "arm": s.arm,
+        "poses": s.poses,
+        "code_sha256": sorted(codes),
+    }
     report.write(s.out, scores, facts)
     command = f"python -m scenarios.blind_trials --trials {s.trials} --seed {s.seed}"
+    if s.arm != "kr10":
+        command += f" --arm {s.arm}"
     run_file.write(s.out, f"{command} --out {s.out.as_posix()}", asdict(s))
     _tell(scores, s.out)
     return scores
@@ -92,7 +104,8 @@ def _same_seed(settings: Settings) -> None:
     """Refuse a folder whose trials were drawn otherwise."""
     s = settings
     s.out.mkdir(parents=True, exist_ok=True)
-    mine = f"seed {s.seed}, {s.poses} poses, {'with' if s.proof else 'without'} proof\n"
+    proof = "with" if s.proof else "without"
+    mine = f"{s.arm}, seed {s.seed}, {s.poses} poses, {proof} proof\n"
     file = s.out / "sweep.txt"
     if not file.exists():
         file.write_text(mine, encoding="utf-8")

@@ -1,7 +1,7 @@
 """Where an effect is concealed is drawn from all the places where it can sit."""
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,41 +11,62 @@ from bench.effects.geometry_error import GeometryError
 from bench.effects.link_bending import LinkBending
 from bench.effects.marker_slip import MarkerSlip
 from bench.effects.places import places_for
-from scenarios.trials.forms import FORMS, PARTNERS, as_it_is
+from scenarios.trials.forms import (
+    FORMS,
+    KNEED,
+    as_it_is,
+    bent,
+    coupled,
+    partners_of,
+)
 
 BETWEEN_AXES = (GeometryError, LinkBending)
 """What a link does to the axis after it; the vocabulary's links end with an axis, and
 what is beyond the last one are markers' places and a sensor's mounting."""
 
 
-def drawn(
-    kind: type[Effect],
-    draw: np.random.Generator,
-    arm: Anatomy,
-    bodies: Sequence[str],
-    markers: Sequence[str],
-    lasts: float,
-) -> Effect:
+@dataclass(frozen=True)
+class Ground:
+    """Where effects can sit.
+
+    Attributes:
+        arm: The names of the arm's parts.
+        bodies: The names of the arm's bodies.
+        markers: The names of the marks that are followed.
+        lasts: How long the experiment lasts, in s.
+        knees: Torque in N m at which each axis' gear begins to harden.
+    """
+
+    arm: Anatomy
+    bodies: Sequence[str]
+    markers: Sequence[str]
+    lasts: float
+    knees: Mapping[str, float]
+
+
+def drawn(kind: type[Effect], draw: np.random.Generator, ground: Ground) -> Effect:
     """Draw a place and a form for an effect of about a catalogue's size.
 
     Args:
         kind: Which effect.
         draw: Where the draws come from.
-        arm: The names of the arm's parts.
-        bodies: The names of the arm's bodies.
-        markers: The names of the marks that are followed.
-        lasts: How long the experiment lasts, in s.
+        ground: Where it can sit.
     """
-    known = [
-        place for place in places_for(kind.places, arm, bodies) if ":" not in place
-    ]
+    arm = ground.arm
+    every = places_for(kind.places, arm, ground.bodies)
+    known = [place for place in every if ":" not in place]
     if "marker" in kind.places:
-        known += [f"marker:{name}" for name in markers]
+        known += [f"marker:{name}" for name in ground.markers]
     if kind in BETWEEN_AXES:
         known.remove(arm.links[-1])
-    known = list(PARTNERS.get(kind, known))
-    effect = kind(where=str(draw.choice(known)))
+    turning = [a for a, slides in zip(arm.axes, arm.slides, strict=True) if not slides]
+    partners = partners_of(kind, turning)
+    effect = kind(where=str(draw.choice(list(partners or known))))
+    if partners:
+        return coupled(effect, draw, partners[effect.where])
+    if kind in KNEED:
+        return bent(effect, draw, ground.knees[effect.where])
     effect = FORMS.get(kind, as_it_is)(effect, draw)
     if isinstance(effect, MarkerSlip):
-        effect = replace(effect, time_s=lasts * float(draw.uniform(0.25, 0.75)))
+        effect = replace(effect, time_s=ground.lasts * float(draw.uniform(0.25, 0.75)))
     return effect

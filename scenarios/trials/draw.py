@@ -7,6 +7,7 @@ before.
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -20,6 +21,7 @@ from bench.effects.lost_motion import LostMotion
 from bench.effects.pulley_friction import PulleyFriction
 from bench.instruments import Instruments
 from bench.outsiders import OUTSIDERS
+from scenarios.trials.arms import THE_KR10, Arm
 from scenarios.trials.nuisance import instruments_of
 from scenarios.trials.strata import STRATA, Stratum
 
@@ -36,6 +38,7 @@ class Trial:
 
     Attributes:
         stratum: What kind of trial it is.
+        robot: Model file of the arm.
         number: Which of its kind, from 0.
         name: What it is called where nobody may know what it is.
         seed: Of the instruments.
@@ -45,6 +48,7 @@ class Trial:
     """
 
     stratum: Stratum
+    robot: Path
     number: int
     name: str
     seed: int
@@ -59,7 +63,7 @@ class Trial:
 
 
 def trials_of(
-    seed: int, strata: Sequence[str], first: int, beyond: int
+    seed: int, strata: Sequence[str], first: int, beyond: int, arm: Arm = THE_KR10
 ) -> Iterator[Trial]:
     """Draw trials, one of each kind in turn.
 
@@ -68,20 +72,21 @@ def trials_of(
         strata: Names of the kinds.
         first: Number of the first of each kind.
         beyond: Number after the last.
+        arm: Which is tried.
     """
     for number in range(first, beyond):
         for name in strata:
-            yield trial_of(seed, name, number)
+            yield trial_of(seed, name, number, arm)
 
 
-def trial_of(seed: int, stratum: str, number: int, axes: int = 6) -> Trial:
+def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> Trial:
     """Draw one trial.
 
     Args:
         seed: Of the sweep.
         stratum: Name of its kind.
         number: Which of its kind.
-        axes: Of the arm.
+        arm: Which is tried.
     """
     kind = list(STRATA).index(stratum)
     chance = np.random.SeedSequence(seed, spawn_key=(kind, number))
@@ -90,10 +95,11 @@ def trial_of(seed: int, stratum: str, number: int, axes: int = 6) -> Trial:
     concealed = hashlib.sha256(f"{seed}/{stratum}/{number}".encode()).hexdigest()
     return Trial(
         stratum=STRATA[stratum],
+        robot=arm.file,
         number=number,
         name=concealed[:12],
         seed=int(draw.integers(2**31)),
-        stiffness=SPREAD ** draw.uniform(-1.0, 1.0, axes),
+        stiffness=SPREAD ** draw.uniform(-1.0, 1.0, arm.axes),
         instruments=instruments_of(STRATA[stratum], number),
         chance=further,
     )

@@ -4,12 +4,13 @@ Forms are what is not size: a knee, a time constant, an order, a direction. They
 drawn around those of a catalogue, so that no single value can be learnt.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import pi
 
 import numpy as np
 
+from bench.anatomy import Anatomy
 from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
 from bench.effects.asymmetric_stiffness import AsymmetricStiffness
 from bench.effects.base_compliance import BaseCompliance
@@ -37,11 +38,10 @@ from bench.outsiders.softening import Softening
 from bench.outsiders.warming_gear import WarmingGear
 from bench.truth import GEARS
 
-PARTNERS = {
-    WristCoupling: {"a5": ("a4",), "a6": ("a4", "a5")},
-    AxisCrosstalk: {"a2": ("a1",), "a3": ("a1", "a2")},
-}
-"""Which axes a coupling can join; the names are those of a KR10."""
+KNEED = (Hardening, SmoothHardening, Softening, SmoothLostMotion)
+"""Effects whose form is a torque of the axis' own size."""
+WOUND_UP = 5e-4
+"""Wind-up of a gear in rad where it begins to harden: 4 to 6e-4 by the catalogue."""
 CLOSED = 0.2
 """Torque that closes a play over that of the knee; chosen: some hundredths of the
 largest, where makers measure lost motion."""
@@ -76,28 +76,52 @@ def _parts(*sizes: tuple[float, tuple[str, ...]], least: float = -1.0) -> Callab
     return form
 
 
-def _knee(effect: Effect, draw: np.random.Generator) -> Effect:
-    """Put a knee about where the catalogue's gear of that axis has it."""
-    return replace(effect, torque_nm=_about(draw, GEARS[effect.where][1][0]))
+def knees_of(arm: Anatomy, stiffness: np.ndarray) -> dict[str, float]:
+    """Return the torque at which each axis' gear begins to harden.
+
+    A KR10's by its catalogue gears; any other arm's where the gear is wound up as far
+    as those are there.
+    """
+    names = [f"a{k}" for k in range(1, len(arm.axes) + 1)]
+    if tuple(names) == tuple(GEARS) and arm.axes == tuple(GEARS):
+        return {axis: torques[0] for axis, (_, torques) in GEARS.items()}
+    return {n: WOUND_UP * float(k) for n, k in zip(names, stiffness, strict=True)}
 
 
-def _closed(effect: Effect, draw: np.random.Generator) -> Effect:
-    """Let a play close at a fifth of the torque where the axis' gear has its knee."""
-    return replace(effect, closing_nm=_about(draw, CLOSED * GEARS[effect.where][1][0]))
+def bent(effect: Effect, draw: np.random.Generator, knee: float) -> Effect:
+    """Put a knee about where a gear has it; let a play close at a fifth of that."""
+    if isinstance(effect, SmoothLostMotion):
+        return replace(effect, closing_nm=_about(draw, CLOSED * knee))
+    return replace(effect, torque_nm=_about(draw, knee))  # type: ignore[call-arg]
 
 
-def _coupled(effect: Effect, draw: np.random.Generator) -> Effect:
-    partner = str(draw.choice(PARTNERS[type(effect)][effect.where]))
+def partners_of(kind: type[Effect], turning: Sequence[str]) -> dict[str, Sequence[str]]:
+    """Return which axes a coupling can join, by where it sits; empty for no coupling.
+
+    Args:
+        kind: Of effect.
+        turning: The arm's axes that turn, from the base on.
+    """
+    if kind is WristCoupling:
+        first, second, third = turning[-3:]
+    elif kind is AxisCrosstalk:
+        first, second, third = turning[:3]
+    else:
+        return {}
+    return {second: (first,), third: (first, second)}
+
+
+def coupled(
+    effect: Effect, draw: np.random.Generator, partners: Sequence[str]
+) -> Effect:
+    """Draw which axis turns another, and which way."""
+    partner = str(draw.choice(partners))
     sign = float(draw.choice([-1.0, 1.0]))
     size = sign * effect.parameters()["compliance_rad_per_nm"]  # type: ignore[operator]
     return replace(effect, with_axis=partner, compliance_rad_per_nm=size)
 
 
 FORMS: dict[type[Effect], Callable[[Effect, np.random.Generator], Effect]] = {
-    Hardening: _knee,
-    SmoothHardening: _knee,
-    SmoothLostMotion: _closed,
-    Softening: _knee,
     AsymmetricStiffness: lambda e, d: replace(e, ratio=1.2 ** float(d.choice([-1, 1]))),
     Creep: lambda e, d: replace(e, time_s=_about(d, 25.0, 2.0)),
     AngleDependentStiffness: lambda e, d: replace(
@@ -106,8 +130,6 @@ FORMS: dict[type[Effect], Callable[[Effect, np.random.Generator], Effect]] = {
     TransmissionError: lambda e, d: replace(
         e, order=float(d.integers(1, 4)), phase_rad=_phase(d)
     ),
-    WristCoupling: _coupled,
-    AxisCrosstalk: _coupled,
     BearingTilt: lambda e, d: replace(
         e,
         u_rad_per_nm=2e-6 * float(d.uniform(0.2, 1.0)),

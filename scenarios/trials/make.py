@@ -24,10 +24,10 @@ from bench.model_file import load, plain_mjcf
 from bench.recording import Recording
 from bench.rig import Rig
 from bench.tour import tour
-from scenarios.record import KR10
 from scenarios.reporting.truth_file import truth_text
-from scenarios.trials.concealed import drawn
+from scenarios.trials.concealed import Ground, drawn
 from scenarios.trials.draw import Trial, kinds_of
+from scenarios.trials.forms import knees_of
 from scenarios.trials.sized import Bench, sized
 from scenarios.trials.sizes import OutOfReach
 
@@ -86,18 +86,20 @@ def _carried_out(
     poses: int,
     attempt: int,
 ) -> Made:
-    nominal = Rig(KR10)
+    nominal = Rig(trial.robot)
     path = parse_path(trial.stratum.path) if trial.stratum.path else DEFAULT_PATH
     plan = tour(nominal, poses, path, min(REVISITS, poses), trial.seed)
     arm, model = nominal.anatomy, nominal.nominal
     bodies = [model.body(b).name for b in range(model.nbody)]
     stuck = trial.instruments.markers.stick(model, arm, streams(trial.seed))
     marks = [s.marker.name for s in stuck]
-    effects = [drawn(k, draw, arm, bodies, marks, float(plan.time[-1])) for k in kinds]
+    knees = knees_of(arm, model.jnt_stiffness)
+    ground = Ground(arm, bodies, marks, float(plan.time[-1]), knees)
+    effects = [drawn(kind, draw, ground) for kind in kinds]
     if len({(e.name, e.where) for e in effects}) < len(effects):
         raise OutOfReach("The same effect was drawn twice.")
     rigid = [e.where for e in effects if isinstance(e, JointCompliance)]
-    given = _rigid_at(rigid, folder / f"{trial.name}.xml") if rigid else KR10
+    given = _on(trial, rigid, folder)
     rig = Rig(given)
     rig = replace(rig, stiffness=rig.nominal.jnt_stiffness * trial.stiffness)
     bench = Bench(
@@ -125,9 +127,16 @@ def _carried_out(
     return Made(recording, given, without, true, truth)
 
 
-def _rigid_at(axes: Sequence[str], file: Path) -> Path:
+def _on(trial: Trial, rigid: Sequence[str], folder: Path) -> Path:
+    """Return the model of a trial's arm, with axes that it calls rigid."""
+    if not rigid:
+        return trial.robot
+    return _rigid_at(trial.robot, rigid, folder / f"{trial.name}.xml")
+
+
+def _rigid_at(robot: Path, axes: Sequence[str], file: Path) -> Path:
     """Write the arm with axes that its model calls rigid."""
-    root = ElementTree.fromstring(plain_mjcf(load(KR10)))
+    root = ElementTree.fromstring(plain_mjcf(load(robot)))
     for joint in root.iter("joint"):
         if joint.get("name") in axes:
             joint.set("stiffness", "0")

@@ -1,10 +1,10 @@
 """Where an arm stands says how its markers move when an axis gives way.
 
 ==========  ==========================================================================
-Equation    dp = a_k × (p - o_k) θ_k for a marker beyond axis k; torque of a wrench at
-            p_s: a_k · (T + (p_s - o_k) × F)
+Equation    dp = a_k × (p - o_k) θ_k for a marker beyond axis k, a_k θ_k where it
+            slides; torque of a wrench at p_s: a_k · (T + (p_s - o_k) × F), or a_k · F
 Source      first-order kinematics and virtual work: Siciliano et al. 2009, chapter 3
-Valid       wind-ups of milliradians; axes that turn
+Valid       wind-ups of milliradians
 Ignores     how a wind-up changes the lever arms of the load
 ==========  ==========================================================================
 """
@@ -30,6 +30,7 @@ class Standing:
         origin: A point of each axis, in m.
         wind_up: Of each axis, in rad.
         beyond: Which markers each axis carries.
+        slides: Which axes slide.
         stiffness: Of each axis' spring, in N m/rad.
         sensor: Where the force sensor sits, in m.
         sensor_turn: base_from_sensor.
@@ -42,6 +43,7 @@ class Standing:
     origin: Float[np.ndarray, "visits axes 3"]
     wind_up: Float[np.ndarray, "visits rows axes"]
     beyond: Bool[np.ndarray, "axes markers"]
+    slides: Bool[np.ndarray, " axes"]
     stiffness: Float[np.ndarray, " axes"]
     sensor: Float[np.ndarray, "visits 3"]
     sensor_turn: Float[np.ndarray, "visits 3 3"]
@@ -52,8 +54,9 @@ class Standing:
     ) -> Float[np.ndarray, "visits rows markers 3"]:
         """Return how markers move when an axis turns, by its wind-up if not said."""
         angle = self.wind_up[:, :, k] if angle is None else angle
+        along = self.axis[:, None, None, k]
         lever = self.point - self.origin[:, None, None, k]
-        moved = np.cross(self.axis[:, None, None, k], lever)
+        moved = along + 0 * lever if self.slides[k] else np.cross(along, lever)
         return moved * angle[:, :, None, None] * self.beyond[k][:, None]
 
     def wrench(self, recording: Recording) -> Float[np.ndarray, "visits rows 6"]:
@@ -69,6 +72,7 @@ class Standing:
         for k, stiffness in enumerate(self.stiffness):
             lever = self.sensor - self.origin[:, k]
             about = torque + np.cross(lever[:, None], force)
+            about = force if self.slides[k] else about
             angle = np.einsum("vri,vi->vr", about, self.axis[:, k]) / stiffness
             moved += self.turned(k, angle)
         return moved.reshape(-1, *self.point.shape[2:])
@@ -124,6 +128,10 @@ def standing_of(
         sensor[v] = (flange.xpos - base) @ world
         sensor[v] += sensor_turn[v] @ seen.wrench_sensor.position
     wind_up = (seen.link_posture - seen.posture).reshape(len(posture), rows, -1)
+    felt = _along_base(seen, sensor_turn)
+    for k in np.flatnonzero(arm.slides):  # no second encoder; gravity on it is constant
+        pushed = np.einsum("vri,vi->vr", felt[..., :3], axis[:, k])
+        wind_up[:, :, k] = pushed / rig.springs[k]
     return Standing(
         point=point.reshape(len(posture), rows, -1, 3),
         turn=turn,
@@ -131,10 +139,11 @@ def standing_of(
         origin=origin,
         wind_up=wind_up,
         beyond=_beyond(model, arm.links, bodies),
+        slides=np.array(arm.slides),
         stiffness=rig.springs,
         sensor=sensor,
         sensor_turn=sensor_turn,
-        felt=_along_base(seen, sensor_turn),
+        felt=felt,
     )
 
 
