@@ -30,6 +30,7 @@ from scenarios.diagnosing.writing import refuse, written
 from scenarios.nominal import arm_of, read_for
 from scenarios.replicates import replicate_noise
 from scenarios.reporting import page
+from stiffness.diagnosis.sample import sample_of
 
 
 @dataclass(frozen=True)
@@ -53,6 +54,8 @@ def main(settings: Settings) -> answer.Answer:
     console = Console()
     with console.status("reading"):
         recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
+        recording, sampled = sample_of(recording)
+        notes = (*notes, sampled) if sampled else notes
     with console.status("comparing with the model"):
         found = asked(recording, arm)
     with console.status("proving it in the simulator"):

@@ -22,9 +22,11 @@ from bench.rig import Rig
 from scenarios import blind_trials
 from scenarios.trials import sweep as sweeping
 from scenarios.trials.answer import Question, Settings, answered, main
-from scenarios.trials.concealed import drawn
+from scenarios.trials.arms import BUILDS, arm_of
+from scenarios.trials.concealed import Ground, drawn
 from scenarios.trials.coverage import covered_by
 from scenarios.trials.draw import kinds_of, trial_of, trials_of
+from scenarios.trials.forms import knees_of
 from scenarios.trials.make import make
 from scenarios.trials.projection import projection_of
 from scenarios.trials.rates import bars, failures
@@ -84,13 +86,16 @@ def test_every_name_that_plateaus_can_show_has_its_turn():
     assert seen == set(EFFECTS)
 
 
+@pytest.mark.parametrize("arm", ["kr10", *BUILDS])
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
-def test_effect_is_drawn_where_it_can_sit_and_can_be_any_size(kind, kr10):
-    rig = Rig(kr10)
+def test_effect_is_drawn_where_it_can_sit_and_can_be_any_size(kind, arm, tmp_path):
+    rig = Rig(arm_of(arm, 1, tmp_path).file)
     bodies = [rig.nominal.body(b).name for b in range(rig.nominal.nbody)]
+    knees = knees_of(rig.anatomy, rig.nominal.jnt_stiffness)
+    ground = Ground(rig.anatomy, bodies, ["link2_a"], 1000.0, knees)
     draw = np.random.default_rng(1)
     for _ in range(5):
-        effect = drawn(kind, draw, rig.anatomy, bodies, ["link2_a"], 1000.0)
+        effect = drawn(kind, draw, ground)
         assert misplaced(effect, rig.anatomy, bodies) == []
         smaller = scaled(effect, 0.25)
         before, after = effect.parameters(), smaller.parameters()
@@ -216,6 +221,19 @@ def test_trial_is_at_least_as_large_as_its_kind_asks_and_conceals_what_it_is(tmp
     assert made.recording.name == trial_of(0, "one_400", number).name
     hidden = np.isnan(np.asarray(made.recording.points))
     assert hidden.mean() == pytest.approx(0.02, abs=0.005)
+
+
+@pytest.mark.parametrize("build", BUILDS)
+def test_arm_of_another_build_is_another_with_each_seed_and_can_be_tried(
+    build, tmp_path
+):
+    one, other = (arm_of(build, seed, tmp_path) for seed in (1, 2))
+    assert one.file.read_text() != other.file.read_text()
+    assert len(Rig(one.file).anatomy.axes) == one.axes == len(BUILDS[build])
+    number = EFFECTS.index(TrackerScale)
+    made = make(trial_of(0, "one_400", number, one), tmp_path, 40)
+    assert 400.0 <= made.truth["chi2"][0] <= 500.0
+    assert made.model == one.file
 
 
 def test_model_is_rigid_where_a_compliance_is_the_finding(tmp_path):
@@ -485,7 +503,7 @@ def test_finished_trials_are_kept_and_reported(finished, monkeypatch, capsys):
 
 def test_folder_of_another_seed_is_refused(finished):
     blind_trials.main(settings(finished[0].folder))
-    with pytest.raises(Unusable, match="it holds trials of seed 0, 4 poses"):
+    with pytest.raises(Unusable, match="it holds trials of kr10, seed 0, 4 poses"):
         blind_trials.main(settings(finished[0].folder, seed=1))
 
 

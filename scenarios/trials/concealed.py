@@ -6,19 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.anatomy import Anatomy
+from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
 from bench.effects.effect import Effect
 from bench.effects.geometry_error import GeometryError
+from bench.effects.gravity_compensator import GravityCompensator
 from bench.effects.link_bending import LinkBending
 from bench.effects.marker_slip import MarkerSlip
 from bench.effects.places import places_for
-from scenarios.trials.forms import (
-    FORMS,
-    KNEED,
-    as_it_is,
-    bent,
-    coupled,
-    partners_of,
-)
+from bench.effects.transmission_error import TransmissionError
+from scenarios.trials.couplings import coupled, partners_of
+from scenarios.trials.forms import FORMS, KNEED, as_it_is, bent
 
 BETWEEN_AXES = (GeometryError, LinkBending)
 """What a link does to the axis after it; the vocabulary's links end with an axis, and
@@ -44,6 +41,10 @@ class Ground:
     knees: Mapping[str, float]
 
 
+PERIODIC = (AngleDependentStiffness, GravityCompensator, TransmissionError)
+"""What comes again turn after turn; a slide has no turns."""
+
+
 def drawn(kind: type[Effect], draw: np.random.Generator, ground: Ground) -> Effect:
     """Draw a place and a form for an effect of about a catalogue's size.
 
@@ -60,6 +61,8 @@ def drawn(kind: type[Effect], draw: np.random.Generator, ground: Ground) -> Effe
     if kind in BETWEEN_AXES:
         known.remove(arm.links[-1])
     turning = [a for a, slides in zip(arm.axes, arm.slides, strict=True) if not slides]
+    if kind in PERIODIC:
+        known = [place for place in known if place in turning]
     partners = partners_of(kind, turning)
     effect = kind(where=str(draw.choice(list(partners or known))))
     if partners:

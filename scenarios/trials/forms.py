@@ -4,7 +4,7 @@ Forms are what is not size: a knee, a time constant, an order, a direction. They
 drawn around those of a catalogue, so that no single value can be learnt.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from math import pi
 
@@ -30,8 +30,6 @@ from bench.effects.transmission_error import TransmissionError
 from bench.effects.wrench_bias import WrenchBias
 from bench.effects.wrench_gain import WrenchGain
 from bench.effects.wrench_misalignment import WrenchMisalignment
-from bench.effects.wrist_coupling import WristCoupling
-from bench.outsiders.axis_crosstalk import AxisCrosstalk
 from bench.outsiders.foot_lift_off import FootLiftOff
 from bench.outsiders.loose_bearing import LooseBearing
 from bench.outsiders.softening import Softening
@@ -93,32 +91,6 @@ def bent(effect: Effect, draw: np.random.Generator, knee: float) -> Effect:
     if isinstance(effect, SmoothLostMotion):
         return replace(effect, closing_nm=_about(draw, CLOSED * knee))
     return replace(effect, torque_nm=_about(draw, knee))  # type: ignore[call-arg]
-
-
-def partners_of(kind: type[Effect], turning: Sequence[str]) -> dict[str, Sequence[str]]:
-    """Return which axes a coupling can join, by where it sits; empty for no coupling.
-
-    Args:
-        kind: Of effect.
-        turning: The arm's axes that turn, from the base on.
-    """
-    if kind is WristCoupling:
-        first, second, third = turning[-3:]
-    elif kind is AxisCrosstalk:
-        first, second, third = turning[:3]
-    else:
-        return {}
-    return {second: (first,), third: (first, second)}
-
-
-def coupled(
-    effect: Effect, draw: np.random.Generator, partners: Sequence[str]
-) -> Effect:
-    """Draw which axis turns another, and which way."""
-    partner = str(draw.choice(partners))
-    sign = float(draw.choice([-1.0, 1.0]))
-    size = sign * effect.parameters()["compliance_rad_per_nm"]  # type: ignore[operator]
-    return replace(effect, with_axis=partner, compliance_rad_per_nm=size)
 
 
 FORMS: dict[type[Effect], Callable[[Effect, np.random.Generator], Effect]] = {

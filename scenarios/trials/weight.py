@@ -31,7 +31,8 @@ from bench.recording import Recording
 from bench.rig import Rig
 from scenarios.trials.projection import Projection, projection_of
 from scenarios.trials.silent import PLACE, silent_columns
-from scenarios.trials.standing import Standing, standing_of
+from scenarios.trials.standing import Standing
+from scenarios.trials.stood import standing_of
 
 
 @dataclass(frozen=True)
