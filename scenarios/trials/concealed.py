@@ -10,6 +10,7 @@ from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
 from bench.effects.effect import Effect
 from bench.effects.geometry_error import GeometryError
 from bench.effects.gravity_compensator import GravityCompensator
+from bench.effects.gravity_load import GravityLoad
 from bench.effects.link_bending import LinkBending
 from bench.effects.marker_slip import MarkerSlip
 from bench.effects.places import places_for
@@ -17,9 +18,9 @@ from bench.effects.transmission_error import TransmissionError
 from scenarios.trials.couplings import coupled, partners_of
 from scenarios.trials.forms import FORMS, KNEED, as_it_is, bent
 
-BETWEEN_AXES = (GeometryError, LinkBending)
-"""What a link does to the axis after it; the vocabulary's links end with an axis, and
-what is beyond the last one are markers' places and a sensor's mounting."""
+BETWEEN_AXES = (GeometryError, GravityLoad, LinkBending)
+"""Effects of links: the vocabulary's end with an axis. What is beyond the last one are
+markers' places and a sensor's mounting, and weights that it calls the tool's."""
 
 
 @dataclass(frozen=True)

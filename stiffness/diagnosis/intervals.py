@@ -3,7 +3,9 @@
 ==========  ==========================================================================
 Equation    cov = H^-1 M H^-1, H = gram, M = sum_p s_p s_p', s_p a pose's score at the
             fit; of this and of H^-1 phi the larger variance of each parameter;
-            parameters by the delta method; 95 %: t quantile for poses - k freedoms
+            parameters by the delta method, of the logarithm where an error is a
+            factor; 95 %: t quantile for poses - k freedoms; widened by what no reading
+            can tell (a slip's time between two visits)
 Source      Huber 1967, White 1980 (sandwich); Cameron & Miller 2015 (by cluster)
 Valid       shapes inside their bounds, twenty poses or more
 Ignores     that the name was chosen with the same poses
@@ -131,14 +133,16 @@ def _of_member(situation, springs, member, fitted, cov, quantile):
         up, down = parameters(high), parameters(low)
         slope[:, i] = [(up[k] - down[k]) / (2 * step) for k in names]
     spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, cov, slope), 0.0))
-    return {
-        name: Parameter(
-            float(here[name]),
-            float(here[name] - quantile * s),
-            float(here[name] + quantile * s),
-        )
-        for name, s in zip(names, spread, strict=True)
-    }
+    law, found = member.hypothesis, {}
+    grain = law.grain(situation)
+    for name, s in zip(names, spread, strict=True):
+        value, half = float(here[name]), float(quantile * s + grain.get(name, 0.0))
+        if name in law.logarithmic and value > 0.0:
+            factor = float(np.exp(min(half / value, 50.0)))
+            found[name] = Parameter(value, value / factor, value * factor)
+        else:
+            found[name] = Parameter(value, value - half, value + half)
+    return found
 
 
 def beyond_limits(member: Member, parameters: dict[str, Parameter]) -> bool:

@@ -34,6 +34,7 @@ class Creep(Hypothesis):
 
     effect: ClassVar[str] = "creep"
     shape_names: ClassVar[tuple[str, ...]] = ("time_s",)
+    logarithmic: ClassVar[tuple[str, ...]] = ("time_s",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.0, 2.0),
         "time_s": (0.0, np.inf),

@@ -38,12 +38,14 @@ class Hypothesis(ABC):
         limits: Lowest and highest physical value of each reported parameter, in SI.
             Parameters beyond them are another physics: the name is then withdrawn. A
             limit is wide (what any arm could have), not what is likely.
+        logarithmic: Parameters whose error is a factor rather than a difference.
         log_prior: How much rarer than others it is, as a log; 0 where nothing is known.
     """
 
     effect: ClassVar[str]
     shape_names: ClassVar[tuple[str, ...]] = ()
     limits: ClassVar[Mapping[str, tuple[float, float]]]
+    logarithmic: ClassVar[tuple[str, ...]] = ()
     log_prior: ClassVar[float] = 0.0
 
     @abstractmethod
@@ -96,3 +98,7 @@ class Hypothesis(ABC):
         `situation.compliance` is the one fitted together with the effect. The engine
         differentiates this function to carry intervals over, so keep it smooth.
         """
+
+    def grain(self, situation: Situation) -> Mapping[str, float]:
+        """Return by how much a parameter can change without changing any reading."""
+        return {}

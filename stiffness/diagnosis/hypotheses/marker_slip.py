@@ -68,6 +68,11 @@ class MarkerSlip(Hypothesis):
         return Signature(3, (Shift(m, later[:, None, None] * axes),))
 
     @override
+    def grain(self, situation: Situation) -> Mapping[str, float]:
+        begins = np.sort(situation.recording.time[situation.steps[:, 0]])
+        return {"time_s": float(np.max(np.diff(begins), initial=0.0))}
+
+    @override
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
