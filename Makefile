@@ -8,18 +8,20 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 STUDY := results/study
 WORKERS ?= logical
+CONCEALED := $(VENV)/concealed
 
 # Idle threads of torch sleep instead of spinning: on two cores that is 20 times faster.
 export OMP_WAIT_POLICY := PASSIVE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install study test lint format view clean
+.PHONY: help install study diagnosis test lint format view clean
 
 help:
 	@echo 'make study    install, run the study at the quick budget, say where it is'
 	@echo 'make test     install, run all tests'
 	@echo 'make view     open the recording of the study'
+	@echo 'make diagnosis conceal two effects, find them, say where the answer is'
 	@echo 'make lint     style, layout, types'
 	@echo 'make format   mend style and layout'
 	@echo 'make clean    remove the environment and caches; results stay'
@@ -43,6 +45,13 @@ study: $(STAMP)
 	@echo
 	@echo 'Report:     $(STUDY)/report.html (and report.md)'
 	@echo 'Recording:  $(STUDY)/study.rrd, opened by: make view'
+
+diagnosis: $(STAMP)
+	@rm -rf '$(CONCEALED)'
+	'$(BIN)/python' -m scenarios.record --effect hysteresis@a2,width_rad=1.2e-4 \
+		--effect bearing_tilt@a3 --out '$(CONCEALED)'
+	'$(BIN)/python' -m scenarios.diagnose '$(CONCEALED)' \
+		--robot mjcf/kr10_r1100_2/kr10_r1100_2.xml --out results/diagnosis
 
 test: $(STAMP)
 	'$(BIN)/python' -m pytest -q --numprocesses $(WORKERS) --maxprocesses 4 --dist loadfile

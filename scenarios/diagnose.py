@@ -11,6 +11,7 @@ Expect: the story, and in DIR diagnosis.json, report.html, diagnosis.rrd and, wh
         something was named, model.xml and patch.json; exit status 0 whatever is found
 """
 
+import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,6 +85,10 @@ def _write(folder: Path, finding: Finding) -> None:
     blocks = report.blocks_of(finding, folder)
     first = next(story.sentences(finding))
     page.write(folder, report.title_of(finding), first, blocks)
+    for picture in (*sorted(folder.glob("law_*.png")), folder / "axes.png"):
+        if picture.exists():
+            shutil.copy(picture, folder / "picture.png")
+            break
     playback.show(finding, folder / "diagnosis.rrd")
 
 

@@ -12,7 +12,10 @@ from tempfile import mkdtemp
 
 from bench.errors import Unusable
 
-FILES = ("diagnosis.json", "report.html", "diagnosis.rrd", "model.xml", "patch.json")
+FILES = (
+    "diagnosis.json", "report.html", "picture.png", "diagnosis.rrd", "model.xml",
+    "patch.json",
+)  # fmt: skip
 
 
 def refuse(folder: Path, recording: Path) -> None:
