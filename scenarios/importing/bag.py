@@ -1,0 +1,156 @@
+"""A ROS 2 bag holds several channels with clocks of their own, in SI units.
+
+Messages are read by the definitions that rosbags brings, never by those in the bag.
+"""
+
+import importlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.errors import BenchError, Unusable
+from bench.format.columns import WRENCH
+from scenarios.importing.lag import lag_of
+from scenarios.importing.mapping import Topics
+
+KNOWN = {
+    "sensor_msgs/msg/JointState": "joints",
+    "geometry_msgs/msg/WrenchStamped": "wrench",
+    "geometry_msgs/msg/PoseStamped": "pose",
+    "geometry_msgs/msg/PointStamped": "point",
+}
+MISSING = (
+    "ROS 2 bags need rosbags, which is not installed: pip install '.[ros]' (or pip "
+    "install rosbags)."
+)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """What one topic said.
+
+    Attributes:
+        time: Of each message by its own stamp, in s.
+        values: One row each, in SI units.
+    """
+
+    time: np.ndarray
+    values: np.ndarray
+
+
+def columns_of(
+    path: Path, topics: Topics, axes: Sequence[str]
+) -> tuple[dict[str, np.ndarray], dict[str, float | None]]:
+    """Read a bag as columns on the joints' clock, and the lags between its channels.
+
+    Args:
+        path: The bag's folder.
+        topics: Which message is which; a pose NAME becomes columns NAME.x … NAME.qz.
+        axes: Joints for a1, a2 … as the messages name them; empty: in their order.
+
+    Raises:
+        BenchError: Where rosbags is not installed.
+        Unusable: With every topic that is missing or of another kind.
+    """
+    wanted = {"joints": topics.joints}
+    wanted |= {"wrench": topics.wrench} if topics.wrench else {}
+    wanted |= {f"pose {name}": topic for name, topic in topics.poses.items()}
+    channels = _channels(path, wanted, axes)
+    joints = channels["joints"]
+    columns: dict[str, np.ndarray] = {"time_s": joints.time - joints.time[0]}
+    columns["pose"] = np.zeros(len(joints.time))
+    for k, angle in enumerate(joints.values.T, start=1):
+        columns[f"a{k}"] = angle
+    lags: dict[str, float | None] = {}
+    for name, channel in channels.items():
+        if name == "joints":
+            continue
+        lags[name] = lag_of(
+            joints.time, joints.values, channel.time, channel.values[:, :3]
+        )
+        kind = WRENCH
+        if name.startswith("pose "):
+            kind = [f"{name[5:]}.{c}" for c in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+        for column, values in zip(kind, channel.values.T, strict=False):
+            columns[column] = np.interp(joints.time, channel.time, values)
+            outside = (joints.time < channel.time[0]) | (joints.time > channel.time[-1])
+            columns[column][outside] = np.nan
+    whole = np.all([np.isfinite(c) for c in columns.values()], axis=0)
+    if not whole.any():
+        raise Unusable(f"Bag {str(path)!r}", ["its topics share no time."])
+    return {name: column[whole] for name, column in columns.items()}, lags
+
+
+def text_of(columns: Mapping[str, np.ndarray]) -> bytes:
+    """Write columns as CSV."""
+    lines = [",".join(columns)]
+    for row in zip(*columns.values(), strict=True):
+        lines.append(",".join(repr(float(v)) for v in row))
+    return "\n".join(lines).encode()
+
+
+def _channels(
+    path: Path, wanted: Mapping[str, str], axes: Sequence[str]
+) -> dict[str, Channel]:
+    try:
+        bags: Any = importlib.import_module("rosbags.rosbag2")
+        types: Any = importlib.import_module("rosbags.typesys")
+    except ImportError:
+        raise BenchError(MISSING) from None
+    what, faults = f"Bag {str(path)!r}", []
+    store = types.get_typestore(types.Stores.ROS2_HUMBLE)
+    times: dict[str, list[float]] = {name: [] for name in wanted}
+    rows: dict[str, list[np.ndarray]] = {name: [] for name in wanted}
+    try:
+        with bags.Reader(path) as reader:
+            there = {c.topic: c for c in reader.connections}
+            chosen = {}
+            for name, topic in wanted.items():
+                if topic not in there:
+                    known = ", ".join(sorted(there))
+                    faults.append(f"no topic {topic!r}; there are: {known}.")
+                elif there[topic].msgtype not in KNOWN:
+                    kind = there[topic].msgtype
+                    faults.append(
+                        f"topic {topic!r} is {kind}; use: {', '.join(KNOWN)}."
+                    )
+                else:
+                    chosen[topic] = name
+            if faults:
+                raise Unusable(what, faults)
+            some = [there[topic] for topic in chosen]
+            for connection, stamp, raw in reader.messages(connections=some):
+                message = store.deserialize_cdr(raw, connection.msgtype)
+                name = chosen[connection.topic]
+                head = message.header.stamp
+                own = head.sec + 1e-9 * head.nanosec
+                times[name].append(own if own > 0 else 1e-9 * stamp)
+                rows[name].append(_values(message, KNOWN[connection.msgtype], axes))
+    except (bags.ReaderError, OSError, ValueError, KeyError, IndexError) as error:
+        raise Unusable(what, [f"it cannot be read: {error}."]) from None
+    faults += [f"topic {wanted[n]!r} is empty." for n, t in times.items() if not t]
+    if faults:
+        raise Unusable(what, faults)
+    return {name: _in_order(times[name], rows[name]) for name in wanted}
+
+
+def _in_order(times: list[float], rows: list[np.ndarray]) -> Channel:
+    order = np.argsort(times, kind="stable")
+    return Channel(np.array(times)[order], np.stack(rows)[order])
+
+
+def _values(message: Any, kind: str, axes: Sequence[str]) -> np.ndarray:
+    if kind == "joints":
+        by_name = dict(zip(message.name, message.position, strict=False))
+        return np.array([by_name[name] for name in (axes or list(by_name))])
+    if kind == "wrench":
+        w = message.wrench
+        parts = (w.force.x, w.force.y, w.force.z, w.torque.x, w.torque.y, w.torque.z)
+        return np.array(parts)
+    if kind == "point":
+        return np.array([message.point.x, message.point.y, message.point.z])
+    p, q = message.pose.position, message.pose.orientation
+    return np.array([p.x, p.y, p.z, q.w, q.x, q.y, q.z])

@@ -1,0 +1,115 @@
+"""A mapping is a manifest that also says how a lab's own file is to be understood.
+
+It is `recording.toml` of the format, with `[columns]` and `[csv]`; what goes beyond it
+are `[targets.NAME]` (6D), `[rests]` (a stream becomes plateaus) and `[topics]` (bags).
+"""
+
+import json
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Struct, field
+
+from bench.errors import Unusable
+from bench.format.sections import fill, first_line
+
+LARGEST = 2**20
+"""Bytes of a mapping that are still read; chosen: as for a manifest."""
+Above = Annotated[float, msgspec.Meta(gt=0.0)]
+Triple = tuple[str, str, str]
+
+
+class Target(Struct, frozen=True, forbid_unknown_fields=True):
+    """`[targets.NAME]`: a target that is measured in 6D, written as four markers."""
+
+    body: str
+    position: Triple
+    rotation: Triple | None = None
+    quaternion_wxyz: tuple[str, str, str, str] | None = None
+    order: Literal["xyz", "XYZ", "zyx", "ZYX"] = "ZYX"
+    length_unit: Literal["mm", "m"] = "mm"
+    angle_unit: Literal["deg", "rad"] = "deg"
+    arm_mm: Above = 100.0
+
+
+class Rests(Struct, frozen=True, forbid_unknown_fields=True):
+    """`[rests]`: where a stream stands still it becomes a plateau."""
+
+    speed_deg_per_s: Above
+    hold_s: Above
+    speed_mm_per_s: Above = 1.0
+    load_step_n: Above = 5.0
+    same_pose_deg: Above = 0.05
+
+
+class Topics(Struct, frozen=True, forbid_unknown_fields=True):
+    """`[topics]`: which message is which."""
+
+    joints: str = "/joint_states"
+    wrench: str | None = None
+    poses: dict[str, str] = field(default_factory=dict)
+
+
+class Extras(Struct, frozen=True, forbid_unknown_fields=True):
+    """All that goes beyond the format's own manifest."""
+
+    targets: dict[str, Target] = field(default_factory=dict)
+    rests: Rests | None = None
+    topics: Topics | None = None
+
+
+def mapping_of(path: Path) -> tuple[dict[str, Any], Extras]:
+    """Read a mapping.
+
+    Returns:
+        What the format's manifest says, as a table; and the rest.
+
+    Raises:
+        Unusable: With all faults of what goes beyond the manifest.
+    """
+    what = f"Mapping {str(path)!r}"
+    if not path.is_file():
+        raise Unusable(what, ["there is no such file; give a TOML file."])
+    if path.stat().st_size > LARGEST:
+        raise Unusable(what, [f"it has more than {LARGEST} bytes."])
+    try:
+        table = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except (ValueError, RecursionError) as error:
+        raise Unusable(what, [f"it is not TOML: {first_line(error)}."]) from None
+    names = Extras.__struct_fields__
+    beyond = {name: table.pop(name) for name in names if name in table}
+    extras, faults = fill(Extras, beyond, "")
+    for name, target in (extras.targets if extras else {}).items():
+        if (target.rotation is None) == (target.quaternion_wxyz is None):
+            say = "give either rotation (three angles) or quaternion_wxyz"
+            faults.append(f"targets.{name}: {say}.")
+    if faults or extras is None:
+        raise Unusable(what, faults)
+    return table, extras
+
+
+def text_of(table: Mapping[str, Any], name: str = "") -> str:
+    """Write a table as TOML."""
+    lines = [f"\n[{name}]"] if name else []
+    inner = []
+    for key, value in table.items():
+        quoted = json.dumps(key)
+        if isinstance(value, dict):
+            inner.append(text_of(value, f"{name}.{quoted}" if name else quoted))
+        else:
+            lines.append(f"{quoted} = {_value(value)}")
+    return "\n".join([*lines, *inner])
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, list):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, dict):
+        entries = ", ".join(f"{json.dumps(k)} = {_value(v)}" for k, v in value.items())
+        return f"{{{entries}}}"
+    if isinstance(value, (bool, str)):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return repr(value) if isinstance(value, (int, float)) else json.dumps(str(value))

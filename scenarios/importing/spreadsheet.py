@@ -1,0 +1,139 @@
+"""A spreadsheet's CSV becomes a recording when a mapping says what its columns are."""
+
+import csv
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+
+from bench.errors import Unusable
+from bench.files import read
+from bench.format.columns import Column, Unit
+from bench.format.faults import nearest
+from bench.format.layout import Held
+from bench.format.manifest import FILE
+from bench.format.samples import CSV_FILE, MAX_BYTES, Header, open_csv
+from bench.format.values import values_of
+from bench.model_facts import ModelFacts
+from bench.recording import Recording
+from scenarios.importing.mapping import Target, text_of
+from scenarios.importing.targets import markers_of, points_of
+
+Read = tuple[Recording, tuple[str, ...]]
+
+
+def source_of(path: Path) -> bytes:
+    """Read a lab's file whole.
+
+    Raises:
+        Unusable: Where it is missing, too large or empty.
+    """
+    what = f"File {str(path)!r}"
+    if not path.is_file():
+        raise Unusable(what, ["there is no such file."])
+    if path.stat().st_size > MAX_BYTES:
+        raise Unusable(what, [f"it has more than {MAX_BYTES} bytes."])
+    source = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+    if source[:4].lower() == b"sep=":  # Excel's own first line
+        source = source.partition(b"\n")[2]
+    if not source.strip():
+        raise Unusable(what, ["it is empty."])
+    return source
+
+
+def recording_of(
+    source: bytes,
+    manifest: Mapping[str, Any],
+    targets: Mapping[str, Target],
+    model: ModelFacts | None,
+    names: tuple[str, str],
+) -> Read:
+    """Read a CSV as the samples of a recording.
+
+    Args:
+        source: The CSV.
+        manifest: What the format's manifest says.
+        targets: Targets in 6D, whose columns become markers.
+        model: Names and limits of the robot; None checks neither.
+        names: What the user calls the CSV and the mapping, for the faults.
+
+    Raises:
+        Unusable: With all faults, in the user's own names.
+    """
+    faults: list[str] = []
+    if targets:
+        markers = dict(manifest.get("markers", {})) | markers_of(targets)
+        manifest = {**manifest, "markers": markers}
+        source, faults = _with_points(source, manifest, targets)
+    try:
+        with TemporaryDirectory(prefix="import-") as folder:
+            (Path(folder) / FILE).write_text(text_of(manifest), encoding="utf-8")
+            (Path(folder) / CSV_FILE).write_bytes(source)
+            recording, notes = read(folder, model)
+    except Unusable as error:
+        faults += error.faults
+        recording, notes = None, ()
+    if recording is None or faults:
+        said = [f.replace(CSV_FILE, names[0]).replace(FILE, names[1]) for f in faults]
+        raise Unusable(f"{names[0]} with {names[1]}", said)
+    used = {c for t in targets.values() for c in _columns_of(t)}
+    notes = tuple(n for n in notes if not any(f"{c!r} left" in n for c in used))
+    return recording, tuple(n.replace(CSV_FILE, names[0]) for n in notes)
+
+
+def _with_points(
+    source: bytes, manifest: Mapping[str, Any], targets: Mapping[str, Target]
+) -> tuple[bytes, list[str]]:
+    """Add the columns of the markers that stand for targets."""
+    about = manifest.get("csv", {})
+    separator = str(about.get("separator", ","))[:1] or ","
+    mark = str(about.get("decimal", about.get("decimal_mark", ".")))
+    header, faults = open_csv(source, separator)
+    if header is None:
+        return source, []  # the format's reader says why
+    columns: dict[str, np.ndarray] = {}
+    for name, target in targets.items():
+        missing = [c for c in _columns_of(target) if c not in header.names]
+        if missing:
+            faults += [
+                f"{CSV_FILE}: column {c!r} is missing, which {FILE}, targets.{name} "
+                f"asks for.{nearest(c, header.names)}"
+                for c in missing
+            ]
+            continue
+        numbers, found = _numbers(header, target, mark)
+        faults += found
+        columns |= points_of(name, target, numbers.__getitem__)
+    if faults:
+        return source, faults
+    rows = list(csv.reader(io.StringIO(source.decode()), delimiter=separator))
+    while rows and not any(cell.strip() for cell in rows[-1]):
+        rows.pop()
+    text = io.StringIO()
+    writer = csv.writer(text, delimiter=separator, lineterminator="\n")
+    writer.writerow([*rows[0], *columns])
+    for row, values in zip(rows[1:], zip(*columns.values(), strict=True), strict=False):
+        cells = ["" if np.isnan(v) else repr(float(v)) for v in values]
+        writer.writerow([*row, *(c.replace(".", mark) for c in cells)])
+    return text.getvalue().encode(), []
+
+
+def _columns_of(target: Target) -> tuple[str, ...]:
+    turned = target.rotation or target.quaternion_wxyz or ()
+    return (*target.position, *turned)
+
+
+def _numbers(
+    header: Header, target: Target, mark: str
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    names = set(_columns_of(target))
+    cells = header.read(names)
+    numbers, faults = {}, list(cells.faults)
+    for name in sorted(names):
+        held = Held(Column(name, "length", may_be_blank=True), name, Unit())
+        numbers[name], found = values_of(held, cells.columns[name], cells.place, mark)
+        faults += found
+    return numbers, faults

@@ -1,0 +1,297 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bench import files
+from bench.errors import BenchError, Unusable
+from scenarios import import_recording
+from scenarios.command import run
+from scenarios.import_recording import Settings, main
+from scenarios.importing import bag
+from scenarios.importing.lag import lag_of
+from scenarios.importing.mapping import Topics
+
+MAPPING = """format = 1
+name = "from a spreadsheet"
+rows = "plateaus"
+
+[csv]
+separator = ";"
+decimal = ","
+
+[columns]
+time_s = { from = "Zeit [min]", unit = "min" }
+pose = "Nr"
+a1_deg = "J1"
+a2_deg = { from = "J2", unit = "rad" }
+fx_n = { from = "F x", unit = "kN" }
+fy_n = "F y"
+fz_n = "F z"
+tx_nm = "M x"
+ty_nm = "M y"
+tz_nm = "M z"
+p_x_mm = { from = "X", unit = "m" }
+p_y_mm = { from = "Y", unit = "m" }
+p_z_mm = { from = "Z", unit = "m" }
+
+[sensors.tracker]
+repeatability_mm = 0.02
+[sensors.wrench]
+accuracy_n = 0.5
+accuracy_nm = 0.05
+[markers.p]
+body = "link_2"
+"""
+TARGET = """
+[targets.t]
+body = "link_2"
+position = ["X", "Y", "Z"]
+rotation = ["A", "B", "C"]
+length_unit = "m"
+arm_mm = 50
+"""
+HEADER = "Zeit [min];Nr;J1;J2;F x;F y;F z;M x;M y;M z;X;Y;Z;A;B;C;Bemerkung"
+ROWS = (
+    "0,0;1;10,5;0,25;0;0;0;0;0;0;1,25;0;0,5;90;0;0;start",
+    "0,5;1;10,5;0,25;0,125;0;0;0;0;0;1,250125;0;0,5;90;0;0;",
+    "1,0;2;20;-0,25;0;0;0;0;0;0;;;;;;;nicht gesehen",
+    "1,5;2;20;-0,25;0,125;0;0;0;0;0;1,5;0;0,25;0;90;0;",
+)
+
+
+@pytest.fixture
+def lab(tmp_path) -> Callable[..., Path]:
+    def write(rows=ROWS, mapping=MAPPING, start="\ufeff") -> Path:
+        text = start + "\r\n".join([HEADER, *rows]) + "\r\n;;;;;;;;;;;;;;;;\r\n"
+        (tmp_path / "lab.csv").write_text(text, encoding="utf-8")
+        (tmp_path / "map.toml").write_text(mapping, encoding="utf-8")
+        return tmp_path
+
+    return write
+
+
+def imported(folder: Path):
+    settings = Settings(folder / "lab.csv", folder / "map.toml", folder / "out")
+    return main(settings)
+
+
+def refused(folder: Path) -> str:
+    with pytest.raises(Unusable) as caught:
+        imported(folder)
+    assert not (folder / "out").exists()
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("start", ["\ufeff", "", "sep=;\r\n", "\ufeffsep=;\r\n"])
+def test_a_spreadsheet_s_own_numbers_arrive_in_si(lab, start, capsys):
+    folder = lab(start=start)
+    imported(folder)
+    recording, _ = files.read(folder / "out")
+    np.testing.assert_allclose(recording.time, [0, 30, 60, 90])
+    np.testing.assert_allclose(recording.posture[2], [np.radians(20), -0.25])
+    assert recording.wrench is not None and recording.points is not None
+    np.testing.assert_allclose(recording.wrench[1, 0], 125.0)
+    np.testing.assert_allclose(recording.points[1, 0], [1.250125, 0, 0.5])
+    assert np.isnan(recording.points[2, 0]).all()
+    assert "'Bemerkung' left alone" in capsys.readouterr().out
+
+
+def test_a_target_in_6d_becomes_four_markers_of_one_name(lab):
+    """ZYX angles of 90, 0, 0 turn x to y; of 0, 90, 0 turn z to x."""
+    folder = lab(mapping=MAPPING + TARGET)
+    imported(folder)
+    recording, _ = files.read(folder / "out")
+    names = ["p", "t_o", "t_x", "t_y", "t_z"]
+    assert [m.name for m in recording.markers] == names
+    assert {m.target for m in recording.markers[1:]} == {"t"}
+    assert recording.points is not None
+    arms = recording.points[:, 2:] - recording.points[:, 1:2]
+    np.testing.assert_allclose(arms[0, 0], [0, 0.05, 0], atol=1e-12)
+    np.testing.assert_allclose(arms[3, 2], [0.05, 0, 0], atol=1e-12)
+    assert np.isnan(recording.points[2]).all()
+
+
+def test_a_target_s_quaternion_means_the_same(lab):
+    quaternion = Rotation.from_euler("ZYX", [90, 0, 0], degrees=True).as_quat(
+        scalar_first=True
+    )
+    cells = [f"{v:.12f}".replace(".", ",") for v in quaternion]
+    changed = TARGET.replace(
+        'rotation = ["A", "B", "C"]', 'quaternion_wxyz = ["A", "B", "C", "Bemerkung"]'
+    )
+    row = ROWS[0].rsplit(";", 4)[0] + ";" + ";".join(cells)
+    folder = lab(rows=[row], mapping=MAPPING + changed)
+    recording = imported(folder)
+    assert recording.points is not None
+    arm = recording.points[0, 2] - recording.points[0, 1]
+    np.testing.assert_allclose(arm, [0, 0.05, 0], atol=1e-9)
+
+
+def test_all_faults_are_named_at_once_in_the_user_s_own_names(lab):
+    rows = (
+        ROWS[0].replace("10,5", "zehn"),
+        *ROWS[1:3],
+        ROWS[3].replace("1,5;2", "x;2"),
+    )
+    mapping = MAPPING.replace('"J2"', '"J3"') + TARGET.replace('"C"', '"D"')
+    said = refused(lab(rows=rows, mapping=mapping))
+    for words in ("lab.csv, row 1", "'zehn'", "'x'", "'J3'", "targets.t", "'D'"):
+        assert words in said
+    assert "samples.csv" not in said and "recording.toml" not in said
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("[rests]\nspeed_deg_per_s = 0.5\nhold_s = 1\n", 'say rows = "stream"'),
+        ("[rests]\nspeed = 1\n", "rests.speed: nothing is called so"),
+        (TARGET.replace("50", "-1"), "targets.t.arm_mm"),
+        (TARGET.replace("rotation", "quaternion"), "targets.t.quaternion"),
+        (TARGET.replace('rotation = ["A", "B", "C"]', ""), "either rotation"),
+        ("[markers.p]\n", "not TOML"),
+    ],
+)
+def test_a_mapping_that_cannot_be_meant_is_refused(lab, more, words):
+    assert words in refused(lab(mapping=MAPPING + more))
+
+
+def test_missing_empty_and_binary_files_end_with_2(lab, monkeypatch, capsys):
+    folder = lab()
+    for content in (None, b"", b"PK\x03\x04zip", bytes(range(256))):
+        (folder / "lab.csv").unlink(missing_ok=True)
+        if content is not None:
+            (folder / "lab.csv").write_bytes(content)
+        words = [folder / "lab.csv", "--mapping", folder / "map.toml"]
+        words = ["import_recording", *words, "--out", folder / "out"]
+        monkeypatch.setattr("sys.argv", [str(w) for w in words])
+        with pytest.raises(SystemExit) as end:
+            run(import_recording.main, Settings)
+        assert end.value.code == 2
+        assert not (folder / "out").exists()
+        assert "Traceback" not in capsys.readouterr().err
+
+
+# --- Streams -------------------------------------------------------------------------
+
+
+def moves(time: np.ndarray) -> np.ndarray:
+    """Three places, each held for two seconds, a second of motion between them."""
+    return np.interp(time, [0, 2, 3, 5, 6, 8], [0, 0, 0.4, 0.4, 0.1, 0.1])
+
+
+def test_a_stream_becomes_plateaus_where_it_rests(lab):
+    time = np.arange(0, 8, 0.02)
+    rows = [
+        f"{t / 60};0;{np.degrees(moves(t))};0;0;0;0;0;0;0;{np.cos(moves(t))};0;0;;;;"
+        for t in time
+    ]
+    mapping = MAPPING.replace("plateaus", "stream")
+    mapping += "[rests]\nspeed_deg_per_s = 0.5\nhold_s = 1.0\n"
+    recording = imported(lab(rows=[r.replace(".", ",") for r in rows], mapping=mapping))
+    assert recording.rows == "plateaus" and len(recording.time) == 3
+    np.testing.assert_allclose(recording.posture[:, 0], [0, 0.4, 0.1], atol=1e-9)
+    assert recording.frames is not None
+    assert np.all(np.abs(recording.frames - 100) <= 2)
+
+
+def test_a_lag_between_clocks_is_found_to_a_part_of_a_sample():
+    fast, slow = np.arange(0, 20, 0.004), np.arange(0.3, 19, 0.01)
+    angle = np.sin(2 * fast) * np.sin(0.7 * fast) ** 2
+    delayed = slow - 0.137
+    seen = np.sin(2 * delayed) * np.sin(0.7 * delayed) ** 2
+    lag = lag_of(fast, angle[:, None], slow, 0.8 * seen[:, None])
+    assert lag is not None
+    np.testing.assert_allclose(lag, 0.137, atol=0.003)
+
+
+def test_a_channel_in_which_nothing_moves_has_no_lag():
+    time = np.arange(0, 20, 0.01)
+    still = np.ones((len(time), 1))
+    assert lag_of(time, np.sin(time)[:, None], time, still) is None
+
+
+def test_a_bag_without_rosbags_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "rosbags", None)
+    monkeypatch.setitem(__import__("sys").modules, "rosbags.rosbag2", None)
+    with pytest.raises(BenchError, match="pip install"):
+        bag.columns_of(tmp_path, Topics(), ())
+
+
+BAG = """format = 1
+rows = "stream"
+[robot]
+axes = ["j1", "j2"]
+[sensors.tracker]
+repeatability_mm = 0.02
+[sensors.wrench]
+accuracy_n = 0.5
+accuracy_nm = 0.05
+[topics]
+joints = "/joint_states"
+wrench = "/wrench"
+poses = { t = "/tracker" }
+[targets.t]
+body = "link_2"
+position = ["t.x", "t.y", "t.z"]
+quaternion_wxyz = ["t.qw", "t.qx", "t.qy", "t.qz"]
+length_unit = "m"
+[rests]
+speed_deg_per_s = 0.5
+hold_s = 1.0
+"""
+
+
+@pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])
+def test_a_bag_s_channels_meet_on_the_joints_clock(tmp_path, plugin, capsys):
+    bags = pytest.importorskip("rosbags.rosbag2")
+    types = pytest.importorskip("rosbags.typesys")
+    store = types.get_typestore(types.Stores.ROS2_HUMBLE)
+    kind = store.types
+    stamp, header = kind["builtin_interfaces/msg/Time"], kind["std_msgs/msg/Header"]
+    vector, point = kind["geometry_msgs/msg/Vector3"], kind["geometry_msgs/msg/Point"]
+    quaternion = kind["geometry_msgs/msg/Quaternion"]
+
+    def at(t):
+        return header(stamp(int(t), round(1e9 * (t % 1))), "")
+
+    def joints(t):
+        empty, angle = np.zeros(0), moves(t - 10)
+        return ["j2", "j1"], np.array([0.0, angle]), empty, empty
+
+    def pose(t):
+        angle = moves(t - 10 - 0.05)
+        turn = quaternion(0.0, 0.0, np.sin(angle / 2), np.cos(angle / 2))
+        place = point(np.cos(angle), np.sin(angle), 0.5)
+        return (kind["geometry_msgs/msg/Pose"](place, turn),)
+
+    def wrench(t):
+        zero = vector(0.0, 0.0, 0.0)
+        return (kind["geometry_msgs/msg/Wrench"](vector(t * 0 + 3.0, 0.0, 0.0), zero),)
+
+    channels = {
+        "/joint_states": ("sensor_msgs/msg/JointState", joints, 0.008),
+        "/tracker": ("geometry_msgs/msg/PoseStamped", pose, 0.01),
+        "/wrench": ("geometry_msgs/msg/WrenchStamped", wrench, 0.05),
+    }
+    storage = bags.StoragePlugin[plugin]
+    with bags.Writer(tmp_path / "bag", version=9, storage_plugin=storage) as writer:
+        for topic, (name, content, step) in channels.items():
+            link = writer.add_connection(topic, name, typestore=store)
+            for t in np.arange(10, 18, step):
+                message = kind[name](at(t), *content(t))
+                raw = store.serialize_cdr(message, name)
+                writer.write(link, int(1e9 * t), raw)
+    (tmp_path / "map.toml").write_text(BAG)
+    settings = Settings(tmp_path / "bag", tmp_path / "map.toml", tmp_path / "out")
+    recording = main(settings)
+    np.testing.assert_allclose(recording.posture[:, 0], [0, 0.4, 0.1], atol=1e-6)
+    np.testing.assert_allclose(recording.posture[:, 1], 0.0)
+    assert recording.wrench is not None
+    np.testing.assert_allclose(recording.wrench[:, 0], 3.0)
+    assert recording.frames is not None and recording.frames.min() > 100
+    said = capsys.readouterr().out
+    lag = float(said.split("Lag of pose t behind the axes: ")[1].split(" ms")[0])
+    assert abs(lag - 50.0) < 8.0
