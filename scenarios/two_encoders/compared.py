@@ -1,0 +1,125 @@
+"""The second encoders of a stream are predicted on a motion that nothing was fitted to.
+
+Delays are played as what they are: the simulator is given the angles of a moment ago,
+to first order, as the term has it.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from bench.errors import Unusable
+from bench.patch import Patch, rig_of
+from bench.patch_effects import Named
+from bench.recording import Recording
+from stiffness.two_encoders.judging import Between, between
+from stiffness.two_encoders.motions import Motion, axes_read_twice, motions_of
+
+WINDOW = 0.1
+"""Seconds that are averaged beside the full rate; chosen: gear ripple is faster."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis, what lies between its encoders, and the proof.
+
+    Attributes:
+        name: a1, a2 …
+        fitted: Motions that were fitted.
+        judged: The last motion, that was not.
+        found: What was believed and what was refused.
+        after: What the simulator leaves of the judged motion, in rad.
+    """
+
+    name: str
+    fitted: tuple[Motion, ...]
+    judged: Motion
+    found: Between
+    after: Float[np.ndarray, " rows"]
+
+    @property
+    def before(self) -> Float[np.ndarray, " rows"]:
+        """What a rigid gear leaves of the judged motion, in rad."""
+        return self.judged.apart
+
+
+def compared(recording: Recording, model: Path) -> tuple[Axis, ...]:
+    """Fit all motions but the last, and simulate the last one.
+
+    Raises:
+        Unusable: Where no axis was read twice in three motions.
+    """
+    number = axes_read_twice(recording)
+    if not number:
+        fault = "no axis has an angle after its gear (a1_link_deg …)."
+        raise Unusable(f"Recording {recording.name!r}", [fault])
+    axes = []
+    for k in number:
+        motions = motions_of(recording, k)
+        if len(motions) < 3:
+            fault = f"a{k + 1} has {len(motions)} motions; two are fitted, one judges."
+            raise Unusable(f"Recording {recording.name!r}", [fault])
+        found = between(motions[:-1])
+        left = _simulated(recording, model, k, motions[-1], found)
+        axes.append(Axis(f"a{k + 1}", motions[:-1], motions[-1], found, left))
+    return tuple(axes)
+
+
+def patch_of(name: str, found: Between) -> Patch:
+    """Return the gear's mechanisms; a delay is the stream's, not the gear's."""
+    effects, i = [], 0
+    for term in found.terms:
+        own = found.x[i : i + len(term.parameters)]
+        i += len(own)
+        if term.order:
+            size, phase = np.hypot(*own), np.arctan2(own[0], own[1])
+            known: dict[str, float | str | None] = {
+                "amplitude_rad": float(size),
+                "order": term.order,
+                "phase_rad": float(phase),
+            }
+            effects.append(Named("transmission_error", name, known))
+    return Patch(effects=tuple(effects))
+
+
+def rms(left: Float[np.ndarray, " rows"], time: Float[np.ndarray, " rows"]) -> float:
+    """Return the root of the mean square of means over a window, in rad."""
+    part = np.floor((time - time[0]) / WINDOW + 1e-9).astype(int)
+    means = np.bincount(part, left) / np.bincount(part)
+    return float(np.sqrt(np.mean((means - means.mean()) ** 2)))
+
+
+def whole_rms(left: Float[np.ndarray, " rows"]) -> float:
+    """Return the root of the mean square of all rows, in rad."""
+    return float(np.sqrt(np.mean((left - left.mean()) ** 2)))
+
+
+def _simulated(
+    recording: Recording, model: Path, axis: int, motion: Motion, found: Between
+) -> Float[np.ndarray, " rows"]:
+    rows = np.flatnonzero(np.isin(recording.time, motion.time))
+    posture = recording.posture[rows].copy()
+    rig = rig_of(patch_of(f"a{axis + 1}", found), model)
+    delay, width, give = _plain(found)
+    asked = posture[:, axis] - delay * motion.speed
+    asked -= 0.5 * width * np.tanh(motion.speed / 1e-3)
+    if motion.torque is not None:
+        asked -= give * motion.torque  # what the motor winds up; no load is simulated
+    posture[:, axis] = asked
+    still = np.zeros((len(rows), 1, 6))
+    states = rig.respond(posture, still, np.full((len(rows), 1), 1e-3))
+    left = motion.apart + motion.angle - states.axis_angle[:, axis]
+    return left - left.mean()
+
+
+def _plain(found: Between) -> tuple[float, float, float]:
+    """Return delay in s, width of play in rad and compliance in rad/(N m)."""
+    values, i = {}, 0
+    for term in found.terms:
+        values[term.effect] = float(found.x[i])
+        i += len(term.parameters)
+    names = ("channel_delay", "lost_motion", "joint_compliance")
+    delay, width, give = (values.get(name, 0.0) for name in names)
+    return delay, width, give

@@ -1,0 +1,126 @@
+"""The report of axes that are read on both sides of their gears."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from matplotlib.figure import Figure as Drawing
+
+from scenarios.diagnosing.schema import Answer
+from scenarios.diagnosing.units import label, span
+from scenarios.reporting.page import Block, Figure, Heading, Paragraph, Table
+from scenarios.reporting.style import GREY, ORANGE, save
+from scenarios.two_encoders.compared import WINDOW, Axis, rms, whole_rms
+
+URAD = 1e6
+
+
+def first_sentence(axes: Sequence[Axis], answer: Answer) -> str:
+    """Return what was found, in one sentence."""
+    before = " / ".join(f"{URAD * whole_rms(a.before):.0f}" for a in axes)
+    after = " / ".join(f"{URAD * whole_rms(a.after):.0f}" for a in axes)
+    names = " and ".join(dict.fromkeys(n.effect for n in answer.named)) or "nothing"
+    return (
+        f"On a motion that nothing was fitted to, the second encoders of "
+        f"{', '.join(a.name for a in axes)} are predicted to {after} instead of "
+        f"{before} µrad rms; named: {names}."
+    )
+
+
+def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]:
+    """Draw the pictures and return the report."""
+    _before_after(axes, folder / "before_after.png")
+    _looks_like(axes, folder / "looks_like.png")
+    return [
+        Figure(
+            "The second encoder beside the first on the judged motion: a rigid gear "
+            "without delay (grey) and the simulator with what was named (orange).",
+            "before_after.png",
+        ),
+        Table(
+            f"Rms on the judged motion in µrad, of all rows and of means over "
+            f"{WINDOW:g} s; one constant an axis and motion is free.",
+            ("axis", "rigid", "named", f"rigid, {WINDOW:g} s", f"named, {WINDOW:g} s"),
+            [
+                (
+                    a.name,
+                    f"{URAD * whole_rms(a.before):.1f}",
+                    f"{URAD * whole_rms(a.after):.1f}",
+                    f"{URAD * rms(a.before, a.judged.time):.1f}",
+                    f"{URAD * rms(a.after, a.judged.time):.1f}",
+                )
+                for a in axes
+            ],
+        ),
+        Heading("What was named"),
+        Table(
+            "Named, with 95 % intervals over stretches of time of the fitted motions.",
+            ("axis", "effect", "parameters"),
+            [
+                (
+                    n.where,
+                    n.effect,
+                    "; ".join(
+                        f"{label(k)} {span(k, v)}" for k, v in n.parameters.items()
+                    ),
+                )
+                for n in answer.named
+            ],
+        ),
+        Figure(
+            "Why it looks like wind-up: it follows the torque (left), since "
+            "a moving axis needs torque, but it is a line of speed (right).",
+            "looks_like.png",
+        ),
+        Heading("What was refused, and why"),
+        Table(
+            "Tried after what was believed; each must make motions that it was not "
+            "fitted to better, every one, and leave alone what was believed before.",
+            ("axis", "effect", "would be", "gain / its error", "reason"),
+            [
+                (
+                    a.name,
+                    t.term.effect
+                    + (f", order {t.term.order:g}" if t.term.order else ""),
+                    f"{t.coefficients[0]:.3g}",
+                    f"{t.gain / max(t.error, 1e-30):.1f}",
+                    t.reason,
+                )
+                for a in axes
+                for t in a.found.refused
+            ],
+        ),
+        Paragraph(
+            "Torque is the motor's, friction included, and friction goes with speed: "
+            "that is how a compliance borrows from a delay."
+        ),
+    ]
+
+
+def _before_after(axes: Sequence[Axis], file: Path) -> None:
+    figure = Drawing(figsize=(11, 2.1 * len(axes)), layout="constrained")
+    plots = figure.subplots(len(axes), 1, squeeze=False, sharex=True)[:, 0]
+    for ax, a in zip(plots, axes, strict=True):
+        time = a.judged.time - a.judged.time[0]
+        ax.plot(time, URAD * a.before, color=GREY, lw=1)
+        ax.plot(time, URAD * a.after, color=ORANGE, lw=0.8)
+        sizes = [URAD * whole_rms(x) for x in (a.before, a.after)]
+        ax.set_ylabel(f"{a.name} [µrad]")
+        ax.set_title(f"{sizes[0]:.0f} → {sizes[1]:.0f} µrad rms", size=9, loc="right")
+    plots[-1].set_xlabel("time [s]")
+    save(figure, file)
+
+
+def _looks_like(axes: Sequence[Axis], file: Path) -> None:
+    figure = Drawing(figsize=(11, 2.6 * len(axes)), layout="constrained")
+    plots = figure.subplots(len(axes), 2, squeeze=False)
+    for (left, right), a in zip(plots, axes, strict=True):
+        for m in (*a.fitted, a.judged):
+            colour = ORANGE if m is a.judged else GREY
+            look = {"color": colour, "ms": 1.5, "rasterized": True}
+            if m.torque is not None:
+                left.plot(m.torque / 1e3, URAD * m.apart, ".", **look)
+            right.plot(m.speed, URAD * m.apart, ".", **look)
+        left.set_ylabel(f"{a.name}: after − before [µrad]")
+    plots[-1][0].set_xlabel("torque of the motor [kN m]")
+    plots[-1][1].set_xlabel("speed [rad/s]")
+    save(figure, file)

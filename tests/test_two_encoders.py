@@ -1,0 +1,132 @@
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.errors import Unusable
+from bench.recording import UNLOADED, Recording
+from scenarios import real_kr300
+from scenarios.two_encoders.answer import answer_of
+from scenarios.two_encoders.compared import compared, rms, whole_rms
+from scenarios.two_encoders.writing import written
+
+TWIST = {"delay": 0.0, "compliance": 0.0, "wave": 0.0, "play": 0.0}
+ORDER = 97.0
+
+
+def stream(**true: float) -> Recording:
+    """Three motions; a2 is read twice, with gravity, inertia and some friction."""
+    size = {**TWIST, **true}
+    random = np.random.default_rng(7)
+    times, angles, links, torques, motion = [], [], [], [], []
+    for m in range(3):
+        time = np.arange(0.0, 8.0, 0.004)
+        wave, phase = random.uniform(0.6, 2.2, 4), random.uniform(0, 6, 4)
+        swing = random.uniform(0.05, 0.25, 4)
+        angle = np.sin(np.outer(time, wave) + phase) @ swing
+        ago = np.outer(time - size["delay"], wave)
+        speed = np.gradient(angle, time)
+        pull = 900.0 * np.cos(angle + 0.4) + 150.0 * np.gradient(speed, time)
+        friction = 15.0 * np.tanh(speed / 0.01)
+        link = np.sin(ago + phase) @ swing - size["compliance"] * pull
+        link += size["wave"] * np.sin(ORDER * angle + 0.7)
+        link -= 0.5 * size["play"] * np.tanh(speed / 1e-3)
+        link += random.normal(0.0, 5e-6, len(time))
+        times.append(time + 60.0 * m)
+        angles.append(angle)
+        links.append(link)
+        torques.append(pull + friction)
+        motion.append(np.full(len(time), m))
+    rows = sum(map(len, times))
+    posture, after = np.zeros((rows, 6)), np.full((rows, 6), np.nan)
+    torque = np.zeros((rows, 6))
+    posture[:, 1], after[:, 1] = np.concatenate(angles), np.concatenate(links)
+    torque[:, 1] = np.concatenate(torques)
+    time = np.concatenate(times)
+    number = np.concatenate(motion)
+    return Recording(
+        name="a gear read twice",
+        time=time,
+        pose=number,
+        visit=number,
+        posture=posture,
+        load_time=time,
+        stage=np.full(rows, UNLOADED),
+        link_posture=after,
+        axis_torque=torque,
+        rows="stream",
+    )
+
+
+def named(recording: Recording) -> dict[str, dict]:
+    axes = compared(recording, real_kr300.MODEL)
+    answer = answer_of("", axes, 0.0)
+    return {n.effect: n.parameters for n in answer.named}
+
+
+def test_a_delay_is_named_and_no_compliance():
+    found = named(stream(delay=0.004))
+    assert set(found) == {"channel_delay"}
+    delay = found["channel_delay"]["delay_s"]
+    assert delay.low < 0.004 < delay.high
+    assert delay.estimate == pytest.approx(0.004, rel=0.02)
+
+
+def test_a_true_compliance_is_named_and_no_delay():
+    found = named(stream(compliance=4e-7))
+    assert "channel_delay" not in found
+    give = found["joint_compliance"]["compliance_rad_per_nm"]
+    assert give.estimate == pytest.approx(4e-7, rel=0.1)
+
+
+def test_both_are_named_where_both_are_there():
+    found = named(stream(delay=0.004, compliance=4e-7))
+    assert {"channel_delay", "joint_compliance"} <= set(found)
+
+
+def test_a_gear_s_wave_is_named_with_its_order():
+    found = named(stream(delay=0.004, wave=6e-5))
+    assert found["transmission_error"]["order"].estimate == ORDER
+    size = found["transmission_error"]["amplitude_rad"]
+    assert size.estimate == pytest.approx(6e-5, rel=0.05)
+
+
+def test_play_between_directions_is_named():
+    found = named(stream(play=2e-4))
+    assert found["lost_motion"]["width_rad"].estimate == pytest.approx(2e-4, rel=0.05)
+
+
+def test_nothing_between_the_encoders_is_no_finding():
+    assert named(stream()) == {}
+
+
+def test_a_motion_that_was_not_fitted_is_predicted_to_the_noise(tmp_path):
+    axes = compared(stream(delay=0.004, wave=6e-5), real_kr300.MODEL)
+    assert whole_rms(axes[0].before) > 2e-4
+    assert whole_rms(axes[0].after) < 1e-5
+    written(tmp_path / "out", axes, answer_of("a gear", axes, 1.0))
+    names = {file.name for file in (tmp_path / "out").iterdir()}
+    assert {"diagnosis.json", "report.html", "before_after.png"} <= names
+
+
+def test_a_recording_without_second_encoders_or_motions_is_refused(tmp_path):
+    whole = stream(delay=0.004)
+    with pytest.raises(Unusable, match="two are fitted, one judges"):
+        compared(whole.take(whole.pose < 2), real_kr300.MODEL)
+    with pytest.raises(Unusable, match=r"A\.mat"):
+        real_kr300.recording_of(tmp_path)
+
+
+@pytest.mark.skipif("REAL_RECORDINGS" not in os.environ, reason="no REAL_RECORDINGS")
+def test_the_kr300_s_encoders_lag_by_three_milliseconds_and_do_not_wind_up():
+    """By hand: 39 / 61 / 60 µrad on the third motion with one parameter."""
+    folder = Path(os.environ["REAL_RECORDINGS"]) / "kr300-two-encoders"
+    recording = real_kr300.recording_of(folder)
+    axes = compared(recording, real_kr300.MODEL)
+    answer = answer_of(recording.name, axes, 0.0)
+    effects = {(n.effect, n.where) for n in answer.named}
+    assert {("channel_delay", f"a{k}") for k in (1, 2, 3)} <= effects
+    assert "joint_compliance" not in {effect for effect, _ in effects}
+    left = [1e6 * rms(a.after, a.judged.time) for a in axes]
+    assert np.all(np.array(left) <= [39, 61, 60])
