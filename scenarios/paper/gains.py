@@ -80,8 +80,8 @@ def verdict(tuned: Sequence[Contender], springs: Contender) -> str:
     """Say in words whether the paper's gains are reached, and what is missed."""
     said = [
         "The paper's least gains over the springs are 24.9 % in MAE, 14.2 % in STDE "
-        "and 7.7 % in ME, which is asked of the 99th percentile here. On "
-        f"{springs.unseen.shape[1]} fresh poses:"
+        "and 7.7 % in ME, which is asked of the 99th percentile here; judged on "
+        f"{springs.unseen.shape[1]} fresh poses of the experiment's region."
     ]
     for c in tuned:
         rows = gain_rows(c, springs)
@@ -90,10 +90,14 @@ def verdict(tuned: Sequence[Contender], springs: Contender) -> str:
         surely = sum(row["reached"] == SURELY for row in rows)
         reached, seeds = len(rows) - len(missed), len(c.seeds)
         count = "one seed" if seeds == 1 else f"{seeds} seeds"
-        text = (
-            f"pre-trained on the {c.plan} plan ({count}) FT-MLP reaches {reached} of "
-            f"these {len(rows)} gains, {surely} of them with the whole interval"
-        )
+        text = f"Pre-trained on the {c.plan} plan ({count}) FT-MLP reaches "
+        if reached == 0:
+            text += f"none of these {len(rows)} gains"
+        else:
+            text += (
+                f"{reached} of these {len(rows)} gains, {surely} of them with the "
+                "whole interval"
+            )
         if 0 < len(missed) < len(rows):
             text += f"; it misses {', '.join(_missed(row) for row in missed)}"
         said.append(f"{text}.")
