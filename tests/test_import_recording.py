@@ -177,7 +177,7 @@ def test_missing_empty_and_binary_files_end_with_2(lab, monkeypatch, capsys):
 # --- Streams -------------------------------------------------------------------------
 
 
-def moves(time: np.ndarray) -> np.ndarray:
+def moves(time):
     """Three places, each held for two seconds, a second of motion between them."""
     return np.interp(time, [0, 2, 3, 5, 6, 8], [0, 0, 0.4, 0.4, 0.1, 0.1])
 

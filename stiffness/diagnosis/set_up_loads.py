@@ -41,8 +41,9 @@ FLOPPY, STARK = 0.1, 1e-6
 industrial arms sag by 1e-4 to 3e-3."""
 FELT = 1.0
 """Torque of its own weight from which an axis' sag is judged, in N m; chosen."""
-HEAVY, GRAVITY = 30.0, 9.81
-"""Factor between the force and the weight on the hook that no pulley makes; chosen."""
+HEAVY, GRAVITY = 3.0, 9.81
+"""Factor between the force and the weight on the hook that no rope makes; chosen: a
+tackle doubles it, pounds and kilograms for newtons are beyond."""
 
 
 @dataclass(frozen=True)
