@@ -150,6 +150,8 @@ def _carried(
             force[:, place] += pull
             moment[:, place] += np.cross(arm, np.broadcast_to(pull, arm.shape))
     if recording.wrench is not None:
-        for place in [0, *(k + 1 for k in chain.carriers(tip))]:
+        spec = recording.wrench_sensor
+        body = "flange" if spec is None else spec.body
+        for place in [0, *(k + 1 for k in chain.carriers(standing.place(body).axis))]:
             moment[:, place] += wrench[:, 3:]
     return force, moment, origin, frame

@@ -85,5 +85,5 @@ def stop(situation: Situation, axis: int, slip: float) -> Float[np.ndarray, " ro
     for step in range(path.shape[1]):
         last = np.clip(last + path[:, step] - before, -slip, slip)
         before = path[:, step]
-        state[:, step] = last / slip
+        state[:, step] = last / max(slip, np.finfo(float).tiny)  # 0: never loaded
     return situation.from_steps(state)
