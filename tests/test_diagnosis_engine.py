@@ -14,6 +14,7 @@ from bench.instruments import Instruments
 from bench.instruments.markers import Markers
 from bench.instruments.tracker import Tracker
 from bench.model_file import load, plain_mjcf
+from bench.outsiders.foot_lift_off import FootLiftOff
 from bench.recording import Recording
 from bench.rig import Rig
 from bench.table_one import plan
@@ -24,17 +25,19 @@ from stiffness.diagnosis.columns import columns_of, levers
 from stiffness.diagnosis.crossing import cross_of
 from stiffness.diagnosis.deferred import Deferred
 from stiffness.diagnosis.detect import ALARM
-from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.diagnose import case_of, diagnose
 from stiffness.diagnosis.diagnosis import Diagnosis
 from stiffness.diagnosis.evidence import evidence_of, projected, without
 from stiffness.diagnosis.flips import sign_flips
 from stiffness.diagnosis.hypotheses import HYPOTHESES
+from stiffness.diagnosis.hypotheses.base_tilt import BaseTilt
 from stiffness.diagnosis.hypotheses.bearing_tilt import BearingTilt
 from stiffness.diagnosis.hypotheses.encoder_offset import EncoderOffset
 from stiffness.diagnosis.hypotheses.hardening import Hardening
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.hypotheses.marker_slip import MarkerSlip
 from stiffness.diagnosis.library import library_of
+from stiffness.diagnosis.member import Member, fit_set
 from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.roots import Roots
 from stiffness.diagnosis.signature import (
@@ -46,6 +49,7 @@ from stiffness.diagnosis.signature import (
     values,
 )
 from stiffness.diagnosis.split import split_of
+from stiffness.diagnosis.uneven import unevenness
 from stiffness.diagnosis.visits import Kept, visits_of
 
 MODEL = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
@@ -376,3 +380,22 @@ def test_random_signs_are_the_same_however_many_are_drawn_at_once(monkeypatch):
     once = sign_flips(white, 5)
     monkeypatch.setattr(flips, "AT_ONCE", 4999)
     np.testing.assert_array_equal(once.together, sign_flips(white, 5).together)
+
+
+def test_right_law_is_the_same_in_all_groups_and_a_wrong_one_is_not():
+    """A foot that lifts off its plate is no foot that gives way."""
+    right = case_of(prepared("hysteresis@a2"), FEW)
+    law = Member(Hysteresis(), "a2", np.array([22.3]))
+    (even,) = unevenness(right, _fitted(right, law))
+    assert even.p_value >= ALARM
+    rig = Rig(MODEL, effects=(FootLiftOff("base", 2e-6, preload_nm=20.0),))
+    seen = record(rig, plan(poses=40), Instruments(), seed=1)
+    wrong = case_of(prepare(seen, arm()), FEW)
+    law = Member(BaseTilt(), "base", np.zeros(0))
+    (uneven,) = unevenness(wrong, _fitted(wrong, law))
+    assert uneven.p_value < ALARM
+    assert uneven.captured > 25.0
+
+
+def _fitted(case, *members):
+    return fit_set(case.data, case.situation, case.nominal, members, case.split)

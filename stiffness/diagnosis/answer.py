@@ -1,5 +1,7 @@
 """The answer says what was named, how surely, and what stays open."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from stiffness.diagnosis.case import Case
@@ -13,6 +15,7 @@ from stiffness.diagnosis.diagnosis import (
     Unexplained,
 )
 from stiffness.diagnosis.judge import (
+    DIFFERS,
     SURE,
     alone,
     contradicted,
@@ -27,6 +30,7 @@ from stiffness.diagnosis.places import places_of_map, places_of_names
 from stiffness.diagnosis.prepare import Prepared
 from stiffness.diagnosis.remarks import residual_rms
 from stiffness.diagnosis.sets import white_candidates
+from stiffness.diagnosis.uneven import unevenness
 from stiffness.diagnosis.unnamed import law_of
 
 
@@ -40,7 +44,8 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
         named: What was named, and its rivals.
     """
     gains = alone(case, named.best.fit)
-    taken_back = contradicted(named, gains)
+    uneven = unevenness(case, named.best.fit)
+    taken_back = contradicted(named, gains, uneven)
     kept = [k for k, gone in enumerate(taken_back) if not gone]
     weights, sets = posterior(named, named.inflation)
     effects = []
@@ -58,7 +63,12 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
             )
         )
     sure = [e for e in effects if e.probability >= SURE]
-    rejects = named.left.p_value < ALARM
+    differs = [
+        u
+        for u, gain in zip(uneven, gains, strict=True)
+        if u.p_value < ALARM and u.captured > DIFFERS * gain
+    ]
+    rejects = named.left.p_value < ALARM or bool(differs)
     whole = bool(sure) and len(sure) == len(taken_back)
     verdict = "unexplained"
     if sure:
@@ -81,6 +91,9 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
     unexplained = None
     if verdict != "explained":
         unexplained = _unexplained(case, prepared, last, named, bool(sure), located)
+        words = [unexplained.signature] if unexplained.signature else []
+        words += [f"what explains it best differs between {u.between}" for u in differs]
+        unexplained = replace(unexplained, signature="; ".join(dict.fromkeys(words)))
     return {
         "verdict": verdict,
         "located": located,

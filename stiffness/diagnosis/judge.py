@@ -13,6 +13,7 @@ from stiffness.diagnosis.detect import ALARM, Found
 from stiffness.diagnosis.diagnosis import Name, Rival
 from stiffness.diagnosis.member import Member, SetFit, fit_set
 from stiffness.diagnosis.naming import ALIKE, MARGIN, Named, Scored
+from stiffness.diagnosis.uneven import Uneven
 
 SURE = 0.95
 """Probability from which a set explains; the rule of the answer."""
@@ -20,6 +21,10 @@ CONTRADICTS = 0.002
 """Share of what a name explains that may be left over beside it, where the residual
 test rejects, before the name is taken back. Chosen: rightly named effects leave nothing
 that the test rejects, wrong ones of the same place a hundredth and more."""
+
+DIFFERS = 0.01
+"""Share of what a name explains by which its law may differ between groups of rows.
+Chosen: a tenth of its size, squared; laws are no truer than that."""
 
 
 def alone(case: Case, fit: SetFit) -> list[float]:
@@ -32,11 +37,27 @@ def alone(case: Case, fit: SetFit) -> list[float]:
     return gains
 
 
-def contradicted(named: Named, gains: Sequence[float]) -> list[bool]:
-    """Return which members are contradicted by what is left at their own place.
+def contradicted(
+    named: Named, gains: Sequence[float], uneven: Sequence[Uneven]
+) -> list[bool]:
+    """Return which members are contradicted.
 
-    With a name that is taken back go all weaker ones: they mended a wrong law.
+    By what is left at their own place, or by a law that is another at other poses,
+    loads or times. With a name that is taken back go all weaker ones: they mended a
+    wrong law.
     """
+    near = _contradicted_nearby(named, gains)
+    answer = [
+        gone or (found.p_value < ALARM and found.captured > DIFFERS * gain)
+        for gone, found, gain in zip(near, uneven, gains, strict=True)
+    ]
+    wrong = max(
+        (g for g, gone in zip(gains, answer, strict=True) if gone), default=-1.0
+    )
+    return [gone or gain < wrong for gone, gain in zip(answer, gains, strict=True)]
+
+
+def _contradicted_nearby(named: Named, gains: Sequence[float]) -> list[bool]:
     left = named.left
     if left.p_value >= ALARM:
         return [False] * len(gains)
@@ -53,10 +74,7 @@ def contradicted(named: Named, gains: Sequence[float]) -> list[bool]:
         near = near or _weighs_on(member, loudest)
         excess = captured[loudest] - freedom[loudest]
         answer.append(near and excess > CONTRADICTS * gain)
-    wrong = max(
-        (g for g, gone in zip(gains, answer, strict=True) if gone), default=-1.0
-    )
-    return [gone or gain < wrong for gone, gain in zip(answer, gains, strict=True)]
+    return answer
 
 
 def place_in_map(member: Member) -> str:

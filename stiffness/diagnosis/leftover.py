@@ -21,13 +21,8 @@ def what_is_left(case: Case, fit: SetFit) -> Found:
     Other shapes of what is named are no candidates: a law is searched along a line, and
     what that leaves of a strong one is not news.
     """
-    members = [m.signature(case.situation) for m in fit.members]
-    extra: list[Signature] = []
-    for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
-        extra.extend(shape_columns(case.situation, member, coefficients))
-    known = [*case.nominal, *members, *extra, *other_forms(case, fit.members)]
     fold = case.evidence.fold
-    own = evidence_of(case.data, known, fold)
+    known, own = known_after(case, fit)
     count = own.gram.shape[1]
     mask = ~case.split.held_out
     beta = projected(own.gram[1], own.score[mask].sum(axis=0))
@@ -40,6 +35,19 @@ def what_is_left(case: Case, fit: SetFit) -> Found:
     named = {member.name for member in fit.members}
     library = _moved(case.library, count, named)
     return detect(library, joint, score, np.arange(count), mask, case.seed + 1)
+
+
+def known_after(case: Case, fit: SetFit) -> tuple[list[Signature], Evidence]:
+    """Return what is known once a set is named, and what the readings say of it.
+
+    Nominal columns, the set's laws, a little more of their shapes, their other forms.
+    """
+    members = [m.signature(case.situation) for m in fit.members]
+    extra: list[Signature] = []
+    for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
+        extra.extend(shape_columns(case.situation, member, coefficients))
+    known = [*case.nominal, *members, *extra, *other_forms(case, fit.members)]
+    return known, evidence_of(case.data, known, case.evidence.fold)
 
 
 def other_forms(case: Case, members: Sequence[Member]) -> list[Signature]:

@@ -11,14 +11,13 @@ Ignores     shapes beyond the grid's ends
 """
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
 
 import numpy as np
 
 from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.evidence import evidence_of, without
 from stiffness.diagnosis.member import Member, solve, training
-from stiffness.diagnosis.signature import Signature, values
+from stiffness.diagnosis.signature import Signature, values, with_values
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import Split
 
@@ -125,7 +124,5 @@ def shape_columns(
 def _difference(high: Signature, low: Signature, weight: np.ndarray) -> Signature:
     parts = []
     for one, other in zip(high.parts, low.parts, strict=True):
-        name = fields(one)[1].name
-        change = (values(one) - values(other)) @ weight
-        parts.append(replace(one, **{name: change}))
+        parts.append(with_values(one, (values(one) - values(other)) @ weight))
     return Signature(weight.shape[1], tuple(parts))

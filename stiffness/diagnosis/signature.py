@@ -4,7 +4,7 @@ A signature is what one unit of an effect does to the arm, row by row: small rig
 motions of what hangs on an axis or on the base, or displacements of single markers.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -107,6 +107,17 @@ def values(part: Part) -> np.ndarray:
     if isinstance(part, Motion):
         return part.twist
     return part.displacement if isinstance(part, Shift) else part.angle
+
+
+def with_values(part: Part, new: np.ndarray) -> Part:
+    """Return the same part with other numbers, perhaps of other columns."""
+    if isinstance(part, Turn):
+        return replace(part, law=new)
+    if isinstance(part, Motion):
+        return replace(part, twist=new)
+    if isinstance(part, Shift):
+        return replace(part, displacement=new)
+    return replace(part, angle=new)
 
 
 def turn(axis: int, *laws: Float[np.ndarray, " rows"]) -> Signature:
