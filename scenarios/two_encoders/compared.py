@@ -14,7 +14,7 @@ from bench.errors import Unusable
 from bench.patch import Patch, rig_of
 from bench.patch_effects import Named
 from bench.recording import Recording
-from stiffness.two_encoders.judging import Between, between
+from stiffness.two_encoders.judging import Between, between, shared_delay
 from stiffness.two_encoders.motions import Motion, axes_read_twice, motions_of
 
 WINDOW = 0.1
@@ -55,15 +55,19 @@ def compared(recording: Recording, model: Path) -> tuple[Axis, ...]:
     if not number:
         fault = "no axis has an angle after its gear (a1_link_deg …)."
         raise Unusable(f"Recording {recording.name!r}", [fault])
+    motions = [motions_of(recording, k) for k in number]
+    short = [k for k, own in zip(number, motions, strict=True) if len(own) < 3]
+    if short:
+        faults = [
+            f"a{k + 1} has too few motions: two are fitted, one judges." for k in short
+        ]
+        raise Unusable(f"Recording {recording.name!r}", faults)
+    fit = [own[:-1] for own in motions]
     axes = []
-    for k in number:
-        motions = motions_of(recording, k)
-        if len(motions) < 3:
-            fault = f"a{k + 1} has {len(motions)} motions; two are fitted, one judges."
-            raise Unusable(f"Recording {recording.name!r}", [fault])
-        found = between(motions[:-1])
-        left = _simulated(recording, model, k, motions[-1], found)
-        axes.append(Axis(f"a{k + 1}", motions[:-1], motions[-1], found, left))
+    for i, k in enumerate(number):
+        found = between(fit[i], shared_delay(fit, i))
+        left = _simulated(recording, model, k, motions[i][-1], found)
+        axes.append(Axis(f"a{k + 1}", fit[i], motions[i][-1], found, left))
     return tuple(axes)
 
 

@@ -74,7 +74,7 @@ def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]
         Heading("What was refused, and why"),
         Table(
             "Tried after what was believed; each must make motions that it was not "
-            "fitted to better, every one, and leave alone what was believed before.",
+            "fitted to better, every one, and not live on the delay of its axis.",
             ("axis", "effect", "would be", "gain / its error", "reason"),
             [
                 (

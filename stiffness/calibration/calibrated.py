@@ -14,7 +14,7 @@ from stiffness.calibration.claims import (
     largest_waves,
     tables_of,
 )
-from stiffness.calibration.columns import candidates_of
+from stiffness.calibration.columns import ORDERS, candidates_of
 from stiffness.calibration.intervals import Estimate, spread
 from stiffness.calibration.judging import Judge
 from stiffness.calibration.neighbours import Agreement, agreement
@@ -74,8 +74,19 @@ def calibrated(
     readings: Readings,
     regions: Regions,
     said: Callable[[str], None] = lambda _: None,
+    highest: int = ORDERS[-1],
 ) -> Calibrated:
-    """Calibrate an arm on the regions that are not kept back."""
+    """Calibrate an arm on the regions that are not kept back.
+
+    Args:
+        readings: What was seen.
+        regions: Which of it is kept back.
+        said: Is told what was believed.
+        highest: Order below which tables of uneven gears end.
+
+    Returns:
+        What was believed, with the arm as corrected.
+    """
     keep = ~regions.kept_back
     fit_on = readings.take(keep)
     before = fitted(fit_on, redraw=False).drawn
@@ -83,7 +94,9 @@ def calibrated(
     rigid = fitted(fit_on, redraw=True)
     stance = Stance.of(readings, rigid.drawn)
     sprung = _sprung(readings.arm)
-    blocks = Blocks.of(rigid, stance, candidates_of(stance, CHOOSING), sprung)
+    blocks = Blocks.of(
+        rigid, stance, candidates_of(stance, min(CHOOSING, highest)), sprung
+    )
     folds = normals_of(blocks, stance, regions.fold, regions.count)
     _, sizes = learnt(total_of(folds), blocks.band)
     chosen = selected(Judge(blocks, folds, sizes), said)
@@ -93,7 +106,7 @@ def calibrated(
     del folds
     every = [
         c
-        for c in candidates_of(stance)
+        for c in candidates_of(stance, highest)
         if c.key in keys or c.key in sprung
         if c.orders or (c.key, c.parameters[0]) in wanted or c.key in sprung
     ]

@@ -1,5 +1,5 @@
 """An encoder on either side of a gear: what lies between them, and what only seems to.
 
 Any axis of any arm that moves while both are read. A term is believed when motions
-that it was not fitted to confirm it, and when it leaves alone what was believed before.
+that it was not fitted to confirm it and when it does not live on the clocks' delay.
 """

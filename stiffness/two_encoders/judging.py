@@ -4,8 +4,10 @@
 Equation    each motion is left out in turn; gain of a stretch of time = its mean square
             without − with the term, in shares of the motion's; believed where the mean
             gain over stretches is above two of its standard errors, no motion as a
-            whole is worse, the coefficient is possible, and nothing that was believed
-            before leaves its 95 % interval
+            whole is worse, the coefficient is possible, and the axis' delay does not
+            leave its 95 % interval away from the delay of the other axes: all second
+            encoders are read by one instrument, and the motor's torque holds friction,
+            which goes with speed as a delay does
 Source      Breiman et al. 1984 (margins of standard errors); intervals: sandwich over
             stretches (Liang, Zeger 1986) with Student's t
 Valid       two motions or more
@@ -72,8 +74,13 @@ class Between:
         return motion.apart - columns(self.terms, motion) @ self.x
 
 
-def between(motions: tuple[Motion, ...]) -> Between:
-    """Find what lies between the encoders of an axis."""
+def between(motions: tuple[Motion, ...], shared: float | None = None) -> Between:
+    """Find what lies between the encoders of an axis.
+
+    Args:
+        motions: All are fitted.
+        shared: Delay of the other axes' second encoders, in s; None: nobody knows.
+    """
     terms: tuple[Term, ...] = ()
     believed: list[Trial] = []
     while True:
@@ -82,7 +89,7 @@ def between(motions: tuple[Motion, ...]) -> Between:
         known = {t.effect for t in terms if not t.order}
         rest = [t for t in plain_terms(motions) if t.effect not in known]
         rest += strongest_waves(motions, tuple(so_far.left(m) for m in motions))
-        trials = [tried(so_far, term, motions) for term in rest]
+        trials = [tried(so_far, term, motions, shared) for term in rest]
         good = [t for t in trials if not t.reason]
         if not good or len(terms) == MOST_TERMS:
             return Between(terms, x, half, tuple(trials), tuple(believed))
@@ -91,8 +98,13 @@ def between(motions: tuple[Motion, ...]) -> Between:
         terms = (*terms, best.term)
 
 
-def tried(so_far: Between, term: Term, motions: tuple[Motion, ...]) -> Trial:
-    """Try one more term."""
+def tried(
+    so_far: Between,
+    term: Term,
+    motions: tuple[Motion, ...],
+    shared: float | None = None,
+) -> Trial:
+    """Try one more term; see `between`."""
     terms = (*so_far.terms, term)
     x = fitted(terms, motions)[0]
     each, worse = [], []
@@ -106,7 +118,6 @@ def tried(so_far: Between, term: Term, motions: tuple[Motion, ...]) -> Trial:
     gains = np.concatenate(each)
     gain, error = float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
     own = x[len(so_far.x) :]
-    moved = np.abs(x[: len(so_far.x)] - so_far.x) > so_far.half
     reason = ""
     if (own < term.least).any():
         reason = f"{term.parameters[0]} would be below zero, which cannot be"
@@ -114,15 +125,34 @@ def tried(so_far: Between, term: Term, motions: tuple[Motion, ...]) -> Trial:
         reason = f"motion {worse[0]} is worse with it when it is fitted to the others"
     elif gain <= MARGIN * error:
         reason = "it gains less than two standard errors on motions left out"
-    elif moved.any():
-        names = [(t, n) for t in so_far.terms for n in t.parameters]
-        taken, name = names[int(np.flatnonzero(moved)[0])]
-        i = int(np.flatnonzero(moved)[0])
-        reason = (
-            f"it lives on what {taken.effect} explains: {name} would go from "
-            f"{so_far.x[i]:.3g} ± {so_far.half[i]:.2g} to {x[i]:.3g}"
-        )
+    else:
+        reason = _borrowed(so_far, x, shared)
     return Trial(term, tuple(own.tolist()), gain, error, reason)
+
+
+def _borrowed(
+    so_far: Between, x: Float[np.ndarray, " columns"], shared: float | None
+) -> str:
+    """Say whether a term lives on the delay that the axis shares with others."""
+    names = [name for term in so_far.terms for name in term.parameters]
+    if shared is None or "delay_s" not in names:
+        return ""
+    i = names.index("delay_s")
+    old, new, half = so_far.x[i], x[i], so_far.half[i]
+    if abs(new - old) <= half or abs(new - shared) <= abs(old - shared):
+        return ""
+    return (
+        f"it lives on the delay, which would go from {1e3 * old:.2f} ± "
+        f"{1e3 * half:.2f} to {1e3 * new:.2f} ms, away from the other axes' "
+        f"{1e3 * shared:.2f}"
+    )
+
+
+def shared_delay(axes: Sequence[tuple[Motion, ...]], but: int) -> float | None:
+    """Return the median delay of all axes but one, each fitted alone, in s."""
+    delay = [t for t in plain_terms(axes[but]) if t.effect == "channel_delay"]
+    others = [fitted(delay, m)[0][0] for k, m in enumerate(axes) if k != but]
+    return float(np.median(others)) if others else None
 
 
 def columns(terms: Sequence[Term], motion: Motion) -> Float[np.ndarray, "rows columns"]:

@@ -1,0 +1,69 @@
+"""Is an effect of known size found where it is added to the readings of real arms?
+
+Real noise, and all that a real arm does, with a truth that is known: to a UR10's target
+are added what MuJoCo says that an effect moves it, to a KR300's second encoder what an
+effect would make of it. The same tools as for the arms as they are then say what is
+there; what they say more than before is compared with what was added.
+
+Run:    python -m scenarios.added_effects --ur10 FOLDER --kr300 FOLDER
+Takes:  a minute for the KR300; the UR10 is calibrated five times, 10 minutes or more
+Expect: a table for each arm, added.csv beside its report
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from scenarios import real_ur10
+from scenarios.adding import to_kr300, to_ur10
+from scenarios.command import run
+from scenarios.nominal import arm_of
+from scenarios.reading import kr300_encoders
+from scenarios.reporting import table
+from stiffness.calibration.readings import readings_of
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What to read, and where results go."""
+
+    ur10: Path | None = None
+    """Folder of the UR10's series; none: it is left out."""
+    kr300: Path | None = None
+    """Folder of the KR300's series; none: it is left out."""
+    out: Path = Path("results")
+    """Folder that holds real_ur10 and real_kr300."""
+
+
+def main(settings: Settings) -> list[dict[str, object]]:
+    """Add, look, and write what was found."""
+    found: list[dict[str, object]] = []
+    if settings.kr300 is not None:
+        recording = kr300_encoders.recording_of(settings.kr300)
+        found += _written(settings.out / "real_kr300", to_kr300.rows(recording))
+    if settings.ur10 is not None:
+        recording = real_ur10.recording_of(settings.ur10)
+        arm = arm_of(real_ur10.MODEL).for_recording(recording)
+        base = to_ur10.base_of(readings_of(recording, arm))
+        rows = to_ur10.rows(base, real_ur10.MODEL)
+        found += _written(settings.out / "real_ur10", rows)
+    return found
+
+
+def _written(folder: Path, rows) -> list[dict[str, object]]:
+    found = []
+    folder.mkdir(parents=True, exist_ok=True)
+    partial = folder / ".added.csv"
+    for row in rows:
+        found.append(row)
+        print("  ".join(f"{k}={_text(v)}" for k, v in row.items()), flush=True)
+        table.write(partial, found)
+    partial.replace(folder / "added.csv")
+    return found
+
+
+def _text(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+if __name__ == "__main__":
+    run(main, Settings)
