@@ -83,7 +83,9 @@ def main(settings: Settings) -> list[dict[str, object]]:
         ),
     ]
     page.write(out, "How many poses are enough?", _summary(settings, rows), blocks)
-    command = f"python -m scenarios.how_many_poses --splits {settings.splits} --seed"
+    counts = " ".join(map(str, settings.counts))
+    command = f"python -m scenarios.how_many_poses --counts {counts} --splits "
+    command += f"{settings.splits} --seed"
     run_file.write(out, f"{command} {seed} --out {out.as_posix()}", asdict(settings))
     print(f"Report: {out / 'report.html'}")
     return rows
@@ -127,16 +129,16 @@ def _shown(settings: Settings, rows: list[dict]) -> tuple[list[str], list[list[s
 
 def _summary(settings: Settings, rows: list[dict]) -> str:
     ends = {m: course(rows, m)[0] for m in METHODS}
-    beats = [
-        f"{TITLES[m]} from {settings.counts[int(np.argmax(ends[m] < ends['vjm']))]}"
-        if np.any(ends[m] < ends["vjm"])
-        else f"{TITLES[m]} with none of these numbers"
-        for m in METHODS[1:]
-    ]
+    beats = []
+    for m in METHODS[1:]:
+        worse = np.flatnonzero(ends[m] >= ends["vjm"])
+        first = 0 if len(worse) == 0 else worse[-1] + 1  # better from here to the last
+        said = f"from {settings.counts[first]}" if first < len(ends[m]) else "never"
+        beats.append(f"{TITLES[m]} {said}")
     return (
         f"With {settings.counts[-1]} poses the springs leave {ends['vjm'][-1]:.3f} mm "
         f"on fresh ones, with {settings.counts[0]} {ends['vjm'][0]:.3f} mm. On average "
-        f"over the draws better than springs: {'; '.join(beats)} poses on."
+        f"over the draws better than springs, in poses: {'; '.join(beats)}."
     )
 
 

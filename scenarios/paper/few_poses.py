@@ -36,7 +36,8 @@ from stiffness.networks.training import Training, train
 from stiffness.source_domain import source_domain
 
 PLAN = "spanning"
-HELD = ((), ("a4",), ("a4", "a6"), ("a4", "a5", "a6"), ("a3", "a4", "a5", "a6"))
+WRIST, FORE = ("a4", "a5", "a6"), ("a3", "a4", "a5", "a6")
+HELD = ((), ("a4",), ("a4", "a6"), WRIST, FORE, ("a1", *FORE), ("a2", *FORE))
 """Axes that are held, in turn, until the poses show the others."""
 ON = Training(steps=300, rate=1e-3)
 """How a network goes on with the springs of the few poses; chosen: its test MAE is then
@@ -128,7 +129,7 @@ def springs_of(arm: Arm, few: Recording) -> tuple[VjmFit, tuple[str, ...]]:
     """Fit springs, holding as many axes as must be, and say which.
 
     Raises:
-        NotIdentifiable: Where even A1 and A2 cannot be identified.
+        NotIdentifiable: Where neither A1 nor A2 can be identified, the others held.
     """
     for held in HELD:
         try:

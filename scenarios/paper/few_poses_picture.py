@@ -10,6 +10,7 @@ from scenarios.paper.comparison import TITLES
 from scenarios.reporting import style
 
 METHODS = ("vjm", "ft_mlp", "dt_cnn", "gp_residual")
+TICKS_MM = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 1, 2, 5)
 COLOURS = (style.GREY, style.ORANGE, style.BLUE, style.GREEN)
 
 
@@ -32,6 +33,9 @@ def draw(counts: Sequence[int], rows: Sequence[dict], file: Path) -> None:
     axes.set_yscale("log")
     axes.set_xticks(counts, [str(count) for count in counts])
     axes.minorticks_off()
+    top, bottom = max(r["high_mm"] for r in rows), min(r["low_mm"] for r in rows)
+    ticks = [t for t in TICKS_MM if 0.7 * bottom < t < 1.4 * top]
+    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.set_xlabel("poses learnt from")
     axes.set_ylabel("MAE on fresh poses [mm]")
     axes.legend()
