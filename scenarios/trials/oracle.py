@@ -29,8 +29,10 @@ from stiffness.diagnosis.refine import refined
 from stiffness.diagnosis.sets import Ranked, ranked, white_candidates
 from stiffness.diagnosis.visits import visits_of
 
-PROBE = 4000.0
-"""χ² of the effect that the library is tried on; chosen: chance adds about 1 %."""
+PROBE = 20_000.0
+"""χ² of the effect that the library is tried on; chosen: its noise is 2 √χ², 1.4 %."""
+LEAST_SHARE = 0.04
+"""Share that the library must leave to be told from that noise; chosen: three times."""
 LARGEST = 40_000.0
 """χ² beyond which an effect is taken to be explained by the library; chosen."""
 LEFT = 1.3
@@ -112,7 +114,7 @@ def as_strange_as(
     probe, weight = as_large_as(effect, PROBE, weigh)
     share = 1.0 - captured(probe) / (weight.within + weight.between)
     wanted = LEFT * least * SPAN ** draw.uniform(0.0, 1.0)
-    if share * LARGEST < wanted:
+    if share < LEAST_SHARE or share * LARGEST < wanted:
         raise OutOfReach(f"The library explains {effect.name} at {effect.where}.")
     larger, weight = as_large_as(probe, wanted / share, weigh)
     return larger, replace(weight, left=share * weight.chi2)
