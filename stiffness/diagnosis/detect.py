@@ -30,6 +30,7 @@ class Found:
         candidates: How many blocks belong to candidates.
         blocks: How many to the map's blocks.
         places: Names of the places of the map.
+        where: Place of each block that was tested; the whole map has none.
         dispersion: Mean square of white scores of the map: noise variance over the
             stated one if nothing is there.
     """
@@ -38,12 +39,19 @@ class Found:
     candidates: int
     blocks: int
     places: tuple[str, ...]
+    where: tuple[str, ...]
     dispersion: float
 
     @property
     def p_value(self) -> float:
         """Return the p-value of the recording."""
         return self.tested.p_value
+
+    @property
+    def strongest(self) -> int:
+        """Return the number of the block that rejects most."""
+        together, z = self.tested.together, self.tested.z
+        return int(np.lexsort((-z, together))[0])
 
     def of_places(self, values: np.ndarray) -> dict[str, float]:
         """Return values of whole places of the map."""
@@ -90,4 +98,10 @@ def detect(
     )
     of_map = np.concatenate(white[len(own) : len(own) + len(parts)], axis=1)
     dispersion = float(np.sum(of_map**2) / max(1, of_map.shape[1]))
-    return Found(tested, len(own), len(parts), places, dispersion)
+    where = (
+        *(c.where for c in library.candidates for _ in c.columns),
+        *(m.where for m in library.map),
+        *places,
+        "",
+    )
+    return Found(tested, len(own), len(parts), places, where, dispersion)

@@ -22,6 +22,8 @@ CONTRADICTS = 0.002
 test rejects, before the name is taken back. Chosen: rightly named effects leave nothing
 that the test rejects, wrong ones of the same place a hundredth and more."""
 
+ANYWHERE = ("wrench_sensor", "rig", "tracker")
+"""Places of instruments, whose faults show all over the arm."""
 DIFFERS = 0.01
 """Share of what a name explains by which its law may differ between groups of rows.
 Chosen: a tenth of its size, squared; laws are no truer than that."""
@@ -61,28 +63,33 @@ def _contradicted_nearby(named: Named, gains: Sequence[float]) -> list[bool]:
     left = named.left
     if left.p_value >= ALARM:
         return [False] * len(gains)
-    captured = left.of_places(left.tested.captured)
-    freedom = left.of_places(left.tested.freedom)
-    z = left.of_places(left.tested.z)
-    if not z:
-        return [False] * len(gains)
-    loudest = max(z, key=lambda place: z[place])
-    answer = []
-    for member, gain in zip(named.best.fit.members, gains, strict=True):
-        where = place_in_map(member)
-        near = where not in z or where == loudest or neighbours(where, loudest)
-        near = near or _weighs_on(member, loudest)
-        excess = captured[loudest] - freedom[loudest]
-        answer.append(near and excess > CONTRADICTS * gain)
-    return answer
+    at = left.strongest
+    excess = float(left.tested.captured[at] - left.tested.freedom[at])
+    loudest = left.where[at] or left_over(left)
+    return [
+        _near(member, loudest) and excess > CONTRADICTS * gain
+        for member, gain in zip(named.best.fit.members, gains, strict=True)
+    ]
 
 
-def place_in_map(member: Member) -> str:
-    """Return where the map would see a member: a link's bending at the axis after."""
-    where = member.where
-    if where.startswith("link_") and where[5:].isdigit():
-        return f"a{int(where[5:]) + 1}"
-    return where
+def _near(member: Member, loudest: str) -> bool:
+    """Return whether what is left somewhere may be a member's own.
+
+    A wrong wrench or tracker feigns effects anywhere, and any effect feigns them; a
+    single marker speaks for itself.
+    """
+    if loudest.startswith("marker:"):
+        return member.where == loudest
+    if loudest in ANYWHERE or member.where in ANYWHERE:
+        return True
+    if _weighs_on(member, loudest):
+        return True
+    return abs(_place(member.where) - _place(loudest)) <= 1
+
+
+def _place(where: str) -> int:
+    """Return the place of the map where something shows: of a link, the axis after."""
+    return _number(where) + where.startswith("link_")
 
 
 def _weighs_on(member: Member, place: str) -> bool:
@@ -94,13 +101,6 @@ def _number(where: str) -> int:
     """Return the number of an axis or a link; 0 for the base, far for a tool."""
     digits = where.removeprefix("link_").removeprefix("a")
     return int(digits) if digits.isdigit() else 0 if where == "base" else 99
-
-
-def neighbours(one: str, other: str) -> bool:
-    """Return whether two places of the map come one after the other."""
-    order = {"base": 0}
-    at = [order.get(p, int(p[1:]) if p[1:].isdigit() else -9) for p in (one, other)]
-    return abs(at[0] - at[1]) == 1
 
 
 def posterior(named: Named, inflation: float) -> tuple[list[float], list[Scored]]:
