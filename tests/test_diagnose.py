@@ -12,7 +12,7 @@ from bench.errors import BenchError, Unusable
 from bench.patch_effects import Named, effect_of
 from scenarios import diagnose, record
 from scenarios.command import run
-from scenarios.diagnosing import next_experiments, steps, story
+from scenarios.diagnosing import next_experiments, report, steps, story
 from scenarios.diagnosing.answer import answer_of, text_of
 from scenarios.diagnosing.catalogue import USUAL
 from scenarios.diagnosing.finding import Finding
@@ -30,6 +30,7 @@ from stiffness.diagnosis.diagnosis import (
     Unexplained,
     Warned,
 )
+from stiffness.diagnosis.remarks import scattered
 
 
 @pytest.fixture(scope="module")
@@ -334,6 +335,16 @@ def test_story_of_no_mismatch_says_what_would_have_shown(found, recording):
     (sentence,) = story.sentences(Finding(marked, calm, None, "", None, told))
     assert "agree (p = 0.4)" in sentence
     assert "0.5 µm rms would have shown" in sentence
+
+
+def test_story_claims_no_agreement_where_poses_differ_at_random(found, recording):
+    marked, _ = files.read(recording)
+    calm = replace(found.detection, p_value=0.4)
+    wild = Diagnosis("x", "no_mismatch", calm, warnings=scattered(219.0))
+    finding = Finding(marked, wild, None, "", None, answer_of(wild, None, (), 1.0))
+    note, sentence = story.sentences(finding)
+    assert "poses differ 14.8 times as much as the stated errors" in note
+    assert "agree" not in sentence + report.title_of(finding)
 
 
 @pytest.mark.parametrize(

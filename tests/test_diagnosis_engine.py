@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bench.effects.parse import parse_all
+from bench.errors import Unusable
 from bench.experiment import record
 from bench.instruments import Instruments
 from bench.instruments.markers import Markers
@@ -282,6 +283,49 @@ def test_nothing_there_is_no_mismatch():
     assert found.verdict == "no_mismatch"
     assert found.detection.p_value >= ALARM
     assert found.named == ()
+
+
+def relative(made: Recording) -> Recording:
+    """Count each visit's readings from its first row."""
+    start = np.searchsorted(made.visit, made.visit)
+    seen = np.isfinite(made.points[start]).all(axis=(1, 2))
+    moved = replace(made, points=made.points - made.points[start]).take(seen)
+    tracker = prepared().frames.transform
+    return replace(moved, displacement="relative", base_from_tracker=tracker)
+
+
+def test_relative_readings_of_a_nominal_arm_are_no_mismatch():
+    """Levers and noise too are those of the same arm read absolutely."""
+    ready = prepare(relative(recording()), arm())
+    assert abs(ready.noise - 1.0) < 0.03
+    found = diagnose(relative(recording()), arm(), FEW)
+    assert found.verdict == "no_mismatch"
+
+
+def test_an_effect_is_named_from_relative_readings():
+    found = diagnose(relative(recording("bearing_tilt@a3")), arm(), FEW)
+    assert [(e.name.effect, e.name.where) for e in found.named] == [
+        ("bearing_tilt", "a3")
+    ]
+
+
+def test_relative_readings_of_marks_at_unknown_places_are_refused():
+    markers = tuple(replace(m, position=None) for m in recording().markers)
+    with pytest.raises(Unusable, match="give position_mm"):
+        diagnose(replace(relative(recording()), markers=markers), arm(), FEW)
+
+
+def test_poses_that_differ_at_random_are_no_law_but_not_passed_over():
+    """Each pose gives way its own way by 0.2 mm: ten times the noise, signs random."""
+    made = recording()
+    pose = np.unique(made.pose, return_inverse=True)[1]
+    sign = np.random.default_rng(3).choice([-1.0, 1.0], pose.max() + 1)[pose]
+    load = made.load_mass / np.max(made.load_mass)
+    moved = made.points + 2e-4 * (sign * load)[:, None, None]
+    found = diagnose(replace(made, points=moved), arm(), FEW)
+    assert found.verdict == "no_mismatch"
+    assert "scatter" in [warned.code for warned in found.warnings]
+    assert "scatter" not in [warned.code for warned in diagnosis().warnings]
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from scenarios.diagnosing.report_data import data
 from scenarios.diagnosing.report_proof import doubts, proof
 from scenarios.diagnosing.units import label, size, span
 from scenarios.reporting.page import Block, Figure, Heading, Paragraph, Table
+from stiffness.diagnosis.remarks import SCATTER
 
 VERDICTS = {
     "no_mismatch": "Simulation and recording agree",
@@ -22,8 +23,12 @@ VERDICTS = {
 
 def title_of(finding: Finding) -> str:
     """Return the headline."""
-    name = finding.answer.recording or "a recording"
-    return f"{VERDICTS[finding.answer.verdict]}: {name}"
+    answer = finding.answer
+    said = VERDICTS[answer.verdict]
+    calm = answer.verdict == "no_mismatch"
+    if calm and any(warning.code == SCATTER for warning in answer.warnings):
+        said = "No law was found in what differs"
+    return f"{said}: {answer.recording or 'a recording'}"
 
 
 def blocks_of(finding: Finding, folder: Path) -> list[Block]:

@@ -6,6 +6,7 @@ from bench.proof import Proof
 from scenarios.diagnosing.finding import MICRO, Finding, channel_of
 from scenarios.diagnosing.schema import Called
 from scenarios.diagnosing.units import label, span
+from stiffness.diagnosis.remarks import SCATTER
 
 
 def sentences(finding: Finding) -> Iterator[str]:
@@ -56,6 +57,8 @@ def _detected(finding: Finding) -> str:
         f"{noise:.1f} µm"
     )
     if finding.answer.verdict == "no_mismatch":
+        if any(warning.code == SCATTER for warning in finding.answer.warnings):
+            return f"No law was found in what differs ({p}): {sizes}."
         least = found.smallest_effect_that_would_show_mm
         shown = "" if least is None else (
             f" An effect that moves the marks by {1e3 * least:.2g} µm rms would have "

@@ -27,7 +27,7 @@ from stiffness.diagnosis.library import library_of, springs_of
 from stiffness.diagnosis.member import solve, training
 from stiffness.diagnosis.naming import name
 from stiffness.diagnosis.prepare import Prepared, prepare
-from stiffness.diagnosis.remarks import noise_rms, remarks, residual_rms
+from stiffness.diagnosis.remarks import noise_rms, remarks, residual_rms, scattered
 from stiffness.diagnosis.set_up import mistakes_of_set_up
 from stiffness.diagnosis.split import seed_of, split_of
 
@@ -69,6 +69,7 @@ def diagnose(
         ),
     }
     if found.p_value >= ALARM:
+        common["warnings"] = remarks(prepared) + scattered(found.dispersion)
         return Diagnosis(
             verdict="no_mismatch",
             nominal=nominal_of(prepared, np.zeros(len(prepared.springs))),

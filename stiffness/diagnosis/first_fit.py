@@ -88,14 +88,20 @@ def model_compliance(arm: Arm) -> Float[np.ndarray, " axes"]:
 
 
 def residuals_of(situation: Situation, frames: Frames) -> Residuals:
-    """Return readings less where they should be, with the stated noise."""
+    """Return readings less where they should be, with the stated noise.
+
+    Relative readings are counted from where a visit's first row should be.
+    """
     recording = situation.recording
     assert recording.tracker is not None
-    point = seen_in_base(recording, frames)
+    point, should = seen_in_base(recording, frames), expected(situation, frames)
+    if recording.displacement == "relative":
+        first = situation.steps[situation.visit, 0]
+        point = point - frames.shift + should[first]
     inverse = (frames.turn / recording.tracker.repeatability**2) @ frames.turn.T
     _, body = bodies_of(situation.arm, recording)
     return Residuals(
-        value=point - expected(situation, frames),
+        value=point - should,
         point=point,
         weight=weight_of(recording),
         inverse=inverse,

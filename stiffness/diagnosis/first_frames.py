@@ -43,18 +43,23 @@ def first_frames(
     """Guess the tracker's frame and the markers' places.
 
     Raises:
-        Unusable: Where nothing tells how the tracker stands.
+        Unusable: Where nothing tells how the tracker stands or where markers sit.
     """
     first = np.unique(recording.visit, return_index=True)[1]
     some = recording.take(first[:: max(1, len(first) // SOME)])
     posture = equilibrium(arm, some.posture, compliance, payload=recording.tool)
     sight = Sight.of(arm, some, posture)
     if recording.displacement == "relative":
+        faults = []
         if sight.transform is None:
-            raise Unusable(
-                f"Recording {recording.name!r}",
-                ["relative readings need [frames.tracker]: they do not show it."],
-            )
+            fault = "relative readings need [frames.tracker]: they do not show it."
+            faults.append(fault)
+        hidden = [m.name for m in recording.markers if m.position is None]
+        if hidden:
+            fault = "relative readings do not show where markers sit: give position_mm "
+            faults.append(f"{fault}of {', '.join(hidden)}.")
+        if sight.transform is None or hidden:
+            raise Unusable(f"Recording {recording.name!r}", faults)
         turn, shift = sight.transform[:3, :3], sight.transform[:3, 3]
         return Frames(turn, shift, sight.place)
     frames, _ = seated(sight)

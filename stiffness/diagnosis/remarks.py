@@ -7,6 +7,11 @@ from stiffness.diagnosis.prepare import Prepared
 
 ODD = 1.1
 """Measured over stated noise from which it is said; chosen: a tenth."""
+SCATTER = "scatter"
+"""Code of the remark that poses differ more than anything stated allows."""
+WILD = 4.0
+"""Variance of the map's scores over what is stated from which no agreement is claimed;
+chosen: every error of the instruments twice as large as stated."""
 
 
 def remarks(prepared: Prepared) -> tuple[Warned, ...]:
@@ -26,6 +31,25 @@ def remarks(prepared: Prepared) -> tuple[Warned, ...]:
         text = f"the stiffness of a{k + 1} cannot be seen and was left at the model's."
         said.append(Warned("not_identifiable", f"a{k + 1}", text))
     return tuple(said)
+
+
+def scattered(dispersion: float) -> tuple[Warned, ...]:
+    """Return the remark that poses differ at random, by more than errors explain.
+
+    A law that changes its sign from pose to pose (a stiffness that another axis' angle
+    governs) averages out of every column, and random signs leave it as it is.
+
+    Args:
+        dispersion: Variance of the map's scores over that of the stated errors.
+    """
+    if dispersion < WILD:
+        return ()
+    text = (
+        f"poses differ {np.sqrt(dispersion):.1f} times as much as the stated errors "
+        "make them, after no law that was tried. Either errors are larger than stated, "
+        "or something is left out that depends on what is not looked at."
+    )
+    return (Warned(SCATTER, "rig", text),)
 
 
 def residual_rms(prepared: Prepared) -> float:
