@@ -3,7 +3,8 @@
 Reads a recording against the robot's model, fits what is nominal, and asks whether
 anything is left that the instruments cannot have made; if so, where it sits, what
 physics it is, or that it has no name. What was named goes into the simulator, and the
-poses that were kept back decide.
+poses that were kept back decide. Positions without any load that three effects do not
+explain are calibrated on, as `python -m scenarios.calibrate` does.
 
 Run:    python -m scenarios.diagnose RECORDING --robot MODEL.xml --out DIR
 Takes:  20 s for 151 poses, 9 loads and 28 marks on two cores
@@ -22,8 +23,16 @@ from rich.console import Console
 
 from bench.patch import FILE, MODEL_FILE, text_of
 from bench.patch_model import mjcf_of
+from scenarios.calibrating import carried_out
 from scenarios.command import run
-from scenarios.diagnosing import answer, next_experiments, playback, report, story
+from scenarios.diagnosing import (
+    answer,
+    calibrating,
+    next_experiments,
+    playback,
+    report,
+    story,
+)
 from scenarios.diagnosing.finding import Finding
 from scenarios.diagnosing.steps import asked, proved
 from scenarios.diagnosing.telling import tell
@@ -59,6 +68,12 @@ def main(settings: Settings) -> answer.Answer:
         notes = (*notes, sampled) if sampled else notes
     with console.status("comparing with the model"):
         found = asked(recording, arm)
+    if calibrating.is_called_for(recording, found):
+        outcome = calibrating.tried(recording, arm, settings.robot, console)
+        if outcome is not None:
+            carried_out.written(settings.out, outcome)
+            console.print(f"{settings.out / 'report.html'}", markup=False)
+            return outcome.answer
     with console.status("proving it in the simulator"):
         simulated, unproved = proved(found, recording, arm, settings.robot)
         steps = next_experiments.proposed(found, simulated if not unproved else None)

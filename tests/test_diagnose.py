@@ -1,5 +1,7 @@
 import json
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -14,6 +16,7 @@ from scenarios import diagnose, record
 from scenarios.command import run
 from scenarios.diagnosing import next_experiments, report, steps, story
 from scenarios.diagnosing.answer import answer_of, text_of
+from scenarios.diagnosing.calibrating import is_called_for
 from scenarios.diagnosing.catalogue import USUAL
 from scenarios.diagnosing.finding import Finding
 from scenarios.diagnosing.patching import STIFFEST, patch_of, stiffening
@@ -376,3 +379,23 @@ def test_catalogue_speaks_of_parameters_that_effects_have():
         known = USUAL.get(kind.name, {})
         assert set(known) <= set(effect.parameters())
         assert all(u.low < u.high and u.source for u in known.values())
+
+
+@pytest.mark.parametrize(
+    ("change", "called"),
+    [
+        ({}, True),
+        ({"wrench": np.zeros((5, 6))}, False),
+        ({"displacement": "relative"}, False),
+        ({"rows": "stream"}, False),
+    ],
+)
+def test_calibration_is_asked_where_positions_without_a_load_stay_unexplained(
+    change, called
+):
+    usual = {"wrench": None, "displacement": "absolute", "rows": "plateaus"}
+    recording: Any = SimpleNamespace(**(usual | change))
+    found: Any = SimpleNamespace(nominal=object(), verdict="unexplained")
+    assert is_called_for(recording, found) == called
+    explained: Any = SimpleNamespace(nominal=object(), verdict="explained")
+    assert not is_called_for(recording, explained)

@@ -283,7 +283,7 @@ def test_a_quaternion_that_is_nearly_one_is_made_one(folder):
 
 TURNS = [
     quaternion_of(turn.as_matrix())
-    for turn in (Rotation.identity(), *Rotation.random(30, rng=0))
+    for turn in (Rotation.identity(), *Rotation.random(30, rng=np.random.default_rng(0)))
 ]
 """Made beforehand: type checks draw at random, which no strategy may."""
 

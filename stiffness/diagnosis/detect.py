@@ -5,9 +5,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.stats import chi2
 
 from stiffness.diagnosis.evidence import Evidence
-from stiffness.diagnosis.flips import Tested, families, sign_flips, white_scores
+from stiffness.diagnosis.flips import (
+    COMPARISONS,
+    Tested,
+    families,
+    sign_flips,
+    white_scores,
+)
 from stiffness.diagnosis.library import Library
 
 ALARM = 0.005
@@ -15,6 +22,12 @@ ALARM = 0.005
 WOULD_SHOW = 25.0
 """Whitened square that a hidden effect would need to be seen; chosen: the largest of
 some hundred blocks of nothing stays below it in 199 of 200 recordings."""
+
+
+WILD = 4.0
+"""Variance of poses over that of the stated errors that is still taken for misstated
+noise; chosen: twice the stated size. Random signs are blind to a law whose own sign
+changes from pose to pose; this is what it leaves."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +46,7 @@ class Found:
         where: Place of each block that was tested; the whole map has none.
         dispersion: Mean square of white scores of the map: noise variance over the
             stated one if nothing is there.
+        poses: How many poses that is the mean of.
     """
 
     tested: Tested
@@ -41,11 +55,13 @@ class Found:
     places: tuple[str, ...]
     where: tuple[str, ...]
     dispersion: float
+    poses: int
 
     @property
     def p_value(self) -> float:
-        """Return the p-value of the recording."""
-        return self.tested.p_value
+        """Return the p-value of the recording: of any block, or of wild poses."""
+        wild = float(chi2.sf(self.poses * self.dispersion / WILD, self.poses))
+        return min(self.tested.p_value, max(wild, 1.0 / (1.0 + COMPARISONS)))
 
     @property
     def strongest(self) -> int:
@@ -104,4 +120,5 @@ def detect(
         *places,
         "",
     )
-    return Found(tested, len(own), len(parts), places, where, dispersion)
+    count = int(poses.sum())
+    return Found(tested, len(own), len(parts), places, where, dispersion, count)

@@ -61,7 +61,7 @@ def contradicted(
 
 def _contradicted_nearby(named: Named, gains: Sequence[float]) -> list[bool]:
     left = named.left
-    if left.p_value >= ALARM:
+    if left.tested.p_value >= ALARM:
         return [False] * len(gains)
     at = left.strongest
     excess = float(left.tested.captured[at] - left.tested.freedom[at])

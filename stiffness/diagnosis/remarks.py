@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from stiffness.diagnosis.detect import WILD
 from stiffness.diagnosis.diagnosis import Warned
 from stiffness.diagnosis.prepare import Prepared
 
@@ -9,9 +10,6 @@ ODD = 1.1
 """Measured over stated noise from which it is said; chosen: a tenth."""
 SCATTER = "scatter"
 """Code of the remark that poses differ more than anything stated allows."""
-WILD = 4.0
-"""Variance of the map's scores over what is stated from which no agreement is claimed;
-chosen: every error of the instruments twice as large as stated."""
 
 
 def remarks(prepared: Prepared) -> tuple[Warned, ...]:
