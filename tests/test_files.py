@@ -281,9 +281,10 @@ def test_a_quaternion_that_is_nearly_one_is_made_one(folder):
 # --- Out and in again ----------------------------------------------------------------
 
 
+CHANCE = np.random.default_rng(0)
 TURNS = [
     quaternion_of(turn.as_matrix())
-    for turn in (Rotation.identity(), *Rotation.random(30, rng=np.random.default_rng(0)))
+    for turn in (Rotation.identity(), *Rotation.random(30, rng=CHANCE))
 ]
 """Made beforehand: type checks draw at random, which no strategy may."""
 
