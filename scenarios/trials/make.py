@@ -99,7 +99,7 @@ def _carried_out(
     if len({(e.name, e.where) for e in effects}) < len(effects):
         raise OutOfReach("The same effect was drawn twice.")
     rigid = [e.where for e in effects if isinstance(e, JointCompliance)]
-    given = _on(trial, rigid, folder)
+    given = _given(trial, rigid, folder)
     rig = Rig(given)
     rig = replace(rig, stiffness=rig.nominal.jnt_stiffness * trial.stiffness)
     bench = Bench(
@@ -127,18 +127,14 @@ def _carried_out(
     return Made(recording, given, without, true, truth)
 
 
-def _on(trial: Trial, rigid: Sequence[str], folder: Path) -> Path:
-    """Return the model of a trial's arm, with axes that it calls rigid."""
+def _given(trial: Trial, rigid: Sequence[str], folder: Path) -> Path:
+    """Return the model of a trial's arm, written anew where it calls axes rigid."""
     if not rigid:
         return trial.robot
-    return _rigid_at(trial.robot, rigid, folder / f"{trial.name}.xml")
-
-
-def _rigid_at(robot: Path, axes: Sequence[str], file: Path) -> Path:
-    """Write the arm with axes that its model calls rigid."""
-    root = ElementTree.fromstring(plain_mjcf(load(robot)))
+    file = folder / f"{trial.name}.xml"
+    root = ElementTree.fromstring(plain_mjcf(load(trial.robot)))
     for joint in root.iter("joint"):
-        if joint.get("name") in axes:
+        if joint.get("name") in rigid:
             joint.set("stiffness", "0")
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")

@@ -119,11 +119,6 @@ def _called(axis: Axis) -> list[Called]:
     return names
 
 
-def _depends(axis: Axis) -> tuple[str, ...]:
-    found = [d for term in axis.found.terms for d in DEPENDS[term.effect]]
-    return tuple(dict.fromkeys(found))
-
-
 def _gain(axes: Sequence[Axis]) -> Interval:
     """Return the gain and its interval; stretches of time are drawn anew."""
     squares, count = [], []

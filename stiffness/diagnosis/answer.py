@@ -15,10 +15,10 @@ from stiffness.diagnosis.diagnosis import (
     Unexplained,
 )
 from stiffness.diagnosis.judge import (
-    DIFFERS,
     SURE,
     alone,
     contradicted,
+    differs,
     equivalents,
     left_over,
     posterior,
@@ -63,12 +63,10 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
             )
         )
     sure = [e for e in effects if e.probability >= SURE]
-    differs = [
-        u
-        for u, gain in zip(uneven, gains, strict=True)
-        if u.p_value < ALARM and u.captured > DIFFERS * gain
+    between = [
+        u.between for u, gain in zip(uneven, gains, strict=True) if differs(u, gain)
     ]
-    rejects = named.left.p_value < ALARM or bool(differs)
+    rejects = named.left.p_value < ALARM or bool(between)
     whole = bool(sure) and len(sure) == len(taken_back)
     verdict = "unexplained"
     if sure:
@@ -92,7 +90,7 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
     if verdict != "explained":
         unexplained = _unexplained(case, prepared, last, named, bool(sure), located)
         words = [unexplained.signature] if unexplained.signature else []
-        words += [f"what explains it best differs between {u.between}" for u in differs]
+        words += [f"what explains it best differs between {kind}" for kind in between]
         unexplained = replace(unexplained, signature="; ".join(dict.fromkeys(words)))
     return {
         "verdict": verdict,

@@ -75,10 +75,6 @@ class Found:
         named = values[start : start + len(self.places)]
         return dict(zip(self.places, (float(v) for v in named), strict=True))
 
-    def of_map(self, values: np.ndarray) -> np.ndarray:
-        """Return values of the map's blocks."""
-        return values[self.candidates : self.candidates + self.blocks]
-
 
 def detect(
     library: Library,

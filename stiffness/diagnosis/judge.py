@@ -50,13 +50,18 @@ def contradicted(
     """
     near = _contradicted_nearby(named, gains)
     answer = [
-        gone or (found.p_value < ALARM and found.captured > DIFFERS * gain)
+        gone or differs(found, gain)
         for gone, found, gain in zip(near, uneven, gains, strict=True)
     ]
     wrong = max(
         (g for g, gone in zip(gains, answer, strict=True) if gone), default=-1.0
     )
     return [gone or gain < wrong for gone, gain in zip(answer, gains, strict=True)]
+
+
+def differs(found: Uneven, gain: float) -> bool:
+    """Return whether a law that explains so much is surely and clearly uneven."""
+    return found.p_value < ALARM and found.captured > DIFFERS * gain
 
 
 def _contradicted_nearby(named: Named, gains: Sequence[float]) -> list[bool]:

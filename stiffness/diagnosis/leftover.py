@@ -1,12 +1,13 @@
 """After a name is given, everything is asked once more whether something is left."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.crossing import cross_of
+from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.detect import Found, detect
 from stiffness.diagnosis.evidence import Evidence, evidence_of, projected
 from stiffness.diagnosis.library import Library
@@ -22,32 +23,47 @@ def what_is_left(case: Case, fit: SetFit) -> Found:
     what that leaves of a strong one is not news.
     """
     fold = case.evidence.fold
-    known, own = known_after(case, fit)
+    after = without_set(case, fit)
+    known, own = after.known, after.evidence
     count = own.gram.shape[1]
-    mask = ~case.split.held_out
-    beta = projected(own.gram[1], own.score[mask].sum(axis=0))
     every = [*known, *case.library.signatures]
-    side, score = cross_of(case.data.less(known, beta), known, every, fold)
+    side, score = cross_of(after.data, known, every, fold)
     below = np.concatenate([side[..., count:].swapaxes(1, 2), case.evidence.gram], 2)
     gram = np.concatenate([side, below], axis=1)
     raw = np.concatenate([own.raw, case.evidence.raw])
     joint = Evidence(gram, score, fold, raw)
     named = {member.name for member in fit.members}
     library = _moved(case.library, count, named)
+    mask = ~case.split.held_out
     return detect(library, joint, score, np.arange(count), mask, case.seed + 1)
 
 
-def known_after(case: Case, fit: SetFit) -> tuple[list[Signature], Evidence]:
-    """Return what is known once a set is named, and what the readings say of it.
+@dataclass(frozen=True)
+class After:
+    """A recording once a set is named.
 
-    Nominal columns, the set's laws, a little more of their shapes, their other forms.
+    Attributes:
+        known: Nominal columns, the set's laws, a little more of their shapes, their
+            other forms.
+        evidence: What the readings say of these.
+        data: The readings without what these explain.
     """
+
+    known: list[Signature]
+    evidence: Evidence
+    data: Data
+
+
+def without_set(case: Case, fit: SetFit) -> After:
+    """Take what a set explains, in any accepted form, out of the readings."""
     members = [m.signature(case.situation) for m in fit.members]
     extra: list[Signature] = []
     for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
         extra.extend(shape_columns(case.situation, member, coefficients))
     known = [*case.nominal, *members, *extra, *other_forms(case, fit.members)]
-    return known, evidence_of(case.data, known, case.evidence.fold)
+    own = evidence_of(case.data, known, case.evidence.fold)
+    beta = projected(own.gram[1], own.score[~case.split.held_out].sum(axis=0))
+    return After(known, own, case.data.less(known, beta))
 
 
 def other_forms(case: Case, members: Sequence[Member]) -> list[Signature]:

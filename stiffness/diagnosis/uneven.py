@@ -21,9 +21,8 @@ from scipy.cluster.vq import kmeans2
 
 from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.crossing import cross_of
-from stiffness.diagnosis.evidence import projected
 from stiffness.diagnosis.flips import sign_flips, white_scores
-from stiffness.diagnosis.leftover import known_after
+from stiffness.diagnosis.leftover import without_set
 from stiffness.diagnosis.member import Member, SetFit
 from stiffness.diagnosis.signature import Signature, values, with_values
 from stiffness.diagnosis.situation import Situation
@@ -57,20 +56,17 @@ def unevenness(case: Case, fit: SetFit) -> tuple[Uneven, ...]:
     if not fit.members:
         return ()
     kinds = groups_of(case.situation)
-    known, own = known_after(case, fit)
+    after = without_set(case, fit)
     pieces = [
         [_in_groups(_as_fitted(case, m, c), group) for group in kinds.values()]
         for m, c in zip(fit.members, fit.coefficients, strict=True)
     ]
     flat = [piece for of_member in pieces for piece in of_member]
     mask = ~case.split.held_out
-    beta = projected(own.gram[1], own.score[mask].sum(axis=0))
-    every = [*known, *flat]
-    gram, score = cross_of(
-        case.data.less(known, beta), every, every, case.evidence.fold
-    )
+    every = [*after.known, *flat]
+    gram, score = cross_of(after.data, every, every, case.evidence.fold)
     total = gram[1]
-    start = own.gram.shape[1]
+    start = after.evidence.gram.shape[1]
     ends = start + np.cumsum([0, *(piece.columns for piece in flat)])
     blocks = [np.arange(a, b) for a, b in pairwise(ends)]
     raw = np.maximum(np.diag(total), 0.0)
