@@ -91,8 +91,7 @@ def test_every_name_that_plateaus_can_show_has_its_turn():
 def test_effect_is_drawn_where_it_can_sit_and_can_be_any_size(kind, arm, tmp_path):
     rig = Rig(arm_of(arm, 1, tmp_path).file)
     bodies = [rig.nominal.body(b).name for b in range(rig.nominal.nbody)]
-    knees = knees_of(rig.anatomy, rig.nominal.jnt_stiffness)
-    ground = Ground(rig.anatomy, bodies, ["link2_a"], 1000.0, knees)
+    ground = Ground(rig.anatomy, bodies, ["link2_a"], 1000.0, knees_of(rig))
     draw = np.random.default_rng(1)
     for _ in range(5):
         effect = drawn(kind, draw, ground)

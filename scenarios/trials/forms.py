@@ -10,7 +10,6 @@ from math import pi
 
 import numpy as np
 
-from bench.anatomy import Anatomy
 from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
 from bench.effects.asymmetric_stiffness import AsymmetricStiffness
 from bench.effects.base_compliance import BaseCompliance
@@ -34,6 +33,8 @@ from bench.outsiders.foot_lift_off import FootLiftOff
 from bench.outsiders.loose_bearing import LooseBearing
 from bench.outsiders.softening import Softening
 from bench.outsiders.warming_gear import WarmingGear
+from bench.rig import Rig
+from bench.tour import is_kr10
 from bench.truth import GEARS
 
 KNEED = (Hardening, SmoothHardening, Softening, SmoothLostMotion)
@@ -74,16 +75,16 @@ def _parts(*sizes: tuple[float, tuple[str, ...]], least: float = -1.0) -> Callab
     return form
 
 
-def knees_of(arm: Anatomy, stiffness: np.ndarray) -> dict[str, float]:
+def knees_of(rig: Rig) -> dict[str, float]:
     """Return the torque at which each axis' gear begins to harden.
 
     A KR10's by its catalogue gears; any other arm's where the gear is wound up as far
     as those are there.
     """
-    names = [f"a{k}" for k in range(1, len(arm.axes) + 1)]
-    if tuple(names) == tuple(GEARS) and arm.axes == tuple(GEARS):
+    if is_kr10(rig):
         return {axis: torques[0] for axis, (_, torques) in GEARS.items()}
-    return {n: WOUND_UP * float(k) for n, k in zip(names, stiffness, strict=True)}
+    stiffness = rig.nominal.jnt_stiffness
+    return {f"a{n}": WOUND_UP * float(k) for n, k in enumerate(stiffness, start=1)}
 
 
 def bent(effect: Effect, draw: np.random.Generator, knee: float) -> Effect:

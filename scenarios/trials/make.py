@@ -93,8 +93,7 @@ def _carried_out(
     bodies = [model.body(b).name for b in range(model.nbody)]
     stuck = trial.instruments.markers.stick(model, arm, streams(trial.seed))
     marks = [s.marker.name for s in stuck]
-    knees = knees_of(arm, model.jnt_stiffness)
-    ground = Ground(arm, bodies, marks, float(plan.time[-1]), knees)
+    ground = Ground(arm, bodies, marks, float(plan.time[-1]), knees_of(nominal))
     effects = [drawn(kind, draw, ground) for kind in kinds]
     if len({(e.name, e.where) for e in effects}) < len(effects):
         raise OutOfReach("The same effect was drawn twice.")
