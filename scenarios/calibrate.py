@@ -7,7 +7,7 @@ poses that it was not fitted to confirm it. Regions kept back from all of it are
 simulated in MuJoCo, before and after.
 
 Run:    python -m scenarios.calibrate RECORDING --robot MODEL.xml --out DIR
-Takes:  2 minutes for 12,000 poses, seconds for 300
+Takes:  1 minute for 12,000 poses, seconds for 300
 Expect: what was believed, step by step, and in DIR diagnosis.json, patch.json,
         report.html, report.md and pictures
 """

@@ -64,12 +64,13 @@ def main(settings: Settings) -> answer.Answer:
     console = Console()
     with console.status("reading"):
         recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
-        recording, sampled = sample_of(recording)
+        whole = recording
+        recording, sampled = sample_of(whole)
         notes = (*notes, sampled) if sampled else notes
     with console.status("comparing with the model"):
         found = asked(recording, arm)
     if calibrating.is_called_for(recording, found):
-        outcome = calibrating.tried(recording, arm, settings.robot, console)
+        outcome = calibrating.tried(whole, arm, settings.robot, console)
         if outcome is not None:
             carried_out.written(settings.out, outcome)
             console.print(f"{settings.out / 'report.html'}", markup=False)

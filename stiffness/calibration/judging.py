@@ -5,14 +5,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
-from scipy.linalg import cho_solve
+from jaxtyping import Float
 
 from stiffness.calibration.blocks import Blocks
+from stiffness.calibration.eliminated import Columns, Eliminated
 from stiffness.calibration.normal import Normal, total_of
-from stiffness.calibration.ridge import FAINT, Sizes, Solved, solved
+from stiffness.calibration.ridge import Sizes, precision_of
 
-Columns = Int[np.ndarray, " _"]
+Tried = Float[np.ndarray, "folds tried"]
 
 
 @dataclass(frozen=True)
@@ -36,12 +36,16 @@ class Judge:
 
     def on(self, columns: Columns) -> "Trial":
         """Fit a set of columns with each fold left out in turn."""
-        fits = [self.fit(self.total - f, columns) for f in self.folds]
-        return Trial(self, columns, self.fit(self.total, columns), fits)
-
-    def fit(self, normal: Normal, columns: Columns) -> Solved:
-        """Fit some columns to some rows."""
-        return solved(normal.only(columns), self.blocks.band[columns], self.sizes)
+        band, noise = self.blocks.band, self.sizes.noise
+        fits = []
+        for out in (None, *self.folds):
+            square = np.diag(self.total.gram)
+            if out is not None:
+                square = square - np.diag(out.gram)
+            own = precision_of(square, band, self.sizes)
+            fit = Eliminated.of(self.total, out, noise, own)
+            fits.append(fit.joined_by(columns))
+        return Trial(self, fits[0], fits[1:])
 
 
 @dataclass(frozen=True)
@@ -50,59 +54,60 @@ class Trial:
 
     Attributes:
         judge: Whose folds.
-        columns: The set.
         whole: Fitted to all folds.
         fits: Fitted to all but each.
     """
 
     judge: Judge
-    columns: Columns
-    whole: Solved
-    fits: Sequence[Solved]
+    whole: Eliminated
+    fits: Sequence[Eliminated]
+
+    @property
+    def columns(self) -> Columns:
+        """The set, in the order in which it grew."""
+        return self.whole.known
 
     @cached_property
     def left(self) -> Float[np.ndarray, " folds"]:
         """The sum of squares on each fold left out, in m^2."""
-        return self._left(self.columns, [fit.x for fit in self.fits])
+        none = np.zeros(0, dtype=int)
+        return left_of(self.judge.folds, [f.with_each([none]) for f in self.fits])[:, 0]
 
-    def with_columns(
-        self, own: Columns
-    ) -> tuple[Float[np.ndarray, " folds"], Float[np.ndarray, " own"]]:
-        """Return what is left with columns added, and their coefficients on all."""
-        folds, total = self.judge.folds, self.judge.total
-        pairs = zip(folds, self.fits, strict=True)
-        x = [np.concatenate(self._added(total - f, fit, own)) for f, fit in pairs]
-        left = self._left(np.concatenate([self.columns, own]), x)
-        return left, self._added(total, self.whole, own)[1]
+    def with_each(self, blocks: Sequence[Columns]) -> tuple[Tried, np.ndarray]:
+        """Return what is left with each block added, and the solutions on all."""
+        tried = (fit.with_each(blocks) for fit in self.fits)
+        return left_of(self.judge.folds, tried), self.whole.with_each(blocks)
 
-    def without(self, inside: Columns) -> Float[np.ndarray, " folds"]:
-        """Return what is left without some; numbers within the set."""
-        found = []
+    def joined_by(self, own: Columns) -> "Trial":
+        """Believe a block."""
+        fits = [fit.joined_by(own) for fit in self.fits]
+        return Trial(self.judge, self.whole.joined_by(own), fits)
+
+    def without_each(self, blocks: Sequence[Columns]) -> Tried:
+        """Return what is left when each block alone is taken out of the set."""
+        place = np.full(len(self.whole.precision), -1)
+        place[self.columns] = np.arange(len(self.columns))
+        none = np.zeros(0, dtype=int)
+        tried = []
         for fit in self.fits:
-            c = fit.inverse(inside)
-            found.append(fit.x - c @ np.linalg.solve(c[inside], fit.x[inside]))
-        return self._left(self.columns, found)
+            c, x = fit.inverse(), fit.with_each([none])
+            x = np.repeat(x, len(blocks), axis=1)
+            for j, block in enumerate(blocks):
+                own = place[block]
+                less = np.linalg.solve(c[np.ix_(own, own)], x[block, j])
+                x[fit.known, j] -= c[:, own] @ less
+                x[block, j] = 0.0
+            tried.append(x)
+        return left_of(self.judge.folds, tried)
 
-    def _left(self, columns: Columns, solutions: Sequence[np.ndarray]) -> np.ndarray:
-        pairs = zip(self.judge.folds, solutions, strict=True)
-        return np.array([fold.only(columns).left(x) for fold, x in pairs])
 
-    def _added(
-        self, normal: Normal, fit: Solved, own: Columns
-    ) -> tuple[Float[np.ndarray, " known"], Float[np.ndarray, " own"]]:
-        """Return the solution with columns added, by elimination of the others."""
-        sizes, band = self.judge.sizes, self.judge.blocks.band[own]
-        cross = normal.gram[np.ix_(self.columns, own)] / sizes.noise
-        through = cho_solve(fit.factor, cross)
-        inner = normal.gram[np.ix_(own, own)] / sizes.noise - cross.T @ through
-        faint = FAINT * np.diag(normal.gram)[own] / sizes.noise
-        prior = faint
-        if len(sizes.variance):
-            tabled = 1.0 / sizes.variance[np.maximum(band, 0)]
-            prior = np.where(band >= 0, tabled, faint)
-        aim = normal.aim[own] / sizes.noise - cross.T @ fit.x
-        x = np.linalg.solve(inner + np.diag(prior), aim)
-        return fit.x - through @ x, x
+def left_of(folds: Sequence[Normal], solutions) -> Tried:
+    """Return the sum of squares that each fold's solutions leave on it, in m^2."""
+    found = []
+    for fold, x in zip(folds, solutions, strict=True):
+        both = np.sum(x * (fold.gram @ x), axis=0)
+        found.append(fold.square - 2.0 * fold.aim @ x + both)
+    return np.array(found)
 
 
 def compared(

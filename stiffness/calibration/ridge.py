@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, get_lapack_funcs
 
 from stiffness.calibration.normal import Normal
 
@@ -60,13 +60,30 @@ class Solved:
         unit[columns, np.arange(len(columns))] = 1.0
         return cho_solve(self.factor, unit)
 
+    def spread(self) -> Float[np.ndarray, " columns"]:
+        """Return the diagonal of (A'A / s² + P)⁻¹."""
+        lower = np.tril(self.factor[0])
+        (trtri,) = get_lapack_funcs(("trtri",), (lower,))
+        under, _ = trtri(lower, lower=1)
+        return np.sum(under**2, axis=0)
 
-def solved(normal: Normal, band: Int[np.ndarray, " columns"], sizes: Sizes) -> Solved:
-    """Solve with sizes as they are."""
-    diagonal = np.diag(normal.gram) / sizes.noise
+
+def precision_of(
+    square: Float[np.ndarray, " columns"],
+    band: Int[np.ndarray, " columns"],
+    sizes: Sizes,
+) -> Float[np.ndarray, " columns"]:
+    """Return P of columns with these sums of squares."""
+    diagonal = square / sizes.noise
     tabled = band >= 0
     precision = FAINT * np.where(diagonal > 0.0, diagonal, 1.0)
     precision[tabled] = 1.0 / sizes.variance[band[tabled]]
+    return precision
+
+
+def solved(normal: Normal, band: Int[np.ndarray, " columns"], sizes: Sizes) -> Solved:
+    """Solve with sizes as they are."""
+    precision = precision_of(np.diag(normal.gram), band, sizes)
     h = normal.gram / sizes.noise
     h[np.diag_indices(len(h))] += precision
     factor = cho_factor(h, lower=True, overwrite_a=True)
@@ -80,8 +97,7 @@ def learnt(normal: Normal, band: Int[np.ndarray, " columns"]) -> tuple[Solved, S
     sizes = Sizes((5e-5) ** 2, np.full(count, FIRST_SIZE**2))
     for _ in range(ROUNDS):
         found = solved(normal, band, sizes)
-        spread = np.diag(cho_solve(found.factor, np.eye(len(band))))
-        used = 1.0 - found.precision * spread
+        used = 1.0 - found.precision * found.spread()
         square = np.bincount(band[tabled], (found.x**2)[tabled], count)
         freedom = np.bincount(band[tabled], used[tabled], count)
         variance = square / np.maximum(freedom, 1e-9)

@@ -12,13 +12,14 @@ Ignores     that sizes of tables' bands are learnt from all folds together
 ==========  ==========================================================================
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from stiffness.calibration.blocks import SILENT, Blocks, Key
-from stiffness.calibration.judging import Columns, Judge, Trial, compared
+from stiffness.calibration.eliminated import Columns
+from stiffness.calibration.judging import Judge, Trial, compared
 
 MARGIN = 2.0
 """Standard errors that a gain must exceed."""
@@ -71,24 +72,23 @@ def selected(judge: Judge, said: Callable[[str], None] = lambda _: None) -> Sele
         judge: Holds the folds.
         said: Is told what was believed.
     """
-    known = judge.blocks.columns_of([SILENT])
+    trial = judge.on(judge.blocks.columns_of([SILENT]))
     rest = _units(judge.blocks)
     steps: list[Step] = []
     while rest:
-        trial = judge.on(known)
-        tried = [(_tried(trial, key, own), own) for key, own in rest]
+        tried = list(zip(_tried(trial, rest), rest, strict=True))
         good = [t for t in tried if t[0].verdict == BELIEVED]
         if not good:
             steps += [step for step, _ in tried]
             break
-        best, own = max(good, key=lambda t: t[0].gain)
+        best, unit = max(good, key=lambda t: t[0].gain)
         steps.append(best)
         said(
             f"{best.key[0]}@{best.key[1]}: {1e3 * best.rms:.4f} mm on regions left out"
         )
-        known = np.sort(np.concatenate([known, own]))
-        rest = [u for u in rest if not np.array_equal(u[1], own)]
-    known, budget = _pruned(judge, known)
+        trial = trial.joined_by(unit[1])
+        rest = [u for u in rest if u is not unit]
+    known, budget = _pruned(trial)
     return Selected(known, tuple(steps), budget)
 
 
@@ -103,35 +103,36 @@ def _units(blocks: Blocks) -> list[tuple[Key, Columns]]:
     return units
 
 
-def _tried(trial: Trial, key: Key, own: Columns) -> Step:
+def _tried(trial: Trial, units: Sequence[tuple[Key, Columns]]) -> Iterator[Step]:
+    """Try units, each by itself."""
     blocks = trial.judge.blocks
-    left, x = trial.with_columns(own)
-    gain, error = compared(trial.left, left)
-    verdict = BELIEVED if gain > max(MARGIN * error, 0.0) else NO_GAIN
-    if (x < blocks.least[own]).any():
-        verdict = IMPOSSIBLE
-    square = (left if verdict == BELIEVED else trial.left).sum()
-    rms = float(np.sqrt(max(square, 0.0) / trial.judge.total.count * 3.0))
-    names = tuple(blocks.parameter[j] for j in own)
-    return Step(key, names, rms, gain, error, verdict)
+    every, solutions = trial.with_each([own for _, own in units])
+    for (key, own), left, x in zip(units, every.T, solutions.T, strict=True):
+        gain, error = compared(trial.left, left)
+        verdict = BELIEVED if gain > max(MARGIN * error, 0.0) else NO_GAIN
+        if (x[own] < blocks.least[own]).any():
+            verdict = IMPOSSIBLE
+        square = (left if verdict == BELIEVED else trial.left).sum()
+        rms = float(np.sqrt(max(square, 0.0) / trial.judge.total.count * 3.0))
+        names = tuple(blocks.parameter[j] for j in own)
+        yield Step(key, names, rms, gain, error, verdict)
 
 
-def _pruned(
-    judge: Judge, known: Columns
-) -> tuple[Columns, dict[Key, tuple[float, float]]]:
+def _pruned(trial: Trial) -> tuple[Columns, dict[Key, tuple[float, float]]]:
     """Take out, worst first, what folds left out are better without."""
+    judge = trial.judge
     while True:
-        trial = judge.on(known)
-        place = {int(c): i for i, c in enumerate(known)}
-        budget: dict[Key, tuple[float, float]] = {}
-        inside: dict[Key, Columns] = {}
-        for key in judge.blocks.keys:
-            own = [place[c] for c in judge.blocks.columns_of([key]) if c in place]
-            if own:
-                inside[key] = np.array(own)
-                budget[key] = compared(trial.without(inside[key]), trial.left)
+        known = np.sort(trial.columns)
+        own = {k: np.intersect1d(judge.blocks.columns_of([k]), known)
+               for k in judge.blocks.keys}  # fmt: skip
+        inside = {key: columns for key, columns in own.items() if len(columns)}
+        left = trial.without_each(list(inside.values()))
+        budget = {
+            key: compared(one, trial.left)
+            for key, one in zip(inside, left.T, strict=True)
+        }
         idle = [key for key, (loss, _) in budget.items() if loss <= 0.0]
         if not idle:
             return known, budget
         worst = min(idle, key=lambda key: budget[key][0])
-        known = np.delete(known, inside[worst])
+        trial = judge.on(np.setdiff1d(known, inside[worst]))
