@@ -25,6 +25,7 @@ from recordings import (
 )
 from scipy.spatial.transform import Rotation
 
+from bench import turn
 from bench.errors import Unusable
 from bench.files import read, write
 from bench.format.columns import UNITS
@@ -143,6 +144,15 @@ def test_an_angle_may_exceed_its_limit_by_half_a_degree(folder):
     read(folder, ARM)
     cell(1, "a2_deg", "45.51")(folder)
     with pytest.raises(Unusable, match="beyond the limits"):
+        read(folder, ARM)
+
+
+def test_an_angle_whose_other_sign_is_within_the_limits_is_said_to_be(folder):
+    every("a3_deg", lambda v: str(-140.0 - float(v) / 100.0))(folder)
+    with pytest.raises(Unusable, match="-120 to 156°; with the other sign all rows"):
+        read(folder, ARM)
+    every("a3_deg", lambda v: str(-float(v) * 1.2))(folder)
+    with pytest.raises(Unusable, match="-120 to 156°\\."):
         read(folder, ARM)
 
 
@@ -414,6 +424,16 @@ def test_a_quaternion_that_was_read_is_written_as_it_stood(vector):
     np.testing.assert_array_equal(written, quaternion_of(matrix_of(written)))
     np.testing.assert_array_equal(written, unit_quaternion(written))
     np.testing.assert_allclose(matrix_of(written), turn, rtol=0, atol=2e-15)
+
+
+@pytest.mark.parametrize("vector", [(0, 0, 1e-3), (-1e-10, -1e-10, 1e-3), (0, -3, 0)])
+def test_a_turn_that_drifts_with_each_rounding_is_written_at_once(vector, monkeypatch):
+    rounds = []
+    own = turn.matrix_of
+    monkeypatch.setattr(turn, "matrix_of", lambda q: rounds.append(1) or own(q))
+    written = quaternion_of(Rotation.from_rotvec(vector).as_matrix())
+    assert len(rounds) < 50
+    np.testing.assert_array_equal(written, quaternion_of(own(written)))
 
 
 def test_only_columns_that_exist_are_written_and_truth_has_none(folder, tmp_path):

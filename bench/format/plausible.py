@@ -187,10 +187,11 @@ def _beyond_limits(
         unit, factor = ("mm", 1e3) if slides else ("°", float(np.degrees(1.0)))
         low, high = model.lower[joint], model.upper[joint]
         column: Float[np.ndarray, " rows"] = values[name]
-        wrong = (column < low - allowed) | (column > high + allowed)
+        span = (low - allowed, high + allowed)
+        wrong = (column < span[0]) | (column > span[1])
+        mirrored = np.all((-column >= span[0]) & (-column <= span[1]))
         shown = f"{low * factor:g} to {high * factor:g}{unit}"
-        say = (
-            f"{{:.6g}}{unit} is beyond the limits of {model.joints[joint]!r}, {shown}."
-        )
+        say = f"{{:.6g}}{unit} is beyond the limits of {model.joints[joint]!r}, {shown}"
+        say += "; with the other sign all rows are inside." if mirrored else "."
         faults += at(name, wrong, lambda r, c=column * factor, s=say: s.format(c[r]))
     return faults
