@@ -1,12 +1,13 @@
 """What is in a recording, what is wrong with it, and what can it show?
 
 Reads a recording folder against the model of the robot. Faults of the files end the
-run, all of them named; then come the contents, the view of every axis, and what the
-experiment cannot tell apart, with what to add. Nothing is fitted and nothing written.
+run, all of them named. First comes what only the physics shows, such as an axis counted
+backwards; then the contents, the view of every axis, and what the experiment cannot
+tell apart, with what to add. Nothing is written.
 
 Run:    python -m scenarios.check RECORDING --robot MODEL.xml
-Takes:  1 s
-Expect: three tables; exit status 2 and a list of faults where there are any
+Takes:  2 s
+Expect: mistakes of the set-up, if any, and three tables; 2 and a list of faults
 """
 
 from collections import Counter
@@ -25,6 +26,7 @@ from bench.recording import Recording
 from scenarios.abilities import abilities
 from scenarios.axis_view import axis_views
 from scenarios.command import run
+from scenarios.diagnosing.steps import slips
 from scenarios.nominal import arm_of, read_for
 from scenarios.replicates import replicate_noise
 
@@ -44,6 +46,9 @@ def main(settings: Settings) -> Recording:
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
     views = axis_views(recording, arm)
     console = Console()
+    for slip in slips(recording, arm):
+        said = f"{slip.text} Until it is mended `diagnose` names no effect."
+        console.print(f"Mistake ({slip.where}): {said}\n", markup=False)
     contents = _table(recording.name, "what", "in this recording")
     for row in contents_of(recording):
         contents.add_row(*map(escape, row))

@@ -209,6 +209,24 @@ def test_the_command_shows_three_tables_and_ends_with_0(folder):
         assert words in done.stdout
 
 
+def test_a_mistake_of_the_set_up_is_said_before_the_tables(folder, arm, capsys):
+    recording, named, _ = read_for(folder, arm)
+    places = (np.array([0.05, 0.0, 0.1]), np.array([0.0, 0.2, 0.1]))
+    draw = np.random.default_rng(0)
+    posture = draw.uniform(-0.7, 0.7, (20, 6))
+    seen = [
+        named.point_in_base(posture * [1, 1, -1, 1, 1, 1], body, place)
+        for body, place in zip(("flange", "link_3"), places, strict=True)
+    ]
+    order = {"pose": np.arange(20), "visit": np.arange(20)}
+    points = np.stack(seen, axis=1)
+    write(folder, replace(recording, posture=posture, points=points, **order))
+    check.main(check.Settings(folder, MODEL))
+    text = " ".join(capsys.readouterr().out.split())
+    assert text.startswith("Mistake (a3): a3 looks reversed")
+    assert text.index("names no effect") < text.index("what")
+
+
 def test_a_name_that_a_terminal_would_obey_is_only_shown(folder):
     manifest = folder / "recording.toml"
     text = manifest.read_text()

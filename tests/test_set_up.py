@@ -231,3 +231,43 @@ def test_one_reading_far_off_is_no_mistake(cell):
     points = recording.points.copy()
     points[0, 0, 0] = 1e5
     assert said(replace(recording, points=points), arm) == []
+
+
+def renamed(r: Recording, names: dict[int, int], visits=None) -> Recording:
+    """Give what was seen of the last body's k-th marker to another one."""
+    assert r.points is not None
+    points, first = r.points.copy(), len(r.markers) - 4
+    rows = np.isin(r.visit, r.visit if visits is None else visits)
+    for to, seen in names.items():
+        points[rows, first + to] = r.points[rows, first + seen]
+    return replace(r, points=points)
+
+
+def test_two_markers_of_a_body_that_are_swapped_are_named(cell):
+    recording, arm = cell
+    names = [m.name for m in recording.markers[-4:]]
+    for i, j in ((0, 1), (0, 2), (2, 3)):
+        wrong = renamed(recording, {i: j, j: i})
+        (warned,) = mistakes_of_set_up(wrong, arm)
+        assert warned.code == "marker_names"
+        assert warned.text.startswith(f"{names[i]} and {names[j]} look swapped:")
+    assert said(renamed(recording, {0: 1, 1: 2, 2: 0}), arm) == [
+        ("marker_names", "markers")
+    ]
+
+
+@pytest.mark.parametrize("change", [lambda r: r, unplaced])
+def test_markers_that_are_swapped_in_some_visits_are_named_with_their_poses(
+    change, cell
+):
+    recording, arm = cell
+    wrong = renamed(change(recording), {1: 3, 3: 1}, visits=[4, 9, 11])
+    (warned,) = mistakes_of_set_up(wrong, arm)
+    assert warned.code == "marker_names"
+    poses = np.unique(recording.pose[np.isin(recording.visit, [4, 9, 11])])
+    assert f"in 3 of 20 visits (poses {', '.join(map(str, poses))})" in warned.text
+
+
+def test_names_of_markers_whose_places_nobody_states_do_not_matter(cell):
+    recording, arm = cell
+    assert said(renamed(unplaced(recording), {0: 1, 1: 0}), arm) == []

@@ -9,7 +9,8 @@ from bench.recording import Recording
 from scenarios.diagnosing.patching import patch_of
 from stiffness.arm import Arm
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.diagnosis.diagnosis import Diagnosis
+from stiffness.diagnosis.diagnosis import Diagnosis, Warned
+from stiffness.diagnosis.set_up import mistakes_of_set_up
 
 ODD_NUMBERS = (ArithmeticError, AssertionError, LookupError, TypeError, ValueError)
 """What arithmetic raises on numbers that no sensor gives; LinAlgError is among them."""
@@ -25,10 +26,19 @@ def asked(recording: Recording, arm: Arm) -> Diagnosis:
     try:
         return diagnose(recording, arm)
     except ODD_NUMBERS as error:
-        raise BenchError(
-            f"Recording {recording.name!r} cannot be diagnosed: its numbers lead to "
-            f"{type(error).__name__} ({error}). Try `python -m scenarios.check` on it."
-        ) from error
+        raise _odd(recording, error) from error
+
+
+def slips(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
+    """Ask for the mistakes of the set-up alone.
+
+    Raises:
+        BenchError: Where the recording's numbers break the engine's arithmetic.
+    """
+    try:
+        return mistakes_of_set_up(recording, arm)
+    except ODD_NUMBERS as error:
+        raise _odd(recording, error) from error
 
 
 def proved(
@@ -59,3 +69,10 @@ def proved(
         return prove(recording, robot, bare, found.held_out), why
     except (BenchError, *ODD_NUMBERS):
         return None, why
+
+
+def _odd(recording: Recording, error: Exception) -> BenchError:
+    return BenchError(
+        f"Recording {recording.name!r} cannot be diagnosed: its numbers lead to "
+        f"{type(error).__name__} ({error}). Look for values that no sensor gives."
+    )

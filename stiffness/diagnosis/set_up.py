@@ -19,6 +19,7 @@ from bench.recording import Recording
 from stiffness.arm import Arm
 from stiffness.diagnosis.diagnosis import Warned
 from stiffness.diagnosis.first_frames import quickly_seated, seated
+from stiffness.diagnosis.mixed_markers import mixed_markers
 from stiffness.diagnosis.other_readings import of_angles, of_signs
 from stiffness.diagnosis.other_sights import less_is_stated, of_sight
 from stiffness.diagnosis.set_up_loads import mistakes_of_loads
@@ -55,11 +56,16 @@ def mistakes_of_set_up(recording: Recording, arm: Arm) -> Told:
         return ()
     told: Told = ()
     if recording.displacement == "absolute":
-        told = _mistakes_of_places(recording, arm)
+        mixed = mixed_markers(recording, arm)
+        told = tuple(m.warned for m in mixed if m.sure)
+        told = told or _mistakes_of_places(
+            recording, arm, tuple(m.warned for m in mixed)
+        )
     return told or mistakes_of_loads(recording, arm)
 
 
-def _mistakes_of_places(recording: Recording, arm: Arm) -> Told:
+def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
+    """Doubt angles and the tracker, then the markers' names, then what is stated."""
     some = _some(recording, arm)
     posture = some.posture
     sight = Sight.of(arm, some, posture)
@@ -76,8 +82,11 @@ def _mistakes_of_places(recording: Recording, arm: Arm) -> Told:
         tried.append((_misfit(Sight.of(arm, some, meant)), (other.warned,), meant))
     told = [(left, said) for left, said, _ in tried]
     told += [(_misfit(o.meant(sight)), (o.warned,)) for o in of_sight(sight)]
-    if (answer := _best(told, before)) or before < GROSS * extent:
+    answer = _best(told, before)
+    if answer or (before < GROSS * extent and not mixed):
         return answer
+    if mixed:
+        return mixed
     told = [(_misfit(o.meant(sight)), (o.warned,)) for o in less_is_stated(sight)]
     if answer := _best(told, before):
         return answer
