@@ -33,6 +33,11 @@ class Unusable(BenchError):
 class NotIdentifiable(BenchError):
     """The data carry no information about a parameter that was asked for."""
 
+    def __init__(self, message: str, axes: Sequence[str] = ()):
+        """Keep the axes that the message names, for a caller that may hold them."""
+        self.axes = tuple(axes)
+        super().__init__(message)
+
 
 class LeftOut(UserWarning):
     """A model states what neither the bench nor a claim makes use of."""

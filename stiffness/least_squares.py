@@ -196,4 +196,5 @@ def refuse_if_blind(
                 f"{cause}, {hold}"
             )
     if faults:
-        raise NotIdentifiable("\n".join(faults))
+        unseen = [arm.axes[k] for i, k in enumerate(free) if not seen[i] or negative[i]]
+        raise NotIdentifiable("\n".join(faults), unseen)
