@@ -19,16 +19,16 @@ from jaxtyping import Float
 from bench.truth import default_truth
 from scenarios.command import run
 from scenarios.paper.budget import Transfer, budget
-from scenarios.paper.convolution_cell import ConvolutionCell
 from scenarios.paper.experiment import carry_out
-from scenarios.paper.floor_picture import draw
+from scenarios.paper.floor.oracle import NudgeCell, oracle_error, sizes
+from scenarios.paper.floor.picture import draw
 from scenarios.paper.material import Material
-from scenarios.paper.oracle import NudgeCell, oracle_error, sizes
-from scenarios.paper.perceptron_cell import PerceptronCell
-from scenarios.paper.plain_cells import SpringsCell
-from scenarios.paper.pooled import MEASURES, Draws, pooled
-from scenarios.paper.sweeping import swept
+from scenarios.paper.transfer.convolution_cell import ConvolutionCell
+from scenarios.paper.transfer.perceptron_cell import PerceptronCell
+from scenarios.paper.transfer.plain_cells import SpringsCell
+from scenarios.paper.transfer.pooled import MEASURES, Draws, pooled
 from scenarios.paper.unseen import unseen
+from scenarios.paper.work.progress import swept
 from scenarios.reporting import page, run_file, table
 from stiffness.deflections import every_plateau
 

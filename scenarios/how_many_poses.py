@@ -16,18 +16,14 @@ from itertools import product
 from pathlib import Path
 
 from scenarios.command import run
-from scenarios.paper import few_poses_tables
 from scenarios.paper.experiment import carry_out
-from scenarios.paper.few_poses import (
-    Effort,
-    FewPosesNetworks,
-    FewPosesPlain,
-    prepared,
-)
-from scenarios.paper.few_poses_picture import draw_courses
+from scenarios.paper.few_poses import tables
+from scenarios.paper.few_poses.cells import FewPosesNetworks, FewPosesPlain
+from scenarios.paper.few_poses.networks import Effort, prepared
+from scenarios.paper.few_poses.picture import draw_courses
 from scenarios.paper.material import Material
-from scenarios.paper.sweeping import swept
 from scenarios.paper.unseen import unseen
+from scenarios.paper.work.progress import swept
 from scenarios.reporting import page, run_file, table
 
 
@@ -76,7 +72,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     found = {count: {} for count in settings.counts}
     for cell in cells:
         found[cell.poses].setdefault(cell.draw, {}).update(results[cell])
-    rows = few_poses_tables.tidy(found, settings.unseen)
+    rows = tables.tidy(found, settings.unseen)
     table.write(out / "how_many_poses.csv", rows)
     draw_courses(rows, out / "how_many_poses.png")
     blocks = [
@@ -85,7 +81,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
             "and range of the draws.",
             "how_many_poses.png",
         ),
-        few_poses_tables.errors(rows),
+        tables.errors(rows),
         page.Paragraph(
             "Networks are pre-trained once on the springs of the model file and go on "
             f"for {settings.effort.on.steps} steps with the springs that the few poses "
@@ -96,7 +92,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
             "narrow as an interval."
         ),
     ]
-    summary = few_poses_tables.summary(rows)
+    summary = tables.summary(rows)
     page.write(out, "How many poses are enough?", summary, blocks)
     command = "python -m scenarios.how_many_poses --counts"
     command += f" {' '.join(map(str, settings.counts))} --splits {settings.splits}"

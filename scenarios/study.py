@@ -21,30 +21,25 @@ from pathlib import Path
 from typing import Literal
 
 from scenarios.command import run
-from scenarios.paper import (
-    discussion,
-    imitation,
-    imitation_tables,
-    linear_fit,
-    linear_fit_tables,
-    playback,
-    table_08,
-    table_09,
-    table_10,
-    training_curves,
-    transfer,
-)
 from scenarios.paper.budget import budget
-from scenarios.paper.cells import Cell, Result
-from scenarios.paper.comparison import Contender, contenders
 from scenarios.paper.experiment import carry_out
-from scenarios.paper.identifiable import refuse_if_blind
-from scenarios.paper.linear_fit import LinearFit
+from scenarios.paper.imitation import cells as imitation
+from scenarios.paper.imitation import tables as imitation_tables
+from scenarios.paper.linear_fit import fit as linear_fit
+from scenarios.paper.linear_fit import tables as linear_fit_tables
+from scenarios.paper.linear_fit.fit import LinearFit
+from scenarios.paper.linear_fit.identifiable import refuse_if_blind
 from scenarios.paper.material import Material
-from scenarios.paper.own_method import OwnMethod, checked
-from scenarios.paper.summary import summary
-from scenarios.paper.sweeping import swept
+from scenarios.paper.playback import playback, training_curves
+from scenarios.paper.transfer import cells as transfer
+from scenarios.paper.transfer import table_08, table_09, table_10
+from scenarios.paper.transfer.comparison import Contender, contenders
+from scenarios.paper.transfer.own_method import OwnMethod, checked
 from scenarios.paper.unseen import unseen
+from scenarios.paper.words import discussion
+from scenarios.paper.words.summary import summary
+from scenarios.paper.work.cells import Cell, Result
+from scenarios.paper.work.progress import swept
 from scenarios.reporting import page, run_file
 
 

@@ -18,17 +18,17 @@ import numpy as np
 
 from scenarios.command import run
 from scenarios.paper.budget import PLANS, Transfer, budget
-from scenarios.paper.comparison import NO_PLAN, of_results
-from scenarios.paper.elsewhere import both, nearest, pulled_elsewhere
 from scenarios.paper.experiment import carry_out
-from scenarios.paper.gains import gain_rows, gains, verdict
 from scenarios.paper.material import Material
-from scenarios.paper.perceptron_cell import PerceptronCell
-from scenarios.paper.plain_cells import SpringsCell
-from scenarios.paper.sweeping import swept
+from scenarios.paper.transfer.comparison import NO_PLAN, of_results
+from scenarios.paper.transfer.gains import gain_rows, gains, verdict
+from scenarios.paper.transfer.perceptron_cell import PerceptronCell
+from scenarios.paper.transfer.plain_cells import SpringsCell
 from scenarios.paper.unseen import unseen
-from scenarios.paper.wrench_plan_picture import draw
-from scenarios.paper.wrench_plan_tables import shown, tidy
+from scenarios.paper.work.progress import swept
+from scenarios.paper.wrench_plan.elsewhere import both, nearest, pulled_elsewhere
+from scenarios.paper.wrench_plan.picture import draw
+from scenarios.paper.wrench_plan.tables import shown, tidy
 from scenarios.reporting import page, run_file, table
 
 LOADS = ("as in the experiment", "in other directions")

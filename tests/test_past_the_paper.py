@@ -8,11 +8,12 @@ from bench.errors import NotIdentifiable
 from bench.truth import default_truth
 from scenarios import floor, how_many_poses, wrench_plan
 from scenarios.paper.budget import budget
-from scenarios.paper.elsewhere import APART, both, nearest, pulled_elsewhere
-from scenarios.paper.few_poses import Effort, few_of, springs_of
-from scenarios.paper.gains import BARS
+from scenarios.paper.few_poses.networks import Effort
+from scenarios.paper.few_poses.springs import few_of, springs_of
+from scenarios.paper.floor.oracle import NUDGE, NudgeCell, nudged, oracle_error, sizes
 from scenarios.paper.material import Material
-from scenarios.paper.oracle import NUDGE, NudgeCell, nudged, oracle_error, sizes
+from scenarios.paper.transfer.gains import BARS
+from scenarios.paper.wrench_plan.elsewhere import APART, both, nearest, pulled_elsewhere
 from scenarios.reporting import table
 from stiffness.deflections import every_plateau
 from stiffness.methods.vjm import Vjm

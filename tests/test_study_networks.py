@@ -14,24 +14,20 @@ from typing_extensions import override
 from bench import table_one
 from bench.errors import Unusable
 from bench.room import Room
-from scenarios.paper import (
-    imitation,
-    imitation_tables,
-    table_08,
-    table_09,
-    table_10,
-    transfer,
-)
 from scenarios.paper.budget import PLANS, budget
-from scenarios.paper.cells import Cell, results
-from scenarios.paper.comparison import contenders
+from scenarios.paper.imitation import cells as imitation
+from scenarios.paper.imitation import tables as imitation_tables
 from scenarios.paper.numbers import TABLE_10_MM
-from scenarios.paper.own_method import OwnMethod, checked
-from scenarios.paper.pooled import MEASURES, p99, pooled
-from scenarios.paper.sweeping import swept
-from scenarios.paper.training_curves import curves
+from scenarios.paper.playback.training_curves import curves
+from scenarios.paper.playback.worst import worst_poses
+from scenarios.paper.transfer import cells as transfer
+from scenarios.paper.transfer import table_08, table_09, table_10
+from scenarios.paper.transfer.comparison import contenders
+from scenarios.paper.transfer.own_method import OwnMethod, checked
+from scenarios.paper.transfer.pooled import MEASURES, p99, pooled
 from scenarios.paper.unseen import GRID, fresh_postures
-from scenarios.paper.worst import worst_poses
+from scenarios.paper.work.cells import Cell, results
+from scenarios.paper.work.progress import swept
 from scenarios.reporting import table
 from stiffness.methods.contract import faults
 from stiffness.methods.vjm import Vjm

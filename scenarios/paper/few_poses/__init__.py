@@ -1,0 +1,1 @@
+"""How many poses are enough: every method learns from 5 to 121."""

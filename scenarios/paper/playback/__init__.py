@@ -1,0 +1,1 @@
+"""The study is shown in the viewer: arm, errors, the worst poses, training."""

@@ -1,0 +1,1 @@
+"""What the study found, in sentences: first a paragraph, last what explains it."""

@@ -1,0 +1,1 @@
+"""What the wrench plan costs: methods are judged under loads they never met."""

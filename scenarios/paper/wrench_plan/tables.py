@@ -1,0 +1,48 @@
+"""Errors under loads as in the experiment, and under others, as tables."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from scenarios.paper.transfer.comparison import Contender
+from scenarios.paper.transfer.pooled import MEASURES, pooled
+
+
+def tidy(methods: Sequence[Contender], loads: Sequence[str]) -> list[dict[str, object]]:
+    """Return a row for every method, kind of loads and measure.
+
+    Args:
+        methods: The second half of their fresh poses is loaded otherwise.
+        loads: What both kinds are called.
+    """
+    rows = []
+    for c in methods:
+        error, n = c.unseen, c.unseen.shape[1] // 2
+        for load, part in zip(loads, (slice(n), slice(n, None)), strict=True):
+            size = np.abs(error[:, part]).mean(axis=2)  # (seeds, poses) mm
+            for metric in ("MAE", "P99"):
+                interval = pooled(size, MEASURES[metric]).interval
+                rows.append(
+                    {
+                        "method": c.name,
+                        "loads": load,
+                        "metric": metric,
+                        "value_mm": interval.value,
+                        "low_mm": interval.low,
+                        "high_mm": interval.high,
+                        "n": n,
+                        "seeds": " ".join(map(str, c.seeds)),
+                    }
+                )
+    return rows
+
+
+def shown(rows: Sequence[dict]) -> tuple[list[str], list[list[str]]]:
+    """Return header and cells of the report's table."""
+    header = ["method", "loads", "measure", "value", "95 % interval"]
+    names = ("method", "loads", "metric")
+    return header, [
+        [str(r[name]) for name in names]
+        + [f"{r['value_mm']:.3f}", f"{r['low_mm']:.3f} to {r['high_mm']:.3f}"]
+        for r in rows
+    ]
