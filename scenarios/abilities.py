@@ -10,6 +10,9 @@ from scenarios.axis_view import SMALL_TORQUE, AxisView, alike
 from scenarios.replicates import replicate_noise
 from stiffness.arm import Arm
 
+MOTIONS = 3
+"""Of a stream with two encoders an axis: two are fitted, one judges."""
+
 
 @dataclass(frozen=True)
 class Ability:
@@ -85,22 +88,11 @@ def abilities(
         ("" if absolute else "absolute places")
         or ("" if warm else "temperature_c; till then drift is in time"),
     )
-    framed = r.base_from_tracker is not None
-    yield Ability(
-        "geometry, offsets of encoders",
-        absolute and bool(r.markers),
-        "displacements are relative"
-        if not absolute
-        else "places are absolute"
-        if framed
-        else "places are absolute; the tracker's frame is unknown and fitted, so the "
-        "first axis' offset and the base's tilt go into it",
-        "absolute places of the unloaded arm"
-        if not absolute
-        else ""
-        if framed
-        else "where the tracker stands ([frames.tracker]), for these two",
-    )
+    if r.link_posture is not None and not r.markers:
+        yield _between_encoders(r)
+    why, add = _of_places(r)
+    shown = absolute and bool(r.markers)
+    yield Ability("geometry, offsets of encoders", shown, why, add)
     yield from _of_axes(views, absolute)
     pairs = [f"{a} and {b}" for a, b in alike(r, arm)]
     yield Ability(
@@ -110,6 +102,27 @@ def abilities(
         if pairs
         else "no two axes move the markers alike",
         "other directions of load, or a marker between these axes" if pairs else "",
+    )
+
+
+def _between_encoders(r: Recording) -> Ability:
+    motions, what = len(np.unique(r.pose)), "what lies between an axis' encoders"
+    can = r.rows == "stream" and motions >= MOTIONS
+    add = "" if can else f"a stream of {MOTIONS} motions, each with its own `pose`"
+    return Ability(what, can, f"{motions} motions read on both sides of gears", add)
+
+
+def _of_places(r: Recording) -> tuple[str, str]:
+    if r.displacement != "absolute":
+        return "displacements are relative", "absolute places of the unloaded arm"
+    if not r.markers:
+        return "nothing was tracked", "a target on the flange, seen by a tracker"
+    if r.base_from_tracker is not None:
+        return "places are absolute", ""
+    return (
+        "places are absolute; the tracker's frame is unknown and fitted, so the first "
+        "axis' offset and the base's tilt go into it",
+        "where the tracker stands ([frames.tracker]), for these two",
     )
 
 

@@ -4,7 +4,8 @@ Reads a recording against the robot's model, fits what is nominal, and asks whet
 anything is left that the instruments cannot have made; if so, where it sits, what
 physics it is, or that it has no name. What was named goes into the simulator, and the
 poses that were kept back decide. Positions without any load that three effects do not
-explain are calibrated on, as `python -m scenarios.calibrate` does.
+explain are calibrated on, as `python -m scenarios.calibrate` does. In a stream that no
+tracker watched, second encoders are compared with the first ones.
 
 Run:    python -m scenarios.diagnose RECORDING --robot MODEL.xml --out DIR
 Takes:  20 s for 151 poses, 9 loads and 28 marks on two cores
@@ -40,6 +41,7 @@ from scenarios.diagnosing.writing import refuse, written
 from scenarios.nominal import arm_of, read_for
 from scenarios.replicates import replicate_noise
 from scenarios.reporting import page
+from scenarios.two_encoders import carried_out as two_encoders
 from stiffness.diagnosis.sample import sample_of
 
 
@@ -64,10 +66,15 @@ def main(settings: Settings) -> answer.Answer:
     console = Console()
     with console.status("reading"):
         recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
+    if two_encoders.is_called_for(recording):
+        told, first = two_encoders.carried_out(recording, settings.robot, settings.out)
+        for line in (first, *notes, settings.out / "report.html"):
+            console.print(f"{line}", markup=False, highlight=False)
+        return told
+    with console.status("comparing with the model"):
         whole = recording
         recording, sampled = sample_of(whole)
         notes = (*notes, sampled) if sampled else notes
-    with console.status("comparing with the model"):
         found = asked(recording, arm)
     if calibrating.is_called_for(recording, found):
         outcome = calibrating.tried(whole, arm, settings.robot, console)

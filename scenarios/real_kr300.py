@@ -14,7 +14,6 @@ Expect: 3 ms of delay on all three axes, compliance refused with the reason; on 
         on means over 0.1 s
 """
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,10 +21,7 @@ from bench.files import write
 from scenarios.command import run
 from scenarios.diagnosing.schema import Answer
 from scenarios.reading.kr300_encoders import recording_of
-from scenarios.two_encoders.answer import answer_of
-from scenarios.two_encoders.compared import compared
-from scenarios.two_encoders.report import first_sentence
-from scenarios.two_encoders.writing import written
+from scenarios.two_encoders.carried_out import carried_out
 
 MODEL = Path(__file__).parents[1] / "mjcf" / "six_hinges" / "six_hinges.xml"
 
@@ -44,14 +40,11 @@ class Settings:
 
 def main(settings: Settings) -> Answer:
     """Compare the encoders, and write what was found."""
-    started = time.perf_counter()
     recording = recording_of(settings.data)
     if settings.recording is not None:
         write(settings.recording, recording)
-    axes = compared(recording, MODEL)
-    answer = answer_of(recording.name, axes, time.perf_counter() - started)
-    written(settings.out, axes, answer)
-    print(first_sentence(axes, answer))
+    answer, first = carried_out(recording, MODEL, settings.out)
+    print(first)
     return answer
 
 

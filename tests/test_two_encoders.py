@@ -1,13 +1,18 @@
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bench.errors import Unusable
+from bench.files import write
 from bench.recording import UNLOADED, Recording
-from scenarios import real_kr300
+from scenarios import diagnose, real_kr300
+from scenarios.abilities import abilities
+from scenarios.nominal import arm_of
 from scenarios.two_encoders.answer import answer_of
+from scenarios.two_encoders.carried_out import carried_out
 from scenarios.two_encoders.compared import compared, rms, whole_rms
 from scenarios.two_encoders.writing import written
 
@@ -116,6 +121,52 @@ def test_a_recording_without_second_encoders_or_motions_is_refused(tmp_path):
         compared(whole.take(whole.pose < 2), real_kr300.MODEL)
     with pytest.raises(Unusable, match=r"A\.mat"):
         real_kr300.recording_of(tmp_path)
+
+
+def test_diagnose_compares_encoders_where_no_tracker_watched(tmp_path):
+    recording = stream(delay=0.004)
+    write(tmp_path / "recording", recording)
+    model, out = real_kr300.MODEL, tmp_path / "out"
+    answer = diagnose.main(diagnose.Settings(tmp_path / "recording", model, out))
+    assert [(n.effect, n.where) for n in answer.named] == [("channel_delay", "a2")]
+    assert (out / "report.html").exists()
+    arm = arm_of(model)
+    can = {a.question: a.can for a in abilities(recording, arm, [])}
+    assert can["what lies between an axis' encoders"]
+    few = {
+        a.question: a.add
+        for a in abilities(recording.take(recording.pose < 2), arm, [])
+    }
+    assert "3 motions" in few["what lies between an axis' encoders"]
+
+
+@pytest.mark.parametrize(("factor", "says"), [(-1.0, "reversed"), (57.3, "unit")])
+def test_a_second_encoder_that_is_read_wrongly_is_said_and_nothing_is_named(
+    factor, says, tmp_path
+):
+    right = stream(delay=0.004)
+    assert right.link_posture is not None
+    wrong = replace(right, link_posture=factor * right.link_posture)
+    answer, told = carried_out(wrong, real_kr300.MODEL, tmp_path / "out")
+    assert answer.named == ()
+    assert says in told
+    assert says in (tmp_path / "out" / "report.md").read_text()
+
+
+def test_axes_in_another_order_than_the_model_s_are_compared_alike():
+    plain = stream(delay=0.004)
+    back = np.arange(6)[::-1]
+    names = arm_of(real_kr300.MODEL).axes
+    assert plain.link_posture is not None and plain.axis_torque is not None
+    turned = replace(
+        plain,
+        axes=tuple(names[k] for k in back),
+        posture=plain.posture[:, back],
+        link_posture=plain.link_posture[:, back],
+        axis_torque=plain.axis_torque[:, back],
+    )
+    one, other = (compared(r, real_kr300.MODEL)[0] for r in (plain, turned))
+    np.testing.assert_allclose(one.after, other.after, atol=1e-9)
 
 
 @pytest.mark.skipif("REAL_RECORDINGS" not in os.environ, reason="no REAL_RECORDINGS")

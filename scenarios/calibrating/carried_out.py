@@ -3,6 +3,7 @@
 import os
 import shutil
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkdtemp
@@ -19,6 +20,7 @@ from scenarios.calibrating.remains import Remains, remains_of
 from scenarios.diagnosing import answer as form
 from scenarios.diagnosing.schema import Answer
 from scenarios.reporting import page
+from scenarios.reporting.page import Block
 from stiffness.arm import Arm
 from stiffness.calibration.calibrated import Calibrated, calibrated
 from stiffness.calibration.readings import readings_of
@@ -62,8 +64,13 @@ def carried_out(
     return Outcome(found, proof, remains, answer)
 
 
-def written(folder: Path, outcome: Outcome) -> None:
+def written(folder: Path, outcome: Outcome, more: Sequence[Block] = ()) -> None:
     """Write diagnosis.json, patch.json, pictures and the report.
+
+    Args:
+        folder: Where to.
+        outcome: All that came out.
+        more: What the report goes on with.
 
     Raises:
         Unusable: Where nothing can be written; then nothing is.
@@ -78,7 +85,8 @@ def written(folder: Path, outcome: Outcome) -> None:
         o = outcome
         blocks = report.blocks_of(o.found, o.proof, o.remains, o.answer, waiting)
         first = report.first_sentence(o.answer, o.proof)
-        page.write(waiting, f"Calibration: {o.answer.recording}", first, blocks)
+        title = f"Calibration: {o.answer.recording}"
+        page.write(waiting, title, first, [*blocks, *more])
         text = form.text_of(o.answer)
         (waiting / "diagnosis.json").write_text(text, encoding="utf-8")
         (waiting / FILE).write_text(text_of(o.proof.patch), encoding="utf-8")

@@ -56,10 +56,12 @@ def compared(recording: Recording, model: Path) -> tuple[Axis, ...]:
         fault = "no axis has an angle after its gear (a1_link_deg …)."
         raise Unusable(f"Recording {recording.name!r}", [fault])
     motions = [motions_of(recording, k) for k in number]
-    short = [k for k, own in zip(number, motions, strict=True) if len(own) < 3]
-    if short:
+    if any(len(own) < 3 for own in motions):
         faults = [
-            f"a{k + 1} has too few motions: two are fitted, one judges." for k in short
+            f"a{k + 1} has {len(own)} motions: two are fitted, one judges; give each "
+            "motion a `pose` of its own, three or more."
+            for k, own in zip(number, motions, strict=True)
+            if len(own) < 3
         ]
         raise Unusable(f"Recording {recording.name!r}", faults)
     fit = [own[:-1] for own in motions]
@@ -104,17 +106,21 @@ def _simulated(
     recording: Recording, model: Path, axis: int, motion: Motion, found: Between
 ) -> Float[np.ndarray, " rows"]:
     rows = np.flatnonzero(np.isin(recording.time, motion.time))
-    posture = recording.posture[rows].copy()
-    rig = rig_of(patch_of(f"a{axis + 1}", found), model)
+    bare = rig_of(Patch(), model).anatomy.axes
+    order = [bare.index(name) for name in recording.axes] or list(range(len(bare)))
+    own = order[axis]
+    rig = rig_of(patch_of(f"a{own + 1}", found), model)
     delay, width, give = _plain(found)
-    asked = posture[:, axis] - delay * motion.speed
+    posture = np.zeros((len(rows), len(bare)))
+    posture[:, order] = recording.posture[rows]
+    asked = posture[:, own] - delay * motion.speed
     asked -= 0.5 * width * np.tanh(motion.speed / 1e-3)
     if motion.torque is not None:
         asked -= give * motion.torque  # what the motor winds up; no load is simulated
-    posture[:, axis] = asked
+    posture[:, own] = asked
     still = np.zeros((len(rows), 1, 6))
     states = rig.respond(posture, still, np.full((len(rows), 1), 1e-3))
-    left = motion.apart + motion.angle - states.axis_angle[:, axis]
+    left = motion.apart + motion.angle - states.axis_angle[:, own]
     return left - left.mean()
 
 

@@ -2,25 +2,44 @@
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import mkdtemp
 
 from scenarios.diagnosing import answer as form
 from scenarios.diagnosing.schema import Answer
 from scenarios.reporting import page
+from scenarios.reporting.page import Block, Paragraph
 from scenarios.two_encoders.compared import Axis
 from scenarios.two_encoders.report import blocks_of, first_sentence
 
 
 def written(folder: Path, axes: Sequence[Axis], answer: Answer) -> None:
     """Write diagnosis.json, pictures and the report."""
+
+    def blocks(waiting: Path) -> list[Block]:
+        return blocks_of(axes, answer, waiting)
+
+    _whole(folder, answer, first_sentence(axes, answer), blocks)
+
+
+def refused(folder: Path, answer: Answer) -> None:
+    """Write diagnosis.json and a report that says what has to be mended."""
+    mistakes = [Paragraph(w.text) for w in answer.warnings]
+    _whole(folder, answer, "Nothing is named: the set-up is wrong.", lambda _: mistakes)
+
+
+def _whole(
+    folder: Path,
+    answer: Answer,
+    first: str,
+    blocks: Callable[[Path], Sequence[Block]],
+) -> None:
     folder.parent.mkdir(parents=True, exist_ok=True)
     waiting = Path(mkdtemp(prefix=".two-encoders-", dir=folder.parent))
     try:
-        blocks = blocks_of(axes, answer, waiting)
         title = f"Two encoders an axis: {answer.recording}"
-        page.write(waiting, title, first_sentence(axes, answer), blocks)
+        page.write(waiting, title, first, blocks(waiting))
         text = form.text_of(answer)
         (waiting / "diagnosis.json").write_text(text, encoding="utf-8")
         folder.mkdir(exist_ok=True)
