@@ -9,10 +9,12 @@ from bench.errors import Unusable
 from bench.patch import Patch, rig_of
 from bench.patch_effects import Named
 from bench.recording import UNLOADED, Marker, Recording, TrackerSpec
+from scenarios.calibrating import redrawn
 from scenarios.calibrating.carried_out import carried_out, written
 from scenarios.nominal import arm_of
 from stiffness.calibration import geometry
 from stiffness.calibration.readings import readings_of
+from stiffness.calibration.regions import regions_of
 from stiffness.calibration.rigid_fit import fitted
 from stiffness.calibration.stance import Stance
 
@@ -187,3 +189,22 @@ def test_only_what_shows_is_corrected():
     a = Stance.of(readings, fit.drawn).silent().reshape(-1, len(fit.kept))[:, fit.kept]
     scaled = a / np.linalg.norm(a, axis=0)
     assert np.linalg.svd(scaled, compute_uv=False)[-1] > 1e-4
+
+
+def test_draws_that_share_poses_say_less_than_as_many_that_do_not():
+    """By hand: mean 2, s = 1, t(2) = 4.3027, three draws, a third kept back."""
+    rows = [
+        {"left": float(left), "poses_kept_back": 100, "poses": 400}
+        for left in (1, 2, 3)
+    ]
+    mean, low, high = redrawn.interval(rows, "left")
+    half = 4.30265 * np.sqrt(1 / 3 + 1 / 3)
+    assert (mean, low, high) == pytest.approx((2.0, 2.0 - half, 2.0 + half), rel=1e-5)
+
+
+def test_another_draw_keeps_back_other_poses(recording):
+    readings = readings_of(recording, arm_of(UR10))
+    first, other = (regions_of(readings, draw).kept_back for draw in (0, 1))
+    assert (first != other).any()
+    again = regions_of(readings, 1).kept_back
+    np.testing.assert_array_equal(other, again)

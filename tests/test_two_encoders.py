@@ -20,7 +20,7 @@ TWIST = {"delay": 0.0, "compliance": 0.0, "wave": 0.0, "play": 0.0}
 ORDER = 97.0
 
 
-def stream(**true: float) -> Recording:
+def stream(friction: float = 15.0, **true: float) -> Recording:
     """Three motions; a2 is read twice, with gravity, inertia and some friction."""
     size = {**TWIST, **true}
     random = np.random.default_rng(7)
@@ -33,7 +33,6 @@ def stream(**true: float) -> Recording:
         ago = np.outer(time - size["delay"], wave)
         speed = np.gradient(angle, time)
         pull = 900.0 * np.cos(angle + 0.4) + 150.0 * np.gradient(speed, time)
-        friction = 15.0 * np.tanh(speed / 0.01)
         link = np.sin(ago + phase) @ swing - size["compliance"] * pull
         link += size["wave"] * np.sin(ORDER * angle + 0.7)
         link -= 0.5 * size["play"] * np.tanh(speed / 1e-3)
@@ -41,7 +40,7 @@ def stream(**true: float) -> Recording:
         times.append(time + 60.0 * m)
         angles.append(angle)
         links.append(link)
-        torques.append(pull + friction)
+        torques.append(pull + friction * np.tanh(speed / 1e-3))
         motion.append(np.full(len(time), m))
     rows = sum(map(len, times))
     posture, after = np.zeros((rows, 6)), np.full((rows, 6), np.nan)
@@ -83,6 +82,17 @@ def test_a_true_compliance_is_named_and_no_delay():
     assert "channel_delay" not in found
     give = found["joint_compliance"]["compliance_rad_per_nm"]
     assert give.estimate == pytest.approx(4e-7, rel=0.1)
+
+
+def test_friction_in_the_motor_s_torque_is_taken_off_before_a_gear_winds_up():
+    recording = stream(compliance=4e-7, friction=300.0)
+    axis = compared(recording, real_kr300.MODEL)[0]
+    found = axis.found
+    assert [t.parameters for t in found.terms] == [
+        ("compliance_rad_per_nm", "friction_rad")
+    ]
+    assert found.x == pytest.approx([4e-7, 4e-7 * 300.0], rel=0.02)
+    assert whole_rms(axis.after) < 1e-5
 
 
 def test_both_are_named_where_both_are_there():

@@ -33,21 +33,26 @@ class Added:
 
 ORDER = 61.0
 """Of the wave that is added; chosen: no multiple of what was found."""
-ADDED = (
-    Added("channel_delay", 1, "delay_s", 2e-3, lambda m: _late(m, 2e-3)),
-    Added(
-        "joint_compliance", 0, "compliance_rad_per_nm", 5e-7,
-        lambda m: -5e-7 * np.asarray(m.torque),
-    ),
-    Added(
-        "lost_motion", 0, "width_rad", 4e-4,
-        lambda m: -2e-4 * np.sign(np.where(np.abs(m.speed) < 1e-3, 0.0, m.speed)),
-    ),
-    Added(
-        "transmission_error", 0, "amplitude_rad", 1.5e-4,
-        lambda m: 1.5e-4 * np.sin(ORDER * m.angle + 0.5),
-    ),
+ADDED = tuple(
+    Added(effect, axis, parameter, size, change)
+    for axis in range(3)
+    for effect, parameter, size, change in (
+        ("channel_delay", "delay_s", 2e-3, lambda m: _late(m, 2e-3)),
+        (
+            "joint_compliance", "compliance_rad_per_nm", 5e-7,
+            lambda m: -5e-7 * np.asarray(m.torque),
+        ),
+        (
+            "lost_motion", "width_rad", 4e-4,
+            lambda m: -2e-4 * np.sign(np.where(np.abs(m.speed) < 1e-3, 0.0, m.speed)),
+        ),
+        (
+            "transmission_error", "amplitude_rad", 1.5e-4,
+            lambda m: 1.5e-4 * np.sin(ORDER * m.angle + 0.5),
+        ),
+    )
 )  # fmt: skip
+"""Every effect on every axis that is read twice."""
 
 
 def rows(recording: Recording) -> Iterator[dict[str, object]]:
@@ -95,7 +100,8 @@ def _size(found: Between, added: Added) -> tuple[float, float]:
     i = 0
     for term in found.terms:
         x = found.x[i : i + len(term.parameters)]
-        half = float(found.half[i : i + len(x)].max())
+        own = found.half[i : i + len(x)]
+        half = float(own.max() if term.order else own[0])
         i += len(x)
         if _same(term, added):
             return float(np.hypot(*x)) if term.order else float(x[0]), half

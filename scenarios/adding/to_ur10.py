@@ -20,12 +20,17 @@ EVERY, HIGHEST = 2, 129
 """One of so many poses is taken, and tables end at this order; chosen: three times as
 quick, and what is added is slower than that."""
 PLACE = np.array([0.0, 0.0, 0.093])
+ORDER = 11.0
+"""Of the wave that is added; chosen: not the largest of what was found."""
 ADDED = (
     ("joint_compliance", "a2", "compliance_rad_per_nm", 1e-5, {}),
     ("drift", "base", "z_m_per_h", 3e-6, {}),
     ("bearing_tilt", "a2", "u_rad_per_nm", 4e-5, {}),
     ("hysteresis", "a3", "width_rad", 2e-4, {}),
-)
+    ("encoder_offset", "a3", "offset_rad", 5e-4, {}),
+    ("transmission_error", "a1", "amplitude_rad", 1.5e-4,
+     {"order": ORDER, "phase_rad": 0.5}),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,7 @@ def _size(
         k = int(named.where[1:]) - 1
         angle = found.readings.posture[:, k]
         more = found.tables[named.where].at(angle) - base.tables[named.where].at(angle)
-        phase = 11.0 * angle
+        phase = ORDER * angle
         ones = np.ones_like(angle)
         a = np.stack([np.sin(phase), np.cos(phase), ones, angle], axis=1)
         x = np.linalg.lstsq(a, more, rcond=None)[0]

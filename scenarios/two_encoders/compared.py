@@ -110,11 +110,11 @@ def _simulated(
     order = [bare.index(name) for name in recording.axes] or list(range(len(bare)))
     own = order[axis]
     rig = rig_of(patch_of(f"a{own + 1}", found), model)
-    delay, width, give = _plain(found)
+    delay, width, give, friction = _plain(found)
     posture = np.zeros((len(rows), len(bare)))
     posture[:, order] = recording.posture[rows]
     asked = posture[:, own] - delay * motion.speed
-    asked -= 0.5 * width * np.tanh(motion.speed / 1e-3)
+    asked -= (0.5 * width - friction) * np.tanh(motion.speed / 1e-3)
     if motion.torque is not None:
         asked -= give * motion.torque  # what the motor winds up; no load is simulated
     posture[:, own] = asked
@@ -124,12 +124,10 @@ def _simulated(
     return left - left.mean()
 
 
-def _plain(found: Between) -> tuple[float, float, float]:
-    """Return delay in s, width of play in rad and compliance in rad/(N m)."""
-    values, i = {}, 0
-    for term in found.terms:
-        values[term.effect] = float(found.x[i])
-        i += len(term.parameters)
-    names = ("channel_delay", "lost_motion", "joint_compliance")
-    delay, width, give = (values.get(name, 0.0) for name in names)
-    return delay, width, give
+def _plain(found: Between) -> tuple[float, float, float, float]:
+    """Return delay in s, play in rad, compliance in rad/(N m), friction's in rad."""
+    names = [name for term in found.terms for name in term.parameters]
+    values = dict(zip(names, found.x.tolist(), strict=True))
+    wanted = ("delay_s", "width_rad", "compliance_rad_per_nm", "friction_rad")
+    delay, width, give, friction = (values.get(name, 0.0) for name in wanted)
+    return delay, width, give, friction

@@ -10,6 +10,8 @@ from scenarios.diagnosing.units import label, span
 from scenarios.reporting.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.reporting.style import GREY, ORANGE, save
 from scenarios.two_encoders.compared import WINDOW, Axis, rms, whole_rms
+from stiffness.two_encoders.judging import columns, fitted
+from stiffness.two_encoders.terms import Term
 
 URAD = 1e6
 
@@ -74,16 +76,18 @@ def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]
         Heading("What was refused, and why"),
         Table(
             "Tried after what was believed; each must make motions that it was not "
-            "fitted to better, every one, and not live on the delay of its axis.",
-            ("axis", "effect", "would be", "gain / its error", "reason"),
+            "fitted to better, every one, and not live on the delay of its axis. The "
+            "last column was worked out after all was decided: what would be left of "
+            "the judged motion, to first order.",
+            ("axis", "effect", "would be", "gain / its error", "reason", "[µrad]"),
             [
                 (
                     a.name,
-                    t.term.effect
-                    + (f", order {t.term.order:g}" if t.term.order else ""),
+                    _named(t.term),
                     f"{t.coefficients[0]:.3g}",
                     f"{t.gain / max(t.error, 1e-30):.1f}",
                     t.reason,
+                    f"{URAD * _with(a, t.term):.1f}",
                 )
                 for a in axes
                 for t in a.found.refused
@@ -91,9 +95,25 @@ def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]
         ),
         Paragraph(
             "Torque is the motor's, friction included, and friction goes with speed: "
-            "that is how a compliance borrows from a delay."
+            "that is how a compliance borrows from a delay. With friction's constant "
+            "part taken off, its part that grows with speed still looks like a delay: "
+            "where one instrument reads all second encoders, their common delay tells."
         ),
     ]
+
+
+def _named(term: Term) -> str:
+    if term.order:
+        return f"{term.effect}, order {term.order:g}"
+    behind = ", friction taken off" if len(term.parameters) > 1 else ""
+    return term.effect + behind
+
+
+def _with(axis: Axis, term: Term) -> float:
+    """Return what a refused term would leave of the judged motion, in rad."""
+    terms = (*axis.found.terms, term)
+    x, _ = fitted(terms, axis.fitted)
+    return whole_rms(axis.judged.apart - columns(terms, axis.judged) @ x)
 
 
 def _before_after(axes: Sequence[Axis], file: Path) -> None:

@@ -2,7 +2,9 @@
 
 ==========  ==========================================================================
 Equation    channel_delay       after(t) = before(t − delay) ≈ before − delay speed
-            joint_compliance    after = before − compliance torque
+            joint_compliance    after = before − compliance torque, or
+                                after = before − compliance (torque − friction
+                                sign(speed)): what of the motor's torque gets through
             lost_motion         after = before − width / 2 sign(speed)
             transmission_error  after = before + a cos(order q) + b sin(order q)
 Source      Furgale, Rehder, Siegwart 2013 (delay); Spong 1987 (wind-up); makers' lost
@@ -55,6 +57,9 @@ class Term:
         else:
             assert motion.torque is not None
             found = -motion.torque[:, None]
+            if len(self.parameters) == 2:
+                lost = np.tanh(motion.speed / CREEPING)[:, None]
+                found = np.concatenate([found, lost], axis=1)
         return found - found.mean(axis=0)
 
 
@@ -65,7 +70,9 @@ def plain_terms(motions: tuple[Motion, ...]) -> tuple[Term, ...]:
         Term("lost_motion", ("width_rad",), 0.0),
     ]
     if all(m.torque is not None and np.ptp(m.torque) > 0.0 for m in motions):
-        found.append(Term("joint_compliance", ("compliance_rad_per_nm",), 0.0))
+        names = ("compliance_rad_per_nm", "friction_rad")
+        found += [Term("joint_compliance", names[:1], 0.0)]
+        found += [Term("joint_compliance", names, 0.0)]
     return tuple(found)
 
 
