@@ -6,7 +6,7 @@ effect would make of it. The same tools as for the arms as they are then say wha
 there; what they say more than before is compared with what was added.
 
 Run:    python -m scenarios.added_effects --ur10 FOLDER --kr300 FOLDER
-Takes:  a minute for the KR300; the UR10 is calibrated seven times, 3 minutes
+Takes:  a minute for the KR300; the UR10 is calibrated eight times, 3 minutes
 Expect: a table for each arm, added.csv beside its report
 """
 

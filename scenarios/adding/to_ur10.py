@@ -26,6 +26,7 @@ ADDED = (
     ("joint_compliance", "a2", "compliance_rad_per_nm", 1e-5, {}),
     ("drift", "base", "z_m_per_h", 3e-6, {}),
     ("bearing_tilt", "a2", "u_rad_per_nm", 4e-5, {}),
+    ("bearing_tilt", "a1", "u_rad_per_nm", 1e-6, {}),
     ("hysteresis", "a3", "width_rad", 2e-4, {}),
     ("encoder_offset", "a3", "offset_rad", 5e-4, {}),
     ("transmission_error", "a1", "amplitude_rad", 1.5e-4,
