@@ -4,13 +4,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scenarios.paper.experiment import Experiment
+from scenarios.paper.linear_fit.findings import (
+    against_paper,
+    against_truth,
+    over_floor,
+    published,
+    stiffness_of,
+)
 from scenarios.paper.linear_fit.fit import LinearFit
 from scenarios.paper.linear_fit.pictures import figure_04, stiffness_points
-from scenarios.paper.numbers import TABLE_02_MM, TABLE_03_NM_PER_RAD
 from scenarios.reporting import table
 from scenarios.reporting.page import Block, Figure, Heading, Paragraph, Table
-from stiffness.methods.method import Parameter
-from stiffness.score import Score
 
 
 def report(
@@ -32,31 +36,19 @@ def report(
             "postures drawn anew from the same can never exceed it. The floor is what "
             "the instruments alone leave between measured and true deflection."
         ),
-        _errors_table(found),
+        _errors_table(found, seed),
         Figure(
             "Predicted against measured deflection (the paper's Fig. 4); what six "
-            f"springs leave is {_over_floor(found):.1f} times the instruments' floor.",
+            f"springs leave is {over_floor(found):.1f} times the instruments' floor.",
             "figure_04.png",
         ),
         _stiffness_table(experiment, found),
         Figure(
-            "Identified stiffness beside the paper's and beside the truth's secant "
-            "stiffness: springs also take on what bearings, links and base give way.",
+            "Identified stiffness with 95 % intervals, beside the paper's and beside "
+            f"the truth's secant stiffness: {against_truth(experiment, found)}.",
             "table_03.png",
         ),
     ]
-
-
-def _over_floor(found: LinearFit) -> float:
-    """Return the springs' MAE over the instruments', mean over the directions."""
-    floor = {s.direction: s.value_mm for s in found.floor if s.metric == "MAE"}
-    own = {s.direction: s.value_mm for s in found.scores["vjm"] if s.metric == "MAE"}
-    return sum(own[d] / floor[d] for d in floor) / len(floor)
-
-
-def _paper(score: Score) -> float | None:
-    metric = {"MAE": "MAE", "STDE_signed": "STDE", "ME": "ME"}.get(score.metric)
-    return TABLE_02_MM[score.direction, metric] if metric else None
 
 
 def _table_02(found: LinearFit, seed: int) -> list[dict[str, object]]:
@@ -69,7 +61,7 @@ def _table_02(found: LinearFit, seed: int) -> list[dict[str, object]]:
             "value_mm": s.value_mm,
             "low_mm": s.low_mm,
             "high_mm": s.high_mm,
-            "paper_mm": _paper(s) if method == "vjm" else None,
+            "paper_mm": published(s) if method == "vjm" else None,
             "floor_mm": floor[s.direction, s.metric],
             "n": s.n,
             "seeds": seed,
@@ -90,23 +82,15 @@ def _table_03(experiment: Experiment, found: LinearFit) -> list[dict[str, object
             "truth_secant": secant,
             "paper": paper,
         }
-        for p, secant, paper in _stiffness(experiment, found)
+        for p, secant, paper in stiffness_of(experiment, found)
     ]
 
 
-def _stiffness(
-    experiment: Experiment, found: LinearFit
-) -> list[tuple[Parameter, float, float]]:
-    """Return identified, true secant and published stiffness of each axis."""
-    secant = [float(k) for k in experiment.secant_stiffness]
-    return list(zip(found.fitted.stiffness, secant, TABLE_03_NM_PER_RAD, strict=True))
-
-
-def _errors_table(found: LinearFit) -> Table:
+def _errors_table(found: LinearFit, seed: int) -> Table:
     floor = {(s.direction, s.metric): s.value_mm for s in found.floor}
     rows = []
     for s in found.scores["vjm"]:
-        paper = _paper(s)
+        paper = published(s)
         rows.append(
             (
                 s.direction.upper(),
@@ -119,8 +103,9 @@ def _errors_table(found: LinearFit) -> Table:
         )
     n = found.scores["vjm"][0].n
     return Table(
-        f"Table 2. Errors of the six-spring fit over {n} postures [mm]; the paper's "
-        "STDE is of signed errors here, Eq. 8 to the letter is of absolute ones.",
+        f"Table 2. Errors of the six-spring fit over {n} postures, seed {seed} [mm]; "
+        "the paper's STDE is of signed errors here, Eq. 8 to the letter is of absolute "
+        f"ones. {against_paper(found)}.",
         ("direction", "measure", "ours", "95 % interval", "paper", "floor"),
         rows,
     )
@@ -135,11 +120,12 @@ def _stiffness_table(experiment: Experiment, found: LinearFit) -> Table:
             f"{secant / 1e3:.2f}",
             f"{paper / 1e3:.2f}",
         )
-        for p, secant, paper in _stiffness(experiment, found)
+        for p, secant, paper in stiffness_of(experiment, found)
     ]
     return Table(
-        "Table 3. Identified stiffness [kN m/rad]. The true axes' secant stiffness is "
-        "torque over wind-up about the axis alone.",
+        f"Table 3. Stiffness identified from {found.scores['vjm'][0].n} postures "
+        "[kN m/rad]; the truth's secant stiffness is torque over wind-up about the "
+        "axis alone.",
         ("axis", "ours", "95 % interval", "truth, secant", "paper"),
         rows,
     )

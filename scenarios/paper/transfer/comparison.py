@@ -57,6 +57,10 @@ class Contender:
         error = self.held_out[:, :, direction].reshape(1, -1)
         return pooled(error, MEASURES[measure], seed)
 
+    def overall(self, seed: int = 0) -> Draws:
+        """Return the MAE over all directions on the fresh poses, pooled over seeds."""
+        return pooled(np.abs(self.unseen).mean(axis=2), MEASURES["MAE"], seed)
+
     @property
     def name(self) -> str:
         """Title and plan."""

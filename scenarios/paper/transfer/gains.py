@@ -69,11 +69,19 @@ def gains(tuned: Sequence[Contender], springs: Contender) -> Table:
                     )
                 )
     return Table(
-        "FT-MLP's error against the VJM's, in per cent: negative is better. The bar is "
-        "the paper's least gain in any direction; surely: the whole interval is below.",
+        f"FT-MLP's error against the VJM's on {springs.unseen.shape[1]} fresh poses, "
+        f"seeds: {_seeds(tuned)}; in per cent, negative is better. The bar is the "
+        "paper's least gain in any direction; surely: the whole interval is below.",
         ("plan", "", "measure", "change", "95 % interval", "paper", "bar", "reached"),
         rows,
     )
+
+
+def _seeds(tuned: Sequence[Contender]) -> str:
+    each = [", ".join(map(str, c.seeds)) for c in tuned]
+    if len(set(each)) == 1:
+        return each[0]
+    return "; ".join(f"{s} ({c.plan})" for s, c in zip(each, tuned, strict=True))
 
 
 def verdict(tuned: Sequence[Contender], springs: Contender) -> str:
@@ -113,10 +121,12 @@ def finding(tuned: Sequence[Contender], springs: Contender) -> str:
             for k in range(3)
         ]
         x, y, z = (f"{value:+.0f}" for value in change)
-        parts.append(f"pre-trained on the {c.plan} plan {x}, {y}, {z} %")
+        parts.append(f"{x}, {y}, {z} % where pre-trained on the {c.plan} plan")
     return (
         "Errors of VJM and FT-MLP on fresh poses (the paper's Fig. 9): MAE changes in "
-        f"X, Y, Z by {'; '.join(parts)}."
+        f"X, Y, Z by {'; '.join(parts)}. Bars: 95 % intervals over "
+        f"{springs.unseen.shape[1]} poses and {len(springs.seeds)} "
+        f"seed{'s' * (len(springs.seeds) > 1)}."
     )
 
 

@@ -84,7 +84,7 @@ def _drawn(
 
 
 def pooled(
-    error: Float[np.ndarray, "seeds poses"],
+    error: Float[np.ndarray, "seeds poses *more"],
     statistic: Statistic,
     seed: int = 0,
     resamples: int = RESAMPLES,
@@ -94,12 +94,13 @@ def pooled(
     A largest error has no interval, for draws from these poses cannot exceed it.
 
     Args:
-        error: Of each seed in each pose, the same poses for all seeds.
+        error: Of each seed in each pose, the same poses for all seeds; one number or,
+            where the statistic takes them, several.
         statistic: Of one seed's errors, vectorised over weights.
         seed: Of the draws.
         resamples: How many.
     """
-    seeds, poses = error.shape
+    seeds, poses = error.shape[:2]
     weight, which = _drawn(seeds, poses, seed, resamples)
     values = [float(statistic(row, np.ones(poses))) for row in error]
     if statistic is me:

@@ -41,7 +41,8 @@ def _pretrained(results: Mapping[Cell, Result]) -> str:
             for c, r in results.items()
             if isinstance(c, PerceptronCell) and c.plan == plan
         ]
-        parts.append(f"{np.mean(test):.4f} mm ({plan} plan)")
+        seeds = "one seed" if len(test) == 1 else f"{len(test)} seeds"
+        parts.append(f"{np.mean(test):.4f} mm ({plan} plan, {seeds})")
     return (
         "Pre-trained to imitate the springs, the network's test MAE over the three "
         f"directions is {' and '.join(parts)}; the paper's is 0.1199 mm."
@@ -54,12 +55,13 @@ def _learnt(methods: Sequence[Contender]) -> list[str]:
     for c in methods[1:]:
         if c.method in ("pretrained", "aligned", "frozen"):
             continue
-        change = [
-            c.draws(k, "MAE").change_from(springs.draws(k, "MAE")) for k in range(3)
-        ]
-        parts = [f"{100 * draws.value:+.0f}" for draws in change]
-        said.append(f"{c.name} {', '.join(parts)} %")
+        change = c.overall().change_from(springs.overall()).interval
+        value, low, high = (
+            f"{100 * end:+.0f}" for end in (change.value, change.low, change.high)
+        )
+        said.append(f"{c.name} {value} % ({low} to {high})")
     return [
-        f"On {springs.unseen.shape[1]} fresh postures MAE differs from the springs' in "
-        f"X, Y, Z by: {'; '.join(said)}."
+        f"On {springs.unseen.shape[1]} fresh postures (seeds: "
+        f"{', '.join(map(str, springs.seeds))}; 95 % intervals) MAE over all "
+        f"directions differs from the springs' by: {'; '.join(said)}."
     ]
