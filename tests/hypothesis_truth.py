@@ -15,6 +15,7 @@ from bench.recording import Recording, WrenchSpec
 from bench.rig import Rig
 from stiffness.arm import Arm
 from stiffness.diagnosis.hypotheses import HYPOTHESES
+from stiffness.diagnosis.hypotheses.bodies import point_of
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.signature import Motion, Shift, Signature, Turn
 from stiffness.diagnosis.situation import Situation
@@ -155,7 +156,8 @@ def expected(situation: Situation) -> np.ndarray:
 
 def moved(situation: Situation, signature: Signature) -> np.ndarray:
     """Return what a signature does to the markers, (rows, markers, 3, columns)."""
-    point = expected(situation)
+    marks = situation.recording.markers
+    point = np.stack([point_of(situation, m.body, m.position) for m in marks], axis=1)
     total = np.zeros((*point.shape, signature.columns))
     for m, marker in enumerate(situation.recording.markers):
         carried = situation.carried[:, situation.bodies.index(marker.body)]
@@ -174,6 +176,11 @@ def moved(situation: Situation, signature: Signature) -> np.ndarray:
 def at_point(twist: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Return how points move with twists, (rows, 3, columns), in m."""
     return twist[:, :3] + np.cross(twist[:, 3:], point[:, :, None], axis=1)
+
+
+def unexplained(recording: Recording) -> np.ndarray:
+    """Return the readings less where the nominal arm is under what was felt, in m."""
+    return in_base(recording) - expected(situation_in(recording))
 
 
 def in_base(recording: Recording) -> np.ndarray:

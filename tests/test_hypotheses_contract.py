@@ -12,6 +12,7 @@ from source import docstring, python_files, text
 from bench.effects import EFFECTS
 from bench.recording import Recording
 from stiffness.diagnosis.hypotheses import HYPOTHESES
+from stiffness.diagnosis.hypotheses.bodies import point_of
 from stiffness.diagnosis.hypotheses.creep import followed
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.signature import Reading, Signature, Turn, values
@@ -412,8 +413,7 @@ def test_gravity_weighs_on_a_lever_as_archimedes_says():
         for part in found.parts
         if isinstance(part, Turn) and part.axis == 1
     )
-    standing = situation.arm.at(situation.rest)
-    lever = standing.point("tool", np.zeros(3)) - situation.origin[:, 2]
+    lever = point_of(situation, "tool", np.zeros(3)) - situation.origin[:, 2]
     along = situation.frame[:, 2, :, 2]
     torque = np.einsum("ri,ri->r", along, np.cross(lever, [0.0, 0.0, -9.81]))
     assert_allclose(law, situation.compliance[1] * torque, rtol=1e-9)

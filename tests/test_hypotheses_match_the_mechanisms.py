@@ -36,7 +36,7 @@ from bench.effects.wrench_bias import WrenchBias
 from bench.effects.wrench_gain import WrenchGain
 from bench.effects.wrench_misalignment import WrenchMisalignment
 from bench.effects.wrist_coupling import WristCoupling
-from stiffness.diagnosis.signature import turn
+from stiffness.diagnosis.signature import turn, values
 from stiffness.diagnosis.situation import Situation
 
 SECOND_ORDER = 0.005
@@ -71,7 +71,6 @@ EXACT = [
     (GravityLoad("tool", 0.2, 0.1, 0.03, 0.05), (), ""),
     (GravityCompensator("a2", 5.0, 0.4), (), ""),
     (TransmissionError("a3", 1e-4, 2.0, 0.7), (2.0,), ""),
-    (EncoderOffset("a4", 1e-4), (), ""),
     (GeometryError("link_1", 1e-4, 2e-4, -1e-4, 1e-4, 2e-4, 3e-4), (), ""),
     (GeometryError("link_4", 1e-4, 2e-4, -1e-4, 1e-4, 2e-4, 3e-4), (), ""),
     (TrackerScale("tracker", 5e-5), (), ""),
@@ -238,6 +237,50 @@ def delayed(where: str, situation: Situation, done: np.ndarray) -> None:
     inner = slice(1, -1)
     left = np.linalg.norm((done - said)[inner]) / np.linalg.norm(done[inner])
     assert left < SECOND_ORDER
+
+
+# --- What goes with the arm ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("axis", ["a4", "a6"])
+def test_sensor_beyond_an_axis_with_an_offset_reads_the_load_turned(axis):
+    """What differs within visits is what the arm seems to feel, and no lever arm."""
+    effect, situation = EncoderOffset(axis, 1e-3), truth.situation()
+    seen, usual = truth.recording(effect), truth.recording()
+    done = truth.unexplained(seen) - truth.unexplained(usual)
+    fit = Fit(situation, effect, np.zeros(0), [])
+    left, _, found = fit.of(done)
+    assert left < SECOND_ORDER
+    near(found, effect.parameters())
+    said = within_visits((fit.design * effect.offset_rad).reshape(done.shape))
+    done = within_visits(done)
+    assert np.linalg.norm(done - said) < 0.4 * np.linalg.norm(done)
+
+
+def test_turn_that_stays_the_same_shows_no_load():
+    """Lever arms go with what carries them, under load as well."""
+    situation = truth.situation()
+    constant = turn(2, np.ones(situation.rows))
+    assert_allclose(within_visits(truth.moved(situation, constant)), 0.0, atol=1e-12)
+
+
+def test_guide_of_a_slide_tilts_where_it_stands(tmp_path):
+    """Wherever its carriage is: the tilt turns about the same point of the base."""
+    situation = truth.palletiser(tmp_path)
+    place = situation.axis("a3") + 1
+    tilt = truth.BY_NAME["bearing_tilt"].signature(situation, "a3", np.array([0.05]))
+    [part] = tilt.parts
+    out = situation.recording.posture[:, place - 1] - 0.05
+    guide = situation.origin[:, place] - out[:, None] * situation.seat[:, place, :, 2]
+    moved = truth.at_point(values(part), guide)
+    assert_allclose(moved, 0.0, atol=1e-12 * np.abs(values(part)).max())
+
+
+def within_visits(moved: np.ndarray) -> np.ndarray:
+    """Return displacements less their mean over each visit."""
+    visit = truth.situation().visit
+    mean = np.stack([moved[visit == v].mean(axis=0) for v in range(visit.max() + 1)])
+    return moved - mean[visit]
 
 
 # --- The comparison ------------------------------------------------------------------

@@ -67,7 +67,8 @@ def blocks(
     """
     weight = visits.gather(readings.weight) * visits.counts[..., None]
     values = np.nan_to_num(visits.gather(readings.value))
-    point = mean_of(visits.gather(readings.point), weight)
+    expected = readings.point - readings.value  # lever arms end where the model says
+    point = mean_of(visits.gather(expected), weight)
     screw = visits.gather(situation.screw)
     errors = feigned_turns(situation, visits)
     within = Within.of(

@@ -41,19 +41,21 @@ def situation_of(
     standing = arm.at(rest)
     rows, axes = rest.shape
     sensor, sensor_axes = _sensor(recording, standing)
-    force, moment, origin, frame = _carried(recording, standing, wrench, sensor)
+    force, moment = _carried(recording, standing, wrench, sensor)
+    midway = _midway(recording, rest)
+    origin, frame = _places(arm.at(midway))
     load = np.zeros((rows, axes))
     if recording.wrench is not None and recording.wrench_sensor is not None:
         spec = recording.wrench_sensor
         load = standing.load_torque(wrench, spec.body, spec.position)
-    along = frame[:, 1:, :, 2]
+    along = standing.rotation[..., 2].transpose(1, 0, 2)
     torque = np.where(
         arm.slides,
         np.einsum("rai,rai->ra", along, force[:, 1:]),
         np.einsum("rai,rai->ra", along, moment[:, 1:]),
     )
     seat = frame.copy()
-    cos, sin = np.cos(rest)[..., None], np.sin(rest)[..., None]
+    cos, sin = np.cos(midway)[..., None], np.sin(midway)[..., None]
     x, y = frame[:, 1:, :, 0], frame[:, 1:, :, 1]
     turns = ~arm.slides
     seat[:, 1:, :, 0][:, turns] = (cos * x - sin * y)[:, turns]
@@ -119,18 +121,38 @@ def _sensor(recording: Recording, standing: Standing) -> tuple[np.ndarray, np.nd
     return at, standing.turn(spec.body) @ mounting
 
 
-def _carried(
-    recording: Recording, standing: Standing, wrench: np.ndarray, sensor: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return force, moment, origin and frame of every place."""
-    chain = standing.chain
+def _midway(
+    recording: Recording, rest: Float[np.ndarray, "rows axes"]
+) -> Float[np.ndarray, "rows axes"]:
+    """Return where the links rest with the mean wind-up of a row's visit.
+
+    Lever arms are taken there, where a visit's markers are on average: what a place
+    carries goes with it under load, and a constant turn shows no load.
+    """
+    visit = np.unique(recording.visit, return_inverse=True)[1]
+    wound = rest - recording.posture
+    total = np.zeros((visit.max() + 1, wound.shape[1]))
+    np.add.at(total, visit, wound)
+    return recording.posture + (total / np.bincount(visit)[:, None])[visit]
+
+
+def _places(standing: Standing) -> tuple[np.ndarray, np.ndarray]:
+    """Return origin and frame of every place."""
     axes, rows = standing.origin.shape[:2]
-    places = axes + 1
-    origin = np.zeros((rows, places, 3))
-    frame = np.tile(np.eye(3), (rows, places, 1, 1))
+    origin = np.zeros((rows, axes + 1, 3))
+    frame = np.tile(np.eye(3), (rows, axes + 1, 1, 1))
     origin[:, 1:] = standing.origin.transpose(1, 0, 2)
     frame[:, 1:] = standing.rotation.transpose(1, 0, 2, 3)
-    force, moment = np.zeros((rows, places, 3)), np.zeros((rows, places, 3))
+    return origin, frame
+
+
+def _carried(
+    recording: Recording, standing: Standing, wrench: np.ndarray, sensor: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return force and moment at every place."""
+    chain = standing.chain
+    origin, _ = _places(standing)
+    force, moment = np.zeros((2, *origin.shape))
     pulls = [
         (k, mass * chain.gravity, standing.origin[k] + standing.rotation[k] @ centre)
         for k, (mass, centre) in enumerate(zip(chain.mass, chain.centre, strict=True))
@@ -154,4 +176,4 @@ def _carried(
         body = "flange" if spec is None else spec.body
         for place in [0, *(k + 1 for k in chain.carriers(standing.place(body).axis))]:
             moment[:, place] += wrench[:, 3:]
-    return force, moment, origin, frame
+    return force, moment

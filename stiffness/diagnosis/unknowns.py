@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from stiffness.diagnosis.between import Between
 from stiffness.diagnosis.columns import Columns, levers
+from stiffness.diagnosis.hypotheses.bodies import axes_of
 from stiffness.diagnosis.readings import Frames
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.smooth_error import smooth_basis
@@ -50,8 +51,9 @@ def unknowns(
         np.full(3, FREE if marker.position is None else PLACE)
         for marker in recording.markers
     ]
-    standing = situation.arm.at(situation.rest[visits.row[:, 0]])
-    turn = np.stack([standing.turn(m.body) for m in recording.markers], axis=1)
+    first = visits.row[:, 0]
+    axes = {m.body: axes_of(situation, m.body)[first] for m in recording.markers}
+    turn = np.stack([axes[m.body] for m in recording.markers], axis=1)
     tracker = recording.tracker
     waves = np.zeros((count, markers, 0))
     if field and tracker is not None and tracker.volumetric:

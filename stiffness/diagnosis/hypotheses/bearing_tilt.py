@@ -24,7 +24,7 @@ from stiffness.diagnosis.situation import Situation
 
 @dataclass(frozen=True)
 class BearingTilt(Hypothesis):
-    """A hinge that also turns a little about the two directions across it."""
+    """A hinge, or a slide's guide, that tilts about the two directions across it."""
 
     effect: ClassVar[str] = "bearing_tilt"
     shape_names: ClassVar[tuple[str, ...]] = ("centre_m",)
@@ -36,8 +36,7 @@ class BearingTilt(Hypothesis):
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:
-        slides = situation.arm.slides
-        return tuple(a for a, s in zip(situation.axes, slides, strict=True) if not s)
+        return situation.axes
 
     @override
     def shapes(
@@ -51,7 +50,10 @@ class BearingTilt(Hypothesis):
     ) -> Signature:
         place = situation.axis(where) + 1
         seat = situation.seat[:, place]
-        arm = shape[0] * seat[:, :, 2]
+        along = np.full(situation.rows, shape[0])
+        if situation.arm.slides[place - 1]:  # its guide stays where it is
+            along -= situation.recording.posture[:, place - 1]
+        arm = along[:, None] * seat[:, :, 2]
         centre = situation.origin[:, place] + arm
         moment = situation.moment[:, place] - np.cross(arm, situation.force[:, place])
         across = seat[:, :, :2]  # (rows, 3, 2)

@@ -1,10 +1,13 @@
 """An axis stands a constant angle beside what its controller reports.
 
 ==========  ==========================================================================
-Equation    angle of the link = reported angle + offset + wind-up
-Source      Slamani et al. 2012 and every calibration: joint zero offsets
+Equation    angle of the link = reported angle + offset + wind-up; per radian of offset
+            about a through o a load (F, M) at the sensor p gains (a x F, a x M +
+            (a x (p - o)) x F) for the axes before
+Source      Slamani et al. 2012 and every calibration: joint zero offsets; the load:
+            rotation vector to first order
 Valid       small offsets
-Ignores     the change of lever arms under load, a thousandth of the deflection
+Ignores     that wind-up itself is turned, a thousandth of the deflection
 ==========  ==========================================================================
 """
 
@@ -17,13 +20,18 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.signature import NOTHING, Signature, turn
+from stiffness.diagnosis.hypotheses.response import beside
+from stiffness.diagnosis.signature import NOTHING, Signature
 from stiffness.diagnosis.situation import Situation
 
 
 @dataclass(frozen=True)
 class EncoderOffset(Hypothesis):
-    """An axis whose zero is not where the controller believes."""
+    """An axis whose zero is not where the controller believes.
+
+    A sensor beyond the axis is turned with it: of a last axis whose markers' places are
+    unknown nothing else shows.
+    """
 
     effect: ClassVar[str] = "encoder_offset"
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"offset_rad": (-0.1, 0.1)}
@@ -44,7 +52,7 @@ class EncoderOffset(Hypothesis):
     def signature(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        return turn(situation.axis(where), np.ones(situation.rows))
+        return beside(situation, situation.axis(where))
 
     @override
     def variants(

@@ -21,6 +21,7 @@ from typing_extensions import override
 
 from stiffness.diagnosis.hypotheses.axes import absolute, orders, sprung
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
+from stiffness.diagnosis.hypotheses.response import beside
 from stiffness.diagnosis.signature import NOTHING, Signature, turn
 from stiffness.diagnosis.situation import Situation
 
@@ -59,7 +60,7 @@ class GravityCompensator(Hypothesis):
         k = situation.axis(where)
         angle = situation.recording.posture[:, k]
         if 1.0 not in orders(situation, k):
-            return turn(k, np.ones(situation.rows))
+            return beside(situation, k)
         return turn(k, np.sin(angle), np.cos(angle))
 
     @override

@@ -75,6 +75,43 @@ def torque_at_sensor(
     return torque_of(situation, body, wrench[:, :3], wrench[:, 3:], situation.sensor)
 
 
+def beside(situation: Situation, k: int) -> Signature:
+    """Return how the arm stands when an axis is one radian beside its reported angle.
+
+    A sensor beyond it is turned, and the springs before feel the load from elsewhere.
+    """
+    loaded = wind_up(situation, turned_load(situation, k))
+    return Signature(1, (Turn(k, np.ones((situation.rows, 1))), *loaded.parts))
+
+
+def turned_load(situation: Situation, k: int) -> Float[np.ndarray, "rows axes 1"]:
+    """Return what an axis' standing beside its reported angle does to other torques.
+
+    Args:
+        situation: Where the arm is thought to stand.
+        k: The axis, from 0.
+
+    Returns:
+        Torque in N m per radian (metre); zero for axes beyond, which turn with it.
+    """
+    sensor = situation.recording.wrench_sensor
+    body = "flange" if sensor is None else sensor.body
+    carriers = list(situation.arm.chain.carriers(situation.arm.place(body).axis))
+    torque = np.zeros((situation.rows, len(situation.axes), 1))
+    if k not in carriers:
+        return torque
+    twist = situation.screw[:, k]
+    shift = twist[:, :3] + np.cross(twist[:, 3:], situation.sensor)
+    force, moment = situation.wrench[:, :3], situation.wrench[:, 3:]
+    extra = np.concatenate([np.zeros_like(force), np.cross(shift, force)], axis=1)
+    if sensor is None or sensor.frame == "sensor":
+        turned = [np.cross(twist[:, 3:], part) for part in (force, moment)]
+        extra += np.concatenate(turned, axis=1)
+    before = carriers[carriers.index(k) + 1 :]
+    torque[:, before] = torque_at_sensor(situation, extra[:, :, None])[:, before]
+    return torque
+
+
 def along_sensor(
     situation: Situation, wrench: Float[np.ndarray, "rows 6 columns"]
 ) -> Float[np.ndarray, "rows 6 columns"]:

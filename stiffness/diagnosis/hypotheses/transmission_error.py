@@ -26,6 +26,7 @@ from stiffness.diagnosis.hypotheses.axes import (
     still,
 )
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
+from stiffness.diagnosis.hypotheses.response import beside
 from stiffness.diagnosis.signature import NOTHING, Signature, turn
 from stiffness.diagnosis.situation import Situation
 
@@ -66,7 +67,7 @@ class TransmissionError(Hypothesis):
     ) -> Signature:
         k = situation.axis(where)
         if still(situation, k):
-            return turn(k, np.ones(situation.rows))
+            return beside(situation, k)
         phase = shape[0] * situation.recording.posture[:, k]
         return turn(k, np.sin(phase), np.cos(phase))
 
