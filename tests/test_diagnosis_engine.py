@@ -30,6 +30,7 @@ from stiffness.diagnosis.diagnose import case_of, diagnose
 from stiffness.diagnosis.diagnosis import Diagnosis
 from stiffness.diagnosis.evidence import evidence_of, projected, without
 from stiffness.diagnosis.flips import sign_flips
+from stiffness.diagnosis.growth import exchanged
 from stiffness.diagnosis.hypotheses import HYPOTHESES
 from stiffness.diagnosis.hypotheses.base_tilt import BaseTilt
 from stiffness.diagnosis.hypotheses.bearing_tilt import BearingTilt
@@ -344,6 +345,27 @@ def test_an_effect_is_found_placed_and_named(effect, name, where):
     assert found.verdict == "explained"
     assert [(e.name.effect, e.name.where) for e in found.named] == [(name, where)]
     assert found.located[0].where == where
+
+
+def test_more_than_three_effects_are_named_one_after_the_other():
+    effects = (
+        *("hysteresis@a2", "hysteresis@a3", "bearing_tilt@a1", "bearing_tilt@a3"),
+        "encoder_offset@a5,offset_rad=4e-4",
+    )
+    found = diagnosis(*effects)
+    names = {f"{e.name.effect}@{e.name.where}" for e in found.named}
+    assert names == {effect.partition(",")[0] for effect in effects}
+    assert found.verdict == "explained"
+
+
+def test_member_that_stood_in_for_another_gives_way():
+    case = case_of(prepared("hysteresis@a2", "bearing_tilt@a3"), FEW)
+    shapes = {h.effect: h.shapes(case.situation, "a2")[3:4] for h in FEW}
+    stand_in = Member(FEW[0], "a2", shapes["hardening"][0])
+    tilt = Member(FEW[2], "a3", np.zeros(1))
+    fit = fit_set(case.data, case.situation, case.nominal, (stand_in, tilt), case.split)
+    best = exchanged(case, fit)[0][1]
+    assert {m.name for m in best} == {("hysteresis", "a2"), ("bearing_tilt", "a3")}
 
 
 def test_the_interval_holds_the_true_size():

@@ -23,6 +23,8 @@ from stiffness.diagnosis.library import Library
 
 PRIOR_OF_SIZE = (0.4, 0.35, 0.2, 0.05)
 """Prior of none, one, two or three effects; chosen: few causes, each as likely."""
+ONE_MORE = 0.25
+"""Prior of each further effect; chosen: as three are to two."""
 SHORT_LIST = 30
 """Candidates whose triples are all tried; pairs are tried of all. Chosen: 4060 sets."""
 RIDGE = 1e-8
@@ -61,7 +63,9 @@ def log_prior(size: int, candidates: int) -> float:
     if size > candidates:
         return -np.inf
     ways = gammaln(candidates + 1) - gammaln(size + 1) - gammaln(candidates - size + 1)
-    return float(np.log(PRIOR_OF_SIZE[size]) - ways)
+    small = min(size, len(PRIOR_OF_SIZE) - 1)
+    of_size = np.log(PRIOR_OF_SIZE[small]) + (size - small) * np.log(ONE_MORE)
+    return float(of_size - ways)
 
 
 def white_candidates(library: Library, evidence: Evidence) -> White:

@@ -152,7 +152,7 @@ def _carried(
     """Return force and moment at every place."""
     chain = standing.chain
     origin, _ = _places(standing)
-    force, moment = np.zeros((2, *origin.shape))
+    force, moment = np.zeros_like(origin), np.zeros_like(origin)
     pulls = [
         (k, mass * chain.gravity, standing.origin[k] + standing.rotation[k] @ centre)
         for k, (mass, centre) in enumerate(zip(chain.mass, chain.centre, strict=True))
