@@ -91,7 +91,8 @@ def anatomy(model: mujoco.MjModel) -> Anatomy:
         if before not in _above(model, after) and before != after:
             faults.append(
                 f"joint on {model.body(after).name!r} does not follow from "
-                f"{model.body(before).name!r}; the axes must form one chain."
+                f"{model.body(before).name!r}; the axes must form one chain. Where "
+                "they carry several arms, choose one (`record`: --hand)."
             )
     if faults:
         raise Unusable("The model", faults)

@@ -97,6 +97,7 @@ def observed(
         encoder_repeatability=encoders.repeatability if encoders.link_side else None,
         tool=rig.mounted.payload,
         robot=Path(rig.arm_file).stem,
+        axes=rig.axes,
     )
 
 

@@ -73,6 +73,7 @@ class Patch:
         mounted: On the flange.
         base_from_tracker: 4 x 4 as fitted, in m; null where nothing was tracked.
         markers: Their places in their bodies' frames as fitted, in m.
+        axes: Joints of the model that move, the others held at zero; empty: all.
         arm: The nominal arm as plain MJCF.
         schema: Of this file.
     """
@@ -83,6 +84,7 @@ class Patch:
     mounted: Mounted = Mounted()
     base_from_tracker: tuple[tuple[float, float, float, float], ...] | None = None
     markers: dict[str, Triple] = field(default_factory=dict)
+    axes: tuple[str, ...] = ()
     arm: str = ""
     schema: int = 1
 
@@ -116,7 +118,7 @@ def rig_of(patch: Patch, arm_file: Path | None = None) -> Rig:
     if arm_file is None:
         rig = WrittenRig(Path(MODEL_FILE), effects, cell=cell, text=patch.arm)
     else:
-        rig = Rig(arm_file, effects, cell=cell)
+        rig = Rig(arm_file, effects, cell=cell, axes=patch.axes)
     springs = rig.nominal.jnt_stiffness.copy()
     known = list(rig.anatomy.axes)
     for name, value in patch.stiffness_nm_per_rad.items():

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.effects.effect import Effect
+from bench.one_chain import moving
 from bench.patch import Patch, effects_of, rig_of, with_arm
 from bench.patch_effects import named
 from bench.proving.channels import Channel, channels_of
@@ -92,7 +93,8 @@ def prove(
         BenchError: Where the patch cannot be built or finds no rest.
     """
     recording = _thinned(recording)
-    model = rig_of(Patch(), arm_file)
+    patch = replace(patch, axes=moving(recording, arm_file))
+    model = rig_of(Patch(axes=patch.axes), arm_file)
     patch = in_model(recording, patch, model.anatomy)
     patch = replace(patch, mounted=mounted_on(recording, model))
     rig = rig_of(patch, arm_file)

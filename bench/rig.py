@@ -19,6 +19,7 @@ from bench.effects.creep import creeping
 from bench.effects.effect import Command, CommandEffect, Effect, ModelEffect, RopeEffect
 from bench.errors import Unusable
 from bench.model_file import load, plain_mjcf
+from bench.one_chain import with_axes
 from bench.plan import Plan
 from bench.states import States
 
@@ -37,12 +38,14 @@ class Rig:
         stiffness: True stiffness of the axes' springs (K1 where they harden), in
             N m/rad; None: the model's own.
         cell: What is mounted around it; None: a cell in proportion.
+        axes: Joints that move, the others held at zero; empty: all.
     """
 
     arm_file: Path | str
     effects: tuple[Effect, ...] = ()
     stiffness: Float[np.ndarray, " axes"] | None = None
     cell: Cell | None = None
+    axes: tuple[str, ...] = ()
     _sorted: tuple[Effect, ...] = field(init=False, repr=False)
 
     def __post_init__(self):
@@ -53,7 +56,8 @@ class Rig:
     @cached_property
     def nominal(self) -> mujoco.MjModel:
         """The arm alone, as on its data sheet."""
-        return load(self.arm_file)
+        model = load(self.arm_file)
+        return with_axes(model, self.axes) if self.axes else model
 
     @cached_property
     def anatomy(self) -> Anatomy:
@@ -107,19 +111,14 @@ class Rig:
             BenchError: Where the arm finds no rest, or none near what was planned.
         """
         steps = len(plan.path)
-        weight = GRAVITY * plan.row_mass
-        tension = weight.copy()
+        tension = weight = GRAVITY * plan.row_mass
         direction = plan.row_direction
         for effect in self._sorted:
             if isinstance(effect, RopeEffect):
                 tension = tension + effect.tension(weight, direction)
         ropes = np.zeros((len(plan.pose), steps, len(self.mounted.pulley)))
-        np.put_along_axis(
-            ropes,
-            plan.pulley[:, None, None] % ropes.shape[2],
-            tension.reshape(-1, steps, 1),
-            axis=2,
-        )
+        pulley = plan.pulley[:, None, None] % ropes.shape[2]
+        np.put_along_axis(ropes, pulley, tension.reshape(-1, steps, 1), axis=2)
         hold = np.array([step.hold for step in plan.path])
         states = self._rest(
             plan.posture,

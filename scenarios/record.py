@@ -24,6 +24,8 @@ from bench import files
 from bench.effects.parse import parse_all
 from bench.errors import Unusable
 from bench.experiment import record
+from bench.model_file import load
+from bench.one_chain import axes_to
 from bench.plan import parse_path
 from bench.recording import Recording
 from bench.rig import Rig
@@ -53,6 +55,8 @@ class Settings:
         Path, tyro.conf.arg(help_behavior_hint="(default: the KR10 R1100-2)")
     ] = KR10
     """MJCF or URDF of the arm alone."""
+    hand: str = ""
+    """Body that the ropes pull, where a torso carries several arms."""
     poses: int = 151
     """How many postures; a KR10's table has 151."""
     revisits: int = 0
@@ -95,7 +99,8 @@ def main(settings: Settings) -> Recording:
 
 def _rig(settings: Settings) -> Rig:
     """Return the arm as it truly is."""
-    rig = Rig(settings.robot)
+    robot, hand = settings.robot, settings.hand
+    rig = Rig(robot, axes=axes_to(load(robot), hand) if hand else ())
     axes = len(rig.anatomy.axes)
     scale, stiffness, known = settings.stiffness_scale, rig.nominal.jnt_stiffness, ()
     effects, _ = collect(

@@ -113,6 +113,32 @@ def in_base(r: Recording) -> Recording:
     return replace(r, wrench_sensor=replace(r.wrench_sensor, frame="base"))
 
 
+def y_reversed(r: Recording) -> Recording:
+    assert r.wrench is not None
+    return replace(r, wrench=r.wrench * [1, -1, 1, 1, -1, 1])
+
+
+def columns(*order: int) -> Mistake:
+    def wrong(r: Recording) -> Recording:
+        assert r.wrench is not None
+        return replace(r, wrench=r.wrench[:, order])
+
+    return wrong
+
+
+def rows(by: int) -> Mistake:
+    def wrong(r: Recording) -> Recording:
+        assert r.wrench is not None
+        return replace(r, wrench=np.roll(r.wrench, by, axis=0))
+
+    return wrong
+
+
+def unhung(mistake: Mistake) -> Mistake:
+    """Do not say what hangs on the hook either."""
+    return lambda r: replace(mistake(r), load_mass=None)
+
+
 MISTAKES: dict[str, tuple[Mistake, list[tuple[str, str]]]] = {
     "a1 reversed": (signed(0), [("axis_reversed", "a1")]),
     "a2 reversed": (signed(1), [("axis_reversed", "a2")]),
@@ -139,6 +165,21 @@ MISTAKES: dict[str, tuple[Mistake, list[tuple[str, str]]]] = {
     "mN for N": (pulled(1e3, 1e3), [("units", "wrench_sensor")]),
     "Nmm for Nm": (pulled(1, 1e3), [("units", "wrench_sensor")]),
     "axes of the base": (in_base, [("wrench_frame", "wrench_sensor")]),
+    "y reversed": (y_reversed, [("wrench_sign", "wrench_sensor")]),
+    "y for z": (columns(0, 2, 1, 3, 5, 4), [("wrench_columns", "wrench_sensor")]),
+    "x y z turned": (columns(1, 2, 0, 4, 5, 3), [("wrench_columns", "wrench_sensor")]),
+    "moments first": (columns(3, 4, 5, 0, 1, 2), [("wrench_columns", "wrench_sensor")]),
+    "one row late": (rows(1), [("wrench_rows", "wrench_sensor")]),
+    "one row early": (rows(-1), [("wrench_rows", "wrench_sensor")]),
+    "kgf for N": (pulled(1 / 9.80665, 1 / 9.80665), [("units", "wrench_sensor")]),
+    "kgf for N, no load_kg": (
+        unhung(pulled(1 / 9.80665, 1 / 9.80665)),
+        [("units", "wrench_sensor")],
+    ),
+    "lbf for N, no load_kg": (
+        unhung(pulled(1 / 4.4482216, 1 / 4.4482216)),
+        [("units", "wrench_sensor")],
+    ),
 }
 
 
@@ -271,3 +312,19 @@ def test_markers_that_are_swapped_in_some_visits_are_named_with_their_poses(
 def test_names_of_markers_whose_places_nobody_states_do_not_matter(cell):
     recording, arm = cell
     assert said(renamed(unplaced(recording), {0: 1, 1: 0}), arm) == []
+
+
+def test_the_words_name_columns_rows_and_units(cell):
+    recording, arm = cell
+
+    def words(mistake: Mistake) -> str:
+        return " ".join(w.text for w in mistakes_of_set_up(mistake(recording), arm))
+
+    assert "fy_n and fz_n, ty_nm and tz_nm look exchanged" in words(
+        columns(0, 2, 1, 3, 5, 4)
+    )
+    assert "moments look given before the forces" in words(columns(3, 4, 5, 0, 1, 2))
+    assert "fits the deflections of the row before" in words(rows(1))
+    kilos = pulled(1 / 9.80665, 1 / 9.80665)
+    assert "as if in kgf" in words(kilos)
+    assert "looks given in kgf" in words(unhung(kilos))

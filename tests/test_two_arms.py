@@ -1,6 +1,21 @@
-import numpy as np
+from dataclasses import replace
+from pathlib import Path
 
+import mujoco
+import numpy as np
+import pytest
+
+from bench.errors import BenchError, Unusable
+from bench.model_file import load
+from bench.one_chain import moving
+from bench.patch import Patch
+from bench.patch_effects import Named
+from bench.proof import prove
 from bench.recording import Marker, Recording, TrackerSpec, WrenchSpec
+from bench.rig import Rig
+from scenarios import record
+from scenarios.nominal import arm_of, read_for
+from scenarios.watching import Watching
 from stiffness.arm import Arm
 from stiffness.diagnosis.hypotheses.hysteresis import stop
 from stiffness.diagnosis.situation import Situation
@@ -53,6 +68,60 @@ def test_a_load_on_either_hand_turns_that_arm_s_axes_and_the_waist_alone():
         situation, expected = loaded(side)
         np.testing.assert_allclose(situation.torque, expected, atol=1e-12)
         np.testing.assert_allclose(np.diff(situation.torque[:, others], axis=0), 0.0)
+
+
+@pytest.fixture
+def torso(tmp_path) -> Path:
+    file = tmp_path / "torso.xml"
+    springs = TORSO.replace("<joint ", '<joint stiffness="2e4" range="-1.5 1.5" ')
+    file.write_text(springs.replace("<mujoco>", '<mujoco><compiler angle="radian"/>'))
+    return file
+
+
+def recorded(torso: Path, hand: str, *effects: str) -> Recording:
+    watch = Watching(targets="flange", state_frame=True)
+    out = torso.parent / hand
+    return record.main(
+        record.Settings(
+            out, effects, robot=torso, hand=hand, poses=8, path="0,40,0", watch=watch
+        )
+    )
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_one_arm_of_a_torso_is_recorded_and_proved_by_itself(torso, side):
+    hand = f"{side}_hand"
+    recording = recorded(torso, hand, f"hysteresis@{side}_j1,width_rad=5e-4")
+    assert recording.axes == ("waist", f"{side}_j1", f"{side}_j2")
+    again, arm, _ = read_for(torso.parent / hand, arm_of(torso))
+    assert arm.axes == recording.axes and arm.place("flange") == arm.place(hand)
+    named = Named("hysteresis", "a2", {"width_rad": 5e-4})
+    frame = np.asarray(recording.base_from_tracker)
+    patch = Patch(effects=(named,), base_from_tracker=tuple(map(tuple, frame.tolist())))
+    proof = prove(again, torso, patch, (1, 2), thorough=False)
+    assert proof.markers is not None
+    assert proof.markers.after < 0.5 * proof.markers.before
+
+
+def test_the_other_arm_is_held_at_zero(torso):
+    whole, one = load(torso), Rig(torso, axes=("waist", "left_j1", "left_j2")).nominal
+    assert one.njnt == 3 and one.body_mass.sum() == whole.body_mass.sum()
+    data, held = mujoco.MjData(whole), mujoco.MjData(one)
+    data.qpos[:3] = held.qpos[:] = 0.3, 0.2, -0.4
+    mujoco.mj_kinematics(whole, data)
+    mujoco.mj_kinematics(one, held)
+    np.testing.assert_allclose(held.xpos, data.xpos, atol=1e-12)
+
+
+def test_two_arms_at_once_are_told_to_be_recorded_one_by_one(torso):
+    recording = recorded(torso, "left_hand")
+    both = replace(recording, axes=(), posture=np.zeros((len(recording.time), 5)))
+    with pytest.raises(Unusable, match="record each arm by itself"):
+        moving(both, torso)
+    with pytest.raises(Unusable, match="--hand"):
+        record.main(record.Settings(torso.parent / "out", robot=torso))
+    with pytest.raises(BenchError, match="No body is called 'foot'"):
+        recorded(torso, "foot")
 
 
 def test_an_axis_that_no_load_turns_has_no_loop():
