@@ -17,6 +17,7 @@ from bench.room import Room
 from scenarios.paper.budget import PLANS, budget
 from scenarios.paper.imitation import cells as imitation
 from scenarios.paper.imitation import tables as imitation_tables
+from scenarios.paper.imitation.findings import of_doubling
 from scenarios.paper.numbers import TABLE_10_MM
 from scenarios.paper.playback.training_curves import curves
 from scenarios.paper.playback.worst import worst_poses
@@ -31,6 +32,7 @@ from scenarios.paper.work.progress import swept
 from scenarios.reporting import table
 from stiffness.methods.contract import faults
 from stiffness.methods.vjm import Vjm
+from stiffness.networks.mlp import Mlp
 
 TINY = budget("tiny", 0)
 
@@ -104,6 +106,30 @@ def test_own_method_runs_through_the_same_protocol(worked):
     for judged in ("unseen", "held_out", "experiment"):
         own, springs = (getattr(by_method[name], judged) for name in ("Mean", "vjm"))
         np.testing.assert_array_equal(own, springs)
+
+
+@pytest.mark.parametrize(
+    ("test_mae_mm", "said"),
+    [
+        ((0.5, 0.3, 0.1), "not even 10 are enough: 20 move the test MAE by -0.2000 mm"),
+        ((0.5, 0.3, 0.295), "10 are enough: 20 move the test MAE by -0.0050 mm"),
+        ((0.3, 0.3, 0.3), "5 are enough: 10 move the test MAE by +0.0000 mm"),
+        ((0.3, 0.3, 0.1), "not even 10 are enough"),
+    ],
+)
+def test_steps_are_enough_where_no_later_doubling_moves_more_than_the_seeds(
+    test_mae_mm, said
+):
+    longer = {
+        steps: [imitation.Imitation(Mlp(4, 8), "table 5", steps, s) for s in (0, 1)]
+        for steps in (5, 10, 20)
+    }
+    found = {
+        cell: {"errors": np.full((2, 3, 3), mae + 0.01 * cell.seed)}
+        for cells, mae in zip(longer.values(), test_mae_mm, strict=True)
+        for cell in cells
+    }
+    assert of_doubling(longer, found).startswith(said)
 
 
 # --- Cells ----------------------------------------------------------------------------

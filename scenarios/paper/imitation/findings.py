@@ -66,16 +66,16 @@ def of_doubling(longer: Mapping[int, Sequence[Imitation]], found: Found) -> str:
     steps = sorted(longer)
     mae = {s: mean_of(longer[s], found)[TEST, MAE] for s in steps}
     spread = {s: np.ptp(spread_of(longer[s], found)[:, TEST, MAE]) for s in steps}
-    for few, many in pairwise(steps):
-        if abs(mae[many] - mae[few]) < max(spread[few], spread[many]):
-            return (
-                f"{few} are enough: {many} move the test MAE by "
-                f"{mae[many] - mae[few]:+.4f} mm, the seeds spread by "
-                f"{max(spread[few], spread[many]):.4f} mm"
-            )
-    few, many = steps[-2:]
+    moved = {
+        few: (many, mae[many] - mae[few], max(spread[few], spread[many]))
+        for few, many in pairwise(steps)
+    }
+    still = [few for few, (_, by, seeds) in moved.items() if abs(by) >= seeds]
+    first = steps.index(still[-1]) + 1 if still else 0  # from here to the last
+    few = steps[min(first, len(steps) - 2)]
+    many, by, seeds = moved[few]
+    verdict = "not even {} are enough" if few in still else "{} are enough"
     return (
-        f"not even {few} are enough: {many} still move the test MAE by "
-        f"{mae[many] - mae[few]:+.4f} mm, the seeds spread by "
-        f"{max(spread[few], spread[many]):.4f} mm"
+        f"{verdict.format(few)}: {many} move the test MAE by {by:+.4f} mm, the seeds "
+        f"spread by {seeds:.4f} mm"
     )
