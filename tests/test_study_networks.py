@@ -27,7 +27,7 @@ from scenarios.paper.transfer.comparison import contenders
 from scenarios.paper.transfer.own_method import OwnMethod, checked
 from scenarios.paper.transfer.pooled import MEASURES, p99, pooled
 from scenarios.paper.unseen import GRID, fresh_postures
-from scenarios.paper.work.cells import Cell, results
+from scenarios.paper.work.cells import Cell, Result, results
 from scenarios.paper.work.progress import swept
 from scenarios.reporting import table
 from stiffness.methods.contract import faults
@@ -124,7 +124,7 @@ def test_steps_are_enough_where_no_later_doubling_moves_more_than_the_seeds(
         steps: [imitation.Imitation(Mlp(4, 8), "table 5", steps, s) for s in (0, 1)]
         for steps in (5, 10, 20)
     }
-    found = {
+    found: dict[Cell, Result] = {
         cell: {"errors": np.full((2, 3, 3), mae + 0.01 * cell.seed)}
         for cells, mae in zip(longer.values(), test_mae_mm, strict=True)
         for cell in cells
