@@ -22,6 +22,7 @@ from scenarios.paper.budget import Transfer, budget
 from scenarios.paper.experiment import carry_out
 from scenarios.paper.floor.oracle import NudgeCell, oracle_error, sizes
 from scenarios.paper.floor.picture import draw
+from scenarios.paper.floor.tables import shown, summary
 from scenarios.paper.material import Material
 from scenarios.paper.transfer.convolution_cell import ConvolutionCell
 from scenarios.paper.transfer.perceptron_cell import PerceptronCell
@@ -87,7 +88,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
             "the place of the flange, seen from the side.",
             "floor.png",
         ),
-        page.Table("Errors over all directions [mm]", *_shown(rows)),
+        shown(rows),
         page.Paragraph(
             f"A measured deflection is off by {np.abs(noise).mean():.4f} mm on average "
             "through the instruments alone. Fresh poses are judged by their true "
@@ -97,7 +98,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
             "all readings of the experiment; methods learn from 80 % of the poses."
         ),
     ]
-    page.write(out, "What is the floor?", _summary(rows), blocks)
+    page.write(out, "What is the floor?", summary(rows), blocks)
     command = f"python -m scenarios.floor --seed {seed} --out {out.as_posix()}"
     run_file.write(out, command, asdict(settings))
     print(f"Report: {out / 'report.html'}")
@@ -127,33 +128,6 @@ def _tidy(errors: dict, seed: int) -> list[dict[str, object]]:
             }
         )
     return rows
-
-
-def _shown(rows: list[dict]) -> tuple[list[str], list[list[str]]]:
-    header = ["method", "MAE", "95 % interval", "share of the way [%]", "interval"]
-    return header, [
-        [
-            str(r["method"]),
-            f"{r['MAE_mm']:.4f}",
-            f"{r['low_mm']:.4f} to {r['high_mm']:.4f}",
-            f"{100 * r['share_of_the_way']:.0f}",
-            f"{100 * r['share_low']:.0f} to {100 * r['share_high']:.0f}",
-        ]
-        for r in rows
-    ]
-
-
-def _summary(rows: list[dict]) -> str:
-    mae = {r["method"]: r["MAE_mm"] for r in rows}
-    way = [
-        f"{r['method']} {100 * r['share_of_the_way']:.0f} %"
-        for r in rows
-        if r["method"] not in ("VJM", "oracle")
-    ]
-    return (
-        f"Springs leave {mae['VJM']:.4f} mm on fresh poses, one who knows the truth's "
-        f"form {mae['oracle']:.4f} mm. Of the way between them go: {', '.join(way)}."
-    )
 
 
 if __name__ == "__main__":
