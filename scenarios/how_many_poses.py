@@ -78,18 +78,20 @@ def main(settings: Settings) -> list[dict[str, object]]:
     blocks = [
         page.Figure(
             f"MAE on {settings.unseen} fresh poses against the poses learnt from: mean "
-            "and range of the draws.",
+            "and range (bars) of the draws, which the legend counts.",
             "how_many_poses.png",
         ),
         tables.errors(rows),
         page.Paragraph(
             "Networks are pre-trained once on the springs of the model file and go on "
             f"for {settings.effort.on.steps} steps with the springs that the few poses "
-            "show: a full pre-training for each draw would take days. Of the axes that "
-            "the poses do not show, the one furthest out is held at the model file's "
-            f"spring, until the others are shown. The draws of {max(settings.counts)} "
-            f"poses of {settings.poses} share most of them, so their range is too "
-            "narrow as an interval."
+            "show: a full pre-training for each draw would take hours more. Of the "
+            "axes that the poses do not show, the one furthest out is held at the "
+            "model file's spring, until the others are shown. So every method can be "
+            f"fitted from {min(settings.counts)} poses; the table says with how many "
+            "axes held. Methods are compared draw by draw. The draws of "
+            f"{max(settings.counts)} poses of {settings.poses} share most of them, so "
+            "their range is too narrow as an interval."
         ),
     ]
     summary = tables.summary(rows)

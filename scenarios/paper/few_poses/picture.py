@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 from matplotlib.figure import Figure as Picture
 
 from scenarios.paper.few_poses.tables import METHODS, of
@@ -10,6 +11,8 @@ from scenarios.paper.transfer.comparison import TITLES
 from scenarios.reporting import style
 
 TICKS_MM = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 1, 2, 5)
+BESIDE = 1.035
+"""By which factor methods stand beside each other, so that their bars are seen."""
 COLOURS = (style.GREY, style.ORANGE, style.BLUE, style.GREEN)
 
 
@@ -25,9 +28,12 @@ def draw_courses(rows: Sequence[Mapping], file: Path) -> None:
         value, low, high = (
             [row[name] for row in mine] for name in ("value_mm", "low_mm", "high_mm")
         )
-        axes.fill_between(counts, low, high, color=colour, alpha=0.18, lw=0)
+        place = np.array(counts) * BESIDE ** (METHODS.index(method) - 1.5)
+        ends = (np.subtract(value, low), np.subtract(high, value))
         label = f"{TITLES[method]}, {mine[0]['draws']} draws"
-        axes.plot(counts, value, "o-", ms=4, color=colour, label=label)
+        axes.errorbar(
+            place, value, ends, fmt="o-", ms=4, color=colour, capsize=2, label=label
+        )
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_xticks(counts, [str(count) for count in counts])

@@ -29,11 +29,8 @@ def tidy(
                 continue
             size = np.abs([result[method] for result in mine])  # (draws, poses, 3) mm
             springs = np.abs([result["vjm"] for result in mine])
-            better = size.mean(axis=(1, 2)) < springs.mean(axis=(1, 2))
-            for metric, value in (
-                ("MAE", size.mean(axis=(1, 2))),
-                ("P99", np.quantile(size, 0.99, axis=1).mean(axis=1)),
-            ):
+            for metric, of_draws in (("MAE", _mae), ("P99", _p99)):
+                value, beside = of_draws(size), of_draws(springs)
                 rows.append(
                     {
                         "poses": count,
@@ -42,7 +39,8 @@ def tidy(
                         "value_mm": float(value.mean()),
                         "low_mm": float(value.min()),
                         "high_mm": float(value.max()),
-                        "better_than_springs": int(better.sum()),
+                        "springs_of_same_draws_mm": float(beside.mean()),
+                        "better_than_springs": int((value < beside).sum()),
                         "held_axes": float(np.mean([r["held"].sum() for r in mine])),
                         "n": fresh,
                         "draws": len(mine),
@@ -50,6 +48,14 @@ def tidy(
                     }
                 )
     return rows
+
+
+def _mae(size: np.ndarray) -> np.ndarray:
+    return size.mean(axis=(1, 2))
+
+
+def _p99(size: np.ndarray) -> np.ndarray:
+    return np.quantile(size, 0.99, axis=1).mean(axis=1)
 
 
 def of(rows: Sequence[Mapping], method: str, metric: str = "MAE") -> list[Mapping]:
@@ -92,9 +98,7 @@ def summary(rows: Sequence[Mapping]) -> str:
         if not mine:
             continue
         in_all = [r["better_than_springs"] == r["draws"] for r in mine]
-        on_average = [
-            r["value_mm"] < s["value_mm"] for r, s in zip(mine, springs, strict=True)
-        ]
+        on_average = [r["value_mm"] < r["springs_of_same_draws_mm"] for r in mine]
         said.append(
             f"{TITLES[method]} on average {_from(mine, on_average)}, in each of "
             f"{mine[0]['draws']} draws {_from(mine, in_all)}"
