@@ -6,9 +6,9 @@ cannot show an axis' spring, it is taken from the model file. What is finished i
 in OUT/cells: interrupted, it goes on where it stopped.
 
 Run:    python -m scenarios.how_many_poses --out results/how_many_poses
-Takes:  8 min on two cores; 20 min with --network-splits 20
-Expect: springs are as good after some twenty poses as they will ever be; what learns on
-        top of them goes on gaining to the last pose
+Takes:  5 min on two cores; 15 min with --network-splits 20
+Expect: springs come within a tenth of their best with some forty poses; what learns on
+        top of them needs some twenty to be better, and goes on gaining to the last pose
 """
 
 from dataclasses import asdict, dataclass, field
