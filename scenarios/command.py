@@ -19,6 +19,7 @@ from scenarios import INTERRUPTED, SAYS
 
 USER_MISTAKE = 2
 _usual = warnings.showwarning
+_said: set[str] = set()
 
 Settings = TypeVar("Settings")
 
@@ -54,7 +55,8 @@ def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
 
 
 def _noted(message: Warning | str, category: type[Warning], *where: Any) -> None:
-    if issubclass(category, LeftOut):
-        print(f"Note: {message}", file=sys.stderr)
-    else:
+    if not issubclass(category, LeftOut):
         _usual(message, category, *where)
+    elif str(message) not in _said:  # a model is read more than once
+        _said.add(str(message))
+        print(f"Note: {message}", file=sys.stderr)

@@ -36,7 +36,7 @@ class Settings:
     """What is read, and where it goes."""
 
     source: Annotated[Path, tyro.conf.Positional]
-    """CSV file, or folder of a ROS 2 bag."""
+    """CSV file, or a ROS 2 bag: its folder, or its only file (.mcap, .db3)."""
     mapping: Path
     """TOML file that says what its columns or topics are."""
     out: Path
@@ -55,7 +55,7 @@ def main(settings: Settings) -> Recording:
         raise Unusable(f"Mapping {str(s.mapping)!r}", [fault])
     names = (s.source.name, s.mapping.name)
     lags: dict[str, float | None] = {}
-    if s.source.is_dir():
+    if s.source.is_dir() or s.source.suffix.lower() in bag.FILES:
         source, manifest, lags = _of_bag(s.source, manifest, extras, model)
     else:
         source = spreadsheet.source_of(s.source)

@@ -158,6 +158,42 @@ def test_a_mapping_that_cannot_be_meant_is_refused(lab, more, words):
     assert words in refused(lab(mapping=MAPPING + more))
 
 
+@pytest.mark.parametrize("name", ["markers", "csv", "columns"])
+@pytest.mark.parametrize("value", ["'x'", "5", "[1]"])
+def test_a_part_of_the_mapping_that_is_no_table_is_refused_beside_targets(
+    lab, name, value
+):
+    head, *parts = MAPPING.split("\n[")
+    kept = [p for p in parts if not p.startswith((f"{name}]", f"{name}."))]
+    mapping = "\n[".join([f"{head}{name} = {value}\n", *kept])
+    assert f"{name}: expected a table" in refused(lab(mapping=mapping + TARGET))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda t: t.replace("10,5", "10.5"), "not a number with a decimal comma"),
+        (lambda t: t.replace("1,25;", "1.000,25;"), "not a number with a decimal"),
+        (lambda t: t + "1;2\r\n", "2 cells"),
+    ],
+)
+def test_a_spreadsheet_s_own_slips_are_named(lab, spoil, words):
+    folder = lab()
+    file = folder / "lab.csv"
+    text = file.read_bytes().decode().replace(";" * 16 + "\r\n", "")
+    file.write_bytes(spoil(text).encode())
+    assert words in refused(folder)
+
+
+def test_names_that_look_like_paths_stay_names(lab, tmp_path):
+    """Nothing is written beside the recording, whatever a target is called."""
+    before = {p for p in tmp_path.parent.iterdir()}
+    mapping = MAPPING + TARGET.replace("targets.t", 'targets."../../t"')
+    recording = imported(lab(mapping=mapping))
+    assert recording.markers[1].name == "../../t_o"
+    assert {p for p in tmp_path.parent.iterdir()} == before
+
+
 def test_missing_empty_and_binary_files_end_with_2(lab, monkeypatch, capsys):
     folder = lab()
     for content in (None, b"", b"PK\x03\x04zip", bytes(range(256))):
@@ -220,6 +256,21 @@ def test_a_bag_without_rosbags_says_what_to_install(tmp_path, monkeypatch):
         bag.columns_of(tmp_path, Topics(), ())
 
 
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP0\r\n", b"SQLite format 3\0"])
+@pytest.mark.parametrize("name", ["log.mcap", "log.db3", "missing.mcap", "folder"])
+def test_a_bag_that_is_none_is_refused(tmp_path, name, content):
+    pytest.importorskip("rosbags.rosbag2")
+    (tmp_path / "map.toml").write_text(BAG)
+    if name == "folder":
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "metadata.yaml").write_bytes(content)
+    elif name != "missing.mcap":
+        (tmp_path / name).write_bytes(content)
+    with pytest.raises(Unusable, match="it cannot be read"):
+        main(Settings(tmp_path / name, tmp_path / "map.toml", tmp_path / "out"))
+    assert not (tmp_path / "out").exists()
+
+
 BAG = """format = 1
 rows = "stream"
 [robot]
@@ -244,8 +295,9 @@ hold_s = 1.0
 """
 
 
+@pytest.mark.parametrize("whole", [True, False])
 @pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])
-def test_a_bag_s_channels_meet_on_the_joints_clock(tmp_path, plugin, capsys):
+def test_a_bag_s_channels_meet_on_the_joints_clock(tmp_path, plugin, whole, capsys):
     bags = pytest.importorskip("rosbags.rosbag2")
     types = pytest.importorskip("rosbags.typesys")
     store = types.get_typestore(types.Stores.ROS2_HUMBLE)
@@ -285,8 +337,10 @@ def test_a_bag_s_channels_meet_on_the_joints_clock(tmp_path, plugin, capsys):
                 raw = store.serialize_cdr(message, name)
                 writer.write(link, int(1e9 * t), raw)
     (tmp_path / "map.toml").write_text(BAG)
-    settings = Settings(tmp_path / "bag", tmp_path / "map.toml", tmp_path / "out")
-    recording = main(settings)
+    bag_at = tmp_path / "bag"
+    if not whole:
+        (bag_at,) = (*bag_at.glob("*.mcap"), *bag_at.glob("*.db3"))
+    recording = main(Settings(bag_at, tmp_path / "map.toml", tmp_path / "out"))
     np.testing.assert_allclose(recording.posture[:, 0], [0, 0.4, 0.1], atol=1e-6)
     np.testing.assert_allclose(recording.posture[:, 1], 0.0)
     assert recording.wrench is not None

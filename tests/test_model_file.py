@@ -13,6 +13,7 @@ from bench import model_text
 from bench.anatomy import anatomy
 from bench.errors import BenchError, LeftOut, Unusable
 from bench.model_file import load, plain_mjcf
+from scenarios import command
 
 CLOSE = 1e-10
 """In m, 1, N m: the bar on positions, Jacobians and gravity torques."""
@@ -248,6 +249,13 @@ def test_what_moves_the_arm_and_is_left_out_is_said(tmp_path):
     )
     with pytest.warns(LeftOut, match=r"tied\.xml.*equality constraints.* left out"):
         load(file)
+
+
+def test_what_is_left_out_is_said_once_however_often_the_model_is_read(capsys):
+    said = LeftOut("Model 'two.xml': tendons left out.")
+    for _ in range(3):
+        command._noted(said, LeftOut, "bench/model_file.py", 1)
+    assert capsys.readouterr().err == f"Note: {said}\n"
 
 
 def test_urdf_keeps_its_fixed_links_and_needs_no_mesh(urdf):

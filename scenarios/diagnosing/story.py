@@ -21,6 +21,8 @@ def sentences(finding: Finding) -> Iterator[str]:
         first = a.located[0]
         on = f", and depends on {_list(first.depends_on)}" if first.depends_on else ""
         zone = f", strongest at {first.zone}" if first.zone else ""
+        if first.zone == "everywhere":
+            zone = ", everywhere alike"
         rest = [x.where for x in a.located[1:]]
         also = f" Also: {_list(rest)}." if rest else ""
         yield (

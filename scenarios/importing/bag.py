@@ -13,6 +13,7 @@ import numpy as np
 
 from bench.errors import BenchError, Unusable
 from bench.format.columns import WRENCH
+from bench.format.sections import first_line
 from scenarios.importing.lag import lag_of
 from scenarios.importing.mapping import Topics
 
@@ -22,10 +23,9 @@ KNOWN = {
     "geometry_msgs/msg/PoseStamped": "pose",
     "geometry_msgs/msg/PointStamped": "point",
 }
-MISSING = (
-    "ROS 2 bags need rosbags, which is not installed: pip install '.[ros]' (or pip "
-    "install rosbags)."
-)
+FILES = (".mcap", ".db3")
+"""How a bag ends that is one file."""
+MISSING = "ROS 2 bags need rosbags, which is not installed: pip install '.[ros]'."
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ def columns_of(
     """Read a bag as columns on the joints' clock, and the lags between its channels.
 
     Args:
-        path: The bag's folder.
+        path: The bag's folder, or its only file.
         topics: Which message is which; a pose NAME becomes columns NAME.x … NAME.qz.
         axes: Joints for a1, a2 … as the messages name them; empty: in their order.
 
@@ -129,8 +129,10 @@ def _channels(
                 own = head.sec + 1e-9 * head.nanosec
                 times[name].append(own if own > 0 else 1e-9 * stamp)
                 rows[name].append(_values(message, KNOWN[connection.msgtype], axes))
-    except (bags.ReaderError, OSError, ValueError, KeyError, IndexError) as error:
-        raise Unusable(what, [f"it cannot be read: {error}."]) from None
+    except BenchError:
+        raise
+    except Exception as error:  # foreign bytes make their parser raise anything
+        raise Unusable(what, [f"it cannot be read: {first_line(error)}."]) from None
     faults += [f"topic {wanted[n]!r} is empty." for n, t in times.items() if not t]
     if faults:
         raise Unusable(what, faults)

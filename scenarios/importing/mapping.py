@@ -18,6 +18,8 @@ from bench.format.sections import fill, first_line
 
 LARGEST = 2**20
 """Bytes of a mapping that are still read; chosen: as for a manifest."""
+TABLES = ("columns", "csv", "markers")
+"""Parts of the manifest that are looked into before the format's reader does."""
 Above = Annotated[float, msgspec.Meta(gt=0.0)]
 Triple = tuple[str, str, str]
 
@@ -86,6 +88,9 @@ def mapping_of(path: Path) -> tuple[dict[str, Any], Extras]:
         if (target.rotation is None) == (target.quaternion_wxyz is None):
             say = "give either rotation (three angles) or quaternion_wxyz"
             faults.append(f"targets.{name}: {say}.")
+    for name in TABLES:
+        if not isinstance(table.get(name, {}), dict):
+            faults.append(f"{name}: expected a table, [{name}] and its entries below.")
     if faults or extras is None:
         raise Unusable(what, faults)
     return table, extras
