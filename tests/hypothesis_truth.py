@@ -156,8 +156,11 @@ def expected(situation: Situation) -> np.ndarray:
 
 def moved(situation: Situation, signature: Signature) -> np.ndarray:
     """Return what a signature does to the markers, (rows, markers, 3, columns)."""
-    marks = situation.recording.markers
-    point = np.stack([point_of(situation, m.body, m.position) for m in marks], axis=1)
+    places = []
+    for marker in situation.recording.markers:
+        assert marker.position is not None
+        places.append(point_of(situation, marker.body, marker.position))
+    point = np.stack(places, axis=1)
     total = np.zeros((*point.shape, signature.columns))
     for m, marker in enumerate(situation.recording.markers):
         carried = situation.carried[:, situation.bodies.index(marker.body)]
