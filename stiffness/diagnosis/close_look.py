@@ -27,12 +27,16 @@ class CloseLook:
 
     Attributes:
         fit: Members fitted together with the nominal springs.
+        forms: How many other forms of the members' laws there are.
+        gain: Whitened square explained by members and these together.
         predicted: Gain on each pose by fits that did not see it; with the other forms
             where these help, for poses that span little make them go astray.
         slopes: The same of springs, members and a little more of each shape.
     """
 
     fit: SetFit
+    forms: int
+    gain: float
     predicted: Float[np.ndarray, " poses"]
     slopes: ByPose
 
@@ -68,6 +72,9 @@ def close_look(
     known = _some(every, first)
     score = known.score[~split.held_out].sum(axis=0)
     fit = fit_of(members, own, known.gram[1], score)
+    wider = _some(every, with_forms)
+    asked = wider.score[~split.held_out].sum(axis=0)
+    gain = fit_of((), [*own, *forms], wider.gram[1], asked).gain
     predicted = max(
         (gain_left_out(_some(every, some), split) for some in (first, with_forms)),
         key=np.sum,
@@ -83,7 +90,8 @@ def close_look(
     for column, part in enumerate(weight, start=len(first)):
         mix[at : at + len(part), column] = part
         at += len(part)
-    return CloseLook(fit, predicted, every.mixed(mix))
+    count = sum(s.columns for s in forms)
+    return CloseLook(fit, count, gain, predicted, every.mixed(mix))
 
 
 def _some(every: ByPose, columns: Int[np.ndarray, " some"]) -> ByPose:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from bench.recording import Recording
 from stiffness.arm import Arm
@@ -25,11 +26,17 @@ from stiffness.diagnosis.hypotheses import HYPOTHESES
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.library import library_of, springs_of
 from stiffness.diagnosis.member import solve, training
-from stiffness.diagnosis.naming import name
+from stiffness.diagnosis.naming import Named, name
 from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.remarks import noise_rms, remarks, residual_rms, scattered
 from stiffness.diagnosis.set_up import mistakes_of_set_up
 from stiffness.diagnosis.split import seed_of, split_of
+
+MOVED = 0.03
+"""Share by which a compliance may move under names before all is laid out anew; chosen:
+what a load or a mass winds up goes with it, and sizes are said to some per cent."""
+AGAIN = 2
+"""How often; chosen: the second time moves a tenth of the first."""
 
 
 def diagnose(
@@ -77,16 +84,27 @@ def diagnose(
             **common,
         )
     named = name(case, found)
+    for _ in range(AGAIN):
+        if not _moved(case, named.best.fit.springs):
+            break
+        case = case_of(prepared, hypotheses, _total(case, prepared, named))
+        named = name(case, found)
     answer = answer_of(case, prepared, found, named)
     return Diagnosis(**common, **answer, seconds=time.perf_counter() - started)
 
 
-def case_of(prepared: Prepared, hypotheses: Sequence[Hypothesis]) -> Case:
+def case_of(
+    prepared: Prepared,
+    hypotheses: Sequence[Hypothesis],
+    softer: Float[np.ndarray, " springs"] | None = None,
+) -> Case:
     """Lay out everything that naming looks at.
 
     Args:
         prepared: The recording against its nominal model.
         hypotheses: What may be named.
+        softer: By how much each fitted compliance is another than prepared, in rad/(N
+            m); None: as the data say where nothing is named.
     """
     recording = prepared.situation.recording
     split = split_of(recording)
@@ -96,6 +114,7 @@ def case_of(prepared: Prepared, hypotheses: Sequence[Hypothesis]) -> Case:
     if springs:
         evidence = evidence_of(data, springs, training(split))
         beta = solve(evidence.gram.sum(axis=0), evidence.score.sum(axis=0))
+        beta = beta if softer is None else softer
         data = data.less(springs, beta)
         moved = prepared.situation.compliance.copy()
         moved[list(prepared.springs)] += beta
@@ -106,6 +125,22 @@ def case_of(prepared: Prepared, hypotheses: Sequence[Hypothesis]) -> Case:
     return Case(
         data, situation, prepared.springs, library, evidence, split, seed_of(recording)
     )
+
+
+def _moved(case: Case, springs: Float[np.ndarray, " springs"]) -> bool:
+    """Return whether names leave springs so different that columns change with them."""
+    before = case.situation.compliance[list(case.springs)]
+    return bool(np.any(np.abs(springs) > MOVED * before))
+
+
+def _total(
+    case: Case, prepared: Prepared, named: Named
+) -> Float[np.ndarray, " springs"]:
+    """Return by how much compliances are other than prepared, within a decade."""
+    own = list(prepared.springs)
+    before = prepared.situation.compliance[own]
+    after = case.situation.compliance[own] + named.best.fit.springs
+    return np.clip(after, 0.1 * before, 10.0 * before) - before
 
 
 def _detection(prepared: Prepared, found: Found) -> Detection:

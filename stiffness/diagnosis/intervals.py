@@ -56,7 +56,8 @@ def parameters_of(
     fitted = np.concatenate([fit.springs, *fit.coefficients])
     fitted = np.pad(fitted, (0, len(gram) - len(fitted)))
     score = (found.score - found.own @ fitted)[~split.held_out]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0))  # zero: counts, has no slope
+    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
     inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
     white = score * scale
     poses = len(score)

@@ -12,7 +12,8 @@ from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.detect import ALARM, Found
 from stiffness.diagnosis.diagnosis import Name, Rival
 from stiffness.diagnosis.member import Member, SetFit, fit_set
-from stiffness.diagnosis.naming import ALIKE, MARGIN, Named, Scored
+from stiffness.diagnosis.naming import ALIKE, Named
+from stiffness.diagnosis.scored import MARGIN, Scored
 from stiffness.diagnosis.uneven import Uneven
 
 SURE = 0.95

@@ -5,62 +5,33 @@ one only if poses left out are predicted better, by what two standard errors wou
 and if the present residual speaks at all.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
-from scipy.stats import norm
 
 from stiffness.diagnosis.case import Case
-from stiffness.diagnosis.close_look import close_look
 from stiffness.diagnosis.detect import ALARM, Found
 from stiffness.diagnosis.growth import Front, exchanged, extended
-from stiffness.diagnosis.intervals import Parameter, beyond_limits, parameters_of
-from stiffness.diagnosis.leftover import other_forms, what_is_left
-from stiffness.diagnosis.member import Member, SetFit
+from stiffness.diagnosis.intervals import beyond_limits
+from stiffness.diagnosis.leftover import what_is_left
+from stiffness.diagnosis.member import Member
 from stiffness.diagnosis.refine import refined
-from stiffness.diagnosis.sets import Ranked, log_prior, ranked, white_candidates
+from stiffness.diagnosis.scored import Scored, earns, score
+from stiffness.diagnosis.sets import Ranked, ranked, white_candidates
 
-MARGIN = 2.0
-"""Standard errors by which a term must improve the prediction of poses left out."""
-COMPARED = 2000
-"""Random signs that a gain is compared with; chosen: 45 of them are the margin."""
 ALIKE = 3.0
 """Log Bayes factor within which names are equivalent; the rule of the answer."""
 LIVE = 12.0
 """Log Bayes factor within which a rival is refined like the winner; chosen: refining a
 coarse shape rarely gains more."""
+FORMS = 0.1
+"""Or share of the log evidence; chosen: what another form of a strong law may add."""
 LARGEST = 3
 """Most effects of which all sets are tried."""
 MOST = 8
 """Most that a set grows to; chosen: what needs more is another machine."""
 REFINED = 10
 """Most sets of one size that are refined; chosen for time."""
-
-
-@dataclass(frozen=True)
-class Scored:
-    """A set of members, fitted and judged.
-
-    Attributes:
-        fit: Coefficients and gain.
-        log_evidence: With the prior of its size.
-        predicted: Gain on each pose by fits that did not see it.
-        parameters: Of each member.
-        zero: p-value of each member's being nothing while the others adapt.
-    """
-
-    fit: SetFit
-    log_evidence: float
-    predicted: Float[np.ndarray, " poses"]
-    parameters: tuple[dict[str, Parameter], ...]
-    zero: tuple[float, ...]
-
-    @property
-    def names(self) -> frozenset[tuple[str, str]]:
-        """Effects and places."""
-        return frozenset(m.name for m in self.fit.members)
 
 
 @dataclass(frozen=True)
@@ -101,11 +72,11 @@ def name(case: Case, first: Found) -> Named:
     )
     white = white_candidates(case.library, seen)
     every = ranked(case.library, white, case.poses, 1.0, LARGEST)
-    best = _score(case, (), 1.0)
+    best = score(case, ())
     rivals, left, path = [best], first, [first]
     while len(best.fit.members) < MOST and left.p_value < ALARM:
         found = _next_size(case, every, best)
-        if not found or not _earns(best, found[0], case.seed):
+        if not found or not earns(best, found[0], case.seed):
             break
         best, rivals = found[0], found
         left = what_is_left(case, best.fit)
@@ -147,12 +118,14 @@ def _best_of(case: Case, front: Front, passes: int = 2) -> list[Scored]:
     """Refine front runners of one size, the likeliest first; return the best first."""
     scored: list[Scored] = []
     for log_evidence, coarse in front:
-        if len(scored) >= REFINED or (scored and log_evidence < front[0][0] - LIVE):
+        if scored and log_evidence < front[0][0] - max(LIVE, FORMS * front[0][0]):
+            break
+        if len(scored) >= REFINED:
             break
         members = refined(
             case.data, case.situation, case.nominal, coarse, case.split, passes
         )
-        one = _score(case, members, 1.0)
+        one = score(case, members)
         if max(one.zero) < ALARM and not any(
             beyond_limits(m, p)
             for m, p in zip(one.fit.members, one.parameters, strict=True)
@@ -162,35 +135,4 @@ def _best_of(case: Case, front: Front, passes: int = 2) -> list[Scored]:
 
 
 def _ordered(scored: list[Scored]) -> list[Scored]:
-    return sorted(scored, key=lambda s: -s.log_evidence)
-
-
-def _score(case: Case, members: Sequence[Member], inflation: float) -> Scored:
-    forms = other_forms(case, members)
-    look = close_look(
-        case.data, case.situation, case.nominal, members, forms, case.split
-    )
-    fit = look.fit
-    prior = log_prior(len(members), len(case.library.candidates))
-    prior += sum(member.hypothesis.log_prior for member in members)
-    evidence = 0.5 * fit.gain / inflation - 0.5 * fit.freedom * np.log(case.poses)
-    parameters, zero = parameters_of(
-        case.situation, case.springs, look, case.split, inflation
-    )
-    predicted = look.predicted
-    return Scored(fit, evidence + prior, predicted, tuple(parameters), tuple(zero))
-
-
-def _earns(before: Scored, after: Scored, seed: int) -> bool:
-    """Return whether a larger set predicts unseen poses clearly better.
-
-    By random signs of the poses' gains: a few poses may gain more than all others.
-    """
-    if after.log_evidence <= before.log_evidence:
-        return False
-    gain = after.predicted - before.predicted
-    gain = gain[gain != 0.0]
-    if len(gain) < 5:
-        return False
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (COMPARED, len(gain)))
-    return bool(np.mean(signs @ gain >= np.sum(gain)) < norm.sf(MARGIN))
+    return sorted(scored, key=lambda s: (-round(s.log_evidence, 1), s.fit.freedom))

@@ -21,7 +21,7 @@ from stiffness.diagnosis.signature import Signature, values, with_values
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import Split
 
-WHOLE = ("with",)
+WHOLE = ("with", "settled")
 """Shape parameters that count something and have nothing in between."""
 
 

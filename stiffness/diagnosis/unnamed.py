@@ -17,8 +17,8 @@ import numpy as np
 from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.evidence import evidence_of
 from stiffness.diagnosis.member import held_out_gain, solve, training
-from stiffness.diagnosis.naming import MARGIN
 from stiffness.diagnosis.residual_map import KNOTS, hats
+from stiffness.diagnosis.scored import MARGIN
 from stiffness.diagnosis.signature import Signature, Turn
 
 EVEN = 0.3

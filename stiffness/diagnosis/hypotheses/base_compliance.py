@@ -18,7 +18,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.signature import NOTHING, Motion, Signature
+from stiffness.diagnosis.signature import Motion, Signature
 from stiffness.diagnosis.situation import Situation
 
 TURNS = ("rx_rad_per_nm", "ry_rad_per_nm", "rz_rad_per_nm")
@@ -27,7 +27,11 @@ SHIFTS = ("x_m_per_n", "y_m_per_n", "z_m_per_n")
 
 @dataclass(frozen=True)
 class BaseCompliance(Hypothesis):
-    """Six springs between the floor and the base."""
+    """Six springs between the floor and the base.
+
+    Springs along other directions, or about a point below, are its variants: what
+    couples two turns, and a turn about a level axis with the shift across it.
+    """
 
     effect: ClassVar[str] = "base_compliance"
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -59,7 +63,15 @@ class BaseCompliance(Hypothesis):
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        return NOTHING
+        moment, force = situation.moment[:, 0], situation.force[:, 0]
+        give = np.zeros((situation.rows, 6, 5))
+        for column, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+            give[:, 3 + i, column] = moment[:, j]
+            give[:, 3 + j, column] = moment[:, i]
+        for column, (i, j) in enumerate(((0, 1), (1, 0)), start=3):
+            give[:, i, column] = moment[:, j]
+            give[:, 3 + j, column] = force[:, i]
+        return Signature(5, (Motion(0, give),))
 
     @override
     def parameters(

@@ -20,7 +20,7 @@ from typing_extensions import override
 
 from stiffness.diagnosis.hypotheses.base_compliance import TURNS, BaseCompliance
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.signature import Motion, Signature
+from stiffness.diagnosis.signature import Motion, Signature, values
 from stiffness.diagnosis.situation import Situation
 
 
@@ -53,7 +53,10 @@ class BaseTilt(Hypothesis):
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        return springs(situation, where, (2, 3, 4, 5))
+        beside = springs(situation, where, (2, 3, 4, 5))
+        coupled = BaseCompliance().variants(situation, where, shape)
+        twists = [values(part) for part in (*beside.parts, *coupled.parts)]
+        return Signature(9, (Motion(0, np.concatenate(twists, axis=2)),))
 
     @override
     def parameters(

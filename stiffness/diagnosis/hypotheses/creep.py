@@ -1,7 +1,8 @@
 """Under a load that stands an axis goes on winding up.
 
 ==========  ==========================================================================
-Equation    T dx/dt = τ(t) - x, x = 0 at arrival; θ = C τ + ratio C x
+Equation    T dx/dt = τ(t) - x, at arrival x = 0, or gravity's torque where the arm has
+            settled under it; θ = C τ + ratio C x
 Source      standard linear solid: Zener 1948, "Elasticity and anelasticity of metals"
 Valid       loads that stand from `load_time` on, until the next row's `load_time`; an
             arm that comes to its posture without memory
@@ -33,7 +34,7 @@ class Creep(Hypothesis):
     """An axis whose wind-up follows its torque at once and a little more later."""
 
     effect: ClassVar[str] = "creep"
-    shape_names: ClassVar[tuple[str, ...]] = ("time_s",)
+    shape_names: ClassVar[tuple[str, ...]] = ("time_s", "settled")
     logarithmic: ClassVar[tuple[str, ...]] = ("time_s",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.0, 2.0),
@@ -54,22 +55,24 @@ class Creep(Hypothesis):
         stands = waits(situation)
         visit = recording.time[steps[:, -1]] - recording.load_time[steps[:, 0]]
         low, high = FASTEST * stands[stands > 0.0].min(), SLOWEST * visit.max()
-        return np.geomspace(low, high, 7)[:, None]
+        times = np.geomspace(low, high, 4)
+        return np.array([(time, settled) for settled in (0.0, 1.0) for time in times])
 
     @override
     def signature(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
         k = situation.axis(where)
-        return turn(k, followed(situation, k, shape[0]))
+        return turn(k, followed(situation, k, shape[0], bool(shape[1])))
 
     @override
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
         k = situation.axis(where)
-        beside = [followed(situation, k, f * shape[0]) for f in (1 / 3, 3.0)]
-        return turn(k, *beside)
+        time, settled = shape[0], bool(shape[1])
+        beside = [followed(situation, k, f * time, settled) for f in (1 / 3, 3.0)]
+        return turn(k, *beside, followed(situation, k, time, not settled))
 
     @override
     def parameters(
@@ -89,7 +92,7 @@ def waits(situation: Situation) -> Float[np.ndarray, " rows"]:
 
 
 def followed(
-    situation: Situation, axis: int, time_constant: float
+    situation: Situation, axis: int, time_constant: float, settled: bool = False
 ) -> Float[np.ndarray, " rows"]:
     """Return how far a creeping element has followed its torque by each reading, N m.
 
@@ -100,12 +103,15 @@ def followed(
         situation: With the torque and the order of rows.
         axis: Which one, counted from 0.
         time_constant: T, in s.
+        settled: Whether gravity has been followed before the arrival.
     """
     recording, steps = situation.recording, situation.steps
     torque = situation.torque[steps, axis]  # (visits, longest) N m
     read, changed = recording.time[steps], recording.load_time[steps]
     state = np.empty_like(torque)
     now, last, before = np.zeros(len(steps)), changed[:, 0], torque[:, 0]
+    if settled:
+        now = before - situation.load_torque[steps[:, 0], axis]
     for step in range(torque.shape[1]):
         change = np.clip(changed[:, step], last, read[:, step])
         now = before + (now - before) * np.exp((last - change) / time_constant)

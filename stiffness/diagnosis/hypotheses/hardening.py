@@ -73,8 +73,9 @@ class Hardening(Hypothesis):
         k = situation.axis(where)
         torque, knee = situation.torque[:, k], shape[0]
         sharp = [np.clip(torque, -x, x) for x in (knee, SECOND * knee)]
-        smooth = ARCTAN * knee * np.arctan(torque / (ARCTAN * knee))
-        return turn(k, *sharp, smooth)
+        slow = ARCTAN * knee * np.arctan(torque / (ARCTAN * knee))
+        fast = [x * np.tanh(torque / x) for x in (0.7 * knee, knee, 1.5 * knee)]
+        return turn(k, *sharp, slow, *fast)
 
     @override
     def parameters(

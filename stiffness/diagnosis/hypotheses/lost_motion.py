@@ -6,7 +6,7 @@ Equation    θ = C τ + width/2 erf(√π/2 τ/c); c: the torque that closes the
 Source      dead zone: Nordin, Gutman 2002, "Controlling mechanical systems with
             backlash - a survey"; rounded by contacts whose torques spread normally
             (chosen)
-Valid       torques of either sign; a play that a tenth of the largest torque closes
+Valid       torques of either sign; a play that a tenth of the largest load closes
 Ignores     friction within the play; a sharp dead zone and a tanh (its variants)
 ==========  ==========================================================================
 """
@@ -26,8 +26,9 @@ from stiffness.diagnosis.signature import Signature, turn
 from stiffness.diagnosis.situation import Situation
 
 CLOSING = (0.003, 0.01, 0.03, 0.06, 0.1)
-"""c over the axis' largest torque; chosen: makers measure lost motion at 5 % of the
-rated torque, and what bends at more than a tenth is a spring that hardens."""
+"""c over the axis' largest torque by a load, or at all where there is none; chosen:
+makers measure lost motion at 5 % of the rated torque, and what bends at more than a
+tenth is a spring that hardens."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +49,10 @@ class LostMotion(Hypothesis):
     def shapes(
         self, situation: Situation, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
-        largest = np.max(np.abs(situation.torque[:, situation.axis(where)]))
-        return (largest * np.array(CLOSING))[:, None]
+        k = situation.axis(where)
+        largest = np.max(np.abs(situation.torque[:, k]))
+        loaded = np.max(np.abs(situation.load_torque[:, k]))
+        return (min(largest, loaded or largest) * np.array(CLOSING))[:, None]
 
     @override
     def signature(
