@@ -25,7 +25,7 @@ from scenarios.trials.gain import oracle_gain_mm
 from scenarios.trials.make import make
 from scenarios.trials.seals import ROOT, digest, digest_of_code, sealed, written
 
-AT_ONCE = 4
+AT_ONCE = 12
 """Trials that one answering process is asked; chosen: its start takes seconds."""
 
 
