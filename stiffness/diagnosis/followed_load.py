@@ -80,9 +80,12 @@ def followed(some: Recording, arm: Arm, frames: Frames) -> Fit | None:
     design, aim = columns[seen].reshape(-1, 2 * len(arm.axes)), moved[seen].ravel()
     size = np.linalg.norm(design, axis=0)
     size = np.where(size > 0, size, 1.0)
-    design, axes = design / size, len(arm.axes)
-    _, rest = nnls(design, aim)
-    springs, _ = nnls(design[:, :axes], aim)
+    axes = len(arm.axes)
+    stacked = np.column_stack([design / size, aim])
+    value, vector = np.linalg.eigh(stacked.T @ stacked)
+    turned = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T  # fits alike
+    _, rest = nnls(turned[:, :-1], turned[:, -1])
+    springs, _ = nnls(turned[:, :axes], turned[:, -1])
     noise = 2.0 * np.sum(tracker.repeatability**2)
     count = seen.sum()
     return Fit(
