@@ -3,7 +3,7 @@
 Reads a recording against the robot's model, fits what is nominal, and asks whether
 anything is left that the instruments cannot have made; if so, where it sits, what
 physics it is, or that it has no name. What was named goes into the simulator, and the
-poses that were kept back decide. Positions without any load that three effects do not
+poses that were kept back decide. Positions without any load that few effects do not
 explain are calibrated on, as `python -m scenarios.calibrate` does. In a stream that no
 tracker watched, second encoders are compared with the first ones.
 

@@ -48,6 +48,7 @@ from stiffness.diagnosis.library import library_of
 from stiffness.diagnosis.member import Member, fit_set
 from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.roots import Roots
+from stiffness.diagnosis.scored import earns, score
 from stiffness.diagnosis.signature import (
     Motion,
     Signature,
@@ -443,6 +444,16 @@ def test_member_that_stood_in_for_another_gives_way():
     fit = fit_set(case.data, case.situation, case.nominal, (stand_in, tilt), case.split)
     best = exchanged(case, fit)[0][1]
     assert {m.name for m in best} == {("hysteresis", "a2"), ("bearing_tilt", "a3")}
+
+
+def test_few_poses_that_all_gain_are_no_proof_and_eight_are():
+    """Five signs are alike once in 32, eight once in 256; 1 in 44 is asked."""
+    none = score(case_of(prepared(), FEW), ())
+    for many, enough in ((5, False), (8, True)):
+        gain = np.concatenate([np.ones(many), np.zeros(3)])
+        more = replace(none, predicted=gain, log_evidence=none.log_evidence + 1.0)
+        less = replace(none, predicted=0.0 * gain)
+        assert earns(less, more, 1) is enough
 
 
 def test_the_interval_holds_the_true_size():

@@ -36,6 +36,8 @@ from bench.effects.wrench_bias import WrenchBias
 from bench.effects.wrench_gain import WrenchGain
 from bench.effects.wrench_misalignment import WrenchMisalignment
 from bench.effects.wrist_coupling import WristCoupling
+from bench.recording import Recording
+from stiffness.diagnosis.hypotheses.response import turned_load, wind_up
 from stiffness.diagnosis.signature import turn, values
 from stiffness.diagnosis.situation import Situation
 
@@ -242,19 +244,49 @@ def delayed(where: str, situation: Situation, done: np.ndarray) -> None:
 # --- What goes with the arm ----------------------------------------------------------
 
 
-@pytest.mark.parametrize("axis", ["a4", "a6"])
-def test_sensor_beyond_an_axis_with_an_offset_reads_the_load_turned(axis):
-    """What differs within visits is what the arm seems to feel, and no lever arm."""
-    effect, situation = EncoderOffset(axis, 1e-3), truth.situation()
-    seen, usual = truth.recording(effect), truth.recording()
+@pytest.mark.parametrize("frame", ["sensor", "base"])
+@pytest.mark.parametrize("axis", ["a2", "a4", "a6"])
+def test_load_is_felt_as_the_sensor_says_where_an_axis_has_an_offset(axis, frame):
+    """What differs within visits, turned lever arms of each row taken into account."""
+    effect, usual = EncoderOffset(axis, 1e-3), truth.recording()
+    seen = truth.recording(effect)
+    if frame == "base":
+        usual, seen = along_base(usual, 0.0, axis), along_base(seen, 1e-3, axis)
+    situation = truth.situation_in(usual)
     done = truth.unexplained(seen) - truth.unexplained(usual)
     fit = Fit(situation, effect, np.zeros(0), [])
     left, _, found = fit.of(done)
     assert left < SECOND_ORDER
     near(found, effect.parameters())
-    said = within_visits((fit.design * effect.offset_rad).reshape(done.shape))
-    done = within_visits(done)
-    assert np.linalg.norm(done - said) < 0.4 * np.linalg.norm(done)
+    k = situation.axis(axis)
+    loaded = wind_up(situation, turned_load(situation, k))
+    said = truth.moved(situation, loaded)[..., 0] + levers_of_rows(situation, k)
+    said, done = within_visits(effect.offset_rad * said), within_visits(done)
+    assert np.linalg.norm(done - said) < 0.03 * np.linalg.norm(done)
+
+
+def along_base(recording: Recording, offset: float, axis: str) -> Recording:
+    """State the wrench along the base's axes, the offset of an axis known."""
+    posture = recording.posture.copy()
+    posture[:, truth.situation().axis(axis)] += offset
+    situation = truth.situation_in(replace(recording, posture=posture))
+    sensor = recording.wrench_sensor
+    assert sensor is not None
+    return replace(
+        recording,
+        wrench=situation.wrench,
+        wrench_sensor=replace(sensor, frame="base"),
+    )
+
+
+def levers_of_rows(situation: Situation, axis: int) -> np.ndarray:
+    """Return the displacement per rad of an axis, lever arms as in each row, in m."""
+    standing = situation.arm.at(situation.rest)
+    each = []
+    for marker in situation.recording.markers:
+        assert marker.position is not None
+        each.append(standing.jacobian(marker.body, marker.position)[:, :3, axis])
+    return np.stack(each, axis=1)
 
 
 def test_turn_that_stays_the_same_shows_no_load():

@@ -1,6 +1,6 @@
 """Without a load, what is wrong is mostly many small errors of geometry.
 
-The diagnosis names up to three effects; an arm that nobody calibrated has dozens. Where
+The diagnosis names a few effects; an arm that nobody calibrated has dozens. Where
 it finds a difference and cannot explain it, calibration is asked.
 """
 
@@ -17,7 +17,7 @@ from stiffness.diagnosis.diagnosis import Diagnosis
 
 
 def is_called_for(recording: Recording, found: Diagnosis) -> bool:
-    """Return whether positions without a load differ and three names do not do."""
+    """Return whether positions without a load differ and a few names do not do."""
     return (
         recording.wrench is None
         and recording.displacement == "absolute"
@@ -38,7 +38,7 @@ def tried(
         robot: Its model's file.
         console: Where it is told.
     """
-    console.print("No three effects explain it: calibrating on positions.")
+    console.print("No few effects explain it: calibrating on positions.")
     try:
         return carried_out(recording, arm, robot)
     except (BenchError, *ODD_NUMBERS) as error:

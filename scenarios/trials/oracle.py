@@ -55,7 +55,7 @@ def explained(recording: Recording, model: Path, without: Sequence[str]) -> floa
     names = [h for h in HYPOTHESES if h.effect not in without]
     case = case_of(_returning(prepare(recording, arm)), names)
     white = white_candidates(case.library, case.evidence)
-    sets = ranked(case.library, white, len(np.unique(recording.pose)), 1.0)
+    sets = ranked(case.library, white, len(np.unique(recording.pose)))
     size = np.array([len(members) for members in sets.sets])
     best = [np.flatnonzero(size == s)[np.argsort(-sets.gain[size == s])] for s in SIZES]
     return max(_at_its_best(case, sets, int(k)) for of in best for k in of[:FRONT])

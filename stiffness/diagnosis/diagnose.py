@@ -33,8 +33,9 @@ from stiffness.diagnosis.set_up import mistakes_of_set_up
 from stiffness.diagnosis.split import seed_of, split_of
 
 MOVED = 0.03
-"""Share by which a compliance may move under names before all is laid out anew; chosen:
-what a load or a mass winds up goes with it, and sizes are said to some per cent."""
+"""Share by which a compliance may move under names before all columns are laid out
+anew; chosen: what a load or a mass winds up goes with it, and sizes are said to some
+per cent. Where the arm rests stays as it was prepared."""
 AGAIN = 2
 """How often; chosen: the second time moves a tenth of the first."""
 
@@ -108,20 +109,19 @@ def case_of(
     """
     recording = prepared.situation.recording
     split = split_of(recording)
-    library = library_of(prepared.situation, prepared.springs, hypotheses)
-    data = prepared.data
-    springs = springs_of(prepared.situation, prepared.springs)
+    data, situation = prepared.data, prepared.situation
+    springs = springs_of(situation, prepared.springs)
     if springs:
-        evidence = evidence_of(data, springs, training(split))
-        beta = solve(evidence.gram.sum(axis=0), evidence.score.sum(axis=0))
-        beta = beta if softer is None else softer
-        data = data.less(springs, beta)
-        moved = prepared.situation.compliance.copy()
-        moved[list(prepared.springs)] += beta
-    else:
-        moved = prepared.situation.compliance
+        own, moved = list(prepared.springs), situation.compliance.copy()
+        if softer is None:
+            evidence = evidence_of(data, springs, training(split))
+            softer = solve(evidence.gram.sum(axis=0), evidence.score.sum(axis=0))
+        change = _within_a_decade(softer, moved[own])
+        data = data.less(springs, change)
+        moved[own] += change
+        situation = situation.with_compliance(moved)
+    library = library_of(situation, prepared.springs, hypotheses)
     evidence = evidence_of(data, library.signatures, training(split))
-    situation = prepared.situation.with_compliance(moved)
     return Case(
         data, situation, prepared.springs, library, evidence, split, seed_of(recording)
     )
@@ -136,11 +136,16 @@ def _moved(case: Case, springs: Float[np.ndarray, " springs"]) -> bool:
 def _total(
     case: Case, prepared: Prepared, named: Named
 ) -> Float[np.ndarray, " springs"]:
-    """Return by how much compliances are other than prepared, within a decade."""
+    """Return by how much compliances are other than prepared."""
     own = list(prepared.springs)
-    before = prepared.situation.compliance[own]
-    after = case.situation.compliance[own] + named.best.fit.springs
-    return np.clip(after, 0.1 * before, 10.0 * before) - before
+    moved = case.situation.compliance - prepared.situation.compliance
+    return moved[own] + named.best.fit.springs
+
+
+def _within_a_decade(
+    change: Float[np.ndarray, " springs"], before: Float[np.ndarray, " springs"]
+) -> Float[np.ndarray, " springs"]:
+    return np.clip(change, -0.9 * before, 9.0 * before)
 
 
 def _detection(prepared: Prepared, found: Found) -> Detection:

@@ -78,14 +78,12 @@ def white_scores(
 def sign_flips(
     white: Sequence[Float[np.ndarray, "poses _"]],
     seed: int,
-    inflation: float = 1.0,
 ) -> Tested:
     """Compare blocks with random signs of poses.
 
     Args:
         white: White scores of each block.
         seed: Of the signs.
-        inflation: Variance of white scores over one, where the noise is misstated.
     """
     freedom = np.array([w.shape[1] for w in white], dtype=int)
     some = np.flatnonzero(freedom > 0)
@@ -95,9 +93,7 @@ def sign_flips(
             np.zeros(count), freedom, np.full(count, -9.0), *np.ones((2, count))
         )
     poses = len(white[0])
-    stacked = np.concatenate([w for w in white if w.shape[1]], axis=1) / np.sqrt(
-        inflation
-    )
+    stacked = np.concatenate([w for w in white if w.shape[1]], axis=1)
     start = np.cumsum(freedom[some]) - freedom[some]
     random = np.random.default_rng(seed)
     seen = np.add.reduceat(stacked.sum(axis=0) ** 2, start)

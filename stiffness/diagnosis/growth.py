@@ -57,14 +57,14 @@ def extended(case: Case, fit: SetFit) -> Front:
 
 
 def exchanged(case: Case, fit: SetFit) -> Front:
-    """Return sets in which one member gives way to another candidate.
+    """Return sets in which a member, but for the last, gives way to another candidate.
 
     Args:
         case: What may be looked at.
         fit: The set, refined.
     """
     beside, found = _beside(case, fit), Front()
-    for out, member in enumerate(fit.members):
+    for out, member in enumerate(fit.members[:-1]):
         rest = [k for k in range(len(fit.members)) if k != out]
         front = _with_another(case, beside, fit.members, rest)
         found += [one for one in front if one[1][-1].name != member.name][:TRIED]

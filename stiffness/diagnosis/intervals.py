@@ -2,13 +2,13 @@
 
 ==========  ==========================================================================
 Equation    cov = H^-1 M H^-1, H = gram, M = sum_p s_p s_p', s_p a pose's score at the
-            fit; of this and of H^-1 phi the larger variance of each parameter;
+            fit; of this and of H^-1 the larger variance of each parameter;
             parameters by the delta method, of the logarithm where an error is a
             factor; 95 %: t quantile for poses - k freedoms; widened by what no reading
             can tell (a slip's time between two visits)
 Source      Huber 1967, White 1980 (sandwich); Cameron & Miller 2015 (by cluster)
 Valid       shapes inside their bounds, twenty poses or more
-Ignores     that the name was chosen with the same poses
+Ignores     that the name was chosen with the same poses; other forms of the laws
 ==========  ==========================================================================
 """
 
@@ -42,7 +42,6 @@ def parameters_of(
     springs: Sequence[int],
     look: CloseLook,
     split: Split,
-    inflation: float,
 ) -> tuple[list[dict[str, Parameter]], list[float]]:
     """Return every member's parameters of the vocabulary with 95 % intervals.
 
@@ -62,11 +61,10 @@ def parameters_of(
     white = score * scale
     poses = len(score)
     sandwich = inverse @ (white.T @ white) @ inverse * poses / max(1, poses - len(gram))
-    plain = inverse * inflation
     grow = np.sqrt(
-        np.maximum(np.diag(sandwich) / np.maximum(np.diag(plain), 1e-300), 1.0)
+        np.maximum(np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300), 1.0)
     )
-    cov = plain * grow * grow[:, None] * scale * scale[:, None]
+    cov = inverse * grow * grow[:, None] * scale * scale[:, None]
     quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, poses - len(gram))))
     n = len(fit.springs)
     answers, zero = [], []

@@ -71,7 +71,7 @@ def name(case: Case, first: Found) -> Named:
         fold=case.evidence.fold[mask] - 1,
     )
     white = white_candidates(case.library, seen)
-    every = ranked(case.library, white, case.poses, 1.0, LARGEST)
+    every = ranked(case.library, white, case.poses, LARGEST)
     best = score(case, ())
     rivals, left, path = [best], first, [first]
     while len(best.fit.members) < MOST and left.p_value < ALARM:
@@ -93,12 +93,18 @@ def _next_size(case: Case, every: Ranked, before: Scored) -> list[Scored]:
         order = np.flatnonzero([len(s) == size for s in every.sets])
         order = order[np.argsort(-every.log_evidence[order])]
         return _best_of(case, _front(case, every, order))
-    found = _best_of(case, extended(case, before.fit), passes=1)
+    front = extended(case, before.fit)
+    found = _best_of(case, front, passes=1)
     if not found:
         return []
-    live = found[0].log_evidence - LIVE
-    others = [one for one in exchanged(case, found[0].fit) if one[0] > live]
-    return _ordered([*found, *_best_of(case, others, passes=1)])
+    others = exchanged(case, found[0].fit)
+    live = [one for one in others if one[0] > front[0][0] - _reach(front)]
+    return _ordered([*found, *_best_of(case, live, passes=1)])
+
+
+def _reach(front: Front) -> float:
+    """Return by how much coarse log evidence may trail the best and be looked at."""
+    return max(LIVE, FORMS * front[0][0])
 
 
 def _front(case: Case, every: Ranked, order: np.ndarray) -> Front:
@@ -118,7 +124,7 @@ def _best_of(case: Case, front: Front, passes: int = 2) -> list[Scored]:
     """Refine front runners of one size, the likeliest first; return the best first."""
     scored: list[Scored] = []
     for log_evidence, coarse in front:
-        if scored and log_evidence < front[0][0] - max(LIVE, FORMS * front[0][0]):
+        if scored and log_evidence < front[0][0] - _reach(front):
             break
         if len(scored) >= REFINED:
             break

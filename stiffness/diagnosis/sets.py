@@ -2,7 +2,7 @@
 
 ==========  ==========================================================================
 Equation    gain(S) = b_S' G_SS^-1 b_S after the nominal columns are projected out;
-            log evidence = gain / 2 phi - k ln(poses) / 2 + log prior(size)
+            log evidence = gain / 2 - k ln(poses) / 2 + log prior(size)
 Source      unit-information prior (Kass & Wasserman 1995) with the pose as the unit of
             information; k counts coefficients and shape parameters
 Valid       columns that are not multiples of each other
@@ -136,16 +136,13 @@ def gains(white: White, sets: Sequence[tuple[int, ...]]) -> Float[np.ndarray, " 
     return total
 
 
-def ranked(
-    library: Library, white: White, poses: int, inflation: float, largest: int = 3
-) -> Ranked:
+def ranked(library: Library, white: White, poses: int, largest: int = 3) -> Ranked:
     """Try all sets up to a size and rank them by evidence, the empty set first.
 
     Args:
         library: The candidates.
         white: Their white columns.
         poses: How many units of information there are.
-        inflation: phi, the noise variance over the stated one.
         largest: Most members of a set.
     """
     count = len(library.candidates)
@@ -171,7 +168,7 @@ def ranked(
     prior = np.array(
         [log_prior(len(s), count) + sum(rarer[k] for k in s) for s in every]
     )
-    log_evidence = 0.5 * gain / inflation - 0.5 * freedom * np.log(poses) + prior
+    log_evidence = 0.5 * gain - 0.5 * freedom * np.log(poses) + prior
     shape = tuple(tuple(white.shape[k] for k in s) for s in every)
     return Ranked(tuple(every), shape, gain, log_evidence)
 

@@ -28,9 +28,10 @@ class Situation:
         torque: About (along) each axis, of gravity and load on all it carries, N m.
         load_torque: The load's part of it, in N m.
         force: Exerted by gravity and load on all that a place carries, in N.
-        moment: The same forces' moment about the place's origin, in N m; its component
-            along axis k is the torque of axis k.
-        origin: Of each place's frame, in m; the base's is zero.
+        moment: The same forces' moment about the place's origin as it is in that row,
+            in N m; its component along axis k there is the torque of axis k.
+        origin: Of each place's frame with a visit's mean wind-up, in m; the base's is
+            zero.
         frame: Axes of each place's frame as columns, turning with its axis; the third
             is the axis.
         seat: The same before the axis turns: fixed in the link before.

@@ -3,6 +3,8 @@
 ==========  ==========================================================================
 Equation    F_p = sum m g + F_load; M_p = sum (c - o_p) x m g + (s - o_p) x F_load + T
             over all that place p carries; torque of axis k = z_k . M_k (slide: z_k . F)
+            with o_p and z_k of the row; places for lever arms: with the mean wind-up of
+            the row's visit
 Source      Siciliano et al. 2009, "Robotics: Modelling, Planning and Control", 7.3
 Valid       an arm at rest
 Ignores     what gives way beyond the axes' own springs

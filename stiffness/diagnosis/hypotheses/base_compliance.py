@@ -5,7 +5,8 @@ Equation    turn about each axis of the base = compliance x moment about it, shi
             it = compliance x force; about the base's origin
 Source      six springs without coupling; Klimchik et al. 2011: diagonal compliance
 Valid       small motions
-Ignores     coupling of tilt and shift: a pedestal that bends about its top
+Ignores     what couples turns with each other, and a level turn with the shift across
+            it (its variants)
 ==========  ==========================================================================
 """
 

@@ -6,7 +6,7 @@ Equation    turn about x and y of the base = compliance x moment about them, abo
 Source      bolts and plates are soft in tilt alone: Klimchik et al. 2011, diagonal
             compliance
 Valid       as `base_compliance`, with four springs less to fit
-Ignores     turn about the vertical, shifts (its variants)
+Ignores     turn about the vertical, shifts, couplings (its variants)
 ==========  ==========================================================================
 """
 

@@ -1,8 +1,9 @@
 """A joint's bearing gives way across its axis too.
 
 ==========  ==========================================================================
-Equation    rotation = u x (x . M_c) + v y (y . M_c) about c = o + centre z;
-            M_c = M_o - centre z x F; x, y, z: the seat's axes, o its origin
+Equation    rotation = u x (x . M_c) + v y (y . M_c) about c = o + h z, M_c = M_o - h z
+            x F; x, y, z: the seat's axes, o its origin; h = centre, of a slide that is
+            out by q: centre - q, for its guide stays
 Source      Klimchik et al. 2011: diagonal 6 x 6 joint compliance
 Valid       small tilts; a bearing whose centre of tilt is on the axis
 Ignores     radial and axial give

@@ -5,7 +5,7 @@ Equation    T dx/dt = τ(t) - x, at arrival x = 0, or gravity's torque where the
             settled under it; θ = C τ + ratio C x
 Source      standard linear solid: Zener 1948, "Elasticity and anelasticity of metals"
 Valid       loads that stand from `load_time` on, until the next row's `load_time`; an
-            arm that comes to its posture without memory
+            arm that comes to its posture with no memory but gravity's
 Ignores     faster and slower relaxation beside the one (its variants); what is left of
             the posture before
 ==========  ==========================================================================

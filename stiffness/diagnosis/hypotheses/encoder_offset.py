@@ -3,11 +3,14 @@
 ==========  ==========================================================================
 Equation    angle of the link = reported angle + offset + wind-up; per radian of offset
             about a through o a load (F, M) at the sensor p gains (a x F, a x M +
-            (a x (p - o)) x F) for the axes before
+            (a x (p - o)) x F) for the axes before; one that is stated along the base's
+            axes gains (0, (a x (p - o)) x F) for these and (-a x F, -a x M) for a and
+            the axes beyond
 Source      Slamani et al. 2012 and every calibration: joint zero offsets; the load:
             rotation vector to first order
 Valid       small offsets
-Ignores     that wind-up itself is turned, a thousandth of the deflection
+Ignores     that gravity pulls elsewhere and that wind-up itself is turned: a thousandth
+            of the deflection per milliradian
 ==========  ==========================================================================
 """
 

@@ -7,7 +7,8 @@ Source      spring without free length: Herder 2001, "Energy-free systems"; with
             Klimchik et al. 2013, arXiv 1311.6810
 Valid       springs and cylinders whose force grows with their length; where the axis
             hardly turns it is a constant turn, sin(q - φ) = ±1, as an encoder's offset
-Ignores     free length; what the spring adds to the axis' stiffness, about torque/K
+Ignores     free length; what the spring adds to the axis' stiffness, about torque/K;
+            that a sensor beyond is turned, a thousandth of the deflection
 ==========  ==========================================================================
 """
 

@@ -22,6 +22,7 @@ from typing_extensions import override
 
 from stiffness.diagnosis.hypotheses.axes import reversing
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
+from stiffness.diagnosis.hypotheses.response import ROUNDING
 from stiffness.diagnosis.signature import Signature, turn
 from stiffness.diagnosis.situation import Situation
 
@@ -52,7 +53,8 @@ class LostMotion(Hypothesis):
         k = situation.axis(where)
         largest = np.max(np.abs(situation.torque[:, k]))
         loaded = np.max(np.abs(situation.load_torque[:, k]))
-        return (min(largest, loaded or largest) * np.array(CLOSING))[:, None]
+        largest = loaded if ROUNDING < loaded < largest else largest
+        return (largest * np.array(CLOSING))[:, None]
 
     @override
     def signature(

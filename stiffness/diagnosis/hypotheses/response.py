@@ -13,7 +13,7 @@ Ignores     what gives way besides the axes' own springs
 import numpy as np
 from jaxtyping import Float
 
-from stiffness.diagnosis.signature import Signature, Turn
+from stiffness.diagnosis.signature import Part, Signature, Turn
 from stiffness.diagnosis.situation import Situation
 
 ROUNDING = 1e-9
@@ -81,18 +81,28 @@ def beside(situation: Situation, k: int) -> Signature:
     A sensor beyond it is turned, and the springs before feel the load from elsewhere.
     """
     loaded = wind_up(situation, turned_load(situation, k))
-    return Signature(1, (Turn(k, np.ones((situation.rows, 1))), *loaded.parts))
+    return Signature(1, _added(Turn(k, np.ones((situation.rows, 1))), loaded.parts))
+
+
+def _added(own: Turn, parts: tuple[Part, ...]) -> tuple[Part, ...]:
+    """Return turns of axes with one more, each axis once."""
+    others = [p for p in parts if isinstance(p, Turn) and p.axis != own.axis]
+    same = [p.law for p in parts if isinstance(p, Turn) and p.axis == own.axis]
+    return (Turn(own.axis, own.law + sum(same)), *others)
 
 
 def turned_load(situation: Situation, k: int) -> Float[np.ndarray, "rows axes 1"]:
-    """Return what an axis' standing beside its reported angle does to other torques.
+    """Return what an axis' standing beside its reported angle does to all torques.
+
+    A sensor that turns with the axis takes the load's direction with it: the axes
+    beyond feel nothing. A load along the base's axes stays, and they turn under it.
 
     Args:
         situation: Where the arm is thought to stand.
         k: The axis, from 0.
 
     Returns:
-        Torque in N m per radian (metre); zero for axes beyond, which turn with it.
+        Torque in N m per radian (metre).
     """
     sensor = situation.recording.wrench_sensor
     body = "flange" if sensor is None else sensor.body
@@ -100,15 +110,20 @@ def turned_load(situation: Situation, k: int) -> Float[np.ndarray, "rows axes 1"
     torque = np.zeros((situation.rows, len(situation.axes), 1))
     if k not in carriers:
         return torque
+    before, beyond = (
+        carriers[carriers.index(k) + 1 :],
+        carriers[: carriers.index(k) + 1],
+    )
     twist = situation.screw[:, k]
     shift = twist[:, :3] + np.cross(twist[:, 3:], situation.sensor)
     force, moment = situation.wrench[:, :3], situation.wrench[:, 3:]
-    extra = np.concatenate([np.zeros_like(force), np.cross(shift, force)], axis=1)
+    moved = np.concatenate([np.zeros_like(force), np.cross(shift, force)], axis=1)
+    parts = [np.cross(twist[:, 3:], part) for part in (force, moment)]
+    turned = np.concatenate(parts, axis=1)
     if sensor is None or sensor.frame == "sensor":
-        turned = [np.cross(twist[:, 3:], part) for part in (force, moment)]
-        extra += np.concatenate(turned, axis=1)
-    before = carriers[carriers.index(k) + 1 :]
-    torque[:, before] = torque_at_sensor(situation, extra[:, :, None])[:, before]
+        moved, turned = moved + turned, 0.0 * turned
+    torque[:, before] = torque_at_sensor(situation, moved[:, :, None])[:, before]
+    torque[:, beyond] = torque_at_sensor(situation, -turned[:, :, None])[:, beyond]
     return torque
 
 

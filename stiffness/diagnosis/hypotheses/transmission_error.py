@@ -6,8 +6,9 @@ Equation    angle of the link = reported angle q + s sin nq + c cos nq + wind-up
 Source      Ghorbel, Gandhi, Alpeter 2001, "On the kinematic error in harmonic drive
             gears"; eccentric encoder discs have n = 1 and 2
 Valid       orders n up to 6, q the reported angle
-Ignores     the share that grows with load; the hundreds of orders of a gear's teeth;
-            the second harmonic (its variant)
+Ignores     the share that grows with load; that a sensor beyond is turned, a thousandth
+            of the deflection (an axis that stands: see `encoder_offset`); the hundreds
+            of orders of a gear's teeth; the second harmonic (its variant)
 ==========  ==========================================================================
 """
 
