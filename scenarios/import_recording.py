@@ -2,9 +2,10 @@
 
 Reads a CSV as a spreadsheet exports it, or a ROS 2 bag (`pip install '.[ros]'`), by a
 mapping in TOML: the format's manifest with `[columns]` and `[csv]`, and beyond it
-`[targets.NAME]` (6D targets), `[rests]` (a stream becomes plateaus) and `[topics]`. All
-faults are named at once, and nothing is written until all is right. How much one
-channel lags another is estimated and said.
+`[targets.NAME]` (6D targets), `[rests]` (a stream becomes plateaus), `[topics]` and
+`[files.NAME]` (more CSV files beside FILE, each by its own clock). All faults are named
+at once, and nothing is written until all is right. How much one channel lags another is
+estimated and said.
 
 Run:    python -m scenarios.import_recording FILE --mapping MAPPING.toml --out DIR
 Takes:  1 s for 1,000 rows
@@ -24,8 +25,8 @@ from bench.errors import Unusable
 from bench.model_facts import ModelFacts
 from bench.recording import Recording
 from scenarios.command import run
-from scenarios.importing import bag, spreadsheet
-from scenarios.importing.lag import lag_of
+from scenarios.importing import bag, several, spreadsheet
+from scenarios.importing.lag import Lag, lag_between, said
 from scenarios.importing.mapping import Extras, mapping_of
 from scenarios.importing.rests import plateaus_of
 from scenarios.nominal import arm_of, facts_of
@@ -36,7 +37,8 @@ class Settings:
     """What is read, and where it goes."""
 
     source: Annotated[Path, tyro.conf.Positional]
-    """CSV file, or a ROS 2 bag: its folder, or its only file (.mcap, .db3)."""
+    """CSV file (the axes', where there are several), or a ROS 2 bag: its folder, or its
+    only file (.mcap, .db3)."""
     mapping: Path
     """TOML file that says what its columns or topics are."""
     out: Path
@@ -50,36 +52,54 @@ def main(settings: Settings) -> Recording:
     s = settings
     manifest, extras = mapping_of(s.mapping)
     model = None if s.robot is None else facts_of(arm_of(s.robot))
-    if extras.rests and manifest.get("rows") != "stream":
-        fault = '[rests] turns a stream into plateaus: say rows = "stream".'
-        raise Unusable(f"Mapping {str(s.mapping)!r}", [fault])
+    in_bag = s.source.is_dir() or s.source.suffix.lower() in bag.FILES
+    rows = str(manifest.get("rows"))
+    if faults := [*_against(extras, rows, in_bag)]:
+        raise Unusable(f"Mapping {str(s.mapping)!r}", faults)
     names = (s.source.name, s.mapping.name)
-    lags: dict[str, float | None] = {}
-    if s.source.is_dir() or s.source.suffix.lower() in bag.FILES:
-        source, manifest, lags = _of_bag(s.source, manifest, extras, model)
+    lags: dict[str, Lag | None] = {}
+    told: list[str] = []
+    if extras.files:
+        recording, notes, told = several.recording_of(
+            s.source, manifest, extras, model, names
+        )
     else:
-        source = spreadsheet.source_of(s.source)
-    read = spreadsheet.recording_of(source, manifest, extras.targets, model, names)
-    recording, notes = read
-    if not lags and recording.rows == "stream":
-        lags = dict(_lags(recording))
+        if in_bag:
+            source, manifest, lags = _of_bag(s.source, manifest, extras, model)
+        else:
+            source = spreadsheet.source_of(s.source)
+        read = spreadsheet.recording_of(source, manifest, extras.targets, model, names)
+        recording, notes = read
+        if not lags and recording.rows == "stream":
+            lags = dict(_lags(recording))
     if extras.rests:
         recording = plateaus_of(recording, extras.rests)
     files.write(s.out, recording)
     rows, kind = len(recording.time), recording.rows
     poses = len(np.unique(recording.pose))
     print(f"{s.out}: {rows} rows ({kind}), {poses} poses.")
+    for line in told:
+        print(line)
     for name, lag in lags.items():
-        said = "nothing moves enough to tell" if lag is None else f"{1e3 * lag:+.1f} ms"
-        print(f"Lag of {name} behind the axes: {said}.")
+        print(f"Lag of {name} behind the axes: {said(lag)}.")
     for note in notes:
         print(f"Note: {note}")
     return recording
 
 
+def _against(extras: Extras, rows: str, in_bag: bool) -> Iterator[str]:
+    """Say which parts of a mapping do not go together."""
+    if extras.rests and rows != "stream":
+        yield '[rests] turns a stream into plateaus: say rows = "stream".'
+    if extras.files and rows != "stream":
+        yield '[files] are joined instant by instant: say rows = "stream".'
+    if extras.files and in_bag:
+        yield "[files] go with a CSV; a bag has [topics]."
+
+
 def _of_bag(
     path: Path, manifest: dict, extras: Extras, model: ModelFacts | None
-) -> tuple[bytes, dict, dict[str, float | None]]:
+) -> tuple[bytes, dict, dict[str, Lag | None]]:
     """Turn a bag into a CSV and a manifest that reads it."""
     if extras.topics is None:
         raise Unusable(f"Bag {str(path)!r}", ["the mapping has no [topics]."])
@@ -102,17 +122,20 @@ def _of_bag(
     return bag.text_of(columns), {**manifest, "columns": said}, lags
 
 
-def _lags(stream: Recording) -> Iterator[tuple[str, float | None]]:
+def _lags(stream: Recording) -> Iterator[tuple[str, Lag | None]]:
     """Estimate how much the tracker and the wrench lag the axes."""
     time, points = stream.time, stream.points
     if points is not None:
         for m, marker in enumerate(stream.markers):
             seen = np.isfinite(points[:, m]).all(axis=1)
             if seen.sum() > 3:
-                lag = lag_of(time, stream.posture, time[seen], points[seen, m])
+                lag = lag_between(time, stream.posture, time[seen], points[seen, m])
                 yield f"marker {marker.name}", lag
     if stream.wrench is not None:
-        yield "the wrench", lag_of(time, stream.posture, time, stream.wrench[:, :3])
+        yield (
+            "the wrench",
+            lag_between(time, stream.posture, time, stream.wrench[:, :3]),
+        )
 
 
 if __name__ == "__main__":

@@ -5,7 +5,6 @@ Messages are read by the definitions that rosbags brings, never by those in the 
 
 import importlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,8 @@ import numpy as np
 from bench.errors import BenchError, Unusable
 from bench.format.columns import WRENCH
 from bench.format.sections import first_line
-from scenarios.importing.lag import lag_of
+from scenarios.importing.clocks import Channel, on_one_side, rows_of
+from scenarios.importing.lag import Lag, lag_between
 from scenarios.importing.mapping import Topics
 
 KNOWN = {
@@ -28,22 +28,9 @@ FILES = (".mcap", ".db3")
 MISSING = "ROS 2 bags need rosbags, which is not installed: pip install '.[ros]'."
 
 
-@dataclass(frozen=True)
-class Channel:
-    """What one topic said.
-
-    Attributes:
-        time: Of each message by its own stamp, in s.
-        values: One row each, in SI units.
-    """
-
-    time: np.ndarray
-    values: np.ndarray
-
-
 def columns_of(
     path: Path, topics: Topics, axes: Sequence[str]
-) -> tuple[dict[str, np.ndarray], dict[str, float | None]]:
+) -> tuple[dict[str, np.ndarray], dict[str, Lag | None]]:
     """Read a bag as columns on the joints' clock, and the lags between its channels.
 
     Args:
@@ -64,24 +51,31 @@ def columns_of(
     columns["pose"] = np.zeros(len(joints.time))
     for k, angle in enumerate(joints.values.T, start=1):
         columns[f"a{k}"] = angle
-    lags: dict[str, float | None] = {}
+    lags: dict[str, Lag | None] = {}
+    covered = np.full(len(joints.time), True)
+    stamps = []
     for name, channel in channels.items():
         if name == "joints":
             continue
-        lags[name] = lag_of(
+        lags[name] = lag_between(
             joints.time, joints.values, channel.time, channel.values[:, :3]
         )
-        kind = WRENCH
+        kind, values = WRENCH, channel.at(joints.time)
         if name.startswith("pose "):
             kind = [f"{name[5:]}.{c}" for c in ("x", "y", "z", "qw", "qx", "qy", "qz")]
-        for column, values in zip(kind, channel.values.T, strict=False):
-            columns[column] = np.interp(joints.time, channel.time, values)
-            outside = (joints.time < channel.time[0]) | (joints.time > channel.time[-1])
-            columns[column][outside] = np.nan
-    whole = np.all([np.isfinite(c) for c in columns.values()], axis=0)
-    if not whole.any():
-        raise Unusable(f"Bag {str(path)!r}", ["its topics share no time."])
-    return {name: column[whole] for name, column in columns.items()}, lags
+            stamps.append(channel.time)
+            turns = Channel(channel.time, on_one_side(channel.values[:, 3:]))
+            values = np.hstack([values[:, :3], turns.at(joints.time)])
+        columns |= zip(kind, values.T, strict=False)
+        covered &= channel.covers(joints.time, topics.gap_s)
+    whole = covered & np.all([np.isfinite(c) for c in columns.values()], axis=0)
+    near = rows_of(joints.time, stamps)
+    rows = near[whole[near]]
+    if not len(rows):
+        gap = f"{topics.gap_s:g} s (gap_s)"
+        fault = f"its topics share no time, or one is silent for longer than {gap}."
+        raise Unusable(f"Bag {str(path)!r}", [fault])
+    return {name: column[rows] for name, column in columns.items()}, lags
 
 
 def text_of(columns: Mapping[str, np.ndarray]) -> bytes:

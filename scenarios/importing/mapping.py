@@ -1,7 +1,8 @@
 """A mapping is a manifest that also says how a lab's own file is to be understood.
 
 It is `recording.toml` of the format, with `[columns]` and `[csv]`; what goes beyond it
-are `[targets.NAME]` (6D), `[rests]` (a stream becomes plateaus) and `[topics]` (bags).
+are `[targets.NAME]` (6D), `[rests]` (a stream becomes plateaus), `[files.NAME]` (more
+CSV files, each with a clock of its own) and `[topics]` (bags).
 """
 
 import json
@@ -11,10 +12,13 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import msgspec
+import numpy as np
 from msgspec import Struct, field
 
 from bench.errors import Unusable
+from bench.format.manifest import Source
 from bench.format.sections import fill, first_line
+from scenarios.importing.clocks import GAP
 
 LARGEST = 2**20
 """Bytes of a mapping that are still read; chosen: as for a manifest."""
@@ -53,6 +57,19 @@ class Topics(Struct, frozen=True, forbid_unknown_fields=True):
     joints: str = "/joint_states"
     wrench: str | None = None
     poses: dict[str, str] = field(default_factory=dict)
+    gap_s: Above = GAP
+
+
+class Log(Struct, frozen=True, forbid_unknown_fields=True):
+    """`[files.NAME]`: a CSV by a clock of its own, whose columns are NAME.column."""
+
+    file: str
+    time: str | Source
+    offset_s: float | None = None
+    clock: str | None = None
+    separator: str | None = None
+    decimal: str | None = None
+    gap_s: Above = GAP
 
 
 class Extras(Struct, frozen=True, forbid_unknown_fields=True):
@@ -61,6 +78,7 @@ class Extras(Struct, frozen=True, forbid_unknown_fields=True):
     targets: dict[str, Target] = field(default_factory=dict)
     rests: Rests | None = None
     topics: Topics | None = None
+    files: dict[str, Log] = field(default_factory=dict)
 
 
 def mapping_of(path: Path) -> tuple[dict[str, Any], Extras]:
@@ -88,12 +106,33 @@ def mapping_of(path: Path) -> tuple[dict[str, Any], Extras]:
         if (target.rotation is None) == (target.quaternion_wxyz is None):
             say = "give either rotation (three angles) or quaternion_wxyz"
             faults.append(f"targets.{name}: {say}.")
+    faults += _clocks(extras.files if extras else {})
     for name in TABLES:
         if not isinstance(table.get(name, {}), dict):
             faults.append(f"{name}: expected a table, [{name}] and its entries below.")
     if faults or extras is None:
         raise Unusable(what, faults)
     return table, extras
+
+
+def _clocks(files: Mapping[str, Log]) -> list[str]:
+    faults = []
+    for name, log in files.items():
+        place = f"files.{name}"
+        if "." in name:
+            faults.append(
+                f"{place}: its columns are NAME.column; take a name with no dot."
+            )
+        if log.offset_s is not None and log.clock is not None:
+            faults.append(f"{place}: give offset_s or clock, not both.")
+        if log.offset_s is not None and not abs(log.offset_s) < np.inf:
+            faults.append(f"{place}.offset_s: not a finite number.")
+        own = [n for n, other in files.items() if other.clock is None]
+        if log.clock is not None and log.clock not in own:
+            known = ", ".join(own) or "none"
+            say = f"no file with a clock of its own is called so; there are: {known}."
+            faults.append(f"{place}.clock: {say}")
+    return faults
 
 
 def text_of(table: Mapping[str, Any], name: str = "") -> str:

@@ -79,7 +79,7 @@ def recording_of(
     if recording is None or faults:
         said = [f.replace(CSV_FILE, names[0]).replace(FILE, names[1]) for f in faults]
         raise Unusable(f"{names[0]} with {names[1]}", said)
-    used = {c for t in targets.values() for c in _columns_of(t)}
+    used = {c for t in targets.values() for c in columns_of(t)}
     notes = tuple(n for n in notes if not any(f"{c!r} left" in n for c in used))
     return recording, tuple(n.replace(CSV_FILE, names[0]) for n in notes)
 
@@ -88,15 +88,13 @@ def _with_points(
     source: bytes, manifest: Mapping[str, Any], targets: Mapping[str, Target]
 ) -> tuple[bytes, list[str]]:
     """Add the columns of the markers that stand for targets."""
-    about = manifest.get("csv", {})
-    separator = str(about.get("separator", ","))[:1] or ","
-    mark = str(about.get("decimal", about.get("decimal_mark", ".")))
+    separator, mark = marks_of(manifest)
     header, faults = open_csv(source, separator)
     if header is None:
         return source, []  # the format's reader says why
     columns: dict[str, np.ndarray] = {}
     for name, target in targets.items():
-        missing = [c for c in _columns_of(target) if c not in header.names]
+        missing = [c for c in columns_of(target) if c not in header.names]
         if missing:
             faults += [
                 f"{CSV_FILE}: column {c!r} is missing, which {FILE}, targets.{name} "
@@ -109,6 +107,20 @@ def _with_points(
         columns |= points_of(name, target, numbers.__getitem__)
     if faults:
         return source, faults
+    return with_columns(source, separator, mark, columns), []
+
+
+def marks_of(manifest: Mapping[str, Any]) -> tuple[str, str]:
+    """Return what stands between cells, and the decimal mark."""
+    about = manifest.get("csv", {})
+    separator = str(about.get("separator", ","))[:1] or ","
+    return separator, str(about.get("decimal", about.get("decimal_mark", ".")))
+
+
+def with_columns(
+    source: bytes, separator: str, mark: str, columns: Mapping[str, np.ndarray]
+) -> bytes:
+    """Add columns to a CSV, blank where NaN."""
     rows = list(csv.reader(io.StringIO(source.decode()), delimiter=separator))
     while rows and not any(cell.strip() for cell in rows[-1]):
         rows.pop()
@@ -118,10 +130,11 @@ def _with_points(
     for row, values in zip(rows[1:], zip(*columns.values(), strict=True), strict=False):
         cells = ["" if np.isnan(v) else repr(float(v)) for v in values]
         writer.writerow([*row, *(c.replace(".", mark) for c in cells)])
-    return text.getvalue().encode(), []
+    return text.getvalue().encode()
 
 
-def _columns_of(target: Target) -> tuple[str, ...]:
+def columns_of(target: Target) -> tuple[str, ...]:
+    """Return the columns that a target is read from."""
     turned = target.rotation or target.quaternion_wxyz or ()
     return (*target.position, *turned)
 
@@ -129,7 +142,7 @@ def _columns_of(target: Target) -> tuple[str, ...]:
 def _numbers(
     header: Header, target: Target, mark: str
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    names = set(_columns_of(target))
+    names = set(columns_of(target))
     cells = header.read(names)
     numbers, faults = {}, list(cells.faults)
     for name in sorted(names):
