@@ -1,10 +1,20 @@
 from collections import Counter
+from dataclasses import replace
 
 import pytest
 
 from scenarios import damaged
-from scenarios.damaged import Settings, damages, good_recording, main, outcome_of
+from scenarios.damaged import (
+    MISTAKES,
+    Settings,
+    damages,
+    good_recording,
+    main,
+    outcome_of,
+    own_names,
+)
 from scenarios.damaging.damage import rewritten
+from scenarios.diagnosing.schema import Remark
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +45,31 @@ def test_a_damage_that_is_none_is_counted_as_diagnosed(good, tmp_path, monkeypat
     monkeypatch.setattr(damaged.diagnose, "main", lambda _: Told)
     outcome = outcome_of(rewritten("nothing", "file", good), tmp_path / "0")
     assert outcome.what == "diagnosed" and not outcome.right
+
+
+def test_a_mistake_said_by_another_name_is_not_recognised(good, tmp_path, monkeypatch):
+    class Told:
+        named, verdict = (), "set_up"
+        warnings = (Remark("units", "wrench_sensor", "forces look given in lbf."),)
+
+    monkeypatch.setattr(damaged.diagnose, "main", lambda _: Told)
+    kgf = replace(rewritten("kgf", "physics", good), code="units", word="kgf")
+    outcomes = [
+        outcome_of(damage, tmp_path / str(number))
+        for number, damage in enumerate(
+            (kgf, replace(kgf, word="lbf"), replace(kgf, code="wrench_rows"))
+        )
+    ]
+    assert [o.what for o in outcomes] == ["misnamed", "warned", "misnamed"]
+    assert [o.right for o in outcomes] == [False, True, False]
+    counts = ["units: 1 of 2 said.", "wrench_rows: 0 of 1 said."]
+    assert own_names(outcomes) == counts
+
+
+def test_each_mistake_of_the_set_up_is_planted(good):
+    codes = {damage.code for damage in damages(good, 10**6, seed=0)}
+    wanted = {"marker_names", "wrench_columns", "wrench_rows", "units"}
+    assert wanted <= codes <= {*MISTAKES, ""}
 
 
 def test_a_crash_is_counted_as_one(good, tmp_path, monkeypatch):
