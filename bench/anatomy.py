@@ -87,17 +87,16 @@ def anatomy(model: mujoco.MjModel) -> Anatomy:
     if not joints:
         faults.append("it has no joint; an arm needs at least one hinge.")
     bodies = [int(model.jnt_bodyid[j]) for j in joints]
-    for before, after in pairwise(bodies):
-        if before not in _above(model, after) and before != after:
-            faults.append(
-                f"joint on {model.body(after).name!r} does not follow from "
-                f"{model.body(before).name!r}; the axes must form one chain. Where "
-                "they carry several arms, choose one (`record`: --hand)."
-            )
+    for before, after in branches(model):
+        faults.append(
+            f"joint on {model.body(after).name!r} does not follow from "
+            f"{model.body(before).name!r}; the axes must form one chain. Where "
+            "they carry several arms, choose one (`record`: --hand)."
+        )
     if faults:
         raise Unusable("The model", faults)
     names = [model.body(b).name for b in range(model.nbody)]
-    carried = [b for b in range(model.nbody) if bodies[-1] in (b, *_above(model, b))]
+    carried = [b for b in range(model.nbody) if bodies[-1] in carriers_of(model, b)]
     flange = "flange" if "flange" in names else names[carried[-1]]
     return Anatomy(
         axes=tuple(model.joint(j).name for j in joints),
@@ -147,9 +146,20 @@ def _massless(name: str, pos: str, quat: str) -> ElementTree.Element:
     return body
 
 
-def _above(model: mujoco.MjModel, body: int) -> set[int]:
-    above = set()
+def branches(model: mujoco.MjModel) -> list[tuple[int, int]]:
+    """Return the moved bodies, in pairs, of which the first does not carry the next."""
+    bodies = [int(b) for b in model.jnt_bodyid]
+    return [
+        (before, after)
+        for before, after in pairwise(bodies)
+        if before not in carriers_of(model, after)
+    ]
+
+
+def carriers_of(model: mujoco.MjModel, body: int) -> set[int]:
+    """Return a body and all that carry it, without the world."""
+    found = set()
     while body:
+        found.add(body)
         body = int(model.body_parentid[body])
-        above.add(body)
-    return above
+    return found

@@ -5,12 +5,12 @@ does not name.
 """
 
 from collections.abc import Collection
-from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
 
+from bench.anatomy import branches, carriers_of
 from bench.errors import UnknownName, Unusable
 from bench.model_file import load, plain_mjcf
 from bench.recording import Recording
@@ -30,7 +30,7 @@ def axes_to(model: mujoco.MjModel, hand: str) -> tuple[str, ...]:
     names = [model.body(b).name for b in range(1, model.nbody)]
     if hand not in names:
         raise UnknownName("body", hand, names)
-    carriers = _carriers(model, int(model.body(hand).id))
+    carriers = carriers_of(model, int(model.body(hand).id))
     axes = [j for j in range(model.njnt) if int(model.jnt_bodyid[j]) in carriers]
     if not axes:
         raise Unusable("The model", [f"no joint carries {hand!r}."])
@@ -64,25 +64,12 @@ def moving(recording: Recording, arm_file: Path) -> tuple[str, ...]:
         Unusable: Where they form no chain.
     """
     model = load(arm_file)
-    if _is_one_chain(model):
+    if not branches(model):
         return ()
-    if recording.axes and _is_one_chain(with_axes(model, recording.axes)):
+    if recording.axes and not branches(with_axes(model, recording.axes)):
         return tuple(recording.axes)
     fault = (
         "it carries several arms, and the simulator takes one chain at a time: record "
         "each arm by itself and name its joints in [robot] axes, the others at zero"
     )
     raise Unusable("The model", [f"{fault}."])
-
-
-def _is_one_chain(model: mujoco.MjModel) -> bool:
-    bodies = [int(b) for b in model.jnt_bodyid]
-    return all(before in _carriers(model, after) for before, after in pairwise(bodies))
-
-
-def _carriers(model: mujoco.MjModel, body: int) -> set[int]:
-    found = set()
-    while body:
-        found.add(body)
-        body = int(model.body_parentid[body])
-    return found

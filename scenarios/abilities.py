@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bench.errors import Unusable
 from bench.recording import UNLOADING, Recording
 from scenarios.axis_view import SMALL_TORQUE, AxisView, alike
 from scenarios.replicates import replicate_noise
 from stiffness.arm import Arm
-
-MOTIONS = 3
-"""Of a stream with two encoders an axis: two are fitted, one judges."""
+from stiffness.two_encoders.motions import FEWEST, motions_of
 
 
 @dataclass(frozen=True)
@@ -90,9 +89,8 @@ def abilities(
     )
     if r.link_posture is not None and not r.markers:
         yield _between_encoders(r)
-    why, add = _of_places(r)
     shown = absolute and bool(r.markers)
-    yield Ability("geometry, offsets of encoders", shown, why, add)
+    yield Ability("geometry, offsets of encoders", shown, *_of_places(r))
     yield from _of_axes(views, absolute)
     pairs = [f"{a} and {b}" for a, b in alike(r, arm)]
     yield Ability(
@@ -106,10 +104,12 @@ def abilities(
 
 
 def _between_encoders(r: Recording) -> Ability:
-    motions, what = len(np.unique(r.pose)), "what lies between an axis' encoders"
-    can = r.rows == "stream" and motions >= MOTIONS
-    add = "" if can else f"a stream of {MOTIONS} motions, each with its own `pose`"
-    return Ability(what, can, f"{motions} motions read on both sides of gears", add)
+    what, add = "what lies between an axis' encoders", f"a stream of {FEWEST} motions"
+    try:
+        motions_of(r)
+    except Unusable as refusal:
+        return Ability(what, False, " ".join(refusal.faults), add)
+    return Ability(what, True, "motions are read on both sides of gears")
 
 
 def _of_places(r: Recording) -> tuple[str, str]:

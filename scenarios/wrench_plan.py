@@ -5,7 +5,8 @@ six dimensions (Table 5); the other plan asks five drawn for each posture, that 
 six. Networks pre-trained on either are corrected by the same experiment and judged on
 fresh postures, once pulled as in the experiment, once in directions it did not use.
 
-Run:    python -m scenarios.wrench_plan --seeds 0 1 2 3 4 --out results/wrench_plan
+Run:    python -m scenarios.wrench_plan --seeds 0 1 2 3 4 --seeds-of-table-5 0 1 \
+            --out results/wrench_plan
 Takes:  2 min on two cores a seed
 Expect: with Table 5's plan FT-MLP is worse than the springs, most of all where it is
         pulled in other directions; with the spanning plan it is better

@@ -10,6 +10,7 @@ from scenarios.nominal import arm_of
 from scenarios.record import Settings, main
 from scenarios.watching import Watching
 from stiffness.arm import Arm
+from stiffness.diagnosis import mixed_markers
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.set_up import mistakes_of_set_up
 
@@ -116,6 +117,11 @@ def in_base(r: Recording) -> Recording:
 def y_reversed(r: Recording) -> Recording:
     assert r.wrench is not None
     return replace(r, wrench=r.wrench * [1, -1, 1, 1, -1, 1])
+
+
+def x_moment_reversed(r: Recording) -> Recording:
+    assert r.wrench is not None
+    return replace(r, wrench=r.wrench * [1, 1, 1, -1, 1, 1])
 
 
 def columns(*order: int) -> Mistake:
@@ -328,3 +334,29 @@ def test_the_words_name_columns_rows_and_units(cell):
     kilos = pulled(1 / 9.80665, 1 / 9.80665)
     assert "as if in kgf" in words(kilos)
     assert "looks given in kgf" in words(unhung(kilos))
+    assert "Or the controller takes out 90% of the sag" in words(unhung(kilos))
+    assert "tx_nm looks reversed: turned about that axis alone" in words(
+        x_moment_reversed
+    )
+
+
+@pytest.mark.parametrize("share", [0.2, 0.8])
+def test_a_controller_that_takes_out_sag_is_no_other_unit(share, tmp_path):
+    """What 80 % leave is near a pound-force, but not within what postures allow."""
+    recording, arm = recorded(tmp_path / "r", "kr10", "flange", True)
+    frame, standing = recording.base_from_tracker, arm.at(recording.posture)
+    assert frame is not None and recording.points is not None
+    turn = standing.gravity_torque(recording.tool) / arm.stiffness
+    places = [(m.body, np.array(m.position)) for m in recording.markers]
+    jacobians = [standing.jacobian(*place)[:, :3] for place in places]
+    sag = np.stack([np.einsum("rij,rj->ri", j, turn) for j in jacobians], axis=1)
+    points = recording.points - share * sag @ frame[:3, :3]
+    assert said(unhung(lambda r: replace(r, points=points))(recording), arm) == []
+
+
+def test_of_many_visits_some_are_looked_at_and_the_text_says_so(cell, monkeypatch):
+    recording, arm = cell
+    monkeypatch.setattr(mixed_markers, "MANY", 10)
+    wrong = renamed(recording, {1: 3, 3: 1}, visits=[4, 8, 12])
+    (warned,) = mistakes_of_set_up(wrong, arm)
+    assert "in 3 of 10 visits looked at (poses" in warned.text

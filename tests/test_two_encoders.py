@@ -15,6 +15,8 @@ from scenarios.two_encoders.answer import answer_of
 from scenarios.two_encoders.carried_out import carried_out
 from scenarios.two_encoders.compared import compared, rms, whole_rms
 from scenarios.two_encoders.writing import written
+from stiffness.diagnosis.flips import SMALLEST
+from stiffness.two_encoders.motions import SHORTEST
 
 TWIST = {"delay": 0.0, "compliance": 0.0, "wave": 0.0, "play": 0.0}
 ORDER = 97.0
@@ -150,6 +152,19 @@ def test_diagnose_compares_encoders_where_no_tracker_watched(tmp_path):
     assert "3 motions" in few["what lies between an axis' encoders"]
 
 
+def test_check_promises_no_comparison_that_diagnose_refuses(tmp_path):
+    """Three motions of which one is too short are two."""
+    whole = stream(delay=0.004)
+    short = np.flatnonzero(whole.pose == 2)[SHORTEST - 1 :]
+    recording = whole.take(np.setdiff1d(np.arange(len(whole.time)), short))
+    with pytest.raises(Unusable, match="a2 has 2 motions of 50 rows"):
+        compared(recording, real_kr300.MODEL)
+    asked = {a.question: a for a in abilities(recording, arm_of(real_kr300.MODEL), [])}
+    between = asked["what lies between an axis' encoders"]
+    assert not between.can and "3 motions" in between.add
+    assert "a2 has 2 motions of 50 rows" in between.why
+
+
 @pytest.mark.parametrize(("factor", "says"), [(-1.0, "reversed"), (57.3, "unit")])
 def test_a_second_encoder_that_is_read_wrongly_is_said_and_nothing_is_named(
     factor, says, tmp_path
@@ -159,6 +174,7 @@ def test_a_second_encoder_that_is_read_wrongly_is_said_and_nothing_is_named(
     wrong = replace(right, link_posture=factor * right.link_posture)
     answer, told = carried_out(wrong, real_kr300.MODEL, tmp_path / "out")
     assert answer.named == ()
+    assert answer.detection.p_value == SMALLEST
     assert says in told
     assert says in (tmp_path / "out" / "report.md").read_text()
 

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from bench.recording import Recording
 from stiffness.two_encoders.judging import Between, between, shared_delay
-from stiffness.two_encoders.motions import Motion, axes_read_twice, motions_of
+from stiffness.two_encoders.motions import Motion, motions_of
 from stiffness.two_encoders.terms import Term
 
 
@@ -57,7 +57,7 @@ ADDED = tuple(
 
 def rows(recording: Recording) -> Iterator[dict[str, object]]:
     """Yield a row of the table for each effect that is added."""
-    fit = [motions_of(recording, k)[:-1] for k in axes_read_twice(recording)]
+    fit = [own[:-1] for own in motions_of(recording).values()]
     for added in ADDED:
         motions, shared = fit[added.axis], shared_delay(fit, added.axis)
         plain = between(motions, shared)

@@ -12,6 +12,7 @@ from scenarios.two_encoders.answer import answer_of
 from scenarios.two_encoders.compared import compared
 from scenarios.two_encoders.report import first_sentence
 from scenarios.two_encoders.writing import refused, written
+from stiffness.diagnosis.flips import SMALLEST
 from stiffness.two_encoders.motions import axes_read_twice
 
 OFF = 0.2
@@ -40,7 +41,7 @@ def carried_out(recording: Recording, model: Path, out: Path) -> tuple[Answer, s
         The answer, and what was found in one sentence.
 
     Raises:
-        Unusable: Where no axis was read twice in three motions.
+        Unusable: Where an axis was not read twice in three motions, or none was.
     """
     started = time.perf_counter()
     mistakes = tuple(_mistakes(recording))
@@ -88,7 +89,7 @@ def _unnamed(
         schema=1,
         recording=recording.name,
         verdict="unexplained",
-        detection=Detected(0.0, None, None, None),
+        detection=Detected(SMALLEST, None, None, None),
         located=(),
         named=(),
         rivals=(),

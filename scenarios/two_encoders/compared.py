@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from bench.errors import Unusable
 from bench.patch import Patch, rig_of
 from bench.patch_effects import Named
 from bench.recording import Recording
 from stiffness.two_encoders.judging import Between, between, shared_delay
-from stiffness.two_encoders.motions import Motion, axes_read_twice, motions_of
+from stiffness.two_encoders.motions import Motion, motions_of
 
 WINDOW = 0.1
 """Seconds that are averaged beside the full rate; chosen: gear ripple is faster."""
@@ -49,27 +48,15 @@ def compared(recording: Recording, model: Path) -> tuple[Axis, ...]:
     """Fit all motions but the last, and simulate the last one.
 
     Raises:
-        Unusable: Where no axis was read twice in three motions.
+        Unusable: Where an axis was not read twice in three motions, or none was.
     """
-    number = axes_read_twice(recording)
-    if not number:
-        fault = "no axis has an angle after its gear (a1_link_deg …)."
-        raise Unusable(f"Recording {recording.name!r}", [fault])
-    motions = [motions_of(recording, k) for k in number]
-    if any(len(own) < 3 for own in motions):
-        faults = [
-            f"a{k + 1} has {len(own)} motions: two are fitted, one judges; give each "
-            "motion a `pose` of its own, three or more."
-            for k, own in zip(number, motions, strict=True)
-            if len(own) < 3
-        ]
-        raise Unusable(f"Recording {recording.name!r}", faults)
-    fit = [own[:-1] for own in motions]
+    motions = motions_of(recording)
+    fit = [own[:-1] for own in motions.values()]
     axes = []
-    for i, k in enumerate(number):
+    for i, (k, own) in enumerate(motions.items()):
         found = between(fit[i], shared_delay(fit, i))
-        left = _simulated(recording, model, k, motions[i][-1], found)
-        axes.append(Axis(f"a{k + 1}", fit[i], motions[i][-1], found, left))
+        left = _simulated(recording, model, k, own[-1], found)
+        axes.append(Axis(f"a{k + 1}", fit[i], own[-1], found, left))
     return tuple(axes)
 
 

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from stiffness.diagnosis.evidence import Evidence
 from stiffness.diagnosis.flips import (
-    COMPARISONS,
+    SMALLEST,
     Tested,
     families,
     sign_flips,
@@ -61,7 +61,7 @@ class Found:
     def p_value(self) -> float:
         """Return the p-value of the recording: of any block, or of wild poses."""
         wild = float(chi2.sf(self.poses * self.dispersion / WILD, self.poses))
-        return min(self.tested.p_value, max(wild, 1.0 / (1.0 + COMPARISONS)))
+        return min(self.tested.p_value, max(wild, SMALLEST))
 
     @property
     def strongest(self) -> int:

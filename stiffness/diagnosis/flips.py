@@ -21,6 +21,8 @@ from stiffness.diagnosis.evidence import left_of, white_turn, without
 
 COMPARISONS = 4999
 """Chosen: p-values down to 0.0002, and a verdict at 0.005 that rests on 25 of them."""
+SMALLEST = 1.0 / (1.0 + COMPARISONS)
+"""Smallest p-value that is said."""
 AT_ONCE = 500
 """Comparisons made at once; chosen: signs of many poses never fill the memory."""
 

@@ -23,8 +23,9 @@ from stiffness.standing import Standing
 from stiffness.wrench import wrench_in_base
 
 EXPLAINS = 0.8
-"""Share of the deflection that springs must explain in a reading that is believed;
-chosen: in trials of the bench they explain more with every effect of the vocabulary."""
+"""Share of the deflection that springs and what gives way at once must explain
+together in a reading that is believed; chosen: in trials of the bench they explain more
+with every effect of the vocabulary."""
 TENTH = 0.1
 """t0 over the rms of an axis' torque; chosen: play is closed by a tenth of it."""
 

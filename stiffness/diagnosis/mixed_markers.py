@@ -54,8 +54,9 @@ def mixed_markers(recording: Recording, arm: Arm) -> tuple[Mixed, ...]:
         recording: With absolute markers.
         arm: The nominal arm, with the recording's names.
     """
-    _, first = np.unique(recording.visit, return_index=True)
-    first = first[:: -(-len(first) // MANY)]
+    _, every = np.unique(recording.visit, return_index=True)
+    first = every[:: -(-len(every) // MANY)]
+    looked_at = "" if len(first) == len(every) else " looked at"
     sight = Sight.of(arm, recording.take(first), recording.posture[first])
     bodies: dict[str, list[int]] = {}
     for m, marker in enumerate(recording.markers):
@@ -72,7 +73,13 @@ def mixed_markers(recording: Recording, arm: Arm) -> tuple[Mixed, ...]:
             after = _off(_inside(right), right, moved)[visits]
             if np.median(after) < np.median(before) / BETTER:
                 some = len(visits) < len(first)
-                warned = _said(recording, order, moved, first[visits], len(first))
+                warned = _said(
+                    recording,
+                    order,
+                    moved,
+                    first[visits],
+                    f"{len(first)} visits{looked_at}" if some else "",
+                )
                 told.append(Mixed(warned, some or len(own) > len(moved) == 2))
     return tuple(told)
 
@@ -129,16 +136,16 @@ def _said(
     order: tuple[int, ...],
     moved: list[int],
     rows: np.ndarray,
-    count: int,
+    among: str,
 ) -> Warned:
     names = [recording.markers[m].name for m in moved]
     meant = [recording.markers[order[m]].name for m in moved]
     when = ""
-    if len(rows) < count:
+    if among:
         poses = list(Counter(recording.pose[rows].tolist()))
         more = " …" if len(poses) > SHOWN else ""
         shown = ", ".join(map(str, poses[:SHOWN]))
-        when = f" in {len(rows)} of {count} visits (poses {shown}{more})"
+        when = f" in {len(rows)} of {among} (poses {shown}{more})"
     text = (
         f"{' and '.join(names)} look swapped{when}: each is where the other should be."
     )

@@ -11,7 +11,13 @@ from stiffness.diagnosis.diagnosis import Warned
 
 WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
 """What the format calls the columns."""
-PARTS = ((0, 3), (0,), (3,))
+MOVED = {
+    (0, 3): "pulled along and turned about that axis alone, the arm moves against it",
+    (0,): "pulled along that axis alone, the arm moves against it",
+    (3,): "turned about that axis alone, the arm moves against it",
+}
+"""What is seen where a force and its moment, forces or moments are reversed."""
+PARTS = tuple(MOVED)
 """What is in another order or of another sign together: first column of each part."""
 ROWS = ((1, "the row before"), (-1, "the row after"))
 """By how many rows a wrench can come late, and whose it then is."""
@@ -40,7 +46,7 @@ def of_columns(some: Recording) -> Iterator[tuple[Warned, Recording]]:
             sign[[start + i for start in starts]] = -1.0
             names = " and ".join(WRENCH[start + i] for start in starts)
             look = "look" if len(starts) > 1 else "looks"
-            text = f"{names} {look} reversed: the arm moves against that axis alone."
+            text = f"{names} {look} reversed: {MOVED[starts]}."
             warned = Warned("wrench_sign", "wrench_sensor", text)
             yield warned, replace(some, wrench=wrench * sign)
 

@@ -8,6 +8,8 @@ from jaxtyping import Float
 from bench.errors import Unusable
 from bench.recording import Recording
 
+FEWEST = 3
+"""Motions of an axis: two are fitted, one judges."""
 SHORTEST = 50
 """Rows of a motion; chosen: fewer hold no ten stretches of time."""
 STRETCHES = 10
@@ -41,28 +43,34 @@ class Motion:
         return np.minimum(part.astype(int), STRETCHES - 1)
 
 
-def motions_of(recording: Recording, axis: int) -> tuple[Motion, ...]:
-    """Return the motions of an axis, in the order of time.
+def motions_of(recording: Recording) -> dict[int, tuple[Motion, ...]]:
+    """Return the motions of every axis that was read twice, in the order of time.
 
     Raises:
-        Unusable: Where there are not two motions with both encoders.
+        Unusable: Where no axis was, or one not in `FEWEST` motions; with all faults.
     """
     faults = []
     if recording.rows != "stream":
         faults.append('rows are "plateaus"; two encoders are compared in a "stream".')
-    if recording.link_posture is None:
-        faults.append("it has no angles after the gears (a1_link_deg …).")
+    axes = axes_read_twice(recording)
+    if not axes:
+        faults.append("no axis has an angle after its gear (a1_link_deg …).")
+    every = {}
     if not faults:
         ids = np.unique(recording.pose)
-        found = [_motion(recording, axis, int(i)) for i in ids]
-        motions = sorted((m for m in found if m is not None), key=lambda m: m.time[0])
-        if len(motions) >= 2:
-            return tuple(motions)
-        faults.append(
-            f"a{axis + 1} has {len(motions)} motions of {SHORTEST} rows with both "
-            "encoders; give two or more, each with a `pose` of its own."
-        )
-    raise Unusable(f"Recording {recording.name!r}", faults)
+        for axis in axes:
+            found = [_motion(recording, axis, int(i)) for i in ids]
+            motions = sorted((m for m in found if m), key=lambda m: m.time[0])
+            every[axis] = tuple(motions)
+            if len(motions) < FEWEST:
+                faults.append(
+                    f"a{axis + 1} has {len(motions)} motions of {SHORTEST} rows with "
+                    "both encoders: two are fitted, one judges; give each motion a "
+                    f"`pose` of its own, {FEWEST} or more."
+                )
+    if faults:
+        raise Unusable(f"Recording {recording.name!r}", faults)
+    return every
 
 
 def axes_read_twice(recording: Recording) -> tuple[int, ...]:
