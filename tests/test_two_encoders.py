@@ -1,4 +1,5 @@
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -125,6 +126,21 @@ def test_a_motion_that_was_not_fitted_is_predicted_to_the_noise(tmp_path):
     written(tmp_path / "out", axes, answer_of("a gear", axes, 1.0))
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert {"diagnosis.json", "report.html", "before_after.png"} <= names
+
+
+@pytest.mark.parametrize("torque", [True, False])
+def test_the_report_says_of_wind_up_what_the_data_say(torque, tmp_path):
+    recording = stream(compliance=4e-7) if torque else stream(delay=0.004)
+    if not torque:
+        recording = replace(recording, axis_torque=None)
+    axes = compared(recording, real_kr300.MODEL)
+    written(tmp_path / "out", axes, answer_of("a gear", axes, 1.0))
+    text = (tmp_path / "out" / "report.md").read_text()
+    told = re.search(r"Correlation with a2: (torque -(\S+), )?speed [+-]\d", text)
+    assert told is not None and (told[1] is not None) == torque
+    assert not torque or float(told[2]) > 0.9
+    for foregone in ("looks like wind-up", "is a line of speed", "borrows from"):
+        assert foregone not in text
 
 
 def test_a_recording_without_second_encoders_or_motions_is_refused(tmp_path):

@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from matplotlib.figure import Figure as Drawing
-
 from scenarios.diagnosing.schema import Answer
 from scenarios.diagnosing.units import label, span
 from scenarios.reporting.page import Block, Figure, Heading, Paragraph, Table
-from scenarios.reporting.style import GREY, ORANGE, save
 from scenarios.two_encoders.compared import WINDOW, Axis, rms, whole_rms
-from stiffness.two_encoders.judging import columns, fitted
+from scenarios.two_encoders.pictures import before_after, followed, looks_like
+from stiffness.two_encoders.judging import BORROWED, columns, fitted
 from stiffness.two_encoders.terms import Term
 
 URAD = 1e6
@@ -30,8 +28,8 @@ def first_sentence(axes: Sequence[Axis], answer: Answer) -> str:
 
 def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]:
     """Draw the pictures and return the report."""
-    _before_after(axes, folder / "before_after.png")
-    _looks_like(axes, folder / "looks_like.png")
+    before_after(axes, folder / "before_after.png")
+    looks_like(axes, folder / "looks_like.png")
     return [
         Figure(
             "The second encoder beside the first on the judged motion: a rigid gear "
@@ -68,11 +66,7 @@ def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]
                 for n in answer.named
             ],
         ),
-        Figure(
-            "Why it looks like wind-up: it follows the torque (left), since "
-            "a moving axis needs torque, but it is a line of speed (right).",
-            "looks_like.png",
-        ),
+        Figure(followed(axes), "looks_like.png"),
         Heading("What was refused, and why"),
         Table(
             "Tried after what was believed; each must make motions that it was not "
@@ -93,13 +87,24 @@ def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]
                 for t in a.found.refused
             ],
         ),
-        Paragraph(
-            "Torque is the motor's, friction included, and friction goes with speed: "
-            "that is how a compliance borrows from a delay. With friction's constant "
-            "part taken off, its part that grows with speed still looks like a delay: "
-            "where one instrument reads all second encoders, their common delay tells."
-        ),
+        *_borrowing(axes),
     ]
+
+
+def _borrowing(axes: Sequence[Axis]) -> list[Block]:
+    """Explain a compliance that was refused since it lives on the delay."""
+    refused = [
+        t for a in axes for t in a.found.refused if t.reason.startswith(BORROWED)
+    ]
+    if not any(t.term.effect == "joint_compliance" for t in refused):
+        return []
+    text = (
+        "Torque is the motor's, friction included, and friction goes with speed: "
+        "that is how a compliance borrows from a delay. With friction's constant "
+        "part taken off, its part that grows with speed still looks like a delay: "
+        "where one instrument reads all second encoders, their common delay tells."
+    )
+    return [Paragraph(text)]
 
 
 def _named(term: Term) -> str:
@@ -114,33 +119,3 @@ def _with(axis: Axis, term: Term) -> float:
     terms = (*axis.found.terms, term)
     x, _ = fitted(terms, axis.fitted)
     return whole_rms(axis.judged.apart - columns(terms, axis.judged) @ x)
-
-
-def _before_after(axes: Sequence[Axis], file: Path) -> None:
-    figure = Drawing(figsize=(11, 2.1 * len(axes)), layout="constrained")
-    plots = figure.subplots(len(axes), 1, squeeze=False, sharex=True)[:, 0]
-    for ax, a in zip(plots, axes, strict=True):
-        time = a.judged.time - a.judged.time[0]
-        ax.plot(time, URAD * a.before, color=GREY, lw=1)
-        ax.plot(time, URAD * a.after, color=ORANGE, lw=0.8)
-        sizes = [URAD * whole_rms(x) for x in (a.before, a.after)]
-        ax.set_ylabel(f"{a.name} [µrad]")
-        ax.set_title(f"{sizes[0]:.0f} → {sizes[1]:.0f} µrad rms", size=9, loc="right")
-    plots[-1].set_xlabel("time [s]")
-    save(figure, file)
-
-
-def _looks_like(axes: Sequence[Axis], file: Path) -> None:
-    figure = Drawing(figsize=(11, 2.6 * len(axes)), layout="constrained")
-    plots = figure.subplots(len(axes), 2, squeeze=False)
-    for (left, right), a in zip(plots, axes, strict=True):
-        for m in (*a.fitted, a.judged):
-            colour = ORANGE if m is a.judged else GREY
-            look = {"color": colour, "ms": 1.5, "rasterized": True}
-            if m.torque is not None:
-                left.plot(m.torque / 1e3, URAD * m.apart, ".", **look)
-            right.plot(m.speed, URAD * m.apart, ".", **look)
-        left.set_ylabel(f"{a.name}: after − before [µrad]")
-    plots[-1][0].set_xlabel("torque of the motor [kN m]")
-    plots[-1][1].set_xlabel("speed [rad/s]")
-    save(figure, file)

@@ -26,6 +26,8 @@ from stiffness.two_encoders.motions import STRETCHES, Motion
 from stiffness.two_encoders.terms import Term, plain_terms, strongest_waves
 
 MARGIN = 2.0
+BORROWED = "it lives on the delay"
+"""How the reason begins where a term was refused for the delay that it would change."""
 RESTS = 0.1
 """Share of a motion's mean speed below which a stretch is at rest and tells nothing."""
 MOST_TERMS = 12
@@ -142,7 +144,7 @@ def _borrowed(
     if abs(new - old) <= half or abs(new - shared) <= abs(old - shared):
         return ""
     return (
-        f"it lives on the delay, which would go from {1e3 * old:.2f} ± "
+        f"{BORROWED}, which would go from {1e3 * old:.2f} ± "
         f"{1e3 * half:.2f} to {1e3 * new:.2f} ms, away from the other axes' "
         f"{1e3 * shared:.2f}"
     )
