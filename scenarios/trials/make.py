@@ -17,7 +17,7 @@ from bench.effects.effect import Effect
 from bench.effects.joint_compliance import JointCompliance
 from bench.effects.pulley_friction import PulleyFriction
 from bench.effects.tracker_misalignment import TrackerMisalignment
-from bench.errors import BenchError, Unusable
+from bench.errors import BenchError
 from bench.instruments.chance import streams
 from bench.load_path import DEFAULT_PATH, parse_path
 from bench.model_file import load, plain_mjcf
@@ -73,7 +73,7 @@ def make(trial: Trial, folder: Path, poses: int) -> Made:
         kinds = kinds_of(trial, draw, attempt)
         try:
             return _carried_out(trial, kinds, draw, folder, poses, attempt)
-        except (OutOfReach, Unusable) as error:
+        except BenchError as error:  # out of reach, or no rest under so much
             faults.append(str(error).partition("\n")[0])
     raise BenchError(f"Trial {trial.label} cannot be made: {'; '.join(faults[-3:])}")
 

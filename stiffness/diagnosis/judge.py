@@ -22,6 +22,9 @@ CONTRADICTS = 0.002
 """Share of what a name explains that may be left over beside it, where the residual
 test rejects, before the name is taken back. Chosen: rightly named effects leave nothing
 that the test rejects, wrong ones of the same place a hundredth and more."""
+DWARFS = 0.1
+"""The same, where what is left over is elsewhere. Chosen: a name may stand beside a
+stranger that is ten times weaker; one that is not may be what feigns it."""
 
 ANYWHERE = ("wrench_sensor", "rig", "tracker")
 """Places of instruments, whose faults show all over the arm."""
@@ -45,11 +48,11 @@ def contradicted(
 ) -> list[bool]:
     """Return which members are contradicted.
 
-    By what is left at their own place, or by a law that is another at other poses,
-    loads or times. With a name that is taken back go all weaker ones: they mended a
-    wrong law.
+    By what is left at their own place, by much that is left anywhere, or by a law that
+    is another at other poses, loads or times. With a name that is taken back go all
+    weaker ones: they mended a wrong law.
     """
-    near = _contradicted_nearby(named, gains)
+    near = _contradicted_by_what_is_left(named, gains)
     answer = [
         gone or differs(found, gain)
         for gone, found, gain in zip(near, uneven, gains, strict=True)
@@ -65,7 +68,7 @@ def differs(found: Uneven, gain: float) -> bool:
     return found.p_value < ALARM and found.captured > DIFFERS * gain
 
 
-def _contradicted_nearby(named: Named, gains: Sequence[float]) -> list[bool]:
+def _contradicted_by_what_is_left(named: Named, gains: Sequence[float]) -> list[bool]:
     left = named.left
     if left.tested.p_value >= ALARM:
         return [False] * len(gains)
@@ -73,7 +76,7 @@ def _contradicted_nearby(named: Named, gains: Sequence[float]) -> list[bool]:
     excess = float(left.tested.captured[at] - left.tested.freedom[at])
     loudest = left.where[at] or left_over(left)
     return [
-        _near(member, loudest) and excess > CONTRADICTS * gain
+        excess > (CONTRADICTS if _near(member, loudest) else DWARFS) * gain
         for member, gain in zip(named.best.fit.members, gains, strict=True)
     ]
 

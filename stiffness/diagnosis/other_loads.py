@@ -9,6 +9,10 @@ from bench.recording import Recording
 from stiffness.arm import Arm
 from stiffness.diagnosis.diagnosis import Warned
 from stiffness.diagnosis.other_readings import of_angles
+from stiffness.diagnosis.set_up_sizes import KGF, LBF
+
+FORCES = (("kgf", KGF), ("lbf", LBF))
+"""Other units of force, in N."""
 
 
 def of_loads(some: Recording, arm: Arm) -> Iterator[tuple[Warned, Recording]]:
@@ -33,6 +37,13 @@ def of_loads(some: Recording, arm: Arm) -> Iterator[tuple[Warned, Recording]]:
         text = f"the {part} looks reversed: the arm moves against it, not the rest."
         warned = Warned("wrench_sign", "wrench_sensor", text)
         yield warned, replace(some, wrench=wrench * sign)
+    for unit, size_in_n in FORCES:
+        text = (
+            f"the forces look as if given in {unit}, the torques in Nm: they fit "
+            f"together with the forces times {size_in_n:g}. N is expected."
+        )
+        meant = wrench * np.array([size_in_n] * 3 + [1.0] * 3)
+        yield Warned("units", "wrench_sensor", text), replace(some, wrench=meant)
     for factor in (1e3, 1e-3):
         size = np.array([1.0] * 3 + [factor] * 3)
         text = (
