@@ -22,6 +22,7 @@ from stiffness.diagnosis.diagnosis import (
     Warned,
 )
 from stiffness.diagnosis.evidence import evidence_of
+from stiffness.diagnosis.flips import SMALLEST
 from stiffness.diagnosis.hypotheses import HYPOTHESES
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.library import library_of, springs_of
@@ -159,7 +160,7 @@ def _stopped(
     recording: Recording, mistakes: tuple[Warned, ...], started: float
 ) -> Diagnosis:
     """Name no effect while a mistake of the set-up stands."""
-    detection = Detection(1.0 / 5000.0, np.nan, np.nan, np.nan)
+    detection = Detection(SMALLEST, np.nan, np.nan, np.nan)
     where = Unexplained(mistakes[0].where, mistakes[0].text, {}, np.nan)
     return Diagnosis(
         recording.name,
