@@ -58,6 +58,12 @@ def wrench_in_base(
     return turned
 
 
+def felt_body(recording: Recording) -> str:
+    """Return what the wrench acts on: the sensor's body, or the flange."""
+    sensor = recording.wrench_sensor
+    return "flange" if sensor is None else sensor.body
+
+
 def sensor_in_flange(arm: Arm, recording: Recording) -> Float[np.ndarray, "3"]:
     """Return the force sensor's origin in the flange's frame, in m.
 

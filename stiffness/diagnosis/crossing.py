@@ -62,3 +62,17 @@ def cross_of(
         total -= between.projected(near, far, of_visit)
         score -= by_unknown @ between.taken(far.sum(axis=0))
     return total, score
+
+
+def beside_many(
+    cross: Float[np.ndarray, "folds few both"],
+    gram: Float[np.ndarray, "folds many many"],
+) -> Float[np.ndarray, "folds both both"]:
+    """Return the products of a few columns and many, the few first, with each other.
+
+    Args:
+        cross: Of the few with themselves, then with the many.
+        gram: Of the many.
+    """
+    below = np.concatenate([cross[..., cross.shape[1] :].swapaxes(1, 2), gram], axis=2)
+    return np.concatenate([cross, below], axis=1)

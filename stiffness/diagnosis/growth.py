@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from stiffness.diagnosis.case import Case
-from stiffness.diagnosis.crossing import cross_of
+from stiffness.diagnosis.crossing import beside_many, cross_of
 from stiffness.diagnosis.flips import white_scores
 from stiffness.diagnosis.member import Member, SetFit, solve
 from stiffness.diagnosis.refine import shape_columns
@@ -85,9 +85,8 @@ def _beside(case: Case, fit: SetFit) -> _Beside:
         owned.append(np.arange(start, end))
     every, fold = [*known, *case.library.signatures], case.evidence.fold
     side, score = cross_of(case.data, known, every, fold)
-    below = np.concatenate([side[..., end:].swapaxes(1, 2), case.evidence.gram], 2)
     mask = ~case.split.held_out
-    gram = np.concatenate([side, below], axis=1)[np.unique(fold[mask])].sum(axis=0)
+    gram = beside_many(side, case.evidence.gram)[np.unique(fold[mask])].sum(axis=0)
     raw = np.concatenate([np.diag(gram)[:end], case.evidence.raw])
     total = score[mask].sum(axis=0)
     return _Beside(gram, total, np.maximum(raw, 0.0), tuple(laws), tuple(owned), end)

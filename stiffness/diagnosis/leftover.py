@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stiffness.diagnosis.case import Case
-from stiffness.diagnosis.crossing import cross_of
+from stiffness.diagnosis.crossing import beside_many, cross_of
 from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.detect import Found, detect
 from stiffness.diagnosis.evidence import Evidence, evidence_of, projected
@@ -28,8 +28,7 @@ def what_is_left(case: Case, fit: SetFit) -> Found:
     count = own.gram.shape[1]
     every = [*known, *case.library.signatures]
     side, score = cross_of(after.data, known, every, fold)
-    below = np.concatenate([side[..., count:].swapaxes(1, 2), case.evidence.gram], 2)
-    gram = np.concatenate([side, below], axis=1)
+    gram = beside_many(side, case.evidence.gram)
     raw = np.concatenate([own.raw, case.evidence.raw])
     joint = Evidence(gram, score, fold, raw)
     named = {member.name for member in fit.members}

@@ -22,7 +22,7 @@ from stiffness.arm import Arm
 from stiffness.diagnosis.situation import Situation
 from stiffness.equilibrium import equilibrium
 from stiffness.standing import Standing
-from stiffness.wrench import wrench_in_base
+from stiffness.wrench import felt_body, wrench_in_base
 
 
 def situation_of(
@@ -165,17 +165,15 @@ def _carried(
         at = standing.point("flange", tool.com)
         pulls.append((tip, tool.mass * chain.gravity, at))
     if recording.wrench is not None:
-        spec = recording.wrench_sensor
-        body = "flange" if spec is None else spec.body
-        pulls.append((standing.place(body).axis, wrench[:, :3], sensor))
+        felt = standing.place(felt_body(recording)).axis
+        pulls.append((felt, wrench[:, :3], sensor))
     for axis, pull, at in pulls:
         for place in [0, *(k + 1 for k in chain.carriers(axis))]:
             arm = at - origin[:, place]
             force[:, place] += pull
             moment[:, place] += np.cross(arm, np.broadcast_to(pull, arm.shape))
     if recording.wrench is not None:
-        spec = recording.wrench_sensor
-        body = "flange" if spec is None else spec.body
-        for place in [0, *(k + 1 for k in chain.carriers(standing.place(body).axis))]:
+        felt = standing.place(felt_body(recording)).axis
+        for place in [0, *(k + 1 for k in chain.carriers(felt))]:
             moment[:, place] += wrench[:, 3:]
     return force, moment

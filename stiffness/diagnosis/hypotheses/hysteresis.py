@@ -13,7 +13,7 @@ Ignores     the spread of several slipping elements and a rounded stop, dz = (1 
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -89,15 +89,12 @@ def stop(
         settled: Whether it starts from its middle at the first reading of a visit; else
             torque has grown from zero to there.
     """
-    path = situation.torque[situation.steps, axis]  # (visits, longest) N m
-    state = np.empty_like(path)
-    last = np.zeros(len(path))
-    before = path[:, 0] if settled else np.zeros(len(path))
-    for step in range(path.shape[1]):
-        last = np.clip(last + path[:, step] - before, -slip, slip)
-        before = path[:, step]
-        state[:, step] = last / max(slip, np.finfo(float).tiny)  # 0: never loaded
-    return situation.from_steps(state)
+
+    def slipped(last: np.ndarray, before: np.ndarray, now: np.ndarray) -> np.ndarray:
+        return np.clip(last + now - before, -slip, slip)
+
+    state = _along_visits(situation, axis, settled, slipped)
+    return state / max(slip, np.finfo(float).tiny)  # 0: never loaded
 
 
 def rounded(
@@ -113,14 +110,35 @@ def rounded(
         slip: Torque over which the state follows a turn to 1 - 1/e, in N m.
         settled: As in `stop`.
     """
+
+    def followed(last: np.ndarray, before: np.ndarray, now: np.ndarray) -> np.ndarray:
+        change = now - before
+        end = np.sign(change)
+        return end + (last - end) * np.exp(-np.abs(change) / max(slip, 1e-300))
+
+    return _along_visits(situation, axis, settled, followed)
+
+
+def _along_visits(
+    situation: Situation,
+    axis: int,
+    settled: bool,
+    moved: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
+) -> Float[np.ndarray, " rows"]:
+    """Take a state, from 0, along an axis' torque in each visit.
+
+    Args:
+        situation: With the torque and the order of rows.
+        axis: Which one, counted from 0.
+        settled: As in `stop`.
+        moved: New state from the old one and the torque before and now, in N m.
+    """
     path = situation.torque[situation.steps, axis]  # (visits, longest) N m
     state = np.empty_like(path)
     last = np.zeros(len(path))
     before = path[:, 0] if settled else np.zeros(len(path))
     for step in range(path.shape[1]):
-        change = path[:, step] - before
-        end = np.sign(change)
-        last = end + (last - end) * np.exp(-np.abs(change) / max(slip, 1e-300))
+        last = moved(last, before, path[:, step])
         before = path[:, step]
         state[:, step] = last
     return situation.from_steps(state)

@@ -15,6 +15,7 @@ from jaxtyping import Float
 
 from stiffness.diagnosis.signature import Part, Signature, Turn
 from stiffness.diagnosis.situation import Situation
+from stiffness.wrench import felt_body
 
 ROUNDING = 1e-9
 """Torque in N m that only rounding makes; chosen: far below any sensor's."""
@@ -70,8 +71,7 @@ def torque_at_sensor(
     situation: Situation, wrench: Float[np.ndarray, "rows 6 columns"]
 ) -> Float[np.ndarray, "rows axes columns"]:
     """Return the torques of wrenches at the sensor's origin, along the base's axes."""
-    sensor = situation.recording.wrench_sensor
-    body = "flange" if sensor is None else sensor.body
+    body = felt_body(situation.recording)
     return torque_of(situation, body, wrench[:, :3], wrench[:, 3:], situation.sensor)
 
 
@@ -104,16 +104,13 @@ def turned_load(situation: Situation, k: int) -> Float[np.ndarray, "rows axes 1"
     Returns:
         Torque in N m per radian (metre).
     """
-    sensor = situation.recording.wrench_sensor
-    body = "flange" if sensor is None else sensor.body
-    carriers = list(situation.arm.chain.carriers(situation.arm.place(body).axis))
+    arm, sensor = situation.arm, situation.recording.wrench_sensor
+    carriers = arm.chain.carriers(arm.place(felt_body(situation.recording)).axis)
     torque = np.zeros((situation.rows, len(situation.axes), 1))
     if k not in carriers:
         return torque
-    before, beyond = (
-        carriers[carriers.index(k) + 1 :],
-        carriers[: carriers.index(k) + 1],
-    )
+    own = carriers.index(k) + 1
+    beyond, before = carriers[:own], carriers[own:]
     twist = situation.screw[:, k]
     shift = twist[:, :3] + np.cross(twist[:, 3:], situation.sensor)
     force, moment = situation.wrench[:, :3], situation.wrench[:, 3:]
