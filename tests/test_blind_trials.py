@@ -17,13 +17,15 @@ from bench.effects.tracker_scale import TrackerScale
 from bench.errors import BenchError, Unusable
 from bench.experiment import record
 from bench.instruments import Instruments, Markers
+from bench.load_path import DEFAULT_PATH
 from bench.outsiders import OUTSIDERS
 from bench.rig import Rig
+from bench.tour import tour
 from scenarios import blind_trials
 from scenarios.trials import sweep as sweeping
 from scenarios.trials.answer import Question, Settings, answered, main
 from scenarios.trials.arms import BUILDS, arm_of
-from scenarios.trials.concealed import Ground, drawn
+from scenarios.trials.concealed import PERIODIC, Ground, drawn, turning
 from scenarios.trials.coverage import covered_by
 from scenarios.trials.draw import kinds_of, trial_of, trials_of
 from scenarios.trials.forms import knees_of
@@ -91,7 +93,8 @@ def test_every_name_that_plateaus_can_show_has_its_turn():
 def test_effect_is_drawn_where_it_can_sit_and_can_be_any_size(kind, arm, tmp_path):
     rig = Rig(arm_of(arm, 1, tmp_path).file)
     bodies = [rig.nominal.body(b).name for b in range(rig.nominal.nbody)]
-    ground = Ground(rig.anatomy, bodies, ["link2_a"], 1000.0, knees_of(rig))
+    hinges = turning(rig.anatomy, rig.nominal.jnt_range.T)
+    ground = Ground(rig.anatomy, bodies, ["link2_a"], 1000.0, knees_of(rig), hinges)
     draw = np.random.default_rng(1)
     for _ in range(5):
         effect = drawn(kind, draw, ground)
@@ -100,6 +103,17 @@ def test_effect_is_drawn_where_it_can_sit_and_can_be_any_size(kind, arm, tmp_pat
         before, after = effect.parameters(), smaller.parameters()
         assert before != after
         assert_allclose_parameters(scaled(smaller, 4.0).parameters(), before)
+
+
+@pytest.mark.parametrize("kind", PERIODIC, ids=lambda kind: kind.__name__)
+def test_what_comes_again_is_drawn_only_where_an_axis_turns(kind):
+    rig = Rig(trial_of(0, "null", 0).robot)
+    posture = tour(rig, 151, DEFAULT_PATH, 0, 1).posture
+    turns = turning(rig.anatomy, posture)
+    assert turns == ("a1", "a2", "a3", "a5", "a6")  # Table 1 leaves a4 at rest
+    ground = Ground(rig.anatomy, [], [], 1000.0, knees_of(rig), turns)
+    draw = np.random.default_rng(1)
+    assert {drawn(kind, draw, ground).where for _ in range(60)} == set(turns)
 
 
 def assert_allclose_parameters(one, other):

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from bench.anatomy import Anatomy
 from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
@@ -33,6 +34,7 @@ class Ground:
         markers: The names of the marks that are followed.
         lasts: How long the experiment lasts, in s.
         knees: Torque in N m at which each axis' gear begins to harden.
+        turning: The axes that turn far in this experiment.
     """
 
     arm: Anatomy
@@ -40,10 +42,14 @@ class Ground:
     markers: Sequence[str]
     lasts: float
     knees: Mapping[str, float]
+    turning: Sequence[str]
 
 
 PERIODIC = (AngleDependentStiffness, GravityCompensator, TransmissionError)
-"""What comes again turn after turn; a slide has no turns."""
+"""What comes again turn after turn; an axis that does not turn shows nothing of it."""
+TURNS = 1.0
+"""Angle in rad that an axis goes through to be called turning; chosen: a sixth of a
+period of the slowest."""
 
 
 def drawn(kind: type[Effect], draw: np.random.Generator, ground: Ground) -> Effect:
@@ -61,10 +67,10 @@ def drawn(kind: type[Effect], draw: np.random.Generator, ground: Ground) -> Effe
         known += [f"marker:{name}" for name in ground.markers]
     if kind in BETWEEN_AXES:
         known.remove(arm.links[-1])
-    turning = [a for a, slides in zip(arm.axes, arm.slides, strict=True) if not slides]
+    hinges = [a for a, slides in zip(arm.axes, arm.slides, strict=True) if not slides]
     if kind in PERIODIC:
-        known = [place for place in known if place in turning]
-    partners = partners_of(kind, turning)
+        known = [place for place in known if place in ground.turning]
+    partners = partners_of(kind, hinges)
     effect = kind(where=str(draw.choice(list(partners or known))))
     if partners:
         return coupled(effect, draw, partners[effect.where])
@@ -74,3 +80,16 @@ def drawn(kind: type[Effect], draw: np.random.Generator, ground: Ground) -> Effe
     if isinstance(effect, MarkerSlip):
         effect = replace(effect, time_s=ground.lasts * float(draw.uniform(0.25, 0.75)))
     return effect
+
+
+def turning(arm: Anatomy, posture: Float[np.ndarray, "visits axes"]) -> tuple[str, ...]:
+    """Return the hinges that go through more than a small part of a turn.
+
+    Args:
+        arm: The names of the arm's parts.
+        posture: Where the experiment goes, in rad.
+    """
+    far = np.ptp(posture, axis=0) >= TURNS
+    return tuple(
+        a for a, s, f in zip(arm.axes, arm.slides, far, strict=True) if f and not s
+    )

@@ -25,7 +25,7 @@ from bench.recording import Recording
 from bench.rig import Rig
 from bench.tour import tour
 from scenarios.reporting.truth_file import truth_text
-from scenarios.trials.concealed import Ground, drawn
+from scenarios.trials.concealed import Ground, drawn, turning
 from scenarios.trials.draw import Trial, kinds_of
 from scenarios.trials.forms import knees_of
 from scenarios.trials.sized import Bench, sized
@@ -93,7 +93,14 @@ def _carried_out(
     bodies = [model.body(b).name for b in range(model.nbody)]
     stuck = trial.instruments.markers.stick(model, arm, streams(trial.seed))
     marks = [s.marker.name for s in stuck]
-    ground = Ground(arm, bodies, marks, float(plan.time[-1]), knees_of(nominal))
+    ground = Ground(
+        arm,
+        bodies,
+        marks,
+        float(plan.time[-1]),
+        knees_of(nominal),
+        turning(arm, plan.posture),
+    )
     effects = [drawn(kind, draw, ground) for kind in kinds]
     if len({(e.name, e.where) for e in effects}) < len(effects):
         raise OutOfReach("The same effect was drawn twice.")
