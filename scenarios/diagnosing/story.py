@@ -63,8 +63,8 @@ def _detected(finding: Finding) -> str:
             return f"No law was found in what differs ({p}): {sizes}."
         least = found.smallest_effect_that_would_show_mm
         shown = "" if least is None else (
-            f" An effect that moves the marks by {1e3 * least:.2g} µm rms would have "
-            "shown."
+            " A named effect of which the nominal fit leaves "
+            f"{1e3 * least:.2g} µm rms would have shown."
         )  # fmt: skip
         return f"Simulation and recording agree ({p}): {sizes}.{shown}"
     return f"Simulation and recording differ ({p}): {sizes}."

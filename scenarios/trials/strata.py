@@ -1,6 +1,7 @@
 """What is tried, and how well it has to go, is written down before anything is tried.
 
-The bars are those of the project's plan: shares of trials, not to be moved.
+The bars are those of the project's plan: shares of trials, not to be moved. The last is
+our own: it holds the diagnosis to the smallest effect that it says would have shown.
 """
 
 from dataclasses import dataclass
@@ -49,6 +50,7 @@ STRATA = {
             path="0,2.5,5,7.5,10",
         ),
         Stratum("second_law", "a name in the form of another law", (400.0,)),
+        Stratum("one_45", "one effect that should just show", (45.0,)),
     )
 }
 """In this order for ever, for seeds count them; what comes anew goes to the end."""
@@ -89,5 +91,6 @@ BARS = (
     Bar(("memory",), "told_apart", 0.90),
     Bar(("memory_blind",), "declared", 0.90),
     Bar(("second_law",), "right", 0.97),
+    Bar(("one_45",), "detected", 0.90),
 )
 """Coverage of intervals, gain and time are no shares of trials: see `rates`."""

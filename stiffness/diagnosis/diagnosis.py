@@ -41,7 +41,8 @@ class Detection:
         p_value: Of nothing being there; poses' signs flipped.
         residual_rms: After the nominal fit, 3-D per reading, in m.
         noise_rms: What the instruments' noise alone would leave, in m.
-        smallest_effect: Displacement rms that these data would have shown, in m.
+        smallest_effect: Displacement rms per reading that an effect must have, beyond
+            what is fitted silently, to be seen nine times in ten, in m.
     """
 
     p_value: float
