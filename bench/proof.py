@@ -17,7 +17,7 @@ from bench.one_chain import moving
 from bench.patch import Patch, effects_of, rig_of, with_arm
 from bench.patch_effects import named
 from bench.proving.channels import Channel, channels_of
-from bench.proving.gauge import Gauge, gauge_of
+from bench.proving.gauge import Gauge, gauge_of, means_count
 from bench.proving.laid_out import in_model, mounted_on, world_of
 from bench.proving.refining import refined
 from bench.proving.silent import fitted
@@ -26,14 +26,6 @@ from bench.proving.world import Assumed, World
 from bench.recording import Recording
 from bench.rig import RIGID
 
-SEEN_IN_MEANS = frozenset(
-    {
-        *("gravity_load", "gravity_compensator", "geometry_error", "encoder_offset"),
-        *("transmission_error", "tracker_scale", "tracker_misalignment", "drift"),
-        *("marker_slip", "wrench_bias"),
-    }
-)
-"""Effects that show in where markers stand, hardly in how the load moves them."""
 MOST_ROWS = 3000
 """Rows that are simulated at most: whole visits (instants of a stream) are left out."""
 FIRST_ROUNDS = 1
@@ -102,12 +94,10 @@ def prove(
     bare = rig_of(replace(patch, effects=(), laws=()), arm_file)
     world = world_of(recording, bare, own)
     held = np.isin(recording.pose, held_out)
-    absolute = recording.displacement == "absolute" and any(
-        effect.name in SEEN_IN_MEANS for effect in own
-    )
-    gauge = gauge_of(world, absolute, ~held)
     start = _start(recording, patch, rig)
-    nominal = fitted(world, replace(start, rig=bare), gauge, FIRST_ROUNDS + 2)
+    unpatched = replace(start, rig=bare)
+    gauge = gauge_of(world, means_count(world, unpatched, start), ~held)
+    nominal = fitted(world, unpatched, gauge, FIRST_ROUNDS + 2)
     patched, slope = nominal, np.zeros((world.replay.rows, 0, 0))
     if own:
         patched = fitted(world, start, gauge, FIRST_ROUNDS)
@@ -121,7 +111,7 @@ def prove(
         trials += left_outs(world, nominal, patched, slope, used)
     return Proof(
         held_out=tuple(int(p) for p in held_out),
-        absolute=absolute,
+        absolute=gauge.absolute,
         markers=markers,
         angles=angles,
         trials=tuple(trials),

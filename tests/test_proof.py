@@ -291,6 +291,22 @@ def test_a_law_without_a_name_is_proved_as_a_table(kr10, held):
     assert found.patch.laws == (law,)
 
 
+@pytest.mark.parametrize("rows", [1, 3])
+def test_what_gravity_winds_up_is_proved_where_no_load_comes_and_goes(kr10, rows):
+    """One reading a visit, or several of the same: differences within prove nothing."""
+    rig, soft = Rig(kr10), LostMotion("a3", width_rad=4e-4, closing_nm=2.0)
+    plan = tour(rig, 40, parse_path(",".join(["0"] * rows)), 0, 0)
+    instruments = Instruments(Tracker(), markers=Markers(placement=5e-4))
+    seen = record(Rig(kr10, (soft,)), plan, instruments, SEED)
+    bare = replace(seen, wrench=None, wrench_sensor=None)
+    held = tuple(int(p) for p in np.unique(seen.pose)[::4])
+    found = prove(bare, kr10, patch(soft), held, thorough=False)
+    assert found.absolute
+    marks = of_markers(found)
+    assert 0.0 < marks.after < 1.1 * marks.noise < marks.before / 1.5
+    assert marks.low > 0.0
+
+
 @pytest.mark.parametrize("what", ["relative", "flange", "base", "gaps"])
 def test_any_recording_of_the_format_can_be_proved(
     what, recording, kr10, held, laid_out

@@ -2,7 +2,8 @@
 
 An effect that the load brings about shows in how markers move while the load comes and
 goes; there each marker's mean over a visit says nothing and is taken off. An effect of
-geometry shows in the means alone; then nothing is taken off.
+geometry shows in the means alone, and so does every effect where no load comes and
+goes; then nothing is taken off.
 """
 
 from dataclasses import dataclass
@@ -10,7 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from bench.proving.world import Seen, World
+from bench.proving.world import Assumed, Seen, World
+
+SEEN_IN_MEANS = frozenset(
+    {
+        *("gravity_load", "gravity_compensator", "geometry_error", "encoder_offset"),
+        *("transmission_error", "tracker_scale", "tracker_misalignment", "drift"),
+        *("marker_slip", "wrench_bias"),
+    }
+)
+"""Effects that show in where markers stand, hardly in how the load moves them."""
+FAINT = 9.0
+"""Sum of squares, in sigmas of a reading, of what all differences within visits could
+show; chosen: below three sigmas in all, knowing its form would not make it visible."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +41,33 @@ class Gauge:
     sigma: float
     angle_sigma: float
     keep: Bool[np.ndarray, " rows"]
+
+
+def means_count(world: World, nominal: Assumed, patched: Assumed) -> bool:
+    """Return whether readings are compared as they are, means of visits included.
+
+    Args:
+        world: The recording.
+        nominal: The arm without what is to be proved.
+        patched: With it; the same arm where nothing is.
+    """
+    if world.recording.displacement != "absolute":
+        return False
+    own = [e for e in patched.rig.effects if e not in nominal.rig.effects]
+    if any(effect.name in SEEN_IN_MEANS for effect in own):
+        return True
+    every = gauge_of(world, True, np.ones(world.replay.rows, dtype=bool))
+    seen = world.see(patched)
+    if own:  # what it does to readings
+        away = residual_of(world, world.see(nominal), every)
+        away = away - residual_of(world, seen, every)
+    elif seen.point.size:  # where markers go
+        away = np.reshape(seen.point, (len(seen.point), -1))
+    else:
+        return False
+    sigma = sigma_of(world, every)[: away.shape[1]]
+    within = centred(away, world.replay.visit, every.keep) / sigma
+    return float(np.nansum(within**2)) < FAINT
 
 
 def gauge_of(world: World, absolute: bool, keep: np.ndarray) -> Gauge:
