@@ -92,13 +92,12 @@ def test_every_name_that_plateaus_can_show_has_its_turn():
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
 def test_effect_is_drawn_where_it_can_sit_and_can_be_any_size(kind, arm, tmp_path):
     rig = Rig(arm_of(arm, 1, tmp_path).file)
-    bodies = [rig.nominal.body(b).name for b in range(rig.nominal.nbody)]
     hinges = turning(rig.anatomy, rig.nominal.jnt_range.T)
-    ground = Ground(rig.anatomy, bodies, ["link2_a"], 1000.0, knees_of(rig), hinges)
+    ground = Ground(rig.anatomy, ["link2_a"], 1000.0, knees_of(rig), hinges)
     draw = np.random.default_rng(1)
     for _ in range(5):
         effect = drawn(kind, draw, ground)
-        assert misplaced(effect, rig.anatomy, bodies) == []
+        assert misplaced(effect, rig.anatomy) == []
         smaller = scaled(effect, 0.25)
         before, after = effect.parameters(), smaller.parameters()
         assert before != after
@@ -111,7 +110,7 @@ def test_what_comes_again_is_drawn_only_where_an_axis_turns(kind):
     posture = tour(rig, 151, DEFAULT_PATH, 0, 1).posture
     turns = turning(rig.anatomy, posture)
     assert turns == ("a1", "a2", "a3", "a5", "a6")  # Table 1 leaves a4 at rest
-    ground = Ground(rig.anatomy, [], [], 1000.0, knees_of(rig), turns)
+    ground = Ground(rig.anatomy, [], 1000.0, knees_of(rig), turns)
     draw = np.random.default_rng(1)
     assert {drawn(kind, draw, ground).where for _ in range(60)} == set(turns)
 

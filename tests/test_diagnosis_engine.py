@@ -27,7 +27,7 @@ from stiffness.diagnosis.by_pose import by_pose
 from stiffness.diagnosis.columns import columns_of, levers
 from stiffness.diagnosis.crossing import cross_of
 from stiffness.diagnosis.deferred import Deferred
-from stiffness.diagnosis.detect import ALARM, Found
+from stiffness.diagnosis.detect import ALARM, MEASURED, MISSTATED, Found
 from stiffness.diagnosis.diagnose import case_of, diagnose
 from stiffness.diagnosis.diagnosis import Diagnosis
 from stiffness.diagnosis.evidence import evidence_of, projected, without
@@ -563,10 +563,12 @@ def test_poses_that_differ_wildly_are_a_mismatch_though_signs_average_out():
     random = np.random.default_rng(11)
     tested = sign_flips([random.normal(size=(60, 1)) / np.sqrt(60)], seed=1)
     assert tested.p_value > ALARM
-    usual, misstated, wild = (
-        Found(tested, 1, 0, (), ("a1",), dispersion, 60).p_value
-        for dispersion in (1.0, 4.0, 9.0)
-    )
-    assert usual == tested.p_value
-    assert misstated > ALARM
-    assert wild < ALARM
+
+    def p_value(dispersion: float, wild: float) -> float:
+        return Found(tested, 1, 0, (), ("a1",), dispersion, 60, wild).p_value
+
+    assert p_value(1.0, MISSTATED) == tested.p_value
+    assert p_value(4.0, MISSTATED) > ALARM
+    assert p_value(9.0, MISSTATED) < ALARM
+    assert p_value(1.2, MEASURED) == tested.p_value
+    assert p_value(3.0, MEASURED) < ALARM  # where the noise was measured, it is known

@@ -58,7 +58,10 @@ class GravityLoad(ModelEffect):
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
         if self.mass_kg == 0.0:
             return
-        body = spec.body(arm.body(self.where))
+        name = arm.body(self.where)
+        if name == "tool" and name not in [b.name for b in spec.bodies]:
+            name = arm.flange  # what hangs there, where the model has no such body
+        body = spec.body(name)
         own = float(body.mass) if body.explicitinertial else 0.0
         total = own + self.mass_kg
         if not total > 0.0:

@@ -53,8 +53,7 @@ def parse(text: str, model: mujoco.MjModel) -> Effect:
         effect = kind(where=where)
         faults += error.faults
     if at:
-        bodies = [model.body(b).name for b in range(model.nbody)]
-        faults += misplaced(effect, anatomy(model), bodies)
+        faults += misplaced(effect, anatomy(model))
     if faults:
         raise Unusable(f"Effect {text!r}", faults)
     return effect

@@ -10,16 +10,13 @@ CELL = ("rig", "tracker", "wrench_sensor")
 """Places that every cell has."""
 
 
-def places_for(
-    kinds: Collection[str], arm: Anatomy, bodies: Collection[str]
-) -> list[str]:
+def places_for(kinds: Collection[str], arm: Anatomy) -> list[str]:
     """Return every place of some kinds.
 
     Args:
         kinds: Of `axis`, `link`, `base`, `flange`, `tool`, `rig`, `tracker`,
             `wrench_sensor` and `marker`.
         arm: The names of the arm's parts.
-        bodies: The names of the arm's bodies.
 
     Returns:
         The vocabulary's names, then the model's own where they differ.
@@ -31,21 +28,20 @@ def places_for(
             found += [f"{prefix}{k}" for k in range(1, len(own) + 1)]
             found += own
     found += [kind for kind in ("base", "flange", *CELL) if kind in kinds]
-    found += ["tool"] if "tool" in kinds and "tool" in bodies else []
+    found += ["tool"] if "tool" in kinds else []  # the flange, where there is none
     found += ["marker:<name>"] if "marker" in kinds else []
     return list(dict.fromkeys(found))
 
 
-def misplaced(effect: Effect, arm: Anatomy, bodies: Collection[str]) -> list[str]:
+def misplaced(effect: Effect, arm: Anatomy) -> list[str]:
     """Return what is wrong with the places that an effect names; usually nothing.
 
     Args:
         effect: Any effect.
         arm: The names of the arm's parts.
-        bodies: The names of the arm's bodies.
     """
     where = effect.where
-    known = places_for(effect.places, arm, bodies)
+    known = places_for(effect.places, arm)
     marker = where.startswith("marker:") and len(where) > len("marker:")
     faults = []
     if where not in known and not ("marker" in effect.places and marker):

@@ -184,9 +184,7 @@ def _neighbours(world: World, assumed: Assumed, effect: Effect) -> list[Effect]:
     if not {"axis", "link"} & set(effect.places):
         return []
     arm = assumed.rig.anatomy
-    model = assumed.rig.nominal
-    bodies = [model.body(b).name for b in range(model.nbody)]
-    known = places_for(effect.places, arm, bodies)
+    known = places_for(effect.places, arm)
     if effect.where not in known or "with" in effect.parameters():
         return []
     at = known.index(effect.where)

@@ -30,7 +30,6 @@ class Ground:
 
     Attributes:
         arm: The names of the arm's parts.
-        bodies: The names of the arm's bodies.
         markers: The names of the marks that are followed.
         lasts: How long the experiment lasts, in s.
         knees: Torque in N m at which each axis' gear begins to harden.
@@ -38,7 +37,6 @@ class Ground:
     """
 
     arm: Anatomy
-    bodies: Sequence[str]
     markers: Sequence[str]
     lasts: float
     knees: Mapping[str, float]
@@ -61,7 +59,7 @@ def drawn(kind: type[Effect], draw: np.random.Generator, ground: Ground) -> Effe
         ground: Where it can sit.
     """
     arm = ground.arm
-    every = places_for(kind.places, arm, ground.bodies)
+    every = places_for(kind.places, arm)
     known = [place for place in every if ":" not in place]
     if "marker" in kind.places:
         known += [f"marker:{name}" for name in ground.markers]

@@ -90,12 +90,10 @@ def _carried_out(
     path = parse_path(trial.stratum.path) if trial.stratum.path else DEFAULT_PATH
     plan = tour(nominal, poses, path, min(REVISITS, poses), trial.seed)
     arm, model = nominal.anatomy, nominal.nominal
-    bodies = [model.body(b).name for b in range(model.nbody)]
     stuck = trial.instruments.markers.stick(model, arm, streams(trial.seed))
     marks = [s.marker.name for s in stuck]
     ground = Ground(
         arm,
-        bodies,
         marks,
         float(plan.time[-1]),
         knees_of(nominal),

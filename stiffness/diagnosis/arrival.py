@@ -3,7 +3,8 @@
 ==========  ==========================================================================
 Equation    sigma_k^2 = spread of the visits' own angles of axis k (robust), less their
             estimation error; angles q_v = (A'A)^-1 A'r of each visit after a smooth
-            trend over posture, torque and time; at most sigma / lever of the data sheet
+            trend over posture, torque and time; at most sigma / lever of the data
+            sheet, and what the encoders' stated noise leaves of a mean angle
 Source      method of moments for a variance component; ISO 9283 for repeatability;
             0.02 mm at the flange as three sigma (Wu et al. 2024, section 3.1)
 Valid       visits that err independently
@@ -15,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.diagnosis.situation import Situation
+from stiffness.diagnosis.steady import left_of_encoders
 
 AT_FLANGE = 0.02e-3 / 3
 """One sigma at the flange where nothing is stated, in m; a 10 kg arm's data sheet."""
@@ -23,12 +25,13 @@ SHORTEST_LEVER = 0.1
 
 
 def largest_arrival(situation: Situation) -> Float[np.ndarray, " axes"]:
-    """Return the most by which a repeatable axis misses its angle, in rad."""
+    """Return the most by which a repeatable axis seems to miss its angle, in rad."""
     tip = situation.arm.at(situation.rest).point("flange", np.zeros(3))
     arm = tip[:, None] - situation.origin[:, 1:]
     along = situation.frame[:, 1:, :, 2]
     lever = np.sqrt(np.mean(np.sum(np.cross(along, arm) ** 2, axis=2), axis=0))
-    return AT_FLANGE / np.maximum(lever, SHORTEST_LEVER)
+    returned = AT_FLANGE / np.maximum(lever, SHORTEST_LEVER)
+    return np.hypot(returned, left_of_encoders(situation.recording))
 
 
 def arrival_of(

@@ -94,6 +94,8 @@ def blocks(
     shared = errors.reshape(count, axes, longest, -1)[..., :COMMON].mean(axis=2)
     precision = weight.sum(axis=1)[..., None, None] * readings.inverse
     nuisance = unknowns(situation, visits, point, field)
+    if nuisance.field.shape[2]:
+        precision = _with_noise(precision, nuisance.rest)
     place = (point, share, carried, screw)
     if arrival is None:
         silent = Between.of(mean, precision, turned @ shared, nuisance, place)
@@ -109,6 +111,14 @@ def blocks(
     feigned = np.concatenate([turned * arrival, turned @ shared], axis=2)
     between = Between.of(mean, precision, feigned, nuisance, place)
     return Data(visits, within, between), arrival
+
+
+def _with_noise(
+    precision: Float[np.ndarray, "visits markers 3 3"],
+    variance: Float[np.ndarray, "visits markers"],
+) -> Float[np.ndarray, "visits markers 3 3"]:
+    """Return inverse covariances with more noise of each marker; 0 = not seen stays."""
+    return np.linalg.solve(np.eye(3) + variance[..., None, None] * precision, precision)
 
 
 def spring_columns(situation: Situation, springs: np.ndarray) -> list[Signature]:

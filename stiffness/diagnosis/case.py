@@ -24,6 +24,7 @@ class Case:
         evidence: What the readings say about them.
         split: Which poses may be looked at.
         seed: Of random signs.
+        wild: Dispersion of poses up to which errors may be misstated.
     """
 
     data: Data
@@ -33,6 +34,7 @@ class Case:
     evidence: Evidence
     split: Split
     seed: int
+    wild: float
 
     @property
     def nominal(self) -> tuple[Signature, ...]:

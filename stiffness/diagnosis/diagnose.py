@@ -14,7 +14,14 @@ from bench.recording import Recording
 from stiffness.arm import Arm
 from stiffness.diagnosis.answer import answer_of, nominal_of
 from stiffness.diagnosis.case import Case
-from stiffness.diagnosis.detect import ALARM, WOULD_SHOW, Found, detect
+from stiffness.diagnosis.detect import (
+    ALARM,
+    MEASURED,
+    MISSTATED,
+    WOULD_SHOW,
+    Found,
+    detect,
+)
 from stiffness.diagnosis.diagnosis import (
     Detection,
     Diagnosis,
@@ -32,6 +39,7 @@ from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.remarks import noise_rms, remarks, residual_rms, scattered
 from stiffness.diagnosis.set_up import mistakes_of_set_up
 from stiffness.diagnosis.split import seed_of, split_of
+from stiffness.diagnosis.steady import steadied
 
 MOVED = 0.03
 """Share by which a compliance may move under names before all columns are laid out
@@ -55,7 +63,7 @@ def diagnose(
         Unusable: Where the recording has nothing to compare, with all reasons.
     """
     started = time.perf_counter()
-    arm = arm.for_recording(recording)
+    arm, recording = arm.for_recording(recording), steadied(recording)
     mistakes = mistakes_of_set_up(recording, arm)
     if mistakes:
         return _stopped(recording, mistakes, started)
@@ -64,7 +72,13 @@ def diagnose(
     nominal = np.arange(case.library.nominal)
     everyone = np.ones(len(case.split.fold), dtype=bool)
     found = detect(
-        case.library, case.evidence, case.evidence.score, nominal, everyone, case.seed
+        case.library,
+        case.evidence,
+        case.evidence.score,
+        nominal,
+        everyone,
+        case.seed,
+        case.wild,
     )
     detection = _detection(prepared, found)
     ids = np.unique(recording.pose)
@@ -124,7 +138,14 @@ def case_of(
     library = library_of(situation, prepared.springs, hypotheses)
     evidence = evidence_of(data, library.signatures, training(split))
     return Case(
-        data, situation, prepared.springs, library, evidence, split, seed_of(recording)
+        data,
+        situation,
+        prepared.springs,
+        library,
+        evidence,
+        split,
+        seed_of(recording),
+        MEASURED if prepared.freedom else MISSTATED,
     )
 
 

@@ -144,9 +144,12 @@ def _of_member(situation, springs, member, fitted, cov, quantile):
     return found
 
 
-def beyond_limits(member: Member, parameters: dict[str, Parameter]) -> bool:
+def beyond_limits(
+    situation: Situation, member: Member, parameters: dict[str, Parameter]
+) -> bool:
     """Return whether a parameter lies outside its physical limits, interval and all."""
-    for name, (low, high) in member.hypothesis.limits.items():
+    limits = member.hypothesis.limits_at(situation, member.where)
+    for name, (low, high) in limits.items():
         found = parameters.get(name)
         if found is not None and (found.high < low or found.low > high):
             return True

@@ -23,8 +23,9 @@ CONTRADICTS = 0.002
 test rejects, before the name is taken back. Chosen: rightly named effects leave nothing
 that the test rejects, wrong ones of the same place a hundredth and more."""
 DWARFS = 0.1
-"""The same, where what is left over is elsewhere. Chosen: a name may stand beside a
-stranger that is ten times weaker; one that is not may be what feigns it."""
+"""The same, where what is left over is elsewhere or everywhere. Chosen: a name may
+stand beside a stranger that is ten times weaker; one that is not may be what feigns
+it."""
 
 ANYWHERE = ("wrench_sensor", "rig", "tracker")
 """Places of instruments, whose faults show all over the arm."""
@@ -70,14 +71,18 @@ def differs(found: Uneven, gain: float) -> bool:
 
 def _contradicted_by_what_is_left(named: Named, gains: Sequence[float]) -> list[bool]:
     left = named.left
-    if left.tested.p_value >= ALARM:
+    if left.p_value >= ALARM:
         return [False] * len(gains)
+    excess = left.tested.captured - left.tested.freedom
+    dwarfed = [float(excess[-1]) > DWARFS * gain for gain in gains]  # the whole map
+    if left.tested.p_value >= ALARM:  # poses differ, but not along any law
+        return dwarfed
     at = left.strongest
-    excess = float(left.tested.captured[at] - left.tested.freedom[at])
     loudest = left.where[at] or left_over(left)
     return [
-        excess > (CONTRADICTS if _near(member, loudest) else DWARFS) * gain
-        for member, gain in zip(named.best.fit.members, gains, strict=True)
+        gone
+        or float(excess[at]) > (CONTRADICTS if _near(m, loudest) else DWARFS) * gain
+        for m, gain, gone in zip(named.best.fit.members, gains, dwarfed, strict=True)
     ]
 
 

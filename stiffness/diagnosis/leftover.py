@@ -34,7 +34,8 @@ def what_is_left(case: Case, fit: SetFit) -> Found:
     named = {member.name for member in fit.members}
     library = _moved(case.library, count, named)
     mask = ~case.split.held_out
-    return detect(library, joint, score, np.arange(count), mask, case.seed + 1)
+    known = np.arange(count)
+    return detect(library, joint, score, known, mask, case.seed + 1, case.wild)
 
 
 @dataclass(frozen=True)

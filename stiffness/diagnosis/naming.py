@@ -133,7 +133,7 @@ def _best_of(case: Case, front: Front, passes: int = 2) -> list[Scored]:
         )
         one = score(case, members)
         if max(one.zero) < ALARM and not any(
-            beyond_limits(m, p)
+            beyond_limits(case.situation, m, p)
             for m, p in zip(one.fit.members, one.parameters, strict=True)
         ):
             scored.append(one)

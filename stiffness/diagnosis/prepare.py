@@ -16,7 +16,7 @@ from stiffness.diagnosis.blocks import Residuals, blocks, spring_step
 from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.first_fit import BLIND, first_fit, residuals_of
 from stiffness.diagnosis.outliers import checked
-from stiffness.diagnosis.readings import Frames, bodies_of
+from stiffness.diagnosis.readings import Frames, bodies_of, rigid_groups
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.standing_under_load import situation_of
 from stiffness.diagnosis.visits import visits_of
@@ -77,7 +77,12 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
     visits = visits_of(situation.visit, situation.pose)
     readings = residuals_of(situation, start.frames)
     check = checked(
-        visits, readings.value, readings.point, readings.weight, readings.inverse, body
+        visits,
+        readings.value,
+        readings.point,
+        readings.weight,
+        readings.inverse,
+        rigid_groups(recording, body),
     )
     readings = replace(
         readings, weight=check.weight, inverse=readings.inverse / check.noise**2

@@ -81,11 +81,29 @@ def expected(
 
 
 def weight_of(recording: Recording) -> Float[np.ndarray, "rows markers"]:
-    """Return how many frames stand behind each reading; 0 where it was not seen."""
+    """Return how many frames stand behind each reading; 0 where it was not seen.
+
+    The points of a 6D target are one reading: together they count as one, so that its
+    place is as sure as stated and its turn as sure as one sigma at the points allows.
+    """
     assert recording.points is not None
     seen = np.isfinite(recording.points).all(axis=2)
     frames = 1.0 if recording.frames is None else recording.frames[:, None]
-    return np.asarray(seen * frames, dtype=float)
+    targets = [m.target for m in recording.markers]
+    share = [1.0 if t is None else 1.0 / targets.count(t) for t in targets]
+    return np.asarray(seen * frames * np.array(share), dtype=float)
+
+
+def rigid_groups(
+    recording: Recording, body: Int[np.ndarray, " markers"]
+) -> Int[np.ndarray, " markers"]:
+    """Return groups of markers that were read apart and move together.
+
+    Points of a 6D target were not read apart: each is a group of its own.
+    """
+    alone = body.max(initial=0) + 1 + np.arange(len(body))
+    whole = np.array([m.target is not None for m in recording.markers])
+    return np.where(whole, alone, body)
 
 
 def bodies_of(

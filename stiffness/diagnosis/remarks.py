@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stiffness.diagnosis.detect import WILD
+from stiffness.diagnosis.detect import MEASURED
 from stiffness.diagnosis.diagnosis import Warned
 from stiffness.diagnosis.prepare import Prepared
 
@@ -40,7 +40,7 @@ def scattered(dispersion: float) -> tuple[Warned, ...]:
     Args:
         dispersion: Variance of the map's scores over that of the stated errors.
     """
-    if dispersion < WILD:
+    if dispersion < MEASURED:
         return ()
     text = (
         f"poses differ {np.sqrt(dispersion):.1f} times as much as the stated errors "

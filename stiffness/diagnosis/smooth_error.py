@@ -2,11 +2,13 @@
 
 ==========  ==========================================================================
 Equation    cov f(p), f(p') = sd^2 mean_L exp(-|p - p'|^2 / (2 L^2)) by coordinate;
-            f(p) = k(p, Z) k(Z, Z)^-1/2 a with a ~ N(0, 1)
-Source      Nystroem method (Williams & Seeger 2001); lengths L chosen: a third to all
-            of an arm's workspace, since no maker states one
+            f(p) = k(p, Z) k(Z, Z)^-1/2 a with a ~ N(0, 1), and what the anchors Z
+            leave, k(p, p) - k(p, Z) k(Z, Z)^-1 k(Z, p), as noise of each place
+Source      Nystroem method (Williams & Seeger 2001); its rest as noise (Snelson &
+            Ghahramani 2006, "Sparse Gaussian processes using pseudo-inputs"); lengths L
+            chosen: a third to all of an arm's workspace, since no maker states one
 Valid       inside the measuring volume
-Ignores     what varies faster than the distance of the anchors Z
+Ignores     that what the anchors leave is alike at neighbouring places
 ==========  ==========================================================================
 """
 
@@ -36,6 +38,13 @@ def smooth_basis(
     value, vector = np.linalg.eigh(_kernel(anchors, anchors, sd))
     keep = value > 1e-8 * value[-1]
     return _kernel(point, anchors, sd) @ (vector[:, keep] / np.sqrt(value[keep]))
+
+
+def rest_of(
+    basis: Float[np.ndarray, "*places waves"], sd: float
+) -> Float[np.ndarray, " *places"]:
+    """Return the variance of the error that a basis leaves at each place, in m^2."""
+    return np.maximum(sd**2 - np.sum(basis**2, axis=-1), 0.0)
 
 
 def _kernel(a: np.ndarray, b: np.ndarray, sd: float) -> np.ndarray:

@@ -23,12 +23,14 @@ class UnknownColumns:
         frame: Levers of all markers; no last axis where the frame is known.
         turn: Turns of the markers' bodies.
         field: Smooth functions at the markers; none where no field is stated.
+        rest: Variance of the field that these leave, in m^2.
         sigma: Prior sigma of each column.
     """
 
     frame: Float[np.ndarray, "visits markers 3 twist"]
     turn: Float[np.ndarray, "visits markers 3 3"]
     field: Float[np.ndarray, "visits markers waves"]
+    rest: Float[np.ndarray, "visits markers"]
     sigma: Float[np.ndarray, " columns"]
 
     def of(

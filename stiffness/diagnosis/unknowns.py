@@ -18,7 +18,7 @@ from stiffness.diagnosis.columns import Columns, levers
 from stiffness.diagnosis.hypotheses.bodies import axes_of
 from stiffness.diagnosis.readings import Frames
 from stiffness.diagnosis.situation import Situation
-from stiffness.diagnosis.smooth_error import smooth_basis
+from stiffness.diagnosis.smooth_error import rest_of, smooth_basis
 from stiffness.diagnosis.unknown_columns import UnknownColumns
 from stiffness.diagnosis.visits import Visits
 
@@ -55,12 +55,13 @@ def unknowns(
     axes = {m.body: axes_of(situation, m.body)[first] for m in recording.markers}
     turn = np.stack([axes[m.body] for m in recording.markers], axis=1)
     tracker = recording.tracker
-    waves = np.zeros((count, markers, 0))
+    waves, rest = np.zeros((count, markers, 0)), np.zeros((count, markers))
     if field and tracker is not None and tracker.volumetric:
         waves = smooth_basis(point.reshape(-1, 3), tracker.volumetric)
         waves = waves.reshape(count, markers, -1)
+        rest = rest_of(waves, tracker.volumetric)
     sigma = [np.full(frame.shape[3], FREE), *places, np.ones(3 * waves.shape[2])]
-    return UnknownColumns(frame, turn, waves, np.concatenate(sigma))
+    return UnknownColumns(frame, turn, waves, rest, np.concatenate(sigma))
 
 
 def frames_after(

@@ -49,6 +49,14 @@ class GravityLoad(Hypothesis):
     }
 
     @override
+    def limits_at(
+        self, situation: Situation, where: str
+    ) -> Mapping[str, tuple[float, float]]:
+        """Return limits under which no more is taken away than the model has there."""
+        highest = self.limits["mass_kg"][1]
+        return {**self.limits, "mass_kg": (-carried(situation, where), highest)}
+
+    @override
     def places(self, situation: Situation) -> tuple[str, ...]:
         sensor = situation.recording.wrench_sensor
         weighed = sensor is not None and sensor.includes_tool_weight
@@ -91,6 +99,14 @@ class GravityLoad(Hypothesis):
             return {f"moment_{axis}_kg_m": value for axis, value in found.items()}
         centre = {f"com_{axis}_m": value / mass for axis, value in found.items()}
         return {"mass_kg": mass, **centre}
+
+
+def carried(situation: Situation, body: str) -> float:
+    """Return the mass in kg that the model has in a body's link and beyond."""
+    chain, tool = situation.arm.chain, situation.recording.tool
+    axis = situation.arm.place(body).axis
+    beyond = [k for k in range(len(chain.mass)) if axis in chain.carriers(k)]
+    return float(chain.mass[beyond].sum()) + (0.0 if tool is None else tool.mass)
 
 
 def torques(situation: Situation, body: str) -> Float[np.ndarray, "rows axes 4"]:

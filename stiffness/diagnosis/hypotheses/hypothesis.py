@@ -99,6 +99,12 @@ class Hypothesis(ABC):
         differentiates this function to carry intervals over, so keep it smooth.
         """
 
+    def limits_at(
+        self, situation: Situation, where: str
+    ) -> Mapping[str, tuple[float, float]]:
+        """Return the limits at a place; `limits` wherever it is, unless overridden."""
+        return self.limits
+
     def grain(self, situation: Situation) -> Mapping[str, float]:
         """Return by how much a parameter can change without changing any reading."""
         return {}
