@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from bench.effects.encoder_offset import EncoderOffset as ZeroOff
 from bench.effects.gravity_load import GravityLoad as AddedMass
 from bench.experiment import record
 from bench.instruments import Instruments
@@ -24,6 +25,7 @@ from stiffness.diagnosis.hypotheses.gravity_load import GravityLoad, carried
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.intervals import Parameter, beyond_limits
 from stiffness.diagnosis.member import Member
+from stiffness.diagnosis.misfit import misfit_of
 from stiffness.diagnosis.prepare import prepare
 from stiffness.diagnosis.readings import weight_of
 from stiffness.diagnosis.smooth_error import rest_of, smooth_basis
@@ -41,7 +43,12 @@ def arm(kr10) -> Arm:
 
 @pytest.fixture(scope="module")
 def plain(kr10) -> Recording:
+    return plain_of(kr10)
+
+
+def plain_of(kr10, frames: int = 1) -> Recording:
     watched = Instruments(markers=Markers("flange"))
+    watched = replace(watched, tracker=replace(watched.tracker, frames=frames))
     return record(Rig(kr10), plan(poses=40), watched, seed=3)
 
 
@@ -187,3 +194,26 @@ def test_mass_on_a_tool_hangs_on_the_flange_where_the_model_has_no_tool(
     AddedMass("tool", 0.5).build(on_tool, arm)
     before = on_flange.body(arm.flange).mass
     assert on_tool.body(arm.flange).mass == pytest.approx(before + 0.5)
+
+
+# --- What is missed ------------------------------------------------------------------
+
+
+def missed(seen: Recording, arm: Arm) -> float:
+    """Return the rms that the fitted nominal arm leaves over that of the noise."""
+    ready = prepare(seen, arm)
+    found = misfit_of(ready, case_of(ready, FEW))
+    return found.rms / found.noise
+
+
+def test_nominal_arm_misses_by_the_noise_however_many_frames_a_row_has(kr10, arm):
+    """A little less: the fit takes 21 of 120 coordinates of the visits' means."""
+    assert 0.8 < missed(plain_of(kr10), arm) < 1.05
+    assert 0.8 < missed(plain_of(kr10, frames=16), arm) < 1.05
+
+
+def test_what_shows_between_visits_alone_is_missed_all_the_same(kr10, arm):
+    """An axis whose zero is off moves no marker within a visit."""
+    off = Rig(kr10, effects=(ZeroOff("a3", 5e-4),))
+    seen = record(off, plan(poses=40), Instruments(markers=Markers("flange")), seed=3)
+    assert missed(seen, arm) > 3.0

@@ -25,10 +25,10 @@ from stiffness.diagnosis.judge import (
     probability_of,
     rivals_of,
 )
+from stiffness.diagnosis.misfit import misfit_of
 from stiffness.diagnosis.naming import Named
 from stiffness.diagnosis.places import places_of_map, places_of_names
 from stiffness.diagnosis.prepare import Prepared
-from stiffness.diagnosis.remarks import residual_rms
 from stiffness.diagnosis.sets import white_candidates
 from stiffness.diagnosis.uneven import unevenness
 from stiffness.diagnosis.unnamed import law_of
@@ -124,7 +124,7 @@ def _unexplained(
     depends = next((one.depends_on for one in located if one.where == where), ())
     if depends:
         words.append("depends on " + ", ".join(depends))
-    return Unexplained(where, "; ".join(words), law, residual_rms(prepared))
+    return Unexplained(where, "; ".join(words), law, misfit_of(prepared, case).rms)
 
 
 def nominal_of(

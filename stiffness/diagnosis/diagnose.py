@@ -34,9 +34,10 @@ from stiffness.diagnosis.hypotheses import HYPOTHESES
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.library import library_of, springs_of
 from stiffness.diagnosis.member import solve, training
+from stiffness.diagnosis.misfit import misfit_of
 from stiffness.diagnosis.naming import Named, name
 from stiffness.diagnosis.prepare import Prepared, prepare
-from stiffness.diagnosis.remarks import noise_rms, remarks, residual_rms, scattered
+from stiffness.diagnosis.remarks import remarks, scattered
 from stiffness.diagnosis.set_up import mistakes_of_set_up
 from stiffness.diagnosis.split import seed_of, split_of
 from stiffness.diagnosis.steady import steadied
@@ -80,7 +81,7 @@ def diagnose(
         case.seed,
         case.wild,
     )
-    detection = _detection(prepared, found)
+    detection = _detection(prepared, case, found)
     ids = np.unique(recording.pose)
     common = {
         "recording": recording.name,
@@ -170,11 +171,12 @@ def _within_a_decade(
     return np.clip(change, -0.9 * before, 9.0 * before)
 
 
-def _detection(prepared: Prepared, found: Found) -> Detection:
-    noise = noise_rms(prepared)
-    count = max(float(np.sum(prepared.readings.weight > 0)), 1.0)
-    smallest = noise * np.sqrt(WOULD_SHOW / (3.0 * count))
-    return Detection(found.p_value, residual_rms(prepared), noise, smallest)
+def _detection(prepared: Prepared, case: Case, found: Found) -> Detection:
+    misfit = misfit_of(prepared, case)
+    one = float(np.sqrt(np.trace(np.linalg.inv(prepared.readings.inverse))))
+    frames = max(float(np.sum(prepared.readings.weight)), 1.0)
+    smallest = one * np.sqrt(WOULD_SHOW / (3.0 * frames))
+    return Detection(found.p_value, misfit.rms, misfit.noise, smallest)
 
 
 def _stopped(

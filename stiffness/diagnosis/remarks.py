@@ -48,28 +48,3 @@ def scattered(dispersion: float) -> tuple[Warned, ...]:
         "or something is left out that depends on what is not looked at."
     )
     return (Warned(SCATTER, "rig", text),)
-
-
-def residual_rms(prepared: Prepared) -> float:
-    """Return the 3-D rms of readings after the nominal fit, in m.
-
-    Rest positions are free where visits have more than one reading of a marker.
-    """
-    left, weight = prepared.readings.value, prepared.readings.weight > 0
-    visits = prepared.data.visits
-    rows = visits.row
-    seen = weight[rows] & visits.counts[..., None]
-    values = np.where(seen[..., None], np.nan_to_num(left[rows]), 0.0)
-    count = seen.sum(axis=1)
-    if prepared.data.between is None or count.max() > 1:
-        mean = values.sum(axis=1) / np.maximum(count, 1)[..., None]
-        values = np.where(seen[..., None], values - mean[:, None], 0.0)
-        freedom = np.maximum(count - 1, 0).sum()
-    else:
-        freedom = count.sum()
-    return float(np.sqrt(np.sum(values**2) / max(1, freedom)))
-
-
-def noise_rms(prepared: Prepared) -> float:
-    """Return the 3-D rms of a reading by the tracker's noise alone, in m."""
-    return float(np.sqrt(np.trace(np.linalg.inv(prepared.readings.inverse))))

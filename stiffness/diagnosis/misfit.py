@@ -1,0 +1,94 @@
+"""How far readings miss the fitted nominal arm, and how far noise alone would.
+
+==========  ==========================================================================
+Equation    rms^2 = sum |d - mean d|^2 / (readings - visits) + mean |m|^2, d what rows
+            of a visit leave of a marker, m what its visits' means leave; by noise:
+            mean tr S / frames + mean tr (D^-1 + D^-1/2 u s^2 u' D^-1/2) of `Roots`
+Source      definition; the two are orthogonal parts of the same readings
+Valid       markers that were seen
+Ignores     what the fit of the nominal takes of the noise; the wrench's errors within
+            a visit; that the points of a 6D target err together
+==========  ==========================================================================
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from stiffness.diagnosis.between import Between
+from stiffness.diagnosis.case import Case
+from stiffness.diagnosis.columns import levers
+from stiffness.diagnosis.prepare import Prepared
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """3-D rms of a reading.
+
+    Attributes:
+        rms: What the fitted nominal arm leaves, in m.
+        noise: What the stated errors alone would leave, in m.
+    """
+
+    rms: float
+    noise: float
+
+
+def misfit_of(prepared: Prepared, case: Case) -> Misfit:
+    """Return how far readings miss the arm with its springs as they were fitted.
+
+    Args:
+        prepared: The recording against its nominal model.
+        case: The same with springs as the readings have them.
+    """
+    rms, noise = _within(prepared, case)
+    if case.data.between is not None:
+        more, by_noise = _between(case.data.between)
+        rms, noise = rms + more, noise + by_noise
+    return Misfit(float(np.sqrt(rms)), float(np.sqrt(noise)))
+
+
+def _within(prepared: Prepared, case: Case) -> tuple[float, float]:
+    """Return mean squares of differences within visits, and by noise; 0 without."""
+    readings, visits = prepared.readings, prepared.data.visits
+    left = np.nan_to_num(readings.value) - _softer(prepared, case)
+    weight = visits.gather(readings.weight) * visits.counts[..., None]
+    seen = weight > 0
+    count = seen.sum(axis=1)
+    freedom = int(np.maximum(count - 1, 0).sum())
+    if not freedom:
+        return 0.0, 0.0
+    values = np.where(seen[..., None], visits.gather(left), 0.0)
+    mean = values.sum(axis=1) / np.maximum(count, 1)[..., None]
+    apart = np.where(seen[..., None], values - mean[:, None], 0.0)
+    one = float(np.trace(np.linalg.inv(readings.inverse)))
+    return float(np.sum(apart**2)) / freedom, one * float(np.mean(1.0 / weight[seen]))
+
+
+def _softer(prepared: Prepared, case: Case) -> Float[np.ndarray, "rows markers 3"]:
+    """Return how markers move as springs are not those that were prepared."""
+    situation = prepared.situation
+    change = case.situation.compliance - situation.compliance
+    twist = situation.screw * (situation.torque * change)[..., None]
+    carried = situation.carried[1:, prepared.readings.body].astype(float)
+    expected = np.nan_to_num(prepared.readings.point - prepared.readings.value)
+    of_marker = np.einsum("rki,km->rmi", twist, carried)
+    return np.einsum("rmij,rmj->rmi", levers(expected), of_marker)
+
+
+def _between(between: Between) -> tuple[float, float]:
+    """Return mean squares of what means of visits leave, and by noise."""
+    roots = between.roots
+    seen: Bool[np.ndarray, "visits markers"] = np.any(roots.half != 0.0, axis=(2, 3))
+    undone = np.linalg.pinv(roots.half, hermitian=True)
+    longer = np.sqrt(1.0 + roots.size) - 1.0
+    along = longer[..., None] * (roots.error.swapaxes(1, 2) @ between.residual)
+    white = (between.residual + roots.error @ along).reshape(*seen.shape, 3, 1)
+    left = (undone @ white)[..., 0]
+    spread = (undone @ roots.error.reshape(*seen.shape, 3, -1)) ** 2
+    own = np.sum(undone**2, axis=(2, 3)) + np.einsum("vmik,vk->vm", spread, roots.size)
+    return (
+        float(np.mean(np.sum(left[seen] ** 2, axis=1))),
+        float(np.mean(own[seen])),
+    )
