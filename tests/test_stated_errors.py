@@ -207,9 +207,8 @@ def missed(seen: Recording, arm: Arm) -> float:
 
 
 def test_nominal_arm_misses_by_the_noise_however_many_frames_a_row_has(kr10, arm):
-    """A little less: the fit takes 21 of 120 coordinates of the visits' means."""
-    assert 0.8 < missed(plain_of(kr10), arm) < 1.05
-    assert 0.8 < missed(plain_of(kr10, frames=16), arm) < 1.05
+    assert missed(plain_of(kr10), arm) == pytest.approx(1.0, abs=0.05)
+    assert missed(plain_of(kr10, frames=16), arm) == pytest.approx(1.0, abs=0.05)
 
 
 def test_what_shows_between_visits_alone_is_missed_all_the_same(kr10, arm):

@@ -40,7 +40,7 @@ class Detection:
     Attributes:
         p_value: Of nothing being there; poses' signs flipped.
         residual_rms: After the nominal fit, 3-D per reading, in m.
-        noise_rms: What the instruments' noise alone would leave, in m.
+        noise_rms: What the tracker's noise alone would leave, in m.
         smallest_effect: Displacement rms per reading that an effect must have, beyond
             what is fitted silently, to be seen nine times in ten, in m.
     """

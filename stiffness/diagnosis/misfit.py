@@ -3,11 +3,11 @@
 ==========  ==========================================================================
 Equation    rms^2 = sum |d - mean d|^2 / (readings - visits) + mean |m|^2, d what rows
             of a visit leave of a marker, m what its visits' means leave; by noise:
-            mean tr S / frames + mean tr (D^-1 + D^-1/2 u s^2 u' D^-1/2) of `Roots`
+            mean tr S / frames + mean tr D^-1, S of one frame, D of `Roots`
 Source      definition; the two are orthogonal parts of the same readings
 Valid       markers that were seen
-Ignores     what the fit of the nominal takes of the noise; the wrench's errors within
-            a visit; that the points of a 6D target err together
+Ignores     what the fit of the nominal takes of the noise; how axes return and the
+            wrench errs
 ==========  ==========================================================================
 """
 
@@ -20,6 +20,7 @@ from stiffness.diagnosis.between import Between
 from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.columns import levers
 from stiffness.diagnosis.prepare import Prepared
+from stiffness.diagnosis.readings import shares_of
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class Misfit:
 
     Attributes:
         rms: What the fitted nominal arm leaves, in m.
-        noise: What the stated errors alone would leave, in m.
+        noise: What the tracker's errors alone would leave, in m.
     """
 
     rms: float
@@ -44,7 +45,8 @@ def misfit_of(prepared: Prepared, case: Case) -> Misfit:
     """
     rms, noise = _within(prepared, case)
     if case.data.between is not None:
-        more, by_noise = _between(case.data.between)
+        share = shares_of(prepared.situation.recording)
+        more, by_noise = _between(case.data.between, share)
         rms, noise = rms + more, noise + by_noise
     return Misfit(float(np.sqrt(rms)), float(np.sqrt(noise)))
 
@@ -62,8 +64,10 @@ def _within(prepared: Prepared, case: Case) -> tuple[float, float]:
     values = np.where(seen[..., None], visits.gather(left), 0.0)
     mean = values.sum(axis=1) / np.maximum(count, 1)[..., None]
     apart = np.where(seen[..., None], values - mean[:, None], 0.0)
-    one = float(np.trace(np.linalg.inv(readings.inverse)))
-    return float(np.sum(apart**2)) / freedom, one * float(np.mean(1.0 / weight[seen]))
+    one = np.trace(np.linalg.inv(readings.inverse))
+    share = np.broadcast_to(shares_of(prepared.situation.recording), seen.shape)
+    by_noise = one * np.mean(share[seen] / weight[seen])
+    return float(np.sum(apart**2)) / freedom, float(by_noise)
 
 
 def _softer(prepared: Prepared, case: Case) -> Float[np.ndarray, "rows markers 3"]:
@@ -77,7 +81,9 @@ def _softer(prepared: Prepared, case: Case) -> Float[np.ndarray, "rows markers 3
     return np.einsum("rmij,rmj->rmi", levers(expected), of_marker)
 
 
-def _between(between: Between) -> tuple[float, float]:
+def _between(
+    between: Between, share: Float[np.ndarray, " markers"]
+) -> tuple[float, float]:
     """Return mean squares of what means of visits leave, and by noise."""
     roots = between.roots
     seen: Bool[np.ndarray, "visits markers"] = np.any(roots.half != 0.0, axis=(2, 3))
@@ -86,9 +92,6 @@ def _between(between: Between) -> tuple[float, float]:
     along = longer[..., None] * (roots.error.swapaxes(1, 2) @ between.residual)
     white = (between.residual + roots.error @ along).reshape(*seen.shape, 3, 1)
     left = (undone @ white)[..., 0]
-    spread = (undone @ roots.error.reshape(*seen.shape, 3, -1)) ** 2
-    own = np.sum(undone**2, axis=(2, 3)) + np.einsum("vmik,vk->vm", spread, roots.size)
-    return (
-        float(np.mean(np.sum(left[seen] ** 2, axis=1))),
-        float(np.mean(own[seen])),
-    )
+    rms = np.mean(np.sum(left[seen] ** 2, axis=1))
+    own = share * np.sum(undone**2, axis=(2, 3))
+    return float(rms), float(np.mean(own[seen]))

@@ -89,9 +89,13 @@ def weight_of(recording: Recording) -> Float[np.ndarray, "rows markers"]:
     assert recording.points is not None
     seen = np.isfinite(recording.points).all(axis=2)
     frames = 1.0 if recording.frames is None else recording.frames[:, None]
+    return np.asarray(seen * frames * shares_of(recording), dtype=float)
+
+
+def shares_of(recording: Recording) -> Float[np.ndarray, " markers"]:
+    """Return which part of a reading each marker is: a target's points are one."""
     targets = [m.target for m in recording.markers]
-    share = [1.0 if t is None else 1.0 / targets.count(t) for t in targets]
-    return np.asarray(seen * frames * np.array(share), dtype=float)
+    return np.array([1.0 if t is None else 1.0 / targets.count(t) for t in targets])
 
 
 def rigid_groups(
