@@ -371,3 +371,23 @@ def near(found: Mapping[str, float], true: Mapping[str, float | str]) -> None:
             assert value == int(asked[1:])
         else:
             assert_allclose(value, asked, rtol=PARAMETERS, err_msg=name)
+
+
+@pytest.mark.parametrize("name", ["wrench_misalignment", "wrench_bias", "wrench_gain"])
+def test_sensor_errs_along_its_own_axes_whichever_axes_its_readings_have(name):
+    """A controller that turns readings to the base turns their errors as well."""
+    own, turned = (truth.situation_in(seen) for seen in _reported_both_ways())
+    shape = np.zeros(0)
+    one, other = (
+        truth.moved(s, truth.BY_NAME[name].signature(s, "wrench_sensor", shape))
+        for s in (own, turned)
+    )
+    assert_allclose(one, other, rtol=1e-3, atol=1e-6 * np.abs(one).max())
+
+
+def _reported_both_ways() -> tuple[Recording, Recording]:
+    seen = truth.recording()
+    assert seen.wrench_sensor is not None
+    sensor = replace(seen.wrench_sensor, frame="base")
+    wrench = truth.situation_in(seen).wrench
+    return seen, replace(seen, wrench=wrench, wrench_sensor=sensor)

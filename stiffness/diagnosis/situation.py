@@ -37,7 +37,8 @@ class Situation:
         seat: The same before the axis turns: fixed in the link before.
         wrench: What the world exerts on the robot about the sensor's origin.
         sensor: The sensor's origin, in m.
-        sensor_axes: The axes along which the sensor reads, as columns.
+        sensor_axes: The sensor's own axes as columns: there it errs, even where a
+            controller reports its readings along the base's.
         carried: Whether each place carries each body of `bodies`.
         bodies: Names of the bodies with markers.
         tracker: Transform from the tracker's frame to the base's, as stated or fitted;

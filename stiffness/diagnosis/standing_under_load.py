@@ -112,13 +112,11 @@ def _rest(
 
 
 def _sensor(recording: Recording, standing: Standing) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the sensor is and its own axes, in whatever axes it reports."""
     spec = recording.wrench_sensor
-    rows = standing.origin.shape[1]
     if spec is None:
         return standing.point("flange", np.zeros(3)), standing.turn("flange")
     at = standing.point(spec.body, spec.position)
-    if spec.frame == "base":
-        return at, np.broadcast_to(np.eye(3), (rows, 3, 3))
     mounting = Rotation.from_quat(spec.quaternion_wxyz, scalar_first=True).as_matrix()
     return at, standing.turn(spec.body) @ mounting
 

@@ -69,9 +69,7 @@ class ChannelDelay(Hypothesis):
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
         if where == "wrench_sensor":
-            change = rate(situation, reading(situation))[:, :, None]
-            torque = torque_at_sensor(situation, along_sensor(situation, change))
-            return wind_up(situation, torque)
+            return wind_up(situation, torque_at_sensor(situation, _later(situation)))
         if where != "tracker":
             k = situation.axis(where)
             return turn(k, rate(situation, situation.recording.posture)[:, k])
@@ -116,3 +114,11 @@ def rate(
             time = situation.recording.time[rows]
             speed[rows] = np.gradient(values[rows], time, axis=0)
     return speed
+
+
+def _later(situation: Situation) -> Float[np.ndarray, "rows 6 1"]:
+    """Return how the wrench changes in a second, as the axes that report it see it."""
+    sensor = situation.recording.wrench_sensor
+    if sensor is not None and sensor.frame == "base":
+        return rate(situation, situation.wrench)[:, :, None]
+    return along_sensor(situation, rate(situation, reading(situation))[:, :, None])
