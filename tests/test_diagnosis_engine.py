@@ -44,11 +44,14 @@ from stiffness.diagnosis.hypotheses.hardening import Hardening
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.hypotheses.lost_motion import LostMotion
 from stiffness.diagnosis.hypotheses.marker_slip import MarkerSlip
+from stiffness.diagnosis.judge import equivalents, posterior
 from stiffness.diagnosis.library import library_of
 from stiffness.diagnosis.member import Member, fit_set
+from stiffness.diagnosis.naming import Named
 from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.roots import Roots
 from stiffness.diagnosis.scored import earns, score
+from stiffness.diagnosis.sets import Ranked
 from stiffness.diagnosis.signature import (
     Motion,
     Signature,
@@ -444,6 +447,36 @@ def test_member_that_stood_in_for_another_gives_way():
     fit = fit_set(case.data, case.situation, case.nominal, (stand_in, tilt), case.split)
     best = exchanged(case, fit)[0][1]
     assert {m.name for m in best} == {("hysteresis", "a2"), ("bearing_tilt", "a3")}
+
+
+def test_rival_that_predicts_worse_is_none_unless_a_name_would_go_with_it():
+    """Two laws of one axis; the other predicts every pose a little worse."""
+    case = case_of(prepared("hysteresis@a2"), FEW)
+    best = score(case, (Member(Hysteresis(), "a2", np.array([22.3, 0.0])),))
+    other = score(case, (Member(Hardening(), "a2", np.array([50.0])),))
+
+    def alike(behind: float) -> list[str]:
+        rival = replace(
+            other,
+            log_evidence=best.log_evidence - behind,
+            predicted=best.predicted - 0.2,
+        )
+        named = Named(best, (best, rival), _none(), _nothing(), 1.0, ())
+        weights, sets = posterior(named, 1.0)
+        return [n.effect for n in equivalents(named, 0, weights, sets)]
+
+    assert alike(2.9) == ["hardening"]  # else the name is only 0.948 probable
+    assert alike(2.99) == []
+    assert alike(3.1) == []
+
+
+def _none() -> Ranked:
+    return Ranked((), (), np.zeros(0), np.zeros(0))
+
+
+def _nothing() -> Found:
+    tested = sign_flips([np.ones((60, 1)) / np.sqrt(60)], seed=1)
+    return Found(tested, 1, 0, (), ("a1",), 1.0, 60, MISSTATED)
 
 
 def test_few_poses_that_all_gain_are_no_proof_and_eight_are():

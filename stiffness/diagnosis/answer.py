@@ -51,7 +51,7 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
     effects = []
     for k in kept:
         member = named.best.fit.members[k]
-        alike = equivalents(named, k)
+        alike = equivalents(named, k, weights, sets)
         effects.append(
             NamedEffect(
                 name=Name(*member.name),

@@ -125,27 +125,40 @@ def posterior(named: Named, inflation: float) -> tuple[list[float], list[Scored]
     return list(weight / weight.sum()), sets
 
 
-def equivalents(named: Named, k: int) -> list[Name]:
-    """Return names that would do as well as a member: the other members staying."""
+def equivalents(
+    named: Named, k: int, weights: list[float], sets: list[Scored]
+) -> list[Name]:
+    """Return names that would do as well as a member: the other members staying.
+
+    What predicts unseen poses clearly worse is none, unless a name would not be
+    probable enough without it.
+    """
     best = named.best
     own = best.fit.members[k].name
     others = best.names - {own}
-    alike = []
+    close: list[Name] = []
+    apart: list[Name] = []
     for rival in named.rivals:
         changed = rival.names - others
         if rival is best or not others <= rival.names or len(changed) != 1:
             continue
         if best.log_evidence - rival.log_evidence > ALIKE:
             continue
-        gap = best.predicted - rival.predicted
-        gap = gap[gap != 0.0]
-        error = np.std(gap, ddof=1) / np.sqrt(len(gap)) if len(gap) > 1 else 0.0
-        if np.sum(gap) > ALIKE and np.mean(gap) > MARGIN * error:
-            continue
         name = next(iter(changed))
         if name != own:
-            alike.append(Name(*name))
-    return list(dict.fromkeys(alike))
+            (apart if _predicts_worse(rival, best) else close).append(Name(*name))
+    alike = list(dict.fromkeys(close))
+    if probability_of(own, alike, weights, sets) < SURE:
+        alike = list(dict.fromkeys([*close, *apart]))
+    return alike
+
+
+def _predicts_worse(rival: Scored, best: Scored) -> bool:
+    """Return whether a rival predicts poses left out clearly worse."""
+    gap = best.predicted - rival.predicted
+    gap = gap[gap != 0.0]
+    error = np.std(gap, ddof=1) / np.sqrt(len(gap)) if len(gap) > 1 else 0.0
+    return bool(np.sum(gap) > ALIKE and np.mean(gap) > MARGIN * error)
 
 
 def probability_of(
