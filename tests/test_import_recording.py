@@ -152,6 +152,7 @@ def test_all_faults_are_named_at_once_in_the_user_s_own_names(lab):
         (TARGET.replace("rotation", "quaternion"), "targets.t.quaternion"),
         (TARGET.replace('rotation = ["A", "B", "C"]', ""), "either rotation"),
         ("[markers.p]\n", "not TOML"),
+        ('[x]\nrobot = "a"\n[robot]\n[robot]\n', "Inside [robot]"),
     ],
 )
 def test_a_mapping_that_cannot_be_meant_is_refused(lab, more, words):

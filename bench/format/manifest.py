@@ -148,12 +148,13 @@ def parse(text: str) -> tuple[Manifest | None, list[str]]:
     try:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        return None, [f"{FILE} is not TOML: {first_line(error)}.{_twice(text)}"]
+        return None, [f"{FILE} is not TOML: {first_line(error)}.{twice(text)}"]
     manifest, faults = fill(Manifest, table, "")
     return manifest, [f"{FILE}, {fault}" for fault in faults]
 
 
-def _twice(text: str) -> str:
+def twice(text: str) -> str:
+    """Return a hint where a robot is both a word and a table; else nothing."""
     lines = [line.strip() for line in text.splitlines()]
     if "[robot]" in lines and any(line.startswith("robot ") for line in lines):
         return ' Inside [robot], the robot\'s own name is `name = "…"`.'

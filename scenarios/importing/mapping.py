@@ -16,7 +16,7 @@ import numpy as np
 from msgspec import Struct, field
 
 from bench.errors import Unusable
-from bench.format.manifest import Source
+from bench.format.manifest import Source, twice
 from bench.format.sections import fill, first_line
 from scenarios.importing.clocks import GAP
 
@@ -95,10 +95,13 @@ def mapping_of(path: Path) -> tuple[dict[str, Any], Extras]:
         raise Unusable(what, ["there is no such file; give a TOML file."])
     if path.stat().st_size > LARGEST:
         raise Unusable(what, [f"it has more than {LARGEST} bytes."])
+    text = path.read_bytes()
     try:
-        table = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        table = tomllib.loads(text.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        raise Unusable(what, [f"it is not TOML: {first_line(error)}."]) from None
+        hint = twice(text.decode(errors="replace"))
+        fault = f"it is not TOML: {first_line(error)}.{hint}"
+        raise Unusable(what, [fault]) from None
     names = Extras.__struct_fields__
     beyond = {name: table.pop(name) for name in names if name in table}
     extras, faults = fill(Extras, beyond, "")
