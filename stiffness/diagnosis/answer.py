@@ -124,6 +124,11 @@ def _unexplained(
     depends = next((one.depends_on for one in located if one.where == where), ())
     if depends:
         words.append("depends on " + ", ".join(depends))
+    if not words and last.dispersion > last.wild:
+        words.append(
+            f"poses differ {np.sqrt(last.dispersion):.1f} times as much as the stated "
+            "errors, along no law of one axis' torque, angle or time"
+        )
     return Unexplained(where, "; ".join(words), law, misfit_of(prepared, case).rms)
 
 
