@@ -33,6 +33,7 @@ from stiffness.diagnosis.diagnosis import (
     Unexplained,
     Warned,
 )
+from stiffness.diagnosis.intervals import is_held
 from stiffness.diagnosis.remarks import scattered
 
 
@@ -291,7 +292,7 @@ def test_an_answer_without_end_or_number_says_null(found):
 
 
 def test_first_moments_come_with_a_mass_and_a_centre_that_have_them(found):
-    """Of the vocabulary's names, with ends as wide as any arm's; the patch agrees."""
+    """Of the vocabulary's names, without ends, for no reading holds them."""
     moments = {
         "moment_x_kg_m": (0.12, 0.10, 0.14),
         "moment_y_kg_m": (-0.05, -0.06, -0.04),
@@ -308,7 +309,7 @@ def test_first_moments_come_with_a_mass_and_a_centre_that_have_them(found):
     for name, (moment, _, _) in moments.items():
         centre = name.replace("moment", "com").replace("_kg_m", "_m")
         assert mass * plain[centre]["estimate"] == pytest.approx(moment)
-        assert plain[centre]["low"] < -1.0 and plain[centre]["high"] > 1.0
+        assert plain[centre]["low"] is None and plain[centre]["high"] is None
         assert plain[name]["estimate"] == moment
     values = {name: p["estimate"] for name, p in plain.items()}
     made = effect_of(Named("gravity_load", "link_2", values)).parameters()
@@ -358,6 +359,8 @@ def test_story_claims_no_agreement_where_poses_differ_at_random(found, recording
         ("bending_nm2", 6.3e5, "630 kN m²"),
         ("ratio", 0.05, "0.05"),
         ("x_m", 3e-4, "0.3 mm"),
+        ("phase_rad", 0.634, "36.3 °"),
+        ("stiffness_nm", 31684.2, "31684 N m"),
         ("bending_nm2", None, "no bound"),
         ("with", "a4", "a4"),
     ],
@@ -369,6 +372,34 @@ def test_parameters_are_said_in_units_of_people(name, value, said):
 def test_an_interval_is_said_with_its_number():
     assert span("width_rad", Interval(1e-4, 0.5e-4, None)) == "100 µrad (50 to ?)"
     assert span("with", Interval("a4", "a4", "a4")) == "a4"
+    assert span("phase_rad", Interval(0.5, 0.25, 1.0)) == "28.6 ° (14.3 to 57.3)"
+
+
+def test_a_count_is_said_as_the_whole_number_that_it_can_be():
+    assert span("order", Interval(2.02, 1.95, 2.05)) == "2"
+    assert span("order", Interval(1.62, 1.42, 1.81)) == "1.62 (1.42 to 1.81)"
+    assert span("order", Interval(2.0, 1.0, 3.0)) == "2 (1 to 3)"
+
+
+def test_what_the_data_do_not_hold_is_said_to_be_so_and_gets_no_ends():
+    wide = Interval(-3.08e-5, None, None)
+    assert span("z_m", wide) == "-0.0308 mm (not held by these data)"
+    assert not is_held((-0.1, 0.1), -3e-5, 2.4)
+    assert not is_held((1.0, np.inf), 1.6e8, 1.1e9)
+    assert is_held((-0.1, 0.1), -3e-5, 1e-4) and is_held(None, 0.0, 9.0)
+
+
+def test_an_added_mass_that_does_not_show_is_none_that_no_arm_carries(found):
+    """41 kg m would be 412 kg at a hand's breadth."""
+    pull = NamedEffect(
+        Name("gravity_load", "link_2"), 1.0, (),
+        {"moment_x_kg_m": Parameter(41.2, 40.0, 42.0)},
+    )  # fmt: skip
+    (called,) = answer_of(replace(found, named=(pull,)), None, (), 1.0).named
+    mass, centre = called.parameters["mass_kg"], called.parameters["com_x_m"]
+    assert isinstance(mass.estimate, float) and isinstance(centre.estimate, float)
+    assert mass.estimate <= 100.0 and mass.low is mass.high is None
+    assert mass.estimate * centre.estimate == pytest.approx(41.2)
     assert label("compliance_rad_per_nm") == "compliance"
 
 

@@ -25,9 +25,9 @@ from scenarios.diagnosing.schema import (
 from stiffness.diagnosis.diagnosis import Diagnosis, Name, NamedEffect
 
 MM, URAD = 1e3, 1e6
-USUAL_M, FARTHEST_M, HEAVIEST_KG = 0.1, 2.0, 100.0
-"""How far from its body's origin an added mass sits, usually and at most, and how heavy
-it is at most; chosen: wider than any arm's."""
+USUAL_M, HEAVIEST_KG = 0.1, 100.0
+"""How far from its body's origin an added mass sits usually, and how heavy it is at
+most; chosen: wider than any arm's."""
 
 
 def answer_of(
@@ -135,8 +135,8 @@ def _with_mass(parameters: dict[str, Interval]) -> dict[str, Interval]:
     """Add mass and centre to first moments that show no mass: one of many pairs.
 
     A turn about a level axis feels mass x distance alone. The pair given has its centre
-    at a usual distance; neither has ends but those of any arm, and the moments, which
-    are known, stay beside them.
+    at a usual distance, or as far as the heaviest mass asks for; neither has ends, for
+    the data do not hold them, and the moments, which are known, stay beside them.
     """
     moment = {
         name: p.estimate
@@ -146,11 +146,11 @@ def _with_mass(parameters: dict[str, Interval]) -> dict[str, Interval]:
     size = math.hypot(*moment.values())
     if "mass_kg" in parameters or not size:
         return parameters
-    mass = size / USUAL_M
-    found = {"mass_kg": Interval(mass, -HEAVIEST_KG, HEAVIEST_KG)}
+    mass = min(size / USUAL_M, HEAVIEST_KG)
+    found = {"mass_kg": Interval(mass, None, None)}
     for name, value in moment.items():
         centre = name.replace("moment", "com").replace("_kg_m", "_m")
-        found[centre] = Interval(value / mass, -FARTHEST_M, FARTHEST_M)
+        found[centre] = Interval(value / mass, None, None)
     return parameters | found
 
 

@@ -1,5 +1,7 @@
 """People read parameters in units of their own, and with an interval."""
 
+import numpy as np
+
 from scenarios.diagnosing.schema import Interval
 
 WORDS = {
@@ -17,6 +19,13 @@ WORDS = {
     "kg_m": ("kg m", 1.0),
 }
 """Units for people, by the end of a parameter's name."""
+DEGREES = ("°", 180.0 / np.pi)
+"""Of where in a turn something is."""
+COUNTS = ("order",)
+"""Parameters that are whole numbers in gears."""
+
+
+NOT_HELD = "(not held by these data)"
 
 
 def size(name: str, value: float | str | None) -> str:
@@ -26,24 +35,45 @@ def size(name: str, value: float | str | None) -> str:
     if isinstance(value, str):
         return value
     unit, factor = unit_of(name)
-    return f"{value * factor:.3g}{' ' + unit if unit else ''}"
+    return f"{_digits(value * factor)}{' ' + unit if unit else ''}"
+
+
+def _digits(value: float) -> str:
+    """Return three digits, without powers of ten where people need none."""
+    small = f"{value:.3g}"
+    return f"{value:.0f}" if 1e3 <= abs(float(small)) < 1e6 else small
 
 
 def span(name: str, interval: Interval) -> str:
     """Return a parameter with its interval."""
     text = size(name, interval.estimate)
+    if interval.low is None and interval.high is None:
+        return f"{text} {NOT_HELD}"
+    if whole := _whole(name, interval):
+        return whole
     if isinstance(interval.estimate, str) or interval.low == interval.high:
         return text
     factor = unit_of(name)[1]
     ends = [
-        f"{x * factor:.3g}" if isinstance(x, float) else "?"
+        _digits(x * factor) if isinstance(x, float) else "?"
         for x in (interval.low, interval.high)
     ]
     return f"{text} ({ends[0]} to {ends[1]})"
 
 
+def _whole(name: str, interval: Interval) -> str:
+    """Return the one whole number that a count can be; empty where there is none."""
+    ends = interval.low, interval.estimate, interval.high
+    low, here, high = (x if isinstance(x, float) else np.nan for x in ends)
+    if name not in COUNTS or not low <= round(here) <= high or high - low >= 1.0:
+        return ""
+    return str(round(here))
+
+
 def unit_of(name: str) -> tuple[str, float]:
     """Return the unit of a parameter, and its size in SI units, by its name."""
+    if name.startswith("phase"):
+        return DEGREES
     for ending in sorted(WORDS, key=len, reverse=True):
         if name.endswith(f"_{ending}"):
             return WORDS[ending]

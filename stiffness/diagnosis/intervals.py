@@ -30,7 +30,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number with its interval, in SI."""
+    """A number with its interval, in SI; without ends where the data do not hold it."""
 
     estimate: float
     low: float
@@ -133,15 +133,28 @@ def _of_member(situation, springs, member, fitted, cov, quantile):
         slope[:, i] = [(up[k] - down[k]) / (2 * step) for k in names]
     spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, cov, slope), 0.0))
     law, found = member.hypothesis, {}
+    limits = law.limits_at(situation, member.where)
     grain = law.grain(situation)
     for name, s in zip(names, spread, strict=True):
         value, half = float(here[name]), float(quantile * s + grain.get(name, 0.0))
         if name in law.logarithmic and value > 0.0:
             factor = float(np.exp(min(half / value, 50.0)))
             found[name] = Parameter(value, value / factor, value * factor)
-        else:
+        elif is_held(limits.get(name), value, half):
             found[name] = Parameter(value, value - half, value + half)
+        else:
+            found[name] = Parameter(value, -np.inf, np.inf)
     return found
+
+
+def is_held(limits: tuple[float, float] | None, value: float, half: float) -> bool:
+    """Return whether readings say more of a number than that it is physical."""
+    if limits is None:
+        return True
+    low, high = limits
+    if np.isfinite(high):
+        return half < (high - low) / 2.0
+    return not np.isfinite(low) or value - half > low
 
 
 def beyond_limits(

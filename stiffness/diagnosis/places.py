@@ -22,6 +22,8 @@ from stiffness.diagnosis.library import Library
 from stiffness.diagnosis.member import Member, SetFit
 from stiffness.diagnosis.situation import Situation
 
+FAINT = 1e-3
+"""Share of the largest torque on any axis below which there is none; chosen."""
 MOST = 4
 """Places that are looked for at most; chosen: more is no finding but a bad model."""
 
@@ -146,8 +148,11 @@ def zone_of(situation: Situation, member: Member) -> str:
     torque = situation.torque[strong, k]
     stages, count = np.unique(situation.recording.stage[strong], return_counts=True)
     words = []
-    if count.max() > 0.6 * count.sum():
+    stage = situation.recording.stage
+    if count.max() > 0.6 * count.sum() and np.any(stage != stage[0]):
         words.append(str(stages[np.argmax(count)]))
     low, high = np.quantile(torque, [0.05, 0.95])
-    words.append(f"torque {low:.3g} to {high:.3g} N m")
+    least = FAINT * max(float(np.abs(situation.torque).max()), 1e-9)
+    if max(abs(low), abs(high)) > least:
+        words.append(f"torque {low:.3g} to {high:.3g} N m")
     return ", ".join(words)
