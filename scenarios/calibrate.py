@@ -9,7 +9,7 @@ simulated in MuJoCo, before and after.
 Run:    python -m scenarios.calibrate RECORDING --robot MODEL.xml --out DIR
 Takes:  1 minute for 12,000 poses, seconds for 300
 Expect: what was believed, step by step, and in DIR diagnosis.json, patch.json,
-        report.html, report.md and pictures
+        model.xml, diagnosis.rrd, report.html, report.md and pictures
 """
 
 from dataclasses import dataclass

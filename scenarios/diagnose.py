@@ -77,7 +77,8 @@ def main(settings: Settings) -> answer.Answer:
         notes = (*notes, sampled) if sampled else notes
         found = asked(recording, arm)
     if calibrating.is_called_for(recording, found):
-        outcome = calibrating.tried(whole, arm, settings.robot, console)
+        rejected = found.detection.p_value
+        outcome = calibrating.tried(whole, arm, settings.robot, console, rejected)
         if outcome is not None:
             carried_out.written(settings.out, outcome)
             console.print(f"{settings.out / 'report.html'}", markup=False)

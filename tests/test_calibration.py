@@ -39,9 +39,11 @@ TRUTH = (
 )
 
 
-def recorded(model: Path, effects, poses: int, seed: int) -> Recording:
+def recorded(
+    model: Path, effects, poses: int, seed: int, springs: dict | None = None
+) -> Recording:
     """A target on the flange, seen where MuJoCo says it is."""
-    rig = rig_of(Patch(effects=tuple(effects)), model)
+    rig = rig_of(Patch(dict(springs or {}), tuple(effects)), model)
     random = np.random.default_rng(seed)
     middle = np.array([0.0, -1.4, 1.2, 0.3, 0.8, 0.0])
     posture = middle + random.uniform(-1.0, 1.0, (poses, 6)) * [2, 0.8, 0.8, 1, 1, 2]
@@ -140,7 +142,8 @@ def test_an_answer_is_written_whole_with_its_pictures(outcome, tmp_path):
     written(tmp_path / "out", outcome)
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert names == {
-        *("diagnosis.json", "patch.json", "report.html", "report.md"),
+        *("diagnosis.json", "patch.json", "model.xml", "diagnosis.rrd"),
+        *("report.html", "report.md"),
         *("before_after.png", "gears.png", "residual_map.png"),
     }
 

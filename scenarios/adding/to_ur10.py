@@ -97,7 +97,7 @@ def _size(
         ones = np.ones_like(angle)
         a = np.stack([np.sin(phase), np.cos(phase), ones, angle], axis=1)
         x = np.linalg.lstsq(a, more, rcond=None)[0]
-        size, half = float(np.hypot(x[0], x[1])), found.wave_widths[named.where]
+        size, half = float(np.hypot(x[0], x[1])), found.waves[named.where].half
         return size, size - half, size + half
     value, half = _estimate(found, named.effect, named.where, parameter)
     known = _estimate(base, named.effect, named.where, parameter)[0]

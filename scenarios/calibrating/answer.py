@@ -13,7 +13,7 @@ import numpy as np
 from scipy.stats import norm
 
 from scenarios.calibrating.proof import Proof, rms
-from scenarios.calibrating.remains import Remains
+from scenarios.calibrating.remains import ALPHA, Remains
 from scenarios.diagnosing.schema import (
     Answer,
     At,
@@ -28,8 +28,6 @@ from stiffness.calibration.blocks import Key
 from stiffness.calibration.calibrated import Calibrated
 
 MM = 1e3
-ALPHA = 0.005
-"""Below this p-value there is something, or something left."""
 DEPENDS = {
     "joint_compliance": ("torque",),
     "bearing_tilt": ("torque",),
@@ -42,18 +40,33 @@ LIKE = {"hysteresis": "lost_motion"}
 
 
 def answer_of(
-    name: str, found: Calibrated, proof: Proof, remains: Remains, seconds: float
+    name: str,
+    found: Calibrated,
+    proof: Proof,
+    remains: Remains,
+    seconds: float,
+    rejected: float = 1.0,
 ) -> Answer:
-    """Put everything together."""
+    """Put everything together.
+
+    Args:
+        name: Of the recording.
+        found: The calibration.
+        proof: What the simulator says of it.
+        remains: What is left.
+        seconds: That it took.
+        rejected: p-value of the nominal arm, where another test has looked at it.
+    """
     first, last = found.at_first, found.at_last
-    something = first.p_value < ALPHA
+    p_value = min(1.0, rejected, 2.0 * min(first.p_value, proof.p_value))
+    something = p_value < ALPHA or proof.gain[1] > 0.0
     names = found.named if something else ()
     if not something:
         verdict = "no_mismatch"
     elif not names:
         verdict = "unexplained"
     else:
-        verdict = "partly_explained" if last.p_value < ALPHA else "explained"
+        verdict = "partly_explained" if remains.p_value < ALPHA else "explained"
     left = None
     if verdict in ("partly_explained", "unexplained"):
         left = Left(remains.where, remains.signature, {}, MM * rms(proof.after))
@@ -63,7 +76,7 @@ def answer_of(
         recording=name,
         verdict=verdict,
         detection=Detected(
-            first.p_value, MM * first.rms, MM * last.noise, MM * last.smallest
+            p_value, MM * first.rms, MM * last.noise, MM * last.smallest
         ),
         located=_located(found, names),
         named=tuple(_called(found, key) for key in names),
@@ -125,29 +138,23 @@ def _called(found: Calibrated, key: Key) -> Called:
         for name, e in found.estimates.get(key, {}).items()
     }
     if effect == "transmission_error":
-        table = found.tables[where]
-        size = np.hypot(table.cos, table.sin)
-        top = int(np.argmax(size))
-        order, phase = table.order[top], np.arctan2(table.cos[top], table.sin[top])
-        for name, value in (
-            ("amplitude_rad", size[top]), ("order", order), ("phase_rad", phase),
-        ):  # fmt: skip
-            half = found.wave_widths[where] if name == "amplitude_rad" else 0.0
-            low, high = float(value - half), float(value + half)
-            if name == "phase_rad":
-                turn = found.wave_widths[where] / max(size[top], 1e-30)
-                low, high = float(value - turn), float(value + turn)
-            parameters[name] = Interval(float(value), low, high)
-    equivalents: tuple[At, ...] = ()
+        wave = found.waves[where]
+        size, half = wave.size, wave.half
+        turn = half / size if size > half else None  # else any phase does
+        n, q = float(wave.order), wave.phase
+        parameters["amplitude_rad"] = Interval(size, max(size - half, 0.0), size + half)
+        parameters["order"] = Interval(n, n, n)
+        parameters["phase_rad"] = (
+            Interval(q, None, None) if turn is None else Interval(q, q - turn, q + turn)
+        )
+    equivalents = [At(*other) for other in found.selected.alike.get(key, ())]
     if effect in LIKE:
-        equivalents = (At(LIKE[effect], where),)
+        equivalents.append(At(LIKE[effect], where))
     elif effect == "drift":
-        equivalents = (At("drift", "tracker"),)
-    elif (
-        effect == "encoder_offset"
-        and found.readings.arm.chain.parent[int(where[1:]) - 1] >= 0
-    ):
-        link = found.readings.arm.chain.parent[int(where[1:]) - 1] + 1
-        equivalents = (At("geometry_error", f"link_{link}"),)
+        equivalents.append(At("drift", "tracker"))
+    elif effect == "encoder_offset":
+        carrier = found.readings.arm.chain.parent[int(where[1:]) - 1]
+        if carrier >= 0:
+            equivalents.append(At("geometry_error", f"link_{carrier + 1}"))
     sure = float(np.clip(norm.cdf(loss / error), 0.0, 0.9999))
-    return Called(effect, where, sure, equivalents, parameters)
+    return Called(effect, where, sure, tuple(dict.fromkeys(equivalents)), parameters)

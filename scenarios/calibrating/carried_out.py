@@ -11,9 +11,10 @@ from tempfile import mkdtemp
 from rich.console import Console
 
 from bench.errors import Unusable
-from bench.patch import FILE, text_of
+from bench.patch import FILE, MODEL_FILE, rig_of, text_of, with_arm
+from bench.patch_model import mjcf_of
 from bench.recording import Recording
-from scenarios.calibrating import report
+from scenarios.calibrating import playback, report
 from scenarios.calibrating.answer import answer_of
 from scenarios.calibrating.proof import Proof, proved
 from scenarios.calibrating.remains import Remains, remains_of
@@ -35,10 +36,16 @@ class Outcome:
     proof: Proof
     remains: Remains
     answer: Answer
+    model: Path
 
 
 def carried_out(
-    recording: Recording, arm: Arm, model: Path, draw: int = 0, quiet: bool = False
+    recording: Recording,
+    arm: Arm,
+    model: Path,
+    draw: int = 0,
+    quiet: bool = False,
+    rejected: float = 1.0,
 ) -> Outcome:
     """Calibrate and prove.
 
@@ -48,6 +55,7 @@ def carried_out(
         model: Its file, for the simulator.
         draw: Which regions are kept back; see `regions_of`.
         quiet: Whether to say nothing on the way.
+        rejected: p-value of the nominal arm, where another test has looked at it.
 
     Raises:
         Unusable: Where the recording cannot be calibrated on.
@@ -59,13 +67,13 @@ def carried_out(
     proof = proved(found, model)
     remains = remains_of(found, proof)
     seconds = time.perf_counter() - started
-    answer = answer_of(recording.name, found, proof, remains, seconds)
+    answer = answer_of(recording.name, found, proof, remains, seconds, rejected)
     console.print(report.first_sentence(answer, proof))
-    return Outcome(found, proof, remains, answer)
+    return Outcome(found, proof, remains, answer, model)
 
 
 def written(folder: Path, outcome: Outcome, more: Sequence[Block] = ()) -> None:
-    """Write diagnosis.json, patch.json, pictures and the report.
+    """Write diagnosis.json, patch.json, model.xml, pictures and the report.
 
     Args:
         folder: Where to.
@@ -89,7 +97,11 @@ def written(folder: Path, outcome: Outcome, more: Sequence[Block] = ()) -> None:
         page.write(waiting, title, first, [*blocks, *more])
         text = form.text_of(o.answer)
         (waiting / "diagnosis.json").write_text(text, encoding="utf-8")
-        (waiting / FILE).write_text(text_of(o.proof.patch), encoding="utf-8")
+        rig = rig_of(o.proof.patch, o.model)
+        patch = with_arm(o.proof.patch, rig)
+        (waiting / FILE).write_text(text_of(patch), encoding="utf-8")
+        (waiting / MODEL_FILE).write_text(mjcf_of(rig), encoding="utf-8")
+        playback.save(o.found, o.proof, first, waiting / "diagnosis.rrd")
         folder.mkdir(exist_ok=True)
         for file in sorted(waiting.iterdir()):
             os.replace(file, folder / file.name)

@@ -34,6 +34,7 @@ def patch_of(found: Calibrated) -> Patch:
         effects += _waves(axis, table)
     names, places = found.readings.names, found.drawn.places
     return Patch(
+        stiffness_nm_per_rad=dict(found.springs[1]),
         effects=tuple(effects),
         base_from_tracker=_rows(found.drawn.base_from_tracker),
         markers={n: _triple(p) for n, p in zip(names, places, strict=True)},

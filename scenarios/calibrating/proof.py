@@ -36,6 +36,7 @@ class Proof:
         before: Residual as drawn, in m.
         after: Residual as calibrated, in m.
         gain: Rms before less after, in m, and its 95 % interval over regions.
+        p_value: Share of draws of regions without any gain; 1: nothing was put in.
         patch: What was put in.
     """
 
@@ -43,6 +44,7 @@ class Proof:
     before: Float[np.ndarray, "rows 3"]
     after: Float[np.ndarray, "rows 3"]
     gain: tuple[float, float, float]
+    p_value: float
     patch: Patch
 
 
@@ -50,14 +52,18 @@ def proved(found: Calibrated, model: Path) -> Proof:
     """Simulate the arm as drawn and as calibrated on everything that was seen."""
     held = found.held
     patch = patch_of(found)
-    before = _left(found, model, Patch(), found.before, 0.0)[held]
+    nominal = Patch(stiffness_nm_per_rad=dict(found.springs[0]))
+    before = _left(found, model, nominal, found.before, 0.0)[held]
     moving = tuple(e for e in patch.effects if e.effect not in FROM_SIDES)
     after = _left(
         found, model, replace(patch, effects=moving), found.drawn, _arrival(found)
     )[held]
     region = found.regions.region[held]
     poses = len(np.unique(found.readings.pose[held]))
-    return Proof(poses, before, after, _gain(before, after, region), patch)
+    if not patch.effects:
+        return Proof(poses, before, before, (0.0, 0.0, 0.0), 1.0, patch)
+    gain, p_value = _gain(before, after, region)
+    return Proof(poses, before, after, gain, p_value, patch)
 
 
 def rms(residual: Float[np.ndarray, "rows 3"]) -> float:
@@ -113,12 +119,14 @@ def _arrival(found: Calibrated) -> Float[np.ndarray, "rows axes"]:
     return short
 
 
-def _gain(before, after, region) -> tuple[float, float, float]:
-    """Return the gain and its interval: regions are drawn anew, poses within as are."""
+def _gain(before, after, region) -> tuple[tuple[float, float, float], float]:
+    """Return gain, interval and p-value over regions drawn anew, whole ones."""
     names, index = np.unique(region, return_inverse=True)
     count = np.bincount(index)
     squares = [np.bincount(index, np.sum(r**2, axis=1)) for r in (before, after)]
     drawn = np.random.default_rng(0).integers(len(names), size=(RESAMPLES, len(names)))
     size = [np.sqrt(s[drawn].sum(axis=1) / count[drawn].sum(axis=1)) for s in squares]
-    low, high = np.quantile(size[0] - size[1], [0.025, 0.975])
-    return rms(before) - rms(after), float(low), float(high)
+    gain = size[0] - size[1]
+    low, high = np.quantile(gain, [0.025, 0.975])
+    p_value = float((1 + np.sum(gain <= 0.0)) / (1 + RESAMPLES))
+    return (rms(before) - rms(after), float(low), float(high)), p_value

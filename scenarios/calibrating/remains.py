@@ -5,12 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from scenarios.calibrating.proof import Proof, rms
+from scenarios.calibrating.proof import RESAMPLES, Proof, rms
 from stiffness.calibration.calibrated import Calibrated
 
 FAR = np.radians(1.0)
 """An angle further than this from any that was fitted is new to a table; chosen: a
 quarter of the shortest wave that matters."""
+ALPHA = 0.005
+"""Below this p-value something is left."""
 
 
 @dataclass(frozen=True)
@@ -20,6 +22,7 @@ class Remains:
     Attributes:
         where: The place that it hangs on most.
         signature: How it looks, in words.
+        p_value: Of its being noise: alike in neighbours, or more than was stated.
         new_angle: Rows where some axis stands at an angle that was not fitted.
         by_region: Of each region kept back: its number, rms in m, poses, share of new
             angles.
@@ -27,6 +30,7 @@ class Remains:
 
     where: str
     signature: str
+    p_value: float
     new_angle: Bool[np.ndarray, " rows"]
     by_region: tuple[tuple[int, float, int, float], ...]
 
@@ -47,10 +51,18 @@ def remains_of(found: Calibrated, proof: Proof) -> Remains:
     )
     last = found.at_last
     common = np.sqrt(max(last.share, 0.0)) * last.rms
-    words = [
-        f"neighbouring poses have {1e3 * common:.3f} mm rms in common and differ by "
-        f"{1e3 * last.noise:.3f} mm: smooth in posture, not noise"
-    ]
+    words = []
+    if last.p_value < ALPHA:
+        words.append(
+            f"neighbouring poses have {1e3 * common:.3f} mm rms in common and differ "
+            f"by {1e3 * last.noise:.3f} mm: smooth in posture, not noise"
+        )
+    floor, beyond = _beyond_stated(found, left, region)
+    if beyond < ALPHA:
+        words.append(
+            f"{1e3 * rms(left):.3f} mm are left where the stated noise leaves "
+            f"{1e3 * floor:.3f} mm: something more, or more noise than is stated"
+        )
     if new.any() and not new.all():
         words.append(
             f"{1e3 * rms(left[new]):.3f} mm where an axis stands at an angle that no "
@@ -64,11 +76,30 @@ def remains_of(found: Calibrated, proof: Proof) -> Remains:
     ]
     words += [
         f"{s.key[0]} at {s.key[1]} would help ({s.gain / s.error:.1f} standard errors) "
-        f"with {s.parameters[0]} below zero, which no such mechanism has: not named"
+        f"with {s.parameters[0]} beyond what such a mechanism can have: not named"
         for s in odd
     ]
+    words = words or ["nothing beyond the noise shows on the poses kept back"]
     where = odd[0].key[1] if odd else _strongest(found, by_axis, readings.posture[held])
-    return Remains(where, "; ".join(words) + ".", new, rows)
+    p_value = min(last.p_value, beyond)
+    return Remains(where, "; ".join(words) + ".", p_value, new, rows)
+
+
+def _beyond_stated(found: Calibrated, left, region) -> tuple[float, float]:
+    """Return what the stated noise leaves, in m, and the p-value of no more than that.
+
+    The noise of what was fitted counts twice: poses kept back lie at the edge.
+    """
+    if not np.isfinite(found.readings.stated):
+        return np.nan, 1.0
+    square = 3.0 * found.readings.stated**2 * (1.0 + 2.0 * found.used)
+    names, index = np.unique(region, return_inverse=True)
+    count = np.bincount(index)
+    sums = np.bincount(index, np.sum(left**2, axis=1))
+    drawn = np.random.default_rng(0).integers(len(names), size=(RESAMPLES, len(names)))
+    mean = sums[drawn].sum(axis=1) / count[drawn].sum(axis=1)
+    p_value = (1 + np.sum(mean <= square)) / (1 + RESAMPLES)
+    return float(np.sqrt(square)), float(p_value)
 
 
 def _new_angles(found: Calibrated) -> tuple[np.ndarray, dict[str, np.ndarray]]:

@@ -28,7 +28,7 @@ def is_called_for(recording: Recording, found: Diagnosis) -> bool:
 
 
 def tried(
-    recording: Recording, arm: Arm, robot: Path, console: Console
+    recording: Recording, arm: Arm, robot: Path, console: Console, rejected: float
 ) -> Outcome | None:
     """Calibrate, or say why that cannot be and return None.
 
@@ -37,10 +37,11 @@ def tried(
         arm: The nominal arm, with the recording's names.
         robot: Its model's file.
         console: Where it is told.
+        rejected: p-value of the nominal arm in the test that found the difference.
     """
     console.print("No few effects explain it: calibrating on positions.")
     try:
-        return carried_out(recording, arm, robot)
+        return carried_out(recording, arm, robot, rejected=rejected)
     except (BenchError, *ODD_NUMBERS) as error:
         console.print(f"It cannot be calibrated on: {error}", markup=False)
         return None

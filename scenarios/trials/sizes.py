@@ -12,6 +12,7 @@ import numpy as np
 from bench.effects.effect import Effect
 from bench.errors import BenchError, Unusable
 from scenarios.trials.weight import Weight
+from stiffness.tracker_limits import LARGEST_SCALE
 
 ABOVE = 1.25
 """By how much an effect may exceed the χ² that is asked for; chosen: the bars say at
@@ -59,7 +60,7 @@ MOST = {
     "wrench_bias": 20.0,
     "wrench_gain": 0.3,
     "wrench_misalignment": 0.1,
-    "tracker_scale": 1e-3,
+    "tracker_scale": LARGEST_SCALE,
     "tracker_misalignment": 2e-2,
     "drift": 1e-2,
     "marker_slip": 1e-3,

@@ -25,7 +25,11 @@ class Blocks:
         parameter: Of each column.
         order: Of each column of a table; 0 elsewhere.
         least: Smallest value of each coefficient.
+        most: Largest.
         entry: Number of each column among the silent columns of a stance; −1 elsewhere.
+        start: Where each column stands in the stance: the drawing's numbers as drawn
+            so far, 0 elsewhere. Coefficients are whole numbers, not steps: what is
+            not fitted is as the model has it.
         candidates: Whose columns follow those of the drawing.
     """
 
@@ -33,7 +37,9 @@ class Blocks:
     parameter: tuple[str, ...]
     order: Int[np.ndarray, " columns"]
     least: Float[np.ndarray, " columns"]
+    most: Float[np.ndarray, " columns"]
     entry: Int[np.ndarray, " columns"]
+    start: Float[np.ndarray, " columns"]
     candidates: tuple[Candidate, ...]
 
     @classmethod
@@ -53,16 +59,20 @@ class Blocks:
         owner: list[Key] = [(e.effect, e.where) for e in entries]
         parameter = [e.parameter for e in entries]
         order, least = [0] * len(entries), [-np.inf] * len(entries)
+        most = [np.inf] * len(entries)
         for c in candidates:
             count = len(c.parameters)
             owner += [SILENT if c.key in known else c.key] * count
             parameter += c.parameters
             order += c.orders or [0] * count
             least += [c.least] * count
+            most += [c.most] * count
         entry = np.concatenate([shown, np.full(len(owner) - len(shown), -1)])
+        start, own = np.zeros(len(owner)), shown[shown < len(drawing)]
+        start[: len(own)] = stance.drawn.values[own]
         return cls(
             tuple(owner), tuple(parameter), np.array(order), np.array(least),
-            entry, tuple(candidates),
+            np.array(most), entry, start, tuple(candidates),
         )  # fmt: skip
 
     @property
@@ -82,6 +92,10 @@ class Blocks:
             return [own[i : i + 1] for i in range(len(own))]
         return [own]
 
+    def holds(self, columns: Int[np.ndarray, " some"], x: np.ndarray) -> bool:
+        """Return whether coefficients of some columns are physically possible."""
+        return bool(np.all((x >= self.least[columns]) & (x <= self.most[columns])))
+
     @property
     def band(self) -> Int[np.ndarray, " columns"]:
         """Of each column the band that its size is learnt with; −1: none."""
@@ -94,8 +108,15 @@ class Blocks:
         self, stance: Stance, rows: Int[np.ndarray, " some"] | None = None
     ) -> Float[np.ndarray, "n columns"]:
         """Return the columns at some rows, three lines to a row."""
+        return self.problem(stance, rows)[0]
+
+    def problem(
+        self, stance: Stance, rows: Int[np.ndarray, " some"] | None = None
+    ) -> tuple[Float[np.ndarray, "n columns"], Float[np.ndarray, " n"]]:
+        """Return the columns, and what they should add up to."""
         if rows is not None:
             stance = Stance.of(stance.readings.take(rows), stance.drawn)
         drawing = stance.silent()[:, :, self.entry[self.entry >= 0]]
         both = [drawing, stacked(self.candidates, stance)]
-        return np.concatenate(both, axis=2).reshape(-1, len(self.owner))
+        a = np.concatenate(both, axis=2).reshape(-1, len(self.owner))
+        return a, stance.residual.ravel() + a @ self.start

@@ -10,24 +10,31 @@ from stiffness.arm import Arm
 from stiffness.calibration.blocks import SILENT, Blocks, Key
 from stiffness.calibration.claims import (
     Table,
+    Wave,
     estimates_of,
     largest_waves,
     tables_of,
+    wave_of,
 )
 from stiffness.calibration.columns import ORDERS, candidates_of
 from stiffness.calibration.intervals import Estimate, spread
 from stiffness.calibration.judging import Judge
+from stiffness.calibration.naming import named
 from stiffness.calibration.neighbours import Agreement, agreement
 from stiffness.calibration.normal import normals_of, total_of
 from stiffness.calibration.readings import Readings
 from stiffness.calibration.regions import Regions
-from stiffness.calibration.ridge import learnt, solved
-from stiffness.calibration.rigid_fit import fitted
-from stiffness.calibration.selection import MARGIN, Selected, selected
+from stiffness.calibration.ridge import learnt
+from stiffness.calibration.rigid_fit import RigidFit, fitted
+from stiffness.calibration.selection import Selected, selected
 from stiffness.calibration.stance import Drawn, Stance
+from stiffness.calibration.whole_fit import springs_of, whole_fit
 
 CHOOSING = 129
 """Order below which tables end while effects are chosen; then they are drawn whole."""
+
+WAVES = 5
+"""Of each table the waves that get an interval, the largest ones."""
 
 
 @dataclass(frozen=True)
@@ -37,15 +44,19 @@ class Calibrated:
     Attributes:
         readings: All that was seen.
         regions: Which of it was kept back.
-        before: Rigid arm as drawn: frame and places fitted.
+        before: Arm as drawn: frame, places and springs fitted.
         drawn: The drawing as corrected.
+        springs: Stiffness of springs that the model has, in N m/rad, by axis: as
+            fitted to the arm as drawn, and to the corrected one.
         estimates: Of every number but tables', with intervals, by effect and place.
         tables: Of uneven gears, by axis.
-        wave_widths: Half the interval of each table's largest wave, in rad.
+        waves: Of each table the largest wave that is clearly there, by axis.
         selected: How effects were chosen.
-        named: Effects that are believed, the one that matters most first.
+        named: Effects that are believed and whose numbers are clearly not zero, the
+            one that matters most first.
         nominal: Residual of the arm as drawn, on all rows, in m.
         residual: What calibration leaves, on all rows, in m.
+        used: Coefficients settled for each coordinate that was fitted.
         at_first: Whether neighbours agree before.
         at_last: Whether they do after.
     """
@@ -54,13 +65,15 @@ class Calibrated:
     regions: Regions
     before: Drawn
     drawn: Drawn
+    springs: tuple[dict[str, float], ...]
     estimates: dict[Key, dict[str, Estimate]]
     tables: dict[str, Table]
-    wave_widths: dict[str, float]
+    waves: dict[str, Wave]
     selected: Selected
     named: tuple[Key, ...]
     nominal: Float[np.ndarray, "rows 3"]
     residual: Float[np.ndarray, "rows 3"]
+    used: float
     at_first: Agreement
     at_last: Agreement
 
@@ -89,71 +102,57 @@ def calibrated(
     """
     keep = ~regions.kept_back
     fit_on = readings.take(keep)
-    before = fitted(fit_on, redraw=False).drawn
-    nominal = Stance.of(readings, before).residual
+    sprung = _sprung(readings.arm)
+    plain = fitted(fit_on, redraw=False)
+    before = whole_fit(readings, keep, plain, set(), sprung, highest)
     rigid = fitted(fit_on, redraw=True)
     stance = Stance.of(readings, rigid.drawn)
-    sprung = _sprung(readings.arm)
-    blocks = Blocks.of(
-        rigid, stance, candidates_of(stance, min(CHOOSING, highest)), sprung
-    )
+    some = candidates_of(stance, min(CHOOSING, highest))
+    blocks = Blocks.of(rigid, stance, some, sprung)
     folds = normals_of(blocks, stance, regions.fold, regions.count)
     _, sizes = learnt(total_of(folds), blocks.band)
     chosen = selected(Judge(blocks, folds, sizes), said)
     said("drawing tables in full")
     wanted = {(blocks.owner[j], blocks.parameter[j]) for j in chosen.columns}
-    keys = {owner for owner, _ in wanted}
     del folds
-    every = [
-        c
-        for c in candidates_of(stance, highest)
-        if c.key in keys or c.key in sprung
-        if c.orders or (c.key, c.parameters[0]) in wanted or c.key in sprung
-    ]
-    full = Blocks.of(rigid, stance, every, sprung)
-    known = np.array(
-        [
-            j
-            for j, (owner, name) in enumerate(
-                zip(full.owner, full.parameter, strict=True)
-            )
-            if full.order[j] or owner == SILENT or (owner, name) in wanted
-        ]
-    )
-    one = np.where(keep, 0, -1)
-    normal = normals_of(full, stance, one, 1)[0].only(known)
-    _, sizes = learnt(normal, full.band[known])
-    fit = solved(normal, full.band[known], sizes)
-    left = stance.residual.copy()
-    for start in range(0, len(left), 500):
-        rows = np.arange(start, min(start + 500, len(left)))
-        left[rows] -= (full.matrix(stance, rows)[:, known] @ fit.x).reshape(-1, 3)
-    plain = np.flatnonzero(full.order[known] == 0)
-    waves = largest_waves(full, known, fit.x)
+    if not any(blocks.entry[j] >= 0 and blocks.owner[j] != SILENT
+               for j in chosen.columns):  # fmt: skip
+        rigid = RigidFit(before.drawn, rigid.kept)
+    after = whole_fit(readings, keep, rigid, wanted, sprung, highest)
+    full, known, x = after.blocks, after.known, after.fit.x
+    numbers = np.flatnonzero(full.order[known] == 0)
+    waves = largest_waves(full, known, x, WAVES)
+    asked = [numbers, *(w.ravel() for w in waves.values())]
     region = np.where(keep, regions.region, -1)
-    asked = np.concatenate([plain, *waves.values()])
-    half = spread(full, stance, region, known, fit, sizes, asked)
-    by_wave = half[len(plain) :].reshape(-1, 2).max(axis=1)
-    widths = dict(zip(plain.tolist(), half.tolist(), strict=False))
-    estimates, drawn = estimates_of(full, rigid.drawn, known, fit.x, widths)
-    tables = tables_of(full, known, fit.x)
-    held = regions.kept_back
-    budget = chosen.budget
-    named = [k for k, (loss, error) in budget.items() if loss > MARGIN * error]
+    half = spread(
+        full, after.stance, region, known, after.fit, after.sizes,
+        np.concatenate(asked),
+    )  # fmt: skip
+    ends = np.cumsum([len(a) for a in asked])
+    by_wave = zip(waves.items(), np.split(half, ends)[1:], strict=False)
+    widths = dict(zip(numbers.tolist(), half.tolist(), strict=False))
+    estimates = estimates_of(full, known, x, widths)
+    clearest = {
+        axis: wave_of(full, known, x, own, h.reshape(-1, 2))
+        for (axis, own), h in by_wave
+    }
+    count = len(np.unique(regions.region[keep]))
     return Calibrated(
         readings=readings,
         regions=regions,
-        before=before,
-        drawn=drawn,
+        before=before.drawn,
+        drawn=after.drawn,
+        springs=tuple(springs_of(f, readings.arm.stiffness) for f in (before, after)),
         estimates=estimates,
-        tables=tables,
-        wave_widths=dict(zip(waves, by_wave.tolist(), strict=True)),
+        tables=tables_of(full, known, x),
+        waves=clearest,
         selected=chosen,
-        named=tuple(sorted(named, key=lambda k: -budget[k][0])),
-        nominal=nominal,
-        residual=left,
-        at_first=agreement(nominal[held], readings.posture[held]),
-        at_last=agreement(left[held], readings.posture[held]),
+        named=tuple(named(chosen, estimates, clearest, count)),
+        nominal=before.residual,
+        residual=after.residual,
+        used=after.used,
+        at_first=agreement(before.residual, readings.posture),
+        at_last=agreement(after.residual[~keep], readings.posture[~keep]),
     )
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.calibration.stance import Stance
+from stiffness.tracker_limits import LARGEST_SCALE
 
 ORDERS = (1, 3, 5, 9, 17, 33, 65, 129, 257)
 """Where bands of orders begin; the last one ends them. Chosen: octaves, up to what a
@@ -46,6 +47,7 @@ class Candidate:
         parameters: Names of its coefficients; of a table one for each order, twice.
         columns: From a stance.
         least: Smallest value that a coefficient can have.
+        most: Largest.
         orders: Of each column of a table; empty: no table.
     """
 
@@ -54,6 +56,7 @@ class Candidate:
     parameters: tuple[str, ...]
     columns: Callable[[Stance], Float[np.ndarray, "rows 3 columns"]]
     least: float = -np.inf
+    most: float = np.inf
     orders: tuple[int, ...] = ()
 
     @property
@@ -93,7 +96,10 @@ def candidates_of(stance: Stance, highest: int = ORDERS[-1]) -> tuple[Candidate,
         f"r{a}_rad_per_h" for a in "xyz"
     )
     found.append(Candidate("drift", "base", shift, _drift))
-    found.append(Candidate("tracker_scale", "tracker", ("ratio",), _scale))
+    scale = Candidate(
+        "tracker_scale", "tracker", ("ratio",), _scale, -LARGEST_SCALE, LARGEST_SCALE
+    )
+    found.append(scale)
     return tuple(c for c in found if _shows(c, stance))
 
 
@@ -103,9 +109,12 @@ def _shows(candidate: Candidate, stance: Stance) -> bool:
         lever = stance.lever[int(candidate.where[1:]) - 1]
         return bool(np.sqrt(np.mean(lever**2)) * USUAL_TURN > VISIBLE)
     size = np.sqrt(np.mean(candidate.columns(some) ** 2, axis=(0, 1)))
-    usual = {"joint_compliance": USUAL_TORQUE_COMPLIANCE, "hysteresis": USUAL_TURN}
-    usual["bearing_tilt"] = USUAL_TORQUE_COMPLIANCE
-    return bool(size.max() * usual.get(candidate.effect, 1.0) > VISIBLE)
+    usual = {"hysteresis": USUAL_TURN, "bearing_tilt": USUAL_TORQUE_COMPLIANCE}
+    one = usual.get(candidate.effect, 1.0)
+    if candidate.effect == "joint_compliance":  # or the spring's own, where softer
+        stiff = stance.readings.arm.stiffness[int(candidate.where[1:]) - 1]
+        one = max(USUAL_TORQUE_COMPLIANCE, 1.0 / stiff if stiff > 0.0 else 0.0)
+    return bool(size.max() * one > VISIBLE)
 
 
 def stacked(

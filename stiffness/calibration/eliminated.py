@@ -58,7 +58,7 @@ class Eliminated:
     def joined_by(self, own: Columns) -> "Eliminated":
         """Let a block of columns join the known ones."""
         rest = np.setdiff1d(np.arange(len(self.precision)), self.known)
-        inner = self._inner(own, rest)
+        inner = self.inner(own, rest)
         upper = cholesky(inner[:, np.searchsorted(rest, own)])
         more = np.zeros((len(own), len(self.precision)))
         more[:, rest] = solve_triangular(upper, inner, trans=1)
@@ -79,7 +79,7 @@ class Eliminated:
         """Return the solutions with each block joined by itself; zeros elsewhere."""
         x = np.zeros((len(self.precision), len(blocks)))
         for j, own in enumerate(blocks):
-            x[own, j] = np.linalg.solve(self._inner(own, own), self._aim(own))
+            x[own, j] = np.linalg.solve(self.inner(own, own), self._aim(own))
         aim = self.aim[:, None] - self.through @ x
         x[self.known] = solve_triangular(self.through[:, self.known], aim)
         return x
@@ -91,8 +91,8 @@ class Eliminated:
         upper, _ = potri(factor)
         return np.triu(upper) + np.triu(upper, 1).T
 
-    def _inner(self, rows: Columns, columns: Columns) -> np.ndarray:
-        """Return what the known columns leave of H."""
+    def inner(self, rows: Columns, columns: Columns) -> np.ndarray:
+        """Return what the known columns leave of H, P's part included."""
         cross = self.total.gram[np.ix_(rows, columns)]
         if self.out is not None:
             cross -= self.out.gram[np.ix_(rows, columns)]

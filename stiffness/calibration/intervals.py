@@ -58,8 +58,9 @@ def spread(
     total = np.zeros((len(wanted), len(wanted)))
     for r in regions:
         rows = np.flatnonzero(region == r)
-        a = blocks.matrix(stance, rows)[:, columns]
-        left = stance.residual[rows].ravel() - a @ fit.x
+        a, y = blocks.problem(stance, rows)
+        a = a[:, columns]
+        left = y - a @ fit.x
         score = inverse.T @ (a.T @ left / sizes.noise)
         total += np.outer(score, score)
     count = len(regions)

@@ -36,16 +36,19 @@ class Judge:
 
     def on(self, columns: Columns) -> "Trial":
         """Fit a set of columns with each fold left out in turn."""
-        band, noise = self.blocks.band, self.sizes.noise
-        fits = []
-        for out in (None, *self.folds):
-            square = np.diag(self.total.gram)
-            if out is not None:
-                square = square - np.diag(out.gram)
-            own = precision_of(square, band, self.sizes)
-            fit = Eliminated.of(self.total, out, noise, own)
-            fits.append(fit.joined_by(columns))
-        return Trial(self, fits[0], fits[1:])
+        fits = [self._without(out).joined_by(columns) for out in self.folds]
+        return Trial(self, self.whole_on(columns), fits)
+
+    def whole_on(self, columns: Columns) -> Eliminated:
+        """Fit a set of columns to all folds."""
+        return self._without(None).joined_by(columns)
+
+    def _without(self, out: Normal | None) -> Eliminated:
+        square = np.diag(self.total.gram)
+        if out is not None:
+            square = square - np.diag(out.gram)
+        own = precision_of(square, self.blocks.band, self.sizes)
+        return Eliminated.of(self.total, out, self.sizes.noise, own)
 
 
 @dataclass(frozen=True)
@@ -66,6 +69,11 @@ class Trial:
     def columns(self) -> Columns:
         """The set, in the order in which it grew."""
         return self.whole.known
+
+    @property
+    def x(self) -> Float[np.ndarray, " columns"]:
+        """The solution on all folds; zeros elsewhere."""
+        return self.whole.with_each([np.zeros(0, dtype=int)])[:, 0]
 
     @cached_property
     def left(self) -> Float[np.ndarray, " folds"]:

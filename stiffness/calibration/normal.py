@@ -69,8 +69,7 @@ def normals_of(
         square = 0.0
         for start in range(0, len(rows), CHUNK):
             own = rows[start : start + CHUNK]
-            a = blocks.matrix(stance, own)
-            y = stance.residual[own].ravel()
+            a, y = blocks.problem(stance, own)
             gram += a.T @ a
             aim += a.T @ y
             square += float(y @ y)

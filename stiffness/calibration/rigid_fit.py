@@ -47,15 +47,23 @@ def fitted(readings: Readings, redraw: bool) -> RigidFit:
     start = Drawn(np.zeros(count), np.eye(4), readings.places)
     stance = Stance.of(readings, start)
     start = Drawn(start.values, kabsch(readings.seen, stance.point), start.places)
+    fit = _settled(readings, start, redraw=False)
+    return _settled(readings, fit.drawn, redraw=True) if redraw else fit
+
+
+def _settled(readings: Readings, start: Drawn, redraw: bool) -> RigidFit:
+    """Fit what shows from where things stand: a place taken for zero hides links."""
+    count = len(start.values)
     a = Stance.of(readings, start).silent().reshape(3 * len(readings.seen), -1)
-    kept = identifiable(a, count, redraw)
-    fit = RigidFit(start, kept)
+    fit = RigidFit(start, identifiable(a, count, redraw))
     for _ in range(ROUNDS):
         stance = Stance.of(readings, fit.drawn)
         a = stance.silent().reshape(3 * len(readings.seen), -1)
         step = np.zeros(a.shape[1])
-        step[kept] = np.linalg.lstsq(a[:, kept], stance.residual.ravel(), rcond=None)[0]
-        fit = RigidFit(fit.drawn.stepped(step), kept)
+        step[fit.kept] = np.linalg.lstsq(
+            a[:, fit.kept], stance.residual.ravel(), rcond=None
+        )[0]
+        fit = RigidFit(fit.drawn.stepped(step), fit.kept)
         if np.abs(step).max() < STILL:
             break
     return fit

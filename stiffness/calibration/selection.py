@@ -4,7 +4,8 @@
 Equation    gain of a fold = log of what the set leaves there − log of what set and
             effect leave, both fitted on the other folds: each region counts alike;
             believed where the mean gain is more than two of its standard errors over
-            folds; the one that gains most goes first
+            folds; the one that gains most goes first, of those that gain alike a
+            common one
 Source      Breiman et al. 1984, "Classification and Regression Trees" (margins of one
             standard error; two here, for there are many candidates)
 Valid       folds that share no region of poses
@@ -17,12 +18,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stiffness.calibration.alike import MARGIN, is_rare
 from stiffness.calibration.blocks import SILENT, Blocks, Key
 from stiffness.calibration.eliminated import Columns
 from stiffness.calibration.judging import Judge, Trial, compared
+from stiffness.calibration.pruning import alike, budget_of, common, pruned
 
-MARGIN = 2.0
-"""Standard errors that a gain must exceed."""
+ALIKE = 0.99
+"""Share of the best gain from which on another is as good; chosen: laws are no truer
+than a tenth of their size, squared."""
 DRAWING: Key = ("geometry_error", "all links")
 """The corrections of the drawing, which are tried together."""
 BELIEVED, NO_GAIN, IMPOSSIBLE = "believed", "no gain", "out of bounds"
@@ -58,11 +62,13 @@ class Selected:
         steps: What was believed, in order; then what was refused.
         budget: Of each effect believed, how the logarithm of the mean square on folds
             left out grows when it alone is taken out, and its standard error.
+        alike: Of each effect believed, those that would do as well in its stead.
     """
 
     columns: Columns
     steps: tuple[Step, ...]
     budget: dict[Key, tuple[float, float]]
+    alike: dict[Key, tuple[Key, ...]]
 
 
 def selected(judge: Judge, said: Callable[[str], None] = lambda _: None) -> Selected:
@@ -81,15 +87,20 @@ def selected(judge: Judge, said: Callable[[str], None] = lambda _: None) -> Sele
         if not good:
             steps += [step for step, _ in tried]
             break
-        best, unit = max(good, key=lambda t: t[0].gain)
+        most = max(t[0].gain for t in good)
+        best, unit = min(
+            (t for t in good if t[0].gain >= ALIKE * most),
+            key=lambda t: (is_rare(t[1]), -t[0].gain),
+        )
         steps.append(best)
         said(
             f"{best.key[0]}@{best.key[1]}: {1e3 * best.rms:.4f} mm on regions left out"
         )
         trial = trial.joined_by(unit[1])
         rest = [u for u in rest if u is not unit]
-    known, budget = _pruned(trial)
-    return Selected(known, tuple(steps), budget)
+    trial = common(pruned(trial))
+    budget = budget_of(trial)
+    return Selected(trial.columns, tuple(steps), budget, alike(trial, budget))
 
 
 def _units(blocks: Blocks) -> list[tuple[Key, Columns]]:
@@ -110,29 +121,9 @@ def _tried(trial: Trial, units: Sequence[tuple[Key, Columns]]) -> Iterator[Step]
     for (key, own), left, x in zip(units, every.T, solutions.T, strict=True):
         gain, error = compared(trial.left, left)
         verdict = BELIEVED if gain > max(MARGIN * error, 0.0) else NO_GAIN
-        if (x[own] < blocks.least[own]).any():
+        if not blocks.holds(own, x[own]):
             verdict = IMPOSSIBLE
         square = (left if verdict == BELIEVED else trial.left).sum()
         rms = float(np.sqrt(max(square, 0.0) / trial.judge.total.count * 3.0))
         names = tuple(blocks.parameter[j] for j in own)
         yield Step(key, names, rms, gain, error, verdict)
-
-
-def _pruned(trial: Trial) -> tuple[Columns, dict[Key, tuple[float, float]]]:
-    """Take out, worst first, what folds left out are better without."""
-    judge = trial.judge
-    while True:
-        known = np.sort(trial.columns)
-        own = {k: np.intersect1d(judge.blocks.columns_of([k]), known)
-               for k in judge.blocks.keys}  # fmt: skip
-        inside = {key: columns for key, columns in own.items() if len(columns)}
-        left = trial.without_each(list(inside.values()))
-        budget = {
-            key: compared(one, trial.left)
-            for key, one in zip(inside, left.T, strict=True)
-        }
-        idle = [key for key, (loss, _) in budget.items() if loss <= 0.0]
-        if not idle:
-            return known, budget
-        worst = min(idle, key=lambda key: budget[key][0])
-        trial = judge.on(np.setdiff1d(known, inside[worst]))

@@ -22,6 +22,7 @@ from stiffness.diagnosis.hypotheses.bodies import point_of
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.signature import NOTHING, Shift, Signature
 from stiffness.diagnosis.situation import Situation
+from stiffness.tracker_limits import LARGEST_SCALE
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class TrackerScale(Hypothesis):
 
     effect: ClassVar[str] = "tracker_scale"
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
-        "ratio": (-0.1, 0.1),
+        "ratio": (-LARGEST_SCALE, LARGEST_SCALE),
     }
 
     @override
