@@ -44,6 +44,7 @@ from stiffness.diagnosis.hypotheses.hardening import Hardening
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.hypotheses.lost_motion import LostMotion
 from stiffness.diagnosis.hypotheses.marker_slip import MarkerSlip
+from stiffness.diagnosis.hypotheses.transmission_error import TransmissionError
 from stiffness.diagnosis.judge import equivalents, posterior
 from stiffness.diagnosis.library import library_of
 from stiffness.diagnosis.member import Member, fit_set
@@ -373,6 +374,20 @@ def with_law(axis: int, law: Callable[[np.ndarray], np.ndarray]) -> Recording:
     return replace(
         made, points=made.points + moved[..., 0] @ ready.frames.transform[:3, :3]
     )
+
+
+def test_gear_that_errs_with_two_harmonics_of_its_turn_is_named_as_one():
+    """Two and five periods a turn; one law alone would leave the other at its place."""
+    made, ready = recording(), prepared()
+    q = made.posture[:, 1]
+    error = 2e-4 * np.sin(2.0 * q + 0.4) + 1.5e-4 * np.sin(5.0 * q - 1.0)
+    moved = truth.moved(ready.situation, turn(1, error))[..., 0]
+    assert made.points is not None
+    seen = made.points + moved @ ready.frames.transform[:3, :3]
+    found = diagnose(replace(made, points=seen), arm(), (*FEW, TransmissionError()))
+    assert found.verdict == "explained"
+    (named,) = found.named
+    assert (named.name.effect, named.name.where) == ("transmission_error", "a2")
 
 
 def dahl(torque: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ Source      Ghorbel, Gandhi, Alpeter 2001, "On the kinematic error in harmonic d
 Valid       orders n up to 6, q the reported angle
 Ignores     the share that grows with load; that a sensor beyond is turned, a thousandth
             of the deflection (an axis that stands: see `encoder_offset`); the hundreds
-            of orders of a gear's teeth; the second harmonic (its variant)
+            of orders of a gear's teeth; further harmonics of a turn (its variants)
 ==========  ==========================================================================
 """
 
@@ -30,6 +30,10 @@ from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.hypotheses.response import beside
 from stiffness.diagnosis.signature import NOTHING, Signature, turn
 from stiffness.diagnosis.situation import Situation
+
+HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+"""Of a turn: an error of the angle comes again with it, in whatever form; as far as
+`orders` goes."""
 
 
 @dataclass(frozen=True)
@@ -76,9 +80,11 @@ class TransmissionError(Hypothesis):
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        if still(situation, situation.axis(where)):
+        k = situation.axis(where)
+        if still(situation, k):
             return NOTHING
-        return self.signature(situation, where, 2.0 * shape)
+        phase = [n * situation.recording.posture[:, k] for n in others(shape[0])]
+        return turn(k, *(f(x) for x in phase for f in (np.sin, np.cos)))
 
     @override
     def parameters(
@@ -97,3 +103,11 @@ class TransmissionError(Hypothesis):
             "order": shape[0],
             "phase_rad": np.arctan2(c, s),
         }
+
+
+def others(order: float) -> list[float]:
+    """Return the harmonics of a turn beside an order, and its own second."""
+    near = 0.5 * HARMONICS[0]
+    found = [n for n in HARMONICS if abs(n - order) > near]
+    own = 2.0 * order
+    return found if min(abs(n - own) for n in found) < near else [*found, own]
