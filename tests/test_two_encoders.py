@@ -13,8 +13,9 @@ from scenarios import diagnose, real_kr300
 from scenarios.abilities import abilities
 from scenarios.nominal import arm_of
 from scenarios.two_encoders.answer import answer_of
+from scenarios.two_encoders.axis import rms, whole_rms
 from scenarios.two_encoders.carried_out import carried_out
-from scenarios.two_encoders.compared import compared, rms, whole_rms
+from scenarios.two_encoders.compared import compared
 from scenarios.two_encoders.writing import written
 from stiffness.diagnosis.flips import SMALLEST
 from stiffness.two_encoders.motions import SHORTEST
@@ -92,7 +93,8 @@ def test_friction_in_the_motor_s_torque_is_taken_off_before_a_gear_winds_up():
     axis = compared(recording, real_kr300.MODEL)[0]
     found = axis.found
     assert [t.parameters for t in found.terms] == [
-        ("compliance_rad_per_nm", "friction_rad")
+        ("compliance_rad_per_nm",),
+        ("friction_rad",),
     ]
     assert found.x == pytest.approx([4e-7, 4e-7 * 300.0], rel=0.02)
     assert whole_rms(axis.after) < 1e-5

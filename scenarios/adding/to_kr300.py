@@ -7,9 +7,10 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.recording import Recording
-from stiffness.two_encoders.judging import Between, between, shared_delay
+from stiffness.two_encoders.delays import across
+from stiffness.two_encoders.found import Between
 from stiffness.two_encoders.motions import Motion, motions_of
-from stiffness.two_encoders.terms import Term
+from stiffness.two_encoders.terms import FRICTION, LATE, Term
 
 
 @dataclass(frozen=True)
@@ -57,20 +58,21 @@ ADDED = tuple(
 
 def rows(recording: Recording) -> Iterator[dict[str, object]]:
     """Yield a row of the table for each effect that is added."""
-    fit = [own[:-1] for own in motions_of(recording).values()]
+    fit = {k: own[:-1] for k, own in motions_of(recording).items()}
+    plain = across(fit)
     for added in ADDED:
-        motions, shared = fit[added.axis], shared_delay(fit, added.axis)
-        plain = between(motions, shared)
         changed = tuple(
-            replace(m, apart=_centred(m.apart + added.change(m))) for m in motions
+            replace(m, apart=_centred(m.apart + added.change(m)))
+            for m in fit[added.axis]
         )
-        yield _row(added, plain, between(changed, shared))
+        found = across({**fit, added.axis: changed})
+        yield _row(added, plain[added.axis], found[added.axis])
 
 
 def _row(added: Added, before: Between, after: Between) -> dict[str, object]:
     known = _size(before, added)[0]
     named, (value, half) = _is_there(after, added), _size(after, added)
-    news = {t.effect for t in after.terms} - {t.effect for t in before.terms}
+    news = _effects(after) - _effects(before)
     return {
         "recording": "real_kr300",
         "effect": added.effect,
@@ -86,8 +88,14 @@ def _row(added: Added, before: Between, after: Between) -> dict[str, object]:
     }
 
 
+def _effects(found: Between) -> set[str]:
+    late = {LATE.effect} if found.late is not None else set()
+    return {t.effect for t in found.terms} - {FRICTION} | late
+
+
 def _is_there(found: Between, added: Added) -> bool:
-    return any(_same(term, added) for term in found.terms)
+    late = added.effect == LATE.effect and found.late is not None
+    return late or any(_same(term, added) for term in found.terms)
 
 
 def _same(term: Term, added: Added) -> bool:
@@ -97,6 +105,8 @@ def _same(term: Term, added: Added) -> bool:
 
 def _size(found: Between, added: Added) -> tuple[float, float]:
     """Return the coefficient and half its interval; zeros where it is not there."""
+    if added.effect == LATE.effect:
+        return found.delay, found.late_half
     i = 0
     for term in found.terms:
         x = found.x[i : i + len(term.parameters)]

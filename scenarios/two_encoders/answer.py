@@ -1,6 +1,6 @@
 """What lies between two encoders is put into the fixed form of diagnosis.json."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from scipy.stats import norm
@@ -11,112 +11,126 @@ from scenarios.diagnosing.schema import (
     Called,
     Detected,
     Interval,
-    Left,
     Placed,
     Proved,
     Remark,
 )
-from scenarios.two_encoders.compared import Axis, whole_rms
-from stiffness.two_encoders.judging import Trial
+from scenarios.two_encoders.axis import Axis, whole_rms
+from scenarios.two_encoders.naming import ALPHA, called, contradicts, depends_on, score
+from scenarios.two_encoders.unexplained import torques_told, unexplained
+from stiffness.two_encoders.judging import BORROWED
 
 URAD = 1e6
-ALPHA = 0.005
-"""Below this p-value there is something."""
-DEPENDS = {
-    "channel_delay": ("time", "direction"),
-    "transmission_error": ("angle",),
-    "joint_compliance": ("torque",),
-    "lost_motion": ("direction",),
-}
 
 
 def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
     """Put all axes together."""
+    p = min(1.0, len(axes) * min(map(_p_value, axes)))
+    named = tuple(c for a in axes for c in called(a)) if p < ALPHA else ()
+    more = len(axes) * min(a.beyond_after for a in axes) < ALPHA
+    verdict = "no_mismatch"
+    if p < ALPHA:
+        verdict = "unexplained"
+    if named:
+        verdict = "partly_explained" if more else "explained"
+    open_ = verdict in ("unexplained", "partly_explained")
     before = np.concatenate([a.before for a in axes])
     after = np.concatenate([a.after for a in axes])
-    total = float(before @ before)
-    named = tuple(c for a in axes for c in _called(a))
-    gain = _gain(axes)
-    worst = max(axes, key=lambda a: whole_rms(a.after))
-    p = min(float(norm.sf(max(map(_z, a.found.believed), default=0.0))) for a in axes)
-    named = named if p < ALPHA else ()
-    left = None
-    if named:
-        text = (
-            "slow, alike in motions that pass the same torques and angles, but of "
-            "another size in each: neither torque nor direction explains it on "
-            "motions left out"
-        )
-        left = Left(worst.name, text, {}, None)
     return Answer(
         schema=1,
         recording=name,
-        verdict="partly_explained" if named else "no_mismatch",
+        verdict=verdict,
         detection=Detected(p, None, None, None),
-        located=tuple(
-            Placed(
-                a.name,
-                float(norm.sf(max(map(_z, a.found.believed)))),
-                float((a.before @ a.before - a.after @ a.after) / total),
-                tuple(
-                    dict.fromkeys(d for t in a.found.terms for d in DEPENDS[t.effect])
-                ),
-                "while the axis moves",
-            )
-            for a in sorted(axes, key=lambda a: -float(a.before @ a.before))
-            if named and a.found.believed
-        ),
+        located=_located(axes) if p < ALPHA else (),
         named=named,
         rivals=(),
-        unexplained=left,
-        confounded=tuple(
-            (At("joint_compliance", a.name), At("channel_delay", a.name))
-            for a in axes
-            for t in a.found.refused
-            if t.term.effect == "joint_compliance" and "lives on" in t.reason
-        ),
-        warnings=tuple(
-            Remark("refused", a.name, f"{t.term.effect} is not named: {t.reason}.")
-            for a in axes
-            for t in a.found.refused
-            if not t.term.order
-        ),
+        unexplained=unexplained(axes) if open_ else None,
+        confounded=tuple(dict.fromkeys(_confounded(axes))),
+        warnings=(*torques_told(axes), *_remarks(axes, named), *_refused(axes)),
         proof=Proved(
             simulator="mujoco",
             held_out_poses=1,
             before_rms_urad=URAD * whole_rms(before),
             after_rms_urad=URAD * whole_rms(after),
-            noise_rms_urad=None,
-            gain_urad=gain,
+            noise_rms_urad=_noise(axes),
+            gain_urad=_gain(axes),
         ),
         next_experiments=(),
         seconds=round(seconds, 1),
     )
 
 
-def _called(axis: Axis) -> list[Called]:
-    """Return what was named; of waves the largest stands for all."""
-    found, i, names, waves = axis.found, 0, [], []
-    for term, trial in zip(found.terms, found.believed, strict=True):
-        width = len(term.parameters)
-        x, half = found.x[i : i + width], found.half[i : i + width]
-        i += width
-        sure = float(np.clip(norm.cdf(_z(trial)), 0.0, 0.9999))
-        if term.order:
-            waves.append((float(np.hypot(*x)), term.order, x, float(half.max()), sure))
-        else:
-            known = {term.parameters[0]: _interval(float(x[0]), float(half[0]))}
-            names.append(Called(term.effect, axis.name, sure, (), known))
-    if waves:
-        size, order, x, half, sure = max(waves, key=lambda w: w[0])
-        phase = float(np.arctan2(x[0], x[1]))
-        known = {
-            "amplitude_rad": _interval(size, half),
-            "order": Interval(order, order - 0.5, order + 0.5),
-            "phase_rad": _interval(phase, half / size),
-        }
-        names.append(Called("transmission_error", axis.name, sure, (), known))
-    return names
+def _p_value(axis: Axis) -> float:
+    """Return that of the axis being as simulated: by its noise and by its names."""
+    named = float(norm.sf(score(axis))) if score(axis) > 0.0 else 1.0
+    return min(axis.beyond_before, named)
+
+
+def _located(axes: Sequence[Axis]) -> tuple[Placed, ...]:
+    total = sum(float(a.before @ a.before) for a in axes)
+    return tuple(
+        Placed(
+            a.name,
+            _p_value(a),
+            float((a.before @ a.before - a.after @ a.after) / total),
+            depends_on(a),
+            "while the axis moves",
+        )
+        for a in sorted(axes, key=lambda a: -float(a.before @ a.before))
+        if called(a) or _p_value(a) < ALPHA
+    )
+
+
+def _confounded(axes: Sequence[Axis]) -> Iterator[tuple[At, At]]:
+    for a in axes:
+        for t in a.found.refused:
+            if t.reason.startswith(BORROWED):
+                yield At("joint_compliance", a.name), At("channel_delay", a.name)
+
+
+def _remarks(axes: Sequence[Axis], named: Sequence[Called]) -> Iterator[Remark]:
+    for a in axes:
+        if contradicts(a) and a.give is not None:
+            text = (
+                f"the model's spring at {a.name} has {1.0 / a.model_give:.3g} N m/rad, "
+                f"the recording winds up by {1e6 * max(a.give[0], 0.0):.3g} ± "
+                f"{1e6 * a.give[1]:.2g} µrad/(N m) where that makes "
+                f"{1e6 * a.model_give:.3g}."
+            )
+            yield Remark("spring", a.name, text)
+    if any(a.found.at_least for a in axes):
+        text = (
+            "the delay is the least that no axis contradicts: friction that grows with "
+            "speed in the torque of every motor that winds up its gear may hide more."
+        )
+        yield Remark("delay", axes[0].name, text)
+    for n in named:
+        order = n.parameters.get("order")
+        if order is not None and _wide(order):
+            text = (
+                f"orders {order.low:g} to {order.high:g} do as well as "
+                f"{order.estimate:g}: {n.where} passes too little of a wave to tell."
+            )
+            yield Remark("order", n.where, text)
+
+
+def _wide(order: Interval) -> bool:
+    assert isinstance(order.low, float) and isinstance(order.high, float)
+    return order.high - order.low > 1.0
+
+
+def _refused(axes: Sequence[Axis]) -> Iterator[Remark]:
+    for a in axes:
+        for t in a.found.refused:
+            if not t.term.order:
+                text = f"{t.term.effect} is not named: {t.reason}."
+                yield Remark("refused", a.name, text)
+
+
+def _noise(axes: Sequence[Axis]) -> float | None:
+    if not all(a.stated for a in axes):
+        return None
+    return URAD * float(np.sqrt(np.mean([a.noise**2 for a in axes])))
 
 
 def _gain(axes: Sequence[Axis]) -> Interval:
@@ -132,11 +146,3 @@ def _gain(axes: Sequence[Axis]) -> Interval:
     low, high = np.quantile(size[0] - size[1], [0.025, 0.975])
     gain = np.sqrt(both.sum(axis=1) / rows.sum()) @ [1.0, -1.0]
     return Interval(URAD * float(gain), URAD * float(low), URAD * float(high))
-
-
-def _interval(value: float, half: float) -> Interval:
-    return Interval(value, value - half, value + half)
-
-
-def _z(trial: Trial) -> float:
-    return trial.gain / trial.error

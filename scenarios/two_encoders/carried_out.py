@@ -10,6 +10,7 @@ from bench.recording import Recording
 from scenarios.diagnosing.schema import Answer, Detected, Left, Remark
 from scenarios.two_encoders.answer import answer_of
 from scenarios.two_encoders.compared import compared
+from scenarios.two_encoders.patching import patched
 from scenarios.two_encoders.report import first_sentence
 from scenarios.two_encoders.writing import refused, written
 from stiffness.diagnosis.flips import SMALLEST
@@ -51,7 +52,8 @@ def carried_out(recording: Recording, model: Path, out: Path) -> tuple[Answer, s
         return answer, " ".join(m.text for m in mistakes)
     axes = compared(recording, model)
     answer = answer_of(recording.name, axes, time.perf_counter() - started)
-    written(out, axes, answer)
+    patch = patched(axes, recording, model) if answer.named else None
+    written(out, axes, answer, patch)
     return answer, first_sentence(axes, answer)
 
 

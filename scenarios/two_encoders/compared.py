@@ -1,47 +1,29 @@
 """The second encoders of a stream are predicted on a motion that nothing was fitted to.
 
-Delays are played as what they are: the simulator is given the angles of a moment ago,
-to first order, as the term has it.
+The simulator is given the angles that the second encoder tells of, a delay being no
+matter of the arm; its gears turn unevenly as named. What winds up under the motor's own
+torque is added to what it says: the simulator stands still and cannot make that torque.
+A spring that the model has is nominal: it is fitted silently over a decade either way.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from bench.patch import Patch, rig_of
-from bench.patch_effects import Named
 from bench.recording import Recording
-from stiffness.two_encoders.judging import Between, between, shared_delay
+from scenarios.nominal import arm_of
+from scenarios.two_encoders.axis import Axis
+from scenarios.two_encoders.patching import waves_of
+from scenarios.two_encoders.springs import give_of, nominal_left
+from stiffness.arm import Arm
+from stiffness.two_encoders.delays import across
+from stiffness.two_encoders.fitting import columns
+from stiffness.two_encoders.found import Between
 from stiffness.two_encoders.motions import Motion, motions_of
-
-WINDOW = 0.1
-"""Seconds that are averaged beside the full rate; chosen: gear ripple is faster."""
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One axis, what lies between its encoders, and the proof.
-
-    Attributes:
-        name: a1, a2 …
-        fitted: Motions that were fitted.
-        judged: The last motion, that was not.
-        found: What was believed and what was refused.
-        after: What the simulator leaves of the judged motion, in rad.
-    """
-
-    name: str
-    fitted: tuple[Motion, ...]
-    judged: Motion
-    found: Between
-    after: Float[np.ndarray, " rows"]
-
-    @property
-    def before(self) -> Float[np.ndarray, " rows"]:
-        """What a rigid gear leaves of the judged motion, in rad."""
-        return self.judged.apart
+from stiffness.two_encoders.noise import beyond, noise_of
+from stiffness.two_encoders.torques import modelled_torque
 
 
 def compared(recording: Recording, model: Path) -> tuple[Axis, ...]:
@@ -50,71 +32,64 @@ def compared(recording: Recording, model: Path) -> tuple[Axis, ...]:
     Raises:
         Unusable: Where an axis was not read twice in three motions, or none was.
     """
-    motions = motions_of(recording)
-    fit = [own[:-1] for own in motions.values()]
-    axes = []
-    for i, (k, own) in enumerate(motions.items()):
-        found = between(fit[i], shared_delay(fit, i))
-        left = _simulated(recording, model, k, own[-1], found)
-        axes.append(Axis(f"a{k + 1}", fit[i], own[-1], found, left))
-    return tuple(axes)
+    arm = arm_of(model).for_recording(recording)
+    motions = motions_of(recording, modelled_torque(recording, arm))
+    stated = recording.encoder_repeatability
+    found = across({k: own[:-1] for k, own in motions.items()}, stated)
+    return tuple(
+        _axis(recording, model, arm, k, own, found[k]) for k, own in motions.items()
+    )
 
 
-def patch_of(name: str, found: Between) -> Patch:
-    """Return the gear's mechanisms; a delay is the stream's, not the gear's."""
-    effects, i = [], 0
-    for term in found.terms:
-        own = found.x[i : i + len(term.parameters)]
-        i += len(own)
-        if term.order:
-            size, phase = np.hypot(*own), np.arctan2(own[0], own[1])
-            known: dict[str, float | str | None] = {
-                "amplitude_rad": float(size),
-                "order": term.order,
-                "phase_rad": float(phase),
-            }
-            effects.append(Named("transmission_error", name, known))
-    return Patch(effects=tuple(effects))
-
-
-def rms(left: Float[np.ndarray, " rows"], time: Float[np.ndarray, " rows"]) -> float:
-    """Return the root of the mean square of means over a window, in rad."""
-    part = np.floor((time - time[0]) / WINDOW + 1e-9).astype(int)
-    means = np.bincount(part, left) / np.bincount(part)
-    return float(np.sqrt(np.mean((means - means.mean()) ** 2)))
-
-
-def whole_rms(left: Float[np.ndarray, " rows"]) -> float:
-    """Return the root of the mean square of all rows, in rad."""
-    return float(np.sqrt(np.mean((left - left.mean()) ** 2)))
+def _axis(
+    recording: Recording,
+    model: Path,
+    arm: Arm,
+    k: int,
+    own: tuple[Motion, ...],
+    found: Between,
+) -> Axis:
+    stiffness = float(arm.stiffness[k])
+    model_give = 1.0 / stiffness if stiffness > 0.0 else 0.0
+    give = give_of(own[:-1], found)
+    stated = recording.encoder_repeatability
+    known = stated is not None
+    rigid = [nominal_left(m, found, model_give, give) for m in own]
+    left = _simulated(recording, model, k, own[-1], found)
+    return Axis(
+        name=f"a{k + 1}",
+        fitted=own[:-1],
+        judged=own[-1],
+        found=found,
+        before=rigid[-1],
+        after=left,
+        noise=noise_of(own, found, stated),
+        stated=known,
+        beyond_before=beyond(rigid, own, noise_of(own, None, stated), known),
+        beyond_after=beyond([left], own[-1:], noise_of(own, found, stated), known),
+        model_give=model_give,
+        give=give,
+    )
 
 
 def _simulated(
     recording: Recording, model: Path, axis: int, motion: Motion, found: Between
 ) -> Float[np.ndarray, " rows"]:
+    """Return what the simulator leaves of a motion."""
     rows = np.flatnonzero(np.isin(recording.time, motion.time))
     bare = rig_of(Patch(), model).anatomy.axes
     order = [bare.index(name) for name in recording.axes] or list(range(len(bare)))
-    own = order[axis]
-    rig = rig_of(patch_of(f"a{own + 1}", found), model)
-    delay, width, give, friction = _plain(found)
+    own, then = order[axis], found.then(motion)
+    rigid: dict[str, float | None] = {f"a{i + 1}": None for i in range(len(bare))}
+    waves = waves_of(f"a{own + 1}", found)
+    rig = rig_of(Patch(stiffness_nm_per_rad=rigid, effects=waves), model)
     posture = np.zeros((len(rows), len(bare)))
     posture[:, order] = recording.posture[rows]
-    asked = posture[:, own] - delay * motion.speed
-    asked -= (0.5 * width - friction) * np.tanh(motion.speed / 1e-3)
-    if motion.torque is not None:
-        asked -= give * motion.torque  # what the motor winds up; no load is simulated
-    posture[:, own] = asked
+    posture[:, own] = then.angle
     still = np.zeros((len(rows), 1, 6))
     states = rig.respond(posture, still, np.full((len(rows), 1), 1e-3))
-    left = motion.apart + motion.angle - states.axis_angle[:, own]
+    turned = states.axis_angle[:, own] - then.angle
+    keep = [not t.order for t in found.terms for _ in t.parameters]
+    plain = [t for t in found.terms if not t.order]
+    left = then.apart - turned - columns(plain, then) @ found.x[keep]
     return left - left.mean()
-
-
-def _plain(found: Between) -> tuple[float, float, float, float]:
-    """Return delay in s, play in rad, compliance in rad/(N m), friction's in rad."""
-    names = [name for term in found.terms for name in term.parameters]
-    values = dict(zip(names, found.x.tolist(), strict=True))
-    wanted = ("delay_s", "width_rad", "compliance_rad_per_nm", "friction_rad")
-    delay, width, give, friction = (values.get(name, 0.0) for name in wanted)
-    return delay, width, give, friction

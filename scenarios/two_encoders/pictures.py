@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure as Drawing
 
 from scenarios.reporting.style import GREY, ORANGE, save
-from scenarios.two_encoders.compared import Axis, whole_rms
+from scenarios.two_encoders.axis import Axis, whole_rms
 from stiffness.two_encoders.motions import Motion
 
 URAD = 1e6
@@ -78,4 +78,5 @@ def _with_torque(axes: Sequence[Axis]) -> bool:
 
 
 def _read(motion: Motion) -> bool:
-    return motion.torque is not None and bool(np.ptp(motion.torque) > 0.0)
+    torque = motion.torque
+    return motion.measured and torque is not None and bool(np.ptp(torque) > 0.0)

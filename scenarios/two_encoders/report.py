@@ -6,10 +6,12 @@ from pathlib import Path
 from scenarios.diagnosing.schema import Answer
 from scenarios.diagnosing.units import label, span
 from scenarios.reporting.page import Block, Figure, Heading, Paragraph, Table
-from scenarios.two_encoders.compared import WINDOW, Axis, rms, whole_rms
+from scenarios.two_encoders.axis import WINDOW, Axis, rms, whole_rms
 from scenarios.two_encoders.pictures import before_after, followed, looks_like
-from stiffness.two_encoders.judging import BORROWED, columns, fitted
-from stiffness.two_encoders.terms import Term
+from stiffness.two_encoders.fitting import columns, fitted
+from stiffness.two_encoders.found import Trial
+from stiffness.two_encoders.judging import BORROWED
+from stiffness.two_encoders.terms import FRICTION
 
 URAD = 1e6
 
@@ -19,10 +21,12 @@ def first_sentence(axes: Sequence[Axis], answer: Answer) -> str:
     before = " / ".join(f"{URAD * whole_rms(a.before):.0f}" for a in axes)
     after = " / ".join(f"{URAD * whole_rms(a.after):.0f}" for a in axes)
     names = " and ".join(dict.fromkeys(n.effect for n in answer.named)) or "nothing"
+    wrong = [w.where for w in answer.warnings if w.code == "spring"]
+    more = f"; the model's springs at {', '.join(wrong)} do not show" if wrong else ""
     return (
         f"On a motion that nothing was fitted to, the second encoders of "
         f"{', '.join(a.name for a in axes)} are predicted to {after} instead of "
-        f"{before} µrad rms; named: {names}."
+        f"{before} µrad rms; named: {names}{more}."
     )
 
 
@@ -77,11 +81,11 @@ def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]
             [
                 (
                     a.name,
-                    _named(t.term),
+                    _named(t),
                     f"{t.coefficients[0]:.3g}",
                     f"{t.gain / max(t.error, 1e-30):.1f}",
                     t.reason,
-                    f"{URAD * _with(a, t.term):.1f}",
+                    f"{URAD * _with(a, t):.1f}",
                 )
                 for a in axes
                 for t in a.found.refused
@@ -107,15 +111,23 @@ def _borrowing(axes: Sequence[Axis]) -> list[Block]:
     return [Paragraph(text)]
 
 
-def _named(term: Term) -> str:
+def _named(trial: Trial) -> str:
+    term = trial.term
     if term.order:
         return f"{term.effect}, order {term.order:g}"
-    behind = ", friction taken off" if len(term.parameters) > 1 else ""
+    if term.effect == "hysteresis":
+        return f"{term.effect}, slips at {term.shape[0]:.3g} N m"
+    if term.effect == FRICTION:
+        grows = "constant" if term.shape else "with speed"
+        return f"friction in the motor's torque, {grows}"
+    behind = ", with friction in the motor's torque" if trial.beside else ""
     return term.effect + behind
 
 
-def _with(axis: Axis, term: Term) -> float:
+def _with(axis: Axis, trial: Trial) -> float:
     """Return what a refused term would leave of the judged motion, in rad."""
-    terms = (*axis.found.terms, term)
-    x, _ = fitted(terms, axis.fitted)
-    return whole_rms(axis.judged.apart - columns(terms, axis.judged) @ x)
+    found = axis.found
+    terms = (*found.terms, trial.term, *trial.beside)
+    x, _ = fitted(terms, [found.then(m) for m in axis.fitted])
+    then = found.then(axis.judged)
+    return whole_rms(then.apart - columns(terms, then) @ x)

@@ -6,18 +6,26 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import mkdtemp
 
+from bench.patch import Patch
 from scenarios.diagnosing import answer as form
 from scenarios.diagnosing.schema import Answer
 from scenarios.reporting import page
 from scenarios.reporting.page import Block, Paragraph
-from scenarios.two_encoders.compared import Axis
+from scenarios.two_encoders.axis import Axis
+from scenarios.two_encoders.patching import write_patch
+from scenarios.two_encoders.playback import PLAYBACK, save
 from scenarios.two_encoders.report import blocks_of, first_sentence
 
 
-def written(folder: Path, axes: Sequence[Axis], answer: Answer) -> None:
-    """Write diagnosis.json, pictures and the report."""
+def written(
+    folder: Path, axes: Sequence[Axis], answer: Answer, patch: Patch | None = None
+) -> None:
+    """Write diagnosis.json, pictures, the report, a playback and the patch, if any."""
 
     def blocks(waiting: Path) -> list[Block]:
+        if patch is not None:
+            write_patch(waiting, patch)
+        save(axes, waiting / PLAYBACK)
         return blocks_of(axes, answer, waiting)
 
     _whole(folder, answer, first_sentence(axes, answer), blocks)

@@ -4,192 +4,159 @@
 Equation    each motion is left out in turn; gain of a stretch of time = its mean square
             without − with the term, in shares of the motion's; believed where the mean
             gain over stretches is above two of its standard errors, no motion as a
-            whole is worse, the coefficient is possible, and the axis' delay does not
-            leave its 95 % interval away from the delay of the other axes: all second
-            encoders are read by one instrument, and the motor's torque holds friction,
-            which goes with speed as a delay does
-Source      Breiman et al. 1984 (margins of standard errors); intervals: sandwich over
-            stretches (Liang, Zeger 1986) with Student's t
+            whole is worse, and all coefficients are possible
+Source      Breiman et al. 1984 (margins of standard errors)
 Valid       two motions or more
-Ignores     that a wave's order is looked for on all motions that are fitted
+Ignores     that orders and slips are looked for on all motions that are fitted
 ==========  ==========================================================================
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import t as student
 
-from stiffness.two_encoders.motions import STRETCHES, Motion
-from stiffness.two_encoders.terms import Term, plain_terms, strongest_waves
+from stiffness.two_encoders.fitting import columns, fitted, left_out, moving_squares
+from stiffness.two_encoders.found import Between, Trial
+from stiffness.two_encoders.motions import Motion
+from stiffness.two_encoders.terms import LATE, WOUND, Term, wave
+from stiffness.two_encoders.waves import MANY_TURNS, ORDER_STEP, turns_of
 
 MARGIN = 2.0
+LEAST = 0.02
+"""Smallest gain that is believed; chosen: much is tried, and less changes nothing."""
+LOOP = 3.0
+"""Times what a torque's noise winds up that a loop is wide at least; chosen."""
 BORROWED = "it lives on the delay"
-"""How the reason begins where a term was refused for the delay that it would change."""
-RESTS = 0.1
-"""Share of a motion's mean speed below which a stretch is at rest and tells nothing."""
-MOST_TERMS = 12
-"""Terms that an axis is given at most; chosen."""
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A term that was tried.
-
-    Attributes:
-        term: The term.
-        coefficients: In SI, fitted together with what was believed.
-        gain: Mean over stretches of motions left out.
-        error: Its standard error.
-        reason: Why it was refused; empty: it was believed.
-    """
-
-    term: Term
-    coefficients: tuple[float, ...]
-    gain: float
-    error: float
-    reason: str
-
-
-@dataclass(frozen=True)
-class Between:
-    """What lies between the encoders of an axis.
-
-    Attributes:
-        terms: What was believed, in that order.
-        x: Their coefficients, term by term, in SI.
-        half: Half the width of their 95 % intervals.
-        refused: What was tried last and not believed.
-        believed: How each was believed.
-    """
-
-    terms: tuple[Term, ...]
-    x: Float[np.ndarray, " columns"]
-    half: Float[np.ndarray, " columns"]
-    refused: tuple[Trial, ...]
-    believed: tuple[Trial, ...]
-
-    def left(self, motion: Motion) -> Float[np.ndarray, " rows"]:
-        """Return what stays unexplained of a motion, its own constant taken off."""
-        return motion.apart - columns(self.terms, motion) @ self.x
-
-
-def between(motions: tuple[Motion, ...], shared: float | None = None) -> Between:
-    """Find what lies between the encoders of an axis.
-
-    Args:
-        motions: All are fitted.
-        shared: Delay of the other axes' second encoders, in s; None: nobody knows.
-    """
-    terms: tuple[Term, ...] = ()
-    believed: list[Trial] = []
-    while True:
-        x, half = fitted(terms, motions)
-        so_far = Between(terms, x, half, (), tuple(believed))
-        known = {t.effect for t in terms if not t.order}
-        rest = [t for t in plain_terms(motions) if t.effect not in known]
-        rest += strongest_waves(motions, tuple(so_far.left(m) for m in motions))
-        trials = [tried(so_far, term, motions, shared) for term in rest]
-        good = [t for t in trials if not t.reason]
-        if not good or len(terms) == MOST_TERMS:
-            return Between(terms, x, half, tuple(trials), tuple(believed))
-        best = max(good, key=lambda t: t.gain)
-        believed.append(best)
-        terms = (*terms, best.term)
+"""How the reason begins where a wind-up was refused for the delay that it changes."""
 
 
 def tried(
     so_far: Between,
-    term: Term,
+    more: tuple[Term, ...],
     motions: tuple[Motion, ...],
     shared: float | None = None,
 ) -> Trial:
-    """Try one more term; see `between`."""
-    terms = (*so_far.terms, term)
+    """Try one more term, or some that go together; see `between`."""
+    terms = (*so_far.terms, *more)
     x = fitted(terms, motions)[0]
-    each, worse = [], []
-    for out in motions:
-        others = tuple(m for m in motions if m is not out)
-        before = _squares(so_far.terms, others, out)
-        after = _squares(terms, others, out)
-        each.append((before - after) / before.mean())
-        if after.sum() >= before.sum():
-            worse.append(out.pose)
-    gains = np.concatenate(each)
-    gain, error = float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+    before, after = left_out(so_far.terms, motions), left_out(terms, motions)
+    gain, error = gain_of(before, after)
+    spread = Between(terms, x, x, (), ()).value(WOUND, "compliance_rad_per_nm")
+    worse = [  # beyond what the noise of a torque makes of it
+        m.pose
+        for m, b, a in zip(motions, before, after, strict=True)
+        if a.mean() >= b.mean() + spread**2 * m.scatter**2
+    ]
     own = x[len(so_far.x) :]
-    reason = ""
-    if (own < term.least).any():
-        reason = f"{term.parameters[0]} would be below zero, which cannot be"
-    elif worse:
+    reason = impossible(terms, x)
+    if more[0].effect == "hysteresis" and own[0] < LOOP * spread * _scatter(motions):
+        reason = reason or "its loop is no wider than the torque's noise makes it"
+    if not reason and worse:
         reason = f"motion {worse[0]} is worse with it when it is fitted to the others"
-    elif gain <= MARGIN * error:
-        reason = "it gains less than two standard errors on motions left out"
-    else:
-        reason = _borrowed(so_far, x, shared)
-    return Trial(term, tuple(own.tolist()), gain, error, reason)
+    elif not reason and gain <= MARGIN * np.sqrt(_numbers(more, motions)) * error:
+        reason = "its gain on motions left out may be chance: "
+        reason += f"{gain / error:.1f} standard errors"
+    elif not reason and gain < LEAST:
+        reason = "it takes less than a hundredth off what is left"
+    if not reason and shared is not None and _may_borrow(more):
+        reason = _borrowed(so_far, terms, motions, shared)
+    return Trial(more[0], tuple(own.tolist()), gain, error, reason, more[1:])
+
+
+def _numbers(more: tuple[Term, ...], motions: tuple[Motion, ...]) -> int:
+    """Return how many numbers are looked for together; a wave that passes is one."""
+    slow = 0.0 < turns_of(more[0], motions) < MANY_TURNS
+    return len(more) + sum(t.effect == "hysteresis" for t in more) + slow
+
+
+def orders_alike(
+    found: Between, motions: Sequence[Motion], term: Term
+) -> tuple[float, float]:
+    """Return the lowest and highest order of a wave that would do as well.
+
+    Those around it with which a stretch is left no more than two standard errors more.
+    """
+    then = tuple(map(found.then, motions))
+    rest = [t for t in found.terms if t is not term]
+    best = np.concatenate(_left_of((*rest, term), then))
+    reach = max(1.0, 1.0 / turns_of(wave(1.0), then))
+    ends = []
+    for way in (-ORDER_STEP, ORDER_STEP):
+        order = term.order
+        while abs(order + way - term.order) <= reach and order + way >= ORDER_STEP:
+            other = _left_of((*rest, wave(order + way)), then)
+            more = np.concatenate(other) - best
+            if more.mean() > MARGIN * more.std(ddof=1) / np.sqrt(len(more)):
+                break
+            order += way
+        ends.append(order)
+    half = 0.5 * ORDER_STEP
+    return ends[0] - half, ends[1] + half
+
+
+def _left_of(terms: Sequence[Term], motions: Sequence[Motion]) -> list[np.ndarray]:
+    x = fitted(terms, motions)[0]
+    return [moving_squares(m.apart - columns(terms, m) @ x, m) for m in motions]
+
+
+def _scatter(motions: Sequence[Motion]) -> float:
+    return max(m.scatter for m in motions)
+
+
+def own_delay(terms: Sequence[Term], motions: Sequence[Motion]) -> tuple[float, float]:
+    """Return how much later an axis is than it was taken for, and half its interval."""
+    x, half = fitted([LATE, *terms], motions)
+    return float(x[0]), float(half[0])
+
+
+def _may_borrow(more: tuple[Term, ...]) -> bool:
+    growing = any(t.parameters == ("friction_s",) for t in more)
+    return more[0].effect == WOUND and not growing
 
 
 def _borrowed(
-    so_far: Between, x: Float[np.ndarray, " columns"], shared: float | None
+    so_far: Between,
+    terms: Sequence[Term],
+    motions: Sequence[Motion],
+    shared: float,
 ) -> str:
-    """Say whether a term lives on the delay that the axis shares with others."""
-    names = [name for term in so_far.terms for name in term.parameters]
-    if shared is None or "delay_s" not in names:
+    """Say whether a wind-up lives on the delay that the axis shares with others."""
+    if not motions[0].measured:
         return ""
-    i = names.index("delay_s")
-    old, new, half = so_far.x[i], x[i], so_far.half[i]
-    if abs(new - old) <= half or abs(new - shared) <= abs(old - shared):
+    old, half = own_delay(so_far.terms, motions)
+    new = own_delay(terms, motions)[0]
+    apart = so_far.delay - shared
+    if abs(new - old) <= half or abs(new + apart) <= abs(old + apart):
         return ""
     return (
-        f"{BORROWED}, which would go from {1e3 * old:.2f} ± "
-        f"{1e3 * half:.2f} to {1e3 * new:.2f} ms, away from the other axes' "
-        f"{1e3 * shared:.2f}"
+        f"{BORROWED}, which would go from {1e3 * (so_far.delay + old):.2f} ± "
+        f"{1e3 * half:.2f} to {1e3 * (so_far.delay + new):.2f} ms, away from the other "
+        f"axes' {1e3 * shared:.2f}"
     )
 
 
-def shared_delay(axes: Sequence[tuple[Motion, ...]], but: int) -> float | None:
-    """Return the median delay of all axes but one, each fitted alone, in s."""
-    delay = [t for t in plain_terms(axes[but]) if t.effect == "channel_delay"]
-    others = [fitted(delay, m)[0][0] for k, m in enumerate(axes) if k != but]
-    return float(np.median(others)) if others else None
+def gain_of(
+    before: Sequence[np.ndarray], after: Sequence[np.ndarray]
+) -> tuple[float, float]:
+    """Return the mean gain over the stretches of motions left out, and its error."""
+    gains = np.concatenate(
+        [(b - a) / b.mean() for b, a in zip(before, after, strict=True)]
+    )
+    return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
 
 
-def columns(terms: Sequence[Term], motion: Motion) -> Float[np.ndarray, "rows columns"]:
-    """Return the columns of several terms."""
-    none = np.zeros((len(motion.time), 0))
-    return np.concatenate([none, *(t.columns(motion) for t in terms)], axis=1)
-
-
-def fitted(
-    terms: Sequence[Term], motions: Sequence[Motion]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return coefficients and half the width of their intervals."""
-    a = np.concatenate([columns(terms, m) for m in motions])
-    y = np.concatenate([m.apart for m in motions])
-    if a.shape[1] == 0:
-        return np.zeros(0), np.zeros(0)
-    x = np.linalg.lstsq(a, y, rcond=None)[0]
-    inverse = np.linalg.pinv(a.T @ a)
-    left = y - a @ x
-    cut = [STRETCHES * i + m.stretches() for i, m in enumerate(motions)]
-    stretch = np.concatenate(cut)
-    names = np.unique(stretch)
-    scores = np.stack([a[stretch == c].T @ left[stretch == c] for c in names])
-    count = len(names)
-    spread = inverse @ (scores.T @ scores) @ inverse * count / (count - 1)
-    return x, student.ppf(0.975, count - 1) * np.sqrt(np.diag(spread))
-
-
-def _squares(
-    terms: Sequence[Term], motions: Sequence[Motion], out: Motion
-) -> Float[np.ndarray, " stretches"]:
-    """Return mean squares of the stretches that move, of a motion left out."""
-    x = fitted(terms, motions)[0]
-    left = out.apart - columns(terms, out) @ x
-    stretch, moves = out.stretches(), np.abs(out.speed)
-    count = np.bincount(stretch)
-    fast = np.bincount(stretch, moves) / np.maximum(count, 1) > RESTS * moves.mean()
-    return np.bincount(stretch, left**2)[fast] / count[fast]
+def impossible(terms: Sequence[Term], x: Float[np.ndarray, " columns"]) -> str:
+    """Say which coefficient no gear can have; empty: none."""
+    i, give, slipping = 0, 0.0, 0.0
+    for term in terms:
+        own = x[i : i + len(term.parameters)]
+        i += len(own)
+        if (own < term.least).any():
+            return f"{term.parameters[0]} would be below zero, which cannot be"
+        give += float(own[0]) if term.effect == WOUND else 0.0
+        if term.effect == "hysteresis":
+            slipping += 0.5 * float(own[0]) / term.shape[0]
+    if slipping > give:
+        return "its contacts would be stiffer than the gear, which cannot be"
+    return ""

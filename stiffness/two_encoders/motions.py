@@ -1,9 +1,11 @@
 """A motion is one run of a stream, read on both sides of one gear."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_coeffs, savgol_filter
 
 from bench.errors import Unusable
 from bench.recording import Recording
@@ -14,9 +16,12 @@ SHORTEST = 50
 """Rows of a motion; chosen: fewer hold no ten stretches of time."""
 STRETCHES = 10
 """Stretches of time that a motion is cut into; what is left in one hangs together."""
+SMOOTHED = 0.1
+"""Seconds over which a torque and the friction in it are smoothed; chosen: an arm's
+load changes more slowly, and a current's noise would make every gear look stiffer."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Motion:
     """One axis during one motion.
 
@@ -25,7 +30,9 @@ class Motion:
         time: Since the start of the recording, in s.
         angle: Before the gear, referred to the axis, in rad.
         speed: Of it, in rad/s.
-        torque: Of the motor, output side, in N m; None where it was not read.
+        torque: That holds the axis, output side, smoothed, in N m; None: unknown.
+        scatter: Noise that smoothing leaves in a torque that was read, one sigma, N m.
+        measured: Whether the torque is the motor's, so that it holds friction.
         apart: Angle after the gear less the one before it, mean taken off, in rad.
     """
 
@@ -35,6 +42,8 @@ class Motion:
     speed: Float[np.ndarray, " rows"]
     torque: Float[np.ndarray, " rows"] | None
     apart: Float[np.ndarray, " rows"]
+    scatter: float = 0.0
+    measured: bool = True
 
     def stretches(self) -> np.ndarray:
         """Return the number of the stretch that each row belongs to."""
@@ -42,9 +51,72 @@ class Motion:
         part = (self.time - self.time[0]) / span * STRETCHES
         return np.minimum(part.astype(int), STRETCHES - 1)
 
+    def later(self, delay: float, creeps: bool = False) -> "Motion":
+        """Return what the second encoder tells of if it tells `delay` s late.
 
-def motions_of(recording: Recording) -> dict[int, tuple[Motion, ...]]:
+        Args:
+            delay: In s.
+            creeps: Whether it lags in proportion to speed alone, as what a controller
+                extrapolates does; else it tells exactly what was `delay` ago.
+        """
+        if delay == 0.0:
+            return self
+        then = self.time - delay
+
+        def ago(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+            return CubicSpline(self.time, values)(then)
+
+        angle = ago(self.angle)
+        lag = delay * self.speed if creeps else self.angle - angle
+        apart = self.apart + lag
+        return replace(
+            self,
+            angle=angle,
+            speed=ago(self.speed),
+            torque=None if self.torque is None else ago(self.torque),
+            apart=apart - apart.mean(),
+        )
+
+    def smooth(self, values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        """Smooth as the torque was smoothed."""
+        return smoothed(values, self.time)
+
+
+def smoothed(
+    values: Float[np.ndarray, "rows *more"],
+    time: Float[np.ndarray, " rows"],
+    derivative: int = 0,
+) -> Float[np.ndarray, "rows *more"]:
+    """Fit a cubic to every 0.1 s and return its middle, or a derivative there."""
+    rows, step = _window(time)
+    return np.asarray(savgol_filter(values, rows, 3, derivative, step, axis=0))
+
+
+def _window(time: Float[np.ndarray, " rows"]) -> tuple[int, float]:
+    """Return how many rows are smoothed together, and the time between rows in s."""
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    return max(5, 2 * round(0.5 * SMOOTHED / step) + 1), step
+
+
+def _scatter(
+    rough: Float[np.ndarray, " rows"], time: Float[np.ndarray, " rows"]
+) -> float:
+    """Return the noise in what is smooth from what smoothing took off."""
+    rows = _window(time)[0]
+    kept = float(savgol_coeffs(rows, 3)[rows // 2])  # share of white noise's variance
+    sigma = 1.4826 * float(np.median(np.abs(rough - np.median(rough))))
+    return sigma * np.sqrt(kept / (1.0 - kept))
+
+
+def motions_of(
+    recording: Recording, torque: Float[np.ndarray, "rows axes"] | None = None
+) -> dict[int, tuple[Motion, ...]]:
     """Return the motions of every axis that was read twice, in the order of time.
+
+    Args:
+        recording: A stream.
+        torque: What the model says holds each axis, in N m, for axes whose motor's
+            torque was not read.
 
     Raises:
         Unusable: Where no axis was, or one not in `FEWEST` motions; with all faults.
@@ -59,7 +131,7 @@ def motions_of(recording: Recording) -> dict[int, tuple[Motion, ...]]:
     if not faults:
         ids = np.unique(recording.pose)
         for axis in axes:
-            found = [_motion(recording, axis, int(i)) for i in ids]
+            found = [_motion(recording, axis, int(i), torque) for i in ids]
             motions = sorted((m for m in found if m), key=lambda m: m.time[0])
             every[axis] = tuple(motions)
             if len(motions) < FEWEST:
@@ -81,20 +153,30 @@ def axes_read_twice(recording: Recording) -> tuple[int, ...]:
     return tuple(int(k) for k in np.flatnonzero(seen))
 
 
-def _motion(recording: Recording, axis: int, pose: int) -> Motion | None:
+def _motion(
+    recording: Recording, axis: int, pose: int, modelled: np.ndarray | None
+) -> Motion | None:
     assert recording.link_posture is not None
     link = recording.link_posture[:, axis]
     rows = np.flatnonzero((recording.pose == pose) & np.isfinite(link))
     if len(rows) < SHORTEST:
         return None
     time, angle = recording.time[rows], recording.posture[rows, axis]
-    torque = recording.axis_torque
+    read = recording.axis_torque
+    measured = read is not None and bool(np.ptp(read[:, axis]) > 0.0)
+    torque = read if measured else modelled
     apart = link[rows] - angle
+    smooth = None if torque is None else smoothed(torque[rows, axis], time)
+    scatter = 0.0
+    if torque is not None and measured:
+        scatter = _scatter(torque[rows, axis] - smooth, time)
     return Motion(
         pose=pose,
         time=time,
         angle=angle,
         speed=np.gradient(angle, time),
-        torque=None if torque is None else torque[rows, axis],
+        torque=smooth,
         apart=apart - apart.mean(),
+        scatter=scatter,
+        measured=measured,
     )

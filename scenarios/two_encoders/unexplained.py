@@ -1,0 +1,57 @@
+"""What no name explains is measured: how much, where, what it goes with, how long."""
+
+from collections.abc import Sequence
+
+from scenarios.diagnosing.schema import Left, Remark
+from scenarios.two_encoders.axis import Axis, whole_rms
+from stiffness.two_encoders.remaining import SHOWS, followed, lasting
+
+URAD = 1e6
+
+
+def unexplained(axes: Sequence[Axis]) -> Left:
+    """Say what is left of the axis that is left most."""
+    worst = max(axes, key=lambda a: whole_rms(a.after))
+    left = [worst.found.left(m) for m in worst.fitted]
+    shares = followed(left, worst.fitted, worst.after, worst.judged)
+    goes = [f"{100 * s:.0f} % of it with {x}" for x, s in shares.items() if s >= SHOWS]
+    how = "as it goes in the other motions " + ", ".join(goes)
+    if not goes:
+        how = f"with {', '.join(shares)} it does not go as in the other motions"
+    whose = "stated" if worst.stated else "of noise from row to row"
+    text = (
+        f"{URAD * whole_rms(worst.after):.1f} µrad rms of the judged motion beside "
+        f"{URAD * worst.noise:.1f} µrad {whose}; {how}; it keeps its sign for "
+        f"{lasting(worst.after, worst.judged):.2f} s"
+    )
+    return Left(worst.name, f"{text}.{_help(worst)}", {}, None)
+
+
+def torques_told(axes: Sequence[Axis]) -> list[Remark]:
+    """Say of which axes the torque was worked out, or is not known at all."""
+    return [Remark("torque", a.name, _torque(a)) for a in axes if _torque(a)]
+
+
+def _torque(a: Axis) -> str:
+    if not _known(a):
+        return (
+            f"no torque of {a.name} is known: a column {a.name}_tau_nm, or masses in "
+            "the model, would tell its wind-up from other causes."
+        )
+    if not a.judged.measured:
+        return (
+            f"the torque of {a.name} was not read: it is worked out from the model's "
+            "masses, so a load that they do not hold is not in it."
+        )
+    return ""
+
+
+def _help(a: Axis) -> str:
+    if a.judged.measured:
+        return ""
+    return f" A column {a.name}_tau_nm would help, or masses as they are."
+
+
+def _known(a: Axis) -> bool:
+    torque = a.judged.torque
+    return torque is not None and bool((torque != torque[0]).any())
