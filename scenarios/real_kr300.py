@@ -10,7 +10,7 @@ only where each of those confirms what was fitted to the other; the third motion
 Run:    python -m scenarios.real_kr300 --data FOLDER
 Takes:  20 s
 Expect: 3 ms of delay on all three axes, compliance refused with the reason; on the
-        third motion 638 / 504 / 511 µrad become about 40 / 47 / 63, and 38 / 41 / 60
+        third motion 638 / 504 / 511 µrad become about 40 / 46 / 63, and 38 / 40 / 60
         on means over 0.1 s
 """
 

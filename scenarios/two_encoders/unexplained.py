@@ -14,10 +14,10 @@ def unexplained(axes: Sequence[Axis]) -> Left:
     worst = max(axes, key=lambda a: whole_rms(a.after))
     left = [worst.found.left(m) for m in worst.fitted]
     shares = followed(left, worst.fitted, worst.after, worst.judged)
-    goes = [f"{100 * s:.0f} % of it with {x}" for x, s in shares.items() if s >= SHOWS]
-    how = "as it goes in the other motions " + ", ".join(goes)
+    goes = [f"{100 * s:.0f} % with {x}" for x, s in shares.items() if s >= SHOWS]
+    how = f"as in the other motions it goes {' and '.join(goes)}"
     if not goes:
-        how = f"with {', '.join(shares)} it does not go as in the other motions"
+        how = f"it goes with {', '.join(shares)} otherwise than in the other motions"
     whose = "stated" if worst.stated else "of noise from row to row"
     text = (
         f"{URAD * whole_rms(worst.after):.1f} µrad rms of the judged motion beside "

@@ -27,6 +27,15 @@ def columns(terms: Sequence[Term], motion: Motion) -> Float[np.ndarray, "rows co
     return np.concatenate([none, *(t.columns(motion) for t in terms)], axis=1)
 
 
+def coefficients(
+    terms: Sequence[Term], motions: Sequence[Motion]
+) -> Float[np.ndarray, " columns"]:
+    """Return what `fitted` does, without intervals."""
+    sheets = [columns(terms, m) for m in motions]
+    aims = [a.T @ m.apart for a, m in zip(sheets, motions, strict=True)]
+    return solved(np.sum([a.T @ a for a in sheets], axis=0), np.sum(aims, axis=0))
+
+
 def fitted(
     terms: Sequence[Term], motions: Sequence[Motion]
 ) -> tuple[np.ndarray, np.ndarray]:

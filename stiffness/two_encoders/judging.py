@@ -16,7 +16,13 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from stiffness.two_encoders.fitting import columns, fitted, left_out, moving_squares
+from stiffness.two_encoders.fitting import (
+    coefficients,
+    columns,
+    fitted,
+    left_out,
+    moving_squares,
+)
 from stiffness.two_encoders.found import Between, Trial
 from stiffness.two_encoders.motions import Motion
 from stiffness.two_encoders.terms import LATE, WOUND, Term, wave
@@ -39,7 +45,7 @@ def tried(
 ) -> Trial:
     """Try one more term, or some that go together; see `between`."""
     terms = (*so_far.terms, *more)
-    x = fitted(terms, motions)[0]
+    x = coefficients(terms, motions)
     before, after = left_out(so_far.terms, motions), left_out(terms, motions)
     gain, error = gain_of(before, after)
     spread = Between(terms, x, x, (), ()).value(WOUND, "compliance_rad_per_nm")
@@ -96,7 +102,7 @@ def orders_alike(
 
 
 def _left_of(terms: Sequence[Term], motions: Sequence[Motion]) -> list[np.ndarray]:
-    x = fitted(terms, motions)[0]
+    x = coefficients(terms, motions)
     return [moving_squares(m.apart - columns(terms, m) @ x, m) for m in motions]
 
 

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stiffness.two_encoders.fitting import columns, fitted
+from stiffness.two_encoders.fitting import coefficients, columns, fitted
 from stiffness.two_encoders.found import Between, Trial
 from stiffness.two_encoders.judging import impossible, tried
 from stiffness.two_encoders.motions import Motion
@@ -100,9 +100,9 @@ def _refined(
     terms: tuple[Term, ...], motions: tuple[Motion, ...]
 ) -> tuple[tuple[Term, ...], np.ndarray, np.ndarray]:
     """Take the friction found off every contact's torque, and look for its slip."""
-    x, half = fitted(terms, motions)
+    x = coefficients(terms, motions)
     for i in 2 * [i for i, t in enumerate(terms) if t.shape]:
-        so_far = Between(terms, x, half, (), ())
+        so_far = Between(terms, x, x, (), ())
         trials = []
         for factor in FINER:
             term = _without_friction(terms[i], so_far)
@@ -110,14 +110,12 @@ def _refined(
             if term.effect == "hysteresis" and term.shape[0] < least_slip(motions):
                 continue
             others = (*terms[:i], term, *terms[i + 1 :])
-            x, half = fitted(others, motions)
-            if not impossible(others, x):
-                trials.append((_squares(others, x, motions), others, x, half))
+            own = coefficients(others, motions)
+            if not impossible(others, own):
+                trials.append((_squares(others, own, motions), others, own))
         if trials:
-            _, terms, x, half = min(trials, key=lambda t: t[0])
-        else:
-            x, half = fitted(terms, motions)
-    return terms, x, half
+            _, terms, x = min(trials, key=lambda t: t[0])
+    return (terms, *fitted(terms, motions))
 
 
 def _squares(terms: Sequence[Term], x: np.ndarray, motions: Sequence[Motion]) -> float:
