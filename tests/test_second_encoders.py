@@ -230,6 +230,31 @@ def test_a_contact_that_slips_is_hysteresis_and_no_delay():
     assert width == pytest.approx(2 * 1e-6 * 60.0, rel=0.1)
 
 
+def test_a_torque_with_the_wrong_sign_is_said():
+    recording = wound(moved(), 2.5e-6, constant=60.0, growing=250.0)
+    assert recording.axis_torque is not None
+    answer = asked(replace(recording, axis_torque=-recording.axis_torque))
+    signs = [w.where for w in answer.warnings if w.code == "torque_sign"]
+    assert signs == ["a2"] and "joint_compliance" not in of(answer, "a2")
+
+
+def test_short_motions_at_a_high_rate_are_compared_too():
+    """A tenth of a second, over which torques are smoothed, is longer than they are."""
+    recording = wound(moved(3), 2.5e-6, constant=60.0, growing=250.0)
+    recording = recording.take(np.flatnonzero(recording.time % 60.0 < 0.6))
+    fast = replace(recording, time=recording.time / 10.0, load_time=recording.time)
+    axes = compared(fast, PLAIN)
+    assert [a.name for a in axes] == ["a1", "a2"]
+    assert all(np.isfinite(a.after).all() for a in axes)
+
+
+def test_rows_that_share_their_time_count_once():
+    recording = late(moved(3), 1, 8e-3)
+    twice = recording.take(np.sort(np.r_[np.arange(len(recording.time)), 5, 900]))
+    delay = of(asked(twice), "a2")["channel_delay"]["delay_s"].estimate
+    assert delay == pytest.approx(8e-3, rel=0.02)
+
+
 def test_a_slow_wave_has_its_own_order():
     recording = moved()
     recording = plus(recording, 1, 1e-4 * np.sin(2.0 * recording.posture[:, 1] + 0.4))

@@ -8,16 +8,15 @@ from scipy.stats import norm
 from scenarios.diagnosing.schema import (
     Answer,
     At,
-    Called,
     Detected,
     Interval,
     Placed,
     Proved,
-    Remark,
 )
 from scenarios.two_encoders.axis import Axis, whole_rms
-from scenarios.two_encoders.naming import ALPHA, called, contradicts, depends_on, score
-from scenarios.two_encoders.unexplained import torques_told, unexplained
+from scenarios.two_encoders.naming import ALPHA, called, depends_on, score
+from scenarios.two_encoders.remarks import remarks
+from scenarios.two_encoders.unexplained import unexplained
 from stiffness.two_encoders.judging import BORROWED
 
 URAD = 1e6
@@ -46,7 +45,7 @@ def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
         rivals=(),
         unexplained=unexplained(axes) if open_ else None,
         confounded=tuple(dict.fromkeys(_confounded(axes))),
-        warnings=(*torques_told(axes), *_remarks(axes, named), *_refused(axes)),
+        warnings=tuple(remarks(axes, named)),
         proof=Proved(
             simulator="mujoco",
             held_out_poses=1,
@@ -86,45 +85,6 @@ def _confounded(axes: Sequence[Axis]) -> Iterator[tuple[At, At]]:
         for t in a.found.refused:
             if t.reason.startswith(BORROWED):
                 yield At("joint_compliance", a.name), At("channel_delay", a.name)
-
-
-def _remarks(axes: Sequence[Axis], named: Sequence[Called]) -> Iterator[Remark]:
-    for a in axes:
-        if contradicts(a) and a.give is not None:
-            text = (
-                f"the model's spring at {a.name} has {1.0 / a.model_give:.3g} N m/rad, "
-                f"the recording winds up by {1e6 * max(a.give[0], 0.0):.3g} ± "
-                f"{1e6 * a.give[1]:.2g} µrad/(N m) where that makes "
-                f"{1e6 * a.model_give:.3g}."
-            )
-            yield Remark("spring", a.name, text)
-    if any(a.found.at_least for a in axes):
-        text = (
-            "the delay is the least that no axis contradicts: friction that grows with "
-            "speed in the torque of every motor that winds up its gear may hide more."
-        )
-        yield Remark("delay", axes[0].name, text)
-    for n in named:
-        order = n.parameters.get("order")
-        if order is not None and _wide(order):
-            text = (
-                f"orders {order.low:g} to {order.high:g} do as well as "
-                f"{order.estimate:g}: {n.where} passes too little of a wave to tell."
-            )
-            yield Remark("order", n.where, text)
-
-
-def _wide(order: Interval) -> bool:
-    assert isinstance(order.low, float) and isinstance(order.high, float)
-    return order.high - order.low > 1.0
-
-
-def _refused(axes: Sequence[Axis]) -> Iterator[Remark]:
-    for a in axes:
-        for t in a.found.refused:
-            if not t.term.order:
-                text = f"{t.term.effect} is not named: {t.reason}."
-                yield Remark("refused", a.name, text)
 
 
 def _noise(axes: Sequence[Axis]) -> float | None:

@@ -76,7 +76,8 @@ def _simulated(
     recording: Recording, model: Path, axis: int, motion: Motion, found: Between
 ) -> Float[np.ndarray, " rows"]:
     """Return what the simulator leaves of a motion."""
-    rows = np.flatnonzero(np.isin(recording.time, motion.time))
+    seen = np.flatnonzero(recording.pose == motion.pose)
+    rows = seen[np.searchsorted(recording.time[seen], motion.time)]
     bare = rig_of(Patch(), model).anatomy.axes
     order = [bare.index(name) for name in recording.axes] or list(range(len(bare)))
     own, then = order[axis], found.then(motion)

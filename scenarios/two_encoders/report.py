@@ -36,14 +36,20 @@ def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]
     looks_like(axes, folder / "looks_like.png")
     return [
         Figure(
-            "The second encoder beside the first on the judged motion: a rigid gear "
-            "without delay (grey) and the simulator with what was named (orange).",
+            "The second encoder beside the first on the judged motion: the nominal "
+            "simulation (grey) and the simulator with what was named (orange).",
             "before_after.png",
         ),
         Table(
             f"Rms on the judged motion in µrad, of all rows and of means over "
             f"{WINDOW:g} s; one constant an axis and motion is free.",
-            ("axis", "rigid", "named", f"rigid, {WINDOW:g} s", f"named, {WINDOW:g} s"),
+            (
+                "axis",
+                "nominal",
+                "named",
+                f"nominal, {WINDOW:g} s",
+                f"named, {WINDOW:g} s",
+            ),
             [
                 (
                     a.name,

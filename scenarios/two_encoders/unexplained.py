@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from scenarios.diagnosing.schema import Left, Remark
+from scenarios.diagnosing.schema import Left
 from scenarios.two_encoders.axis import Axis, whole_rms
 from stiffness.two_encoders.remaining import SHOWS, followed, lasting
 
@@ -27,31 +27,7 @@ def unexplained(axes: Sequence[Axis]) -> Left:
     return Left(worst.name, f"{text}.{_help(worst)}", {}, None)
 
 
-def torques_told(axes: Sequence[Axis]) -> list[Remark]:
-    """Say of which axes the torque was worked out, or is not known at all."""
-    return [Remark("torque", a.name, _torque(a)) for a in axes if _torque(a)]
-
-
-def _torque(a: Axis) -> str:
-    if not _known(a):
-        return (
-            f"no torque of {a.name} is known: a column {a.name}_tau_nm, or masses in "
-            "the model, would tell its wind-up from other causes."
-        )
-    if not a.judged.measured:
-        return (
-            f"the torque of {a.name} was not read: it is worked out from the model's "
-            "masses, so a load that they do not hold is not in it."
-        )
-    return ""
-
-
 def _help(a: Axis) -> str:
     if a.judged.measured:
         return ""
     return f" A column {a.name}_tau_nm would help, or masses as they are."
-
-
-def _known(a: Axis) -> bool:
-    torque = a.judged.torque
-    return torque is not None and bool((torque != torque[0]).any())

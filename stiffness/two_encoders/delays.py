@@ -161,6 +161,8 @@ def _hidden(motions: tuple[Motion, ...], found: Between) -> bool:
 
 
 def _believed(axes: Axes, before: Mapping[int, Between], late: Late) -> bool:
+    if late.delay < 0.0 and any(_hidden(m, late.found[k]) for k, m in axes.items()):
+        return False  # friction makes such a delay of nothing
     gain, error = gain_between(axes, before, late.found)
     for k, m in axes.items():
         own, half = _own(m, late.found[k])

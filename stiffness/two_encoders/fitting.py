@@ -71,7 +71,7 @@ def solved(
 
 def left_out(
     terms: Sequence[Term], motions: Sequence[Motion]
-) -> list[Float[np.ndarray, " stretches"]]:
+) -> list[Float[np.ndarray, " _"]]:
     """Return mean squares of each motion's moving stretches, fitted to the others."""
     sheets = [columns(terms, m) for m in motions]
     grams = [a.T @ a for a in sheets]

@@ -95,7 +95,8 @@ def smoothed(
 def _window(time: Float[np.ndarray, " rows"]) -> tuple[int, float]:
     """Return how many rows are smoothed together, and the time between rows in s."""
     step = float(time[-1] - time[0]) / (len(time) - 1)
-    return max(5, 2 * round(0.5 * SMOOTHED / step) + 1), step
+    longest = len(time) - 1 + len(time) % 2
+    return min(max(5, 2 * round(0.5 * SMOOTHED / step) + 1), longest), step
 
 
 def _scatter(
@@ -159,6 +160,7 @@ def _motion(
     assert recording.link_posture is not None
     link = recording.link_posture[:, axis]
     rows = np.flatnonzero((recording.pose == pose) & np.isfinite(link))
+    rows = rows[np.diff(recording.time[rows], prepend=-np.inf) > 0.0]
     if len(rows) < SHORTEST:
         return None
     time, angle = recording.time[rows], recording.posture[rows, axis]

@@ -53,7 +53,7 @@ def white(motions: Sequence[Motion]) -> float:
 
 
 def beyond(
-    left: Sequence[Float[np.ndarray, " rows"]],
+    left: Sequence[Float[np.ndarray, " _"]],
     motions: Sequence[Motion],
     noise: float,
     stated: bool,

@@ -22,7 +22,7 @@ SHOWS = 0.1
 
 
 def followed(
-    left: Sequence[Float[np.ndarray, " rows"]],
+    left: Sequence[Float[np.ndarray, " _"]],
     motions: Sequence[Motion],
     judged_left: Float[np.ndarray, " rows"],
     judged: Motion,

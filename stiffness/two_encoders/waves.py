@@ -34,8 +34,8 @@ def turns_of(term: Term, motions: tuple[Motion, ...]) -> float:
 
 def strongest_waves(
     motions: tuple[Motion, ...],
-    left: tuple[Float[np.ndarray, " rows"], ...],
-    known: tuple[Float[np.ndarray, "rows columns"], ...],
+    left: tuple[Float[np.ndarray, " _"], ...],
+    known: tuple[Float[np.ndarray, "_ columns"], ...],
 ) -> tuple[Term, ...]:
     """Return, of each octave, the waves that take most off what is left.
 
