@@ -146,6 +146,21 @@ def test_springs_that_the_model_has_are_fitted_for_both_sides_of_the_proof(kr10)
     assert rms(outcome.proof.before) < 1.3 * NOISE * np.sqrt(3.0)
 
 
+def test_a_link_that_grows_while_it_warms_is_left_open_with_its_place():
+    """Nothing in the vocabulary does that; a place and a look can be said."""
+    quiet = recorded(UR10, (), 160, 13)
+    longer_arm = [Named("geometry_error", "link_2", {"x_m": 1e-3})]
+    warm = recorded(UR10, longer_arm, 160, 13)
+    share = 1.0 - np.exp(-quiet.time / 1500.0)[:, None, None]
+    first, last = np.asarray(quiet.points), np.asarray(warm.points)
+    seen = replace(quiet, points=first + share * (last - first))
+    answer = carried_out(seen, arm_of(UR10), UR10, quiet=True).answer
+    assert answer.verdict in ("unexplained", "partly_explained")
+    assert answer.unexplained is not None
+    assert answer.unexplained.where == "link_2"
+    assert "grows with time" in answer.unexplained.signature
+
+
 def test_the_patched_simulator_is_written_and_can_be_loaded(soft, wrist, tmp_path):
     written(tmp_path / "out", soft)
     assert (tmp_path / "out" / patch.MODEL_FILE).exists()

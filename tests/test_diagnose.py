@@ -33,7 +33,7 @@ from stiffness.diagnosis.diagnosis import (
     Unexplained,
     Warned,
 )
-from stiffness.diagnosis.intervals import is_held
+from stiffness.diagnosis.intervals import is_held, may_be_nothing
 from stiffness.diagnosis.remarks import scattered
 
 
@@ -387,6 +387,17 @@ def test_what_the_data_do_not_hold_is_said_to_be_so_and_gets_no_ends():
     assert not is_held((-0.1, 0.1), -3e-5, 2.4)
     assert not is_held((1.0, np.inf), 1.6e8, 1.1e9)
     assert is_held((-0.1, 0.1), -3e-5, 1e-4) and is_held(None, 0.0, 9.0)
+
+
+def test_an_effect_all_of_whose_sizes_may_be_zero_may_be_nothing():
+    zero, clear = Parameter(1e-6, -3e-6, 5e-6), Parameter(2e-6, 1e-6, 3e-6)
+    centre = Parameter(0.1, 0.05, 0.15)
+    faint = {"u_rad_per_nm": zero, "v_rad_per_nm": zero, "centre_m": centre}
+    assert may_be_nothing(faint)
+    assert not may_be_nothing({**faint, "v_rad_per_nm": clear})
+    assert may_be_nothing({"bending_nm2": Parameter(-7.8e5, -np.inf, np.inf)})
+    assert not may_be_nothing({"torsion_nm2": Parameter(1.2e5, 8.6e4, 1.5e5)})
+    assert not may_be_nothing({"stiffness_ratio": Parameter(1.0, -1.0, 3.0)})
 
 
 def test_an_added_mass_that_does_not_show_is_none_that_no_arm_carries(found):

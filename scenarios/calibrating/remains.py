@@ -7,6 +7,8 @@ from jaxtyping import Bool, Float
 
 from scenarios.calibrating.proof import RESAMPLES, Proof, rms
 from stiffness.calibration.calibrated import Calibrated
+from stiffness.calibration.growing import growing
+from stiffness.calibration.stance import Stance
 
 FAR = np.radians(1.0)
 """An angle further than this from any that was fitted is new to a table; chosen: a
@@ -79,9 +81,16 @@ def remains_of(found: Calibrated, proof: Proof) -> Remains:
         f"with {s.parameters[0]} beyond what such a mechanism can have: not named"
         for s in odd
     ]
+    stance = Stance.of(readings, found.drawn)
+    if grown := growing(stance, found.residual):
+        words.append(
+            f"{100 * grown.share:.0f} % of it grows with time as if {grown.where} "
+            "changed its form, which no effect of the list does"
+        )
     words = words or ["nothing beyond the noise shows on the poses kept back"]
     where = odd[0].key[1] if odd else _strongest(found, by_axis, readings.posture[held])
-    p_value = min(last.p_value, beyond)
+    where = grown.where if grown else where
+    p_value = 0.0 if grown else min(last.p_value, beyond)
     return Remains(where, "; ".join(words) + ".", p_value, new, rows)
 
 

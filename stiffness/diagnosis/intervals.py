@@ -12,7 +12,8 @@ Ignores     that the name was chosen with the same poses; other forms of the law
 ==========  ==========================================================================
 """
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,12 @@ from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import Split
 
 LEVEL = 0.95
+SIZES = re.compile(
+    r"((compliance|u|v|r[xyz])_rad_per_nm|[xyz]_m_per_n|(width|amplitude|offset)_(rad|m)"
+    r"|r[xyz]_rad(_per_h)?|[xyz]_m(_per_h)?|(bending|torsion)_nm2)"
+)
+"""Parameters of the vocabulary that are zero, or stiff without end, where the effect is
+not there."""
 
 
 @dataclass(frozen=True)
@@ -167,3 +174,13 @@ def beyond_limits(
         if found is not None and (found.high < low or found.low > high):
             return True
     return False
+
+
+def may_be_nothing(parameters: Mapping[str, Parameter]) -> bool:
+    """Return whether all that an effect could be holds zero, interval by interval.
+
+    A stiffness without ends holds its compliance's zero. Ratios, and what is no size,
+    such as a phase, say nothing here.
+    """
+    sizes = [p for name, p in parameters.items() if SIZES.fullmatch(name)]
+    return bool(sizes) and all(p.low <= 0.0 <= p.high for p in sizes)

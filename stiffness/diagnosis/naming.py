@@ -12,7 +12,7 @@ import numpy as np
 from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.detect import ALARM, Found
 from stiffness.diagnosis.growth import Front, exchanged, extended
-from stiffness.diagnosis.intervals import beyond_limits
+from stiffness.diagnosis.intervals import beyond_limits, may_be_nothing
 from stiffness.diagnosis.leftover import what_is_left
 from stiffness.diagnosis.member import Member
 from stiffness.diagnosis.refine import refined
@@ -133,7 +133,7 @@ def _best_of(case: Case, front: Front, passes: int = 2) -> list[Scored]:
         )
         one = score(case, members)
         if max(one.zero) < ALARM and not any(
-            beyond_limits(case.situation, m, p)
+            beyond_limits(case.situation, m, p) or may_be_nothing(p)
             for m, p in zip(one.fit.members, one.parameters, strict=True)
         ):
             scored.append(one)
