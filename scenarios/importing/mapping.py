@@ -1,8 +1,8 @@
 """A mapping is a manifest that also says how a lab's own file is to be understood.
 
-It is `recording.toml` of the format, with `[columns]` and `[csv]`; what goes beyond it
-are `[targets.NAME]` (6D), `[rests]` (a stream becomes plateaus), `[files.NAME]` (more
-CSV files, each with a clock of its own) and `[topics]` (bags).
+It is `recording.toml` of the format, with `[columns]`, `[csv]` and beyond them
+`[targets.NAME]` (6D), `[rests]` (a stream becomes plateaus), `[files.NAME]` (more CSV
+files, each with a clock of its own) and `[topics]` (bags).
 """
 
 import json
@@ -99,11 +99,9 @@ def mapping_of(path: Path) -> tuple[dict[str, Any], Extras]:
     try:
         table = tomllib.loads(text.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        hint = twice(text.decode(errors="replace"))
-        fault = f"it is not TOML: {first_line(error)}.{hint}"
-        raise Unusable(what, [fault]) from None
-    names = Extras.__struct_fields__
-    beyond = {name: table.pop(name) for name in names if name in table}
+        more = twice(text.decode(errors="replace"))
+        raise Unusable(what, [f"it is not TOML: {first_line(error)}.{more}"]) from None
+    beyond = {n: table.pop(n) for n in Extras.__struct_fields__ if n in table}
     extras, faults = fill(Extras, beyond, "")
     for name, target in (extras.targets if extras else {}).items():
         if (target.rotation is None) == (target.quaternion_wxyz is None):
