@@ -14,6 +14,7 @@ from stiffness.diagnosis.diagnosis import (
     Nominal,
     Unexplained,
 )
+from stiffness.diagnosis.intervals import as_held
 from stiffness.diagnosis.judge import (
     SURE,
     alone,
@@ -57,7 +58,7 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
                 name=Name(*member.name),
                 probability=probability_of(member.name, alike, weights, sets),
                 equivalents=tuple(alike),
-                parameters=named.best.parameters[k],
+                parameters=as_held(case.situation, member, named.best.parameters[k]),
                 shape=tuple(float(v) for v in member.shape),
                 coefficients=tuple(float(v) for v in named.best.fit.coefficients[k]),
             )

@@ -27,6 +27,9 @@ from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import Split
 
 LEVEL = 0.95
+SLIGHT = 0.01
+"""Share of an interval that an estimate is nothing beside, and share of what is
+physical from which on an interval is wide; chosen."""
 SIZES = re.compile(
     r"((compliance|u|v|r[xyz])_rad_per_nm|[xyz]_m_per_n|(width|amplitude|offset)_(rad|m)"
     r"|r[xyz]_rad(_per_h)?|[xyz]_m(_per_h)?|(bending|torsion)_nm2)"
@@ -140,18 +143,28 @@ def _of_member(situation, springs, member, fitted, cov, quantile):
         slope[:, i] = [(up[k] - down[k]) / (2 * step) for k in names]
     spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, cov, slope), 0.0))
     law, found = member.hypothesis, {}
-    limits = law.limits_at(situation, member.where)
     grain = law.grain(situation)
     for name, s in zip(names, spread, strict=True):
         value, half = float(here[name]), float(quantile * s + grain.get(name, 0.0))
         if name in law.logarithmic and value > 0.0:
             factor = float(np.exp(min(half / value, 50.0)))
             found[name] = Parameter(value, value / factor, value * factor)
-        elif is_held(limits.get(name), value, half):
-            found[name] = Parameter(value, value - half, value + half)
         else:
-            found[name] = Parameter(value, -np.inf, np.inf)
+            found[name] = Parameter(value, value - half, value + half)
     return found
+
+
+def as_held(
+    situation: Situation, member: Member, parameters: Mapping[str, Parameter]
+) -> dict[str, Parameter]:
+    """Return parameters without ends where the data do not hold them."""
+    limits = member.hypothesis.limits_at(situation, member.where)
+    return {
+        name: p
+        if is_held(limits.get(name), p.estimate, (p.high - p.low) / 2.0)
+        else Parameter(p.estimate, -np.inf, np.inf)
+        for name, p in parameters.items()
+    }
 
 
 def is_held(limits: tuple[float, float] | None, value: float, half: float) -> bool:
@@ -160,7 +173,8 @@ def is_held(limits: tuple[float, float] | None, value: float, half: float) -> bo
         return True
     low, high = limits
     if np.isfinite(high):
-        return half < (high - low) / 2.0
+        faint = abs(value) < SLIGHT * half and half > SLIGHT * (high - low) / 2.0
+        return half < (high - low) / 2.0 and not faint
     return not np.isfinite(low) or value - half > low
 
 
@@ -179,8 +193,8 @@ def beyond_limits(
 def may_be_nothing(parameters: Mapping[str, Parameter]) -> bool:
     """Return whether all that an effect could be holds zero, interval by interval.
 
-    A stiffness without ends holds its compliance's zero. Ratios, and what is no size,
-    such as a phase, say nothing here.
+    A stiffness whose interval holds zero may be without end. Ratios, and what is no
+    size, such as a phase, say nothing here.
     """
     sizes = [p for name, p in parameters.items() if SIZES.fullmatch(name)]
     return bool(sizes) and all(p.low <= 0.0 <= p.high for p in sizes)

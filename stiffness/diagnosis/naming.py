@@ -12,7 +12,7 @@ import numpy as np
 from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.detect import ALARM, Found
 from stiffness.diagnosis.growth import Front, exchanged, extended
-from stiffness.diagnosis.intervals import beyond_limits, may_be_nothing
+from stiffness.diagnosis.intervals import beyond_limits
 from stiffness.diagnosis.leftover import what_is_left
 from stiffness.diagnosis.member import Member
 from stiffness.diagnosis.refine import refined
@@ -76,7 +76,7 @@ def name(case: Case, first: Found) -> Named:
     rivals, left, path = [best], first, [first]
     while len(best.fit.members) < MOST and left.p_value < ALARM:
         found = _next_size(case, every, best)
-        if not found or not earns(best, found[0], case.seed):
+        if not found or found[0].vain or not earns(best, found[0], case.seed):
             break
         best, rivals = found[0], found
         left = what_is_left(case, best.fit)
@@ -133,7 +133,7 @@ def _best_of(case: Case, front: Front, passes: int = 2) -> list[Scored]:
         )
         one = score(case, members)
         if max(one.zero) < ALARM and not any(
-            beyond_limits(case.situation, m, p) or may_be_nothing(p)
+            beyond_limits(case.situation, m, p)
             for m, p in zip(one.fit.members, one.parameters, strict=True)
         ):
             scored.append(one)
@@ -141,4 +141,7 @@ def _best_of(case: Case, front: Front, passes: int = 2) -> list[Scored]:
 
 
 def _ordered(scored: list[Scored]) -> list[Scored]:
-    return sorted(scored, key=lambda s: (-round(s.log_evidence, 1), s.fit.freedom))
+    """Return the best first; what may be nothing stays a rival, but wins nothing."""
+    return sorted(
+        scored, key=lambda s: (s.vain, -round(s.log_evidence, 1), s.fit.freedom)
+    )

@@ -19,7 +19,7 @@ from scipy.stats import norm
 
 from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.close_look import close_look
-from stiffness.diagnosis.intervals import Parameter, parameters_of
+from stiffness.diagnosis.intervals import Parameter, may_be_nothing, parameters_of
 from stiffness.diagnosis.leftover import other_forms
 from stiffness.diagnosis.member import Member, SetFit
 from stiffness.diagnosis.sets import log_prior
@@ -53,6 +53,11 @@ class Scored:
     def names(self) -> frozenset[tuple[str, str]]:
         """Effects and places."""
         return frozenset(m.name for m in self.fit.members)
+
+    @property
+    def vain(self) -> bool:
+        """Whether a member may be nothing, by the intervals of all its sizes."""
+        return any(map(may_be_nothing, self.parameters))
 
 
 def score(case: Case, members: Sequence[Member]) -> Scored:
