@@ -105,7 +105,8 @@ def _of_bag(
         raise Unusable(f"Bag {str(path)!r}", ["the mapping has no [topics]."])
     robot = manifest.get("robot")
     axes = robot.get("axes", ()) if isinstance(robot, dict) else ()
-    axes = tuple(axes) or (model.joints if model else ())
+    own = tuple(axes) or (model.joints if model else ())
+    axes = extras.topics.joint_names or own
     columns, lags = bag.columns_of(path, extras.topics, axes)
     slides = dict(zip(model.joints, model.slides, strict=True)) if model else {}
     said = dict(manifest.get("columns", {}))

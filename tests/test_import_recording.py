@@ -299,6 +299,37 @@ hold_s = 1.0
 @pytest.mark.parametrize("whole", [True, False])
 @pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])
 def test_a_bag_s_channels_meet_on_the_joints_clock(tmp_path, plugin, whole, capsys):
+    bag_at = bag_of(tmp_path, plugin, ["j2", "j1"])
+    (tmp_path / "map.toml").write_text(BAG)
+    if not whole:
+        (bag_at,) = (*bag_at.glob("*.mcap"), *bag_at.glob("*.db3"))
+    recording = main(Settings(bag_at, tmp_path / "map.toml", tmp_path / "out"))
+    np.testing.assert_allclose(recording.posture[:, 0], [0, 0.4, 0.1], atol=1e-6)
+    np.testing.assert_allclose(recording.posture[:, 1], 0.0)
+    assert recording.wrench is not None
+    np.testing.assert_allclose(recording.wrench[:, 0], 3.0)
+    assert recording.frames is not None and recording.frames.min() > 100
+    said = capsys.readouterr().out
+    lag = float(said.split("Lag of pose t behind the axes: ")[1].split(" ms")[0])
+    assert abs(lag - 50.0) < 8.0
+
+
+def test_joints_of_a_bag_with_names_of_their_own_are_said_by_name(tmp_path):
+    """Their order in the messages is no order of the axes: nothing is guessed."""
+    bag_at, mapping = bag_of(tmp_path, "MCAP", ["elbow", "waist"]), tmp_path / "m.toml"
+    mapping.write_text(BAG)
+    with pytest.raises(Unusable) as refusal:
+        main(Settings(bag_at, mapping, tmp_path / "out"))
+    (fault,) = refusal.value.faults
+    assert "'j1', 'j2'" in fault and "there are: elbow, waist" in fault
+    topics = '[topics]\njoint_names = ["waist", "elbow"]'
+    mapping.write_text(BAG.replace("[topics]", topics))
+    recording = main(Settings(bag_at, mapping, tmp_path / "out"))
+    np.testing.assert_allclose(recording.posture[:, 0], [0, 0.4, 0.1], atol=1e-6)
+
+
+def bag_of(folder, plugin, names):
+    """Write a bag of two joints, a tracker and a force sensor."""
     bags = pytest.importorskip("rosbags.rosbag2")
     types = pytest.importorskip("rosbags.typesys")
     store = types.get_typestore(types.Stores.ROS2_HUMBLE)
@@ -312,7 +343,7 @@ def test_a_bag_s_channels_meet_on_the_joints_clock(tmp_path, plugin, whole, caps
 
     def joints(t):
         empty, angle = np.zeros(0), moves(t - 10)
-        return ["j2", "j1"], np.array([0.0, angle]), empty, empty
+        return names, np.array([0.0, angle]), empty, empty
 
     def pose(t):
         angle = moves(t - 10 - 0.05)
@@ -330,23 +361,11 @@ def test_a_bag_s_channels_meet_on_the_joints_clock(tmp_path, plugin, whole, caps
         "/wrench": ("geometry_msgs/msg/WrenchStamped", wrench, 0.05),
     }
     storage = bags.StoragePlugin[plugin]
-    with bags.Writer(tmp_path / "bag", version=9, storage_plugin=storage) as writer:
+    with bags.Writer(folder / "bag", version=9, storage_plugin=storage) as writer:
         for topic, (name, content, step) in channels.items():
             link = writer.add_connection(topic, name, typestore=store)
             for t in np.arange(10, 18, step):
                 message = kind[name](at(t), *content(t))
                 raw = store.serialize_cdr(message, name)
                 writer.write(link, int(1e9 * t), raw)
-    (tmp_path / "map.toml").write_text(BAG)
-    bag_at = tmp_path / "bag"
-    if not whole:
-        (bag_at,) = (*bag_at.glob("*.mcap"), *bag_at.glob("*.db3"))
-    recording = main(Settings(bag_at, tmp_path / "map.toml", tmp_path / "out"))
-    np.testing.assert_allclose(recording.posture[:, 0], [0, 0.4, 0.1], atol=1e-6)
-    np.testing.assert_allclose(recording.posture[:, 1], 0.0)
-    assert recording.wrench is not None
-    np.testing.assert_allclose(recording.wrench[:, 0], 3.0)
-    assert recording.frames is not None and recording.frames.min() > 100
-    said = capsys.readouterr().out
-    lag = float(said.split("Lag of pose t behind the axes: ")[1].split(" ms")[0])
-    assert abs(lag - 50.0) < 8.0
+    return folder / "bag"

@@ -141,6 +141,13 @@ def _in_order(times: list[float], rows: list[np.ndarray]) -> Channel:
 def _values(message: Any, kind: str, axes: Sequence[str]) -> np.ndarray:
     if kind == "joints":
         by_name = dict(zip(message.name, message.position, strict=False))
+        missing = [name for name in axes if name not in by_name]
+        if missing:
+            fault = (
+                f"no joint {', '.join(map(repr, missing))} is told; there are: "
+                f"{', '.join(by_name)}. Say in [topics] joint_names which is a1, a2 …"
+            )
+            raise Unusable("The joints' topic", [fault])
         return np.array([by_name[name] for name in (axes or list(by_name))])
     if kind == "wrench":
         w = message.wrench

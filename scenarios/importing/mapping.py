@@ -55,6 +55,7 @@ class Topics(Struct, frozen=True, forbid_unknown_fields=True):
     """`[topics]`: which message is which."""
 
     joints: str = "/joint_states"
+    joint_names: tuple[str, ...] = ()
     wrench: str | None = None
     poses: dict[str, str] = field(default_factory=dict)
     gap_s: Above = GAP
@@ -121,9 +122,8 @@ def _clocks(files: Mapping[str, Log]) -> list[str]:
     for name, log in files.items():
         place = f"files.{name}"
         if "." in name:
-            faults.append(
-                f"{place}: its columns are NAME.column; take a name with no dot."
-            )
+            say = "its columns are NAME.column; take a name with no dot"
+            faults.append(f"{place}: {say}.")
         if log.offset_s is not None and log.clock is not None:
             faults.append(f"{place}: give offset_s or clock, not both.")
         if log.offset_s is not None and not abs(log.offset_s) < np.inf:

@@ -9,6 +9,9 @@ from scenarios.reporting.style import BLUE, GREY, ORANGE
 
 Rows = Sequence[dict[str, object]]
 
+LIGHT = 0.5
+"""Share from which a cell is too dark for black digits; chosen."""
+
 
 def confusion(rows: Rows) -> Figure:
     """Draw how often each truth was answered by each name."""
@@ -21,11 +24,11 @@ def confusion(rows: Rows) -> Figure:
     figure = Figure(figsize=(2.5 + 0.34 * len(answers), 1.8 + 0.28 * len(truths)))
     axes = figure.subplots()
     axes.grid(False)
-    axes.imshow(
-        count / count.sum(axis=1, keepdims=True), cmap="Oranges", vmin=0, vmax=1
-    )
+    share = count / count.sum(axis=1, keepdims=True)
+    axes.imshow(share, cmap="Oranges", vmin=0, vmax=1)
     for i, j in zip(*np.nonzero(count), strict=True):
-        axes.text(j, i, str(count[i, j]), ha="center", va="center", fontsize=7)
+        ink = "white" if share[i, j] > LIGHT else "black"
+        axes.text(j, i, str(count[i, j]), color=ink, ha="center", va="center", size=7)
     axes.set_xticks(range(len(answers)), answers, rotation=90, fontsize=8)
     axes.set_yticks(range(len(truths)), truths, fontsize=8)
     axes.set_xlabel("said [trials]")
@@ -44,7 +47,7 @@ def calibration(rows: Rows) -> Figure:
     axes.plot([0, 1], [0, 1], color=GREY, lw=1, label="as stated")
     reach = np.maximum([true - low, high - true], 0.0)
     axes.errorbar(stated, true, reach, fmt="o", color=ORANGE, ecolor=BLUE, capsize=3)
-    axes.set_xlabel("stated probability [1]")
-    axes.set_ylabel("share that is true [1]")
+    axes.set_xlabel("stated probability")
+    axes.set_ylabel("share that is true")
     axes.legend(loc="upper left")
     return figure
