@@ -22,7 +22,7 @@ from scenarios.paper.budget import Transfer, budget
 from scenarios.paper.experiment import carry_out
 from scenarios.paper.floor.oracle import NudgeCell, oracle_error, sizes
 from scenarios.paper.floor.picture import draw
-from scenarios.paper.floor.tables import shown, summary
+from scenarios.paper.floor.tables import finding, shown, summary
 from scenarios.paper.material import Material
 from scenarios.paper.transfer.convolution_cell import ConvolutionCell
 from scenarios.paper.transfer.perceptron_cell import PerceptronCell
@@ -82,12 +82,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     place = experiment.arm.placements(fresh.cases.posture, ["flange"])[:, 0, :3, 3]
     draw(errors, rows, place, out / "floor.png")
     blocks = [
-        page.Figure(
-            f"Left: share of the way from the springs to the oracle, {settings.unseen} "
-            "fresh poses, 95 % intervals over poses. Right: mean error of a pose at "
-            "the place of the flange, seen from the side.",
-            "floor.png",
-        ),
+        page.Figure(finding(rows, errors, place), "floor.png"),
         shown(rows),
         page.Paragraph(
             f"A measured deflection is off by {np.abs(noise).mean():.4f} mm on average "

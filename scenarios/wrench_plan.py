@@ -29,7 +29,7 @@ from scenarios.paper.unseen import unseen
 from scenarios.paper.work.progress import swept
 from scenarios.paper.wrench_plan.elsewhere import both, nearest, pulled_elsewhere
 from scenarios.paper.wrench_plan.picture import draw
-from scenarios.paper.wrench_plan.tables import shown, tidy
+from scenarios.paper.wrench_plan.tables import finding, shown, tidy
 from scenarios.reporting import page, run_file, table
 
 LOADS = ("as in the experiment", "in other directions")
@@ -98,9 +98,9 @@ def main(settings: Settings) -> list[dict[str, object]]:
     )
     blocks = [
         page.Figure(
-            f"MAE over x, y, z on {n} fresh postures with 95 % intervals, and the "
-            "median error against the angle from the load to the nearest direction "
-            "that the experiment used.",
+            f"{finding(rows)} Left: MAE over x, y, z on {n} fresh postures with 95 % "
+            "intervals; right: the median error of a quarter of the poses against the "
+            "angle from the load to the nearest direction that the experiment used.",
             "wrench_plan.png",
         ),
         page.Table(

@@ -27,15 +27,27 @@ def draw(
     picture = Picture(figsize=(12, 4.2), layout="constrained")
     shown = list(errors)[:-1]
     axes = picture.subplots(1, 1 + len(shown), width_ratios=[1.4, *[1] * len(shown)])
-    names = [r["method"] for r in rows]
-    share = np.array([[r[f"share_{k}"] for r in rows] for k in ("low", "high")])
-    value = np.array([r["share_of_the_way"] for r in rows])
-    axes[0].barh(names, 100 * value, color=style.ORANGE)
+    learnt = [r for r in rows if r["method"] not in ("VJM", "oracle")]
+    names = [r["method"] for r in learnt]
+    share = np.array([[r[f"share_{k}"] for r in learnt] for k in ("low", "high")])
+    value = np.array([r["share_of_the_way"] for r in learnt])
+    axes[0].barh(names, 100 * value, 0.6, color=style.ORANGE)
     axes[0].errorbar(
         100 * value, names, xerr=100 * np.abs(share - value), fmt="none", ecolor="black"
     )
+    for end, called in ((0.0, "springs"), (100.0, "oracle")):
+        axes[0].axvline(end, color="black", lw=1.0)
+        axes[0].annotate(
+            called,
+            (end, 1.0),
+            (0, 4),
+            ("data", "axes fraction"),
+            textcoords="offset points",
+            ha="center",
+        )
+    axes[0].set_xlim(min(0.0, *(100 * share[0])) - 15, 115)
     axes[0].invert_yaxis()
-    axes[0].set_xlabel("way from springs to oracle [%]")
+    axes[0].set_xlabel("share of the way [%]")
     radius = np.hypot(place[:, 0], place[:, 1])
     size = {name: np.abs(errors[name]).mean(axis=1) for name in shown}
     most = np.quantile(size["VJM"], 0.98)

@@ -29,9 +29,8 @@ def draw(
     """
     n = len(angle) // 2
     picture = Picture(figsize=(10.5, 3.9), layout="constrained")
-    bars, lines = picture.subplots(1, 2)
-    width = 0.8 / len(errors)
-    ends = np.unique(np.quantile(angle, np.linspace(0, 1, 9)))
+    means, lines = picture.subplots(1, 2)
+    width = 0.5 / len(errors)
     for i, (colour, (name, error)) in enumerate(
         zip(COLOURS, errors.items(), strict=True)
     ):
@@ -42,24 +41,32 @@ def draw(
             for part in (size[:, :n], size[:, n:])
         ]
         value, low, high = np.array([[f.value, f.low, f.high] for f in found]).T
-        bars.bar(place, value, 0.92 * width, color=colour, label=name)
-        bars.errorbar(
-            place, value, (value - low, high - value), fmt="none", ecolor="black"
-        )
-        which = np.digitize(angle, ends[1:-1])
-        steps = range(len(ends) - 1)
-        middle = [np.median(angle[which == b]) for b in steps]
-        median = [np.median(size[:, which == b]) for b in steps]
-        lines.plot(middle, median, "o-", ms=4, color=colour)
-    bars.set_xticks([0, 1], [f"pulled {load}" for load in loads])
-    bars.set_ylabel("MAE [mm]")
-    bars.set_yscale("log")
-    bars.grid(visible=False, axis="x")
-    bars.legend(fontsize=8)
+        ends = (value - low, high - value)
+        means.errorbar(place, value, ends, fmt="o", color=colour, capsize=3, label=name)
+        for part in (slice(None, n), slice(n, None)):
+            steps = _by_angle(angle[part], size[:, part])
+            lines.plot(*steps, "o-", ms=4, color=colour)
+    means.set_xticks([0, 1], [f"pulled {load}" for load in loads])
+    means.set_xlim(-0.5, 1.5)
+    means.set_ylabel("MAE [mm]")
+    means.set_yscale("log")
+    means.grid(visible=False, axis="x")
+    means.legend(fontsize=8)
     lines.set_xlabel("angle to the nearest direction of the experiment [deg]")
     lines.set_ylabel("median error [mm]")
     lines.set_yscale("log")
-    for chart in (bars, lines):
+    for chart in (means, lines):
         chart.yaxis.set_major_formatter("{x:g}")
         chart.yaxis.set_minor_formatter("{x:g}")
     style.save(picture, file)
+
+
+def _by_angle(
+    angle: Float[np.ndarray, " poses"], size: Float[np.ndarray, "seeds poses"]
+) -> tuple[list[float], list[float]]:
+    """Return median angle and error of each quarter of the poses by their angle."""
+    quarters = np.array_split(np.argsort(angle), 4)
+    return (
+        [float(np.median(angle[q])) for q in quarters],
+        [float(np.median(size[:, q])) for q in quarters],
+    )

@@ -46,3 +46,23 @@ def shown(rows: Sequence[dict]) -> tuple[list[str], list[list[str]]]:
         + [f"{r['value_mm']:.3f}", f"{r['low_mm']:.3f} to {r['high_mm']:.3f}"]
         for r in rows
     ]
+
+
+def finding(rows: Sequence[dict]) -> str:
+    """Say who errs least under either kind of loads, and what other loads cost."""
+    kinds = dict.fromkeys(r["loads"] for r in rows)
+    mae = {
+        load: {
+            r["method"]: r["value_mm"]
+            for r in rows
+            if r["metric"] == "MAE" and r["loads"] == load
+        }
+        for load in kinds
+    }
+    least = " and ".join(
+        f"{min(m, key=m.__getitem__)} {load} ({min(m.values()):.3f} mm)"
+        for load, m in mae.items()
+    )
+    used, other = mae.values()
+    grows = ", ".join(f"{name} {other[name] / used[name]:.1f}" for name in used)
+    return f"Least wrong: {least}. Times the error in other directions: {grows}."
