@@ -35,7 +35,7 @@ def draw(
     axes[0].errorbar(
         100 * value, names, xerr=100 * np.abs(share - value), fmt="none", ecolor="black"
     )
-    for end, called in ((0.0, "springs"), (100.0, "oracle")):
+    for end, called, side in ((0.0, "springs", "right"), (100.0, "oracle", "left")):
         axes[0].axvline(end, color="black", lw=1.0)
         axes[0].annotate(
             called,
@@ -43,7 +43,7 @@ def draw(
             (0, 4),
             ("data", "axes fraction"),
             textcoords="offset points",
-            ha="center",
+            ha=side,
         )
     axes[0].set_xlim(min(0.0, *(100 * share[0])) - 15, 115)
     axes[0].invert_yaxis()

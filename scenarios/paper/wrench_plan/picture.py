@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure as Picture
+from matplotlib.ticker import LogLocator, NullLocator
 
 from scenarios.paper.transfer.pooled import MEASURES, pooled
 from scenarios.reporting import style
@@ -52,12 +53,13 @@ def draw(
     means.set_yscale("log")
     means.grid(visible=False, axis="x")
     means.legend(fontsize=8)
-    lines.set_xlabel("angle to the nearest direction of the experiment [deg]")
+    lines.set_xlabel("angle to the nearest direction of the experiment [°]")
     lines.set_ylabel("median error [mm]")
     lines.set_yscale("log")
     for chart in (means, lines):
+        chart.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         chart.yaxis.set_major_formatter("{x:g}")
-        chart.yaxis.set_minor_formatter("{x:g}")
+        chart.yaxis.set_minor_locator(NullLocator())
     style.save(picture, file)
 
 
