@@ -83,6 +83,8 @@ def main(settings: Settings) -> list[Score]:
     command = f"python -m scenarios.blind_trials --trials {s.trials} --seed {s.seed}"
     if s.arm != "kr10":
         command += f" --arm {s.arm}"
+    if s.strata != tuple(STRATA):
+        command += f" --strata {' '.join(s.strata)}"
     run_file.write(s.out, f"{command} --out {s.out.as_posix()}", asdict(s))
     _tell(scores, s.out)
     return scores

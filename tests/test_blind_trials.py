@@ -505,6 +505,8 @@ def test_finished_trials_are_kept_and_reported(finished, monkeypatch, capsys):
     found = blind_trials.main(settings(folder))
     assert [s.detected for s in found] == [False, False]
     summary = json.loads((folder / "summary.json").read_text())
+    command = json.loads((folder / "run.json").read_text())["command"]
+    assert "--strata null null_nuisance" in command
     assert summary["failures"] == []
     assert (summary["bars"][0]["trials"], summary["bars"][0]["met"]) == (2, True)
     for name in ("report.html", "report.md", "confusion.csv", "confusion.png"):
