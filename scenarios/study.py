@@ -9,7 +9,7 @@ true deflection is known, beside the paper's numbers.
 What is finished is kept in OUT/cells: interrupted, the study goes on where it stopped.
 
 Run:    python -m scenarios.study --budget quick --seed 0 --out results/study
-Takes:  4 min on two cores; --budget full some four core-hours, in parts if need be
+Takes:  4 min on two cores; --budget full some three core-hours, in parts if need be
 Expect: Table 2 within 25 % of the paper's MAE and STDE in each direction; FT-MLP far
         below the VJM where the source plan spans the wrenches, above it where it does
         not; report.html, table_02.csv to table_10.csv and study.rrd in the folder
