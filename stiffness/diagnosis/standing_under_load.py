@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from bench.recording import Recording
 from stiffness.arm import Arm
 from stiffness.diagnosis.situation import Situation
+from stiffness.diagnosis.visits import held_at_mean
 from stiffness.equilibrium import equilibrium
 from stiffness.standing import Standing
 from stiffness.wrench import felt_body, wrench_in_base
@@ -129,11 +130,8 @@ def _midway(
     Lever arms are taken there, where a visit's markers are on average: what a place
     carries goes with it under load, and a constant turn shows no load.
     """
-    visit = np.unique(recording.visit, return_inverse=True)[1]
     wound = rest - recording.posture
-    total = np.zeros((visit.max() + 1, wound.shape[1]))
-    np.add.at(total, visit, wound)
-    return recording.posture + (total / np.bincount(visit)[:, None])[visit]
+    return recording.posture + held_at_mean(recording.visit, wound)
 
 
 def _places(standing: Standing) -> tuple[np.ndarray, np.ndarray]:

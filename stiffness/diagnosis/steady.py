@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bench.recording import Recording
+from stiffness.diagnosis.visits import held_at_mean
 
 NEARLY = 1.5
 """Scatter over the stated sigma up to which it is the encoder's; chosen: a stated sigma
@@ -30,23 +31,12 @@ def steadied(recording: Recording) -> Recording:
     if not _noisy(recording):
         return recording
     posture = recording.posture
-    mean, count = means_by_visit(recording)
-    freedom = max(len(posture) - int(np.sum(1.0 / count)), 1)
+    mean = held_at_mean(recording.visit, posture)
+    freedom = max(len(posture) - len(np.unique(recording.visit)), 1)
     scatter = np.sqrt(np.sum((posture - mean) ** 2, axis=0) / freedom)
     sigma = recording.encoder_repeatability or 0.0
     still = (scatter <= NEARLY * sigma) & ~_slides(recording)
     return replace(recording, posture=np.where(still, mean, posture))
-
-
-def means_by_visit(
-    recording: Recording,
-) -> tuple[Float[np.ndarray, "rows axes"], Float[np.ndarray, " rows"]]:
-    """Return the mean angles of each row's visit, and how many rows it has."""
-    visit = np.unique(recording.visit, return_inverse=True)[1]
-    count = np.bincount(visit)
-    total = np.zeros((len(count), recording.posture.shape[1]))
-    np.add.at(total, visit, recording.posture)
-    return (total / count[:, None])[visit], count[visit].astype(float)
 
 
 def left_of_encoders(recording: Recording) -> Float[np.ndarray, " axes"]:
@@ -54,8 +44,10 @@ def left_of_encoders(recording: Recording) -> Float[np.ndarray, " axes"]:
     axes = recording.posture.shape[1]
     if not _noisy(recording):
         return np.zeros(axes)
-    _, count = means_by_visit(recording)
-    sigma = (recording.encoder_repeatability or 0.0) * np.sqrt(np.mean(1.0 / count))
+    visits = len(np.unique(recording.visit))
+    sigma = (recording.encoder_repeatability or 0.0) * np.sqrt(
+        visits / len(recording.visit)
+    )
     return np.where(_slides(recording), 0.0, sigma)
 
 

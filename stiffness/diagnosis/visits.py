@@ -61,6 +61,16 @@ def visits_of(
     return Visits(row, counts, pose[row[:, 0]])
 
 
+def held_at_mean(
+    visit: Int[np.ndarray, " rows"], values: Float[np.ndarray, "rows columns"]
+) -> Float[np.ndarray, "rows columns"]:
+    """Return the mean of each row's visit, row by row; visits by any number."""
+    index = np.unique(visit, return_inverse=True)[1]
+    total = np.zeros((index.max() + 1, values.shape[1]))
+    np.add.at(total, index, values)
+    return (total / np.bincount(index)[:, None])[index]
+
+
 def mean_of(
     values: Float[np.ndarray, "visits longest markers 3"],
     weight: Float[np.ndarray, "visits longest markers"],
