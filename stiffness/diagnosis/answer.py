@@ -17,7 +17,6 @@ from stiffness.diagnosis.diagnosis import (
 from stiffness.diagnosis.intervals import as_held
 from stiffness.diagnosis.judge import (
     SURE,
-    alone,
     contradicted,
     differs,
     equivalents,
@@ -28,6 +27,7 @@ from stiffness.diagnosis.judge import (
 )
 from stiffness.diagnosis.misfit import misfit_of
 from stiffness.diagnosis.naming import Named
+from stiffness.diagnosis.own_leftover import alone
 from stiffness.diagnosis.places import places_of_map, places_of_names
 from stiffness.diagnosis.prepare import Prepared
 from stiffness.diagnosis.sets import white_candidates

@@ -8,20 +8,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.detect import ALARM, Found
 from stiffness.diagnosis.diagnosis import Name, Rival
-from stiffness.diagnosis.member import Member, SetFit, fit_set
+from stiffness.diagnosis.member import Member
 from stiffness.diagnosis.naming import ALIKE, Named
+from stiffness.diagnosis.own_leftover import CONTRADICTS
 from stiffness.diagnosis.scored import MARGIN, Scored
 from stiffness.diagnosis.uneven import Uneven
 
 SURE = 0.95
 """Probability from which a set explains; the rule of the answer."""
-CONTRADICTS = 0.002
-"""Share of what a name explains that may be left over beside it, where the residual
-test rejects, before the name is taken back. Chosen: rightly named effects leave nothing
-that the test rejects, wrong ones of the same place a hundredth and more."""
 DWARFS = 0.1
 """The same, where what is left over is elsewhere or everywhere. Chosen: a name may
 stand beside a stranger that is ten times weaker; one that is not may be what feigns
@@ -32,16 +28,6 @@ ANYWHERE = ("wrench_sensor", "rig", "tracker")
 DIFFERS = 0.01
 """Share of what a name explains by which its law may differ between groups of rows.
 Chosen: a tenth of its size, squared; laws are no truer than that."""
-
-
-def alone(case: Case, fit: SetFit) -> list[float]:
-    """Return what each member explains that the others do not."""
-    gains = []
-    for k in range(len(fit.members)):
-        others = [m for i, m in enumerate(fit.members) if i != k]
-        less = fit_set(case.data, case.situation, case.nominal, others, case.split)
-        gains.append(max(fit.gain - less.gain, 0.0))
-    return gains
 
 
 def contradicted(

@@ -2,7 +2,7 @@
 
 A set grows by one effect at a time: the best set of the next size replaces the present
 one only if poses left out are predicted better, by what two standard errors would be,
-and if the present residual speaks at all.
+and if the present residual speaks at all, of more than how true a law is.
 """
 
 from dataclasses import dataclass, replace
@@ -15,6 +15,7 @@ from stiffness.diagnosis.growth import Front, exchanged, extended
 from stiffness.diagnosis.intervals import beyond_limits
 from stiffness.diagnosis.leftover import what_is_left
 from stiffness.diagnosis.member import Member
+from stiffness.diagnosis.own_leftover import alone, is_own
 from stiffness.diagnosis.refine import refined
 from stiffness.diagnosis.scored import Scored, earns, score
 from stiffness.diagnosis.sets import Ranked, ranked, white_candidates
@@ -75,6 +76,8 @@ def name(case: Case, first: Found) -> Named:
     best = score(case, ())
     rivals, left, path = [best], first, [first]
     while len(best.fit.members) < MOST and left.p_value < ALARM:
+        if is_own(left, best.fit, alone(case, best.fit)):
+            break
         found = _next_size(case, every, best)
         if not found or found[0].vain or not earns(best, found[0], case.seed):
             break

@@ -8,8 +8,8 @@ import numpy as np
 from bench.recording import Recording
 from stiffness.diagnosis.split import seed_of
 
-MOST = 1500
-"""Poses that are looked at; chosen: ten times the paper's, about 20 s on one core. An
+MOST = 800
+"""Poses that are looked at; chosen: five times the paper's, about 30 s on one core. An
 effect of a twentieth of one reading's noise still has a whitened square of hundreds."""
 
 
