@@ -33,6 +33,9 @@ from stiffness.diagnosis.diagnosis import (
     Unexplained,
     Warned,
 )
+from stiffness.diagnosis.hypotheses.bearing_tilt import BearingTilt
+from stiffness.diagnosis.hypotheses.hardening import Hardening
+from stiffness.diagnosis.hypotheses.link_bending import LinkBending
 from stiffness.diagnosis.intervals import is_held, may_be_nothing
 from stiffness.diagnosis.remarks import scattered
 
@@ -393,11 +396,15 @@ def test_an_effect_all_of_whose_sizes_may_be_zero_may_be_nothing():
     zero, clear = Parameter(1e-6, -3e-6, 5e-6), Parameter(2e-6, 1e-6, 3e-6)
     centre = Parameter(0.1, 0.05, 0.15)
     faint = {"u_rad_per_nm": zero, "v_rad_per_nm": zero, "centre_m": centre}
-    assert may_be_nothing(faint)
-    assert not may_be_nothing({**faint, "v_rad_per_nm": clear})
-    assert may_be_nothing({"bending_nm2": Parameter(-7.8e5, -2e6, 5e5)})
-    assert not may_be_nothing({"torsion_nm2": Parameter(1.2e5, 8.6e4, 1.5e5)})
-    assert not may_be_nothing({"stiffness_ratio": Parameter(1.0, -1.0, 3.0)})
+    assert may_be_nothing(BearingTilt(), faint)
+    assert not may_be_nothing(BearingTilt(), {**faint, "v_rad_per_nm": clear})
+    soft, stiff = Parameter(-7.8e5, -2e6, 5e5), Parameter(1.2e5, 8.6e4, 1.5e5)
+    assert may_be_nothing(LinkBending(), {"bending_nm2": soft})
+    assert not may_be_nothing(
+        LinkBending(), {"bending_nm2": soft, "torsion_nm2": stiff}
+    )
+    ratio = Parameter(1.0, -1.0, 3.0)
+    assert not may_be_nothing(Hardening(), {"stiffness_ratio": ratio})
 
 
 def test_an_added_mass_that_does_not_show_is_none_that_no_arm_carries(found):

@@ -106,6 +106,7 @@ def test_parameters_have_the_vocabulary_s_names_and_limits(hypothesis):
     same = [h for h in HYPOTHESES if h.effect == hypothesis.effect]
     assert set(hypothesis.limits) <= VOCABULARY[hypothesis.effect]
     assert set().union(*(h.limits for h in same)) == VOCABULARY[hypothesis.effect]
+    assert set(hypothesis.sizes) <= set(hypothesis.limits)
     assert all(low < high for low, high in hypothesis.limits.values())
     for situation, where in places(hypothesis):
         shape = truth.middle(situation, hypothesis, where)

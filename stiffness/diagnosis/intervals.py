@@ -12,7 +12,6 @@ Ignores     that the name was chosen with the same poses; other forms of the law
 ==========  ==========================================================================
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -22,6 +21,7 @@ from scipy.stats import t as student
 
 from stiffness.diagnosis.close_look import CloseLook
 from stiffness.diagnosis.evidence import left_of, without
+from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.member import Member
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import Split
@@ -30,12 +30,6 @@ LEVEL = 0.95
 SLIGHT = 0.01
 """Share of an interval that an estimate is nothing beside, and share of what is
 physical from which on an interval is wide; chosen."""
-SIZES = re.compile(
-    r"((compliance|u|v|r[xyz])_rad_per_nm|[xyz]_m_per_n|(width|amplitude|offset)_(rad|m)"
-    r"|r[xyz]_rad(_per_h)?|[xyz]_m(_per_h)?|(bending|torsion)_nm2)"
-)
-"""Parameters of the vocabulary that are zero, or stiff without end, where the effect is
-not there."""
 
 
 @dataclass(frozen=True)
@@ -190,11 +184,10 @@ def beyond_limits(
     return False
 
 
-def may_be_nothing(parameters: Mapping[str, Parameter]) -> bool:
+def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Parameter]) -> bool:
     """Return whether all that an effect could be holds zero, interval by interval.
 
-    A stiffness whose interval holds zero may be without end. Ratios, and what is no
-    size, such as a phase, say nothing here.
+    A stiffness whose interval holds zero may be without end.
     """
-    sizes = [p for name, p in parameters.items() if SIZES.fullmatch(name)]
+    sizes = [p for name, p in parameters.items() if name in hypothesis.sizes]
     return bool(sizes) and all(p.low <= 0.0 <= p.high for p in sizes)

@@ -57,7 +57,8 @@ class Scored:
     @property
     def vain(self) -> bool:
         """Whether a member may be nothing, by the intervals of all its sizes."""
-        return any(map(may_be_nothing, self.parameters))
+        laws = (member.hypothesis for member in self.fit.members)
+        return any(map(may_be_nothing, laws, self.parameters))
 
 
 def score(case: Case, members: Sequence[Member]) -> Scored:

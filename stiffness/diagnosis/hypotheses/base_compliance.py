@@ -39,6 +39,7 @@ class BaseCompliance(Hypothesis):
         **dict.fromkeys(TURNS, (0.0, 1e-4)),
         **dict.fromkeys(SHIFTS, (0.0, 1e-5)),
     }
+    sizes: ClassVar[tuple[str, ...]] = (*TURNS, *SHIFTS)
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

@@ -32,6 +32,7 @@ class BaseTilt(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         name: BaseCompliance.limits[name] for name in TURNS[:2]
     }
+    sizes: ClassVar[tuple[str, ...]] = TURNS[:2]
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

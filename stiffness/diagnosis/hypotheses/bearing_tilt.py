@@ -34,6 +34,7 @@ class BearingTilt(Hypothesis):
         "v_rad_per_nm": (0.0, 1e-3),
         "centre_m": (-0.5, 0.5),
     }
+    sizes: ClassVar[tuple[str, ...]] = ("u_rad_per_nm", "v_rad_per_nm")
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

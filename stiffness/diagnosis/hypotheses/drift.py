@@ -37,6 +37,7 @@ class Drift(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         f"{name}_per_h": (-0.1, 0.1) for name in NAMES
     }
+    sizes: ClassVar[tuple[str, ...]] = tuple(f"{name}_per_h" for name in NAMES)
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

@@ -38,6 +38,7 @@ class EncoderOffset(Hypothesis):
 
     effect: ClassVar[str] = "encoder_offset"
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"offset_rad": (-0.1, 0.1)}
+    sizes: ClassVar[tuple[str, ...]] = ("offset_rad",)
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

@@ -44,6 +44,7 @@ class GeometryError(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         name: (-0.1, 0.1) for name in NAMES
     }
+    sizes: ClassVar[tuple[str, ...]] = NAMES
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

@@ -38,6 +38,9 @@ class Hypothesis(ABC):
         limits: Lowest and highest physical value of each reported parameter, in SI.
             Parameters beyond them are another physics: the name is then withdrawn. A
             limit is wide (what any arm could have), not what is likely.
+        sizes: Parameters that are zero, or stiff without end, where the effect is not
+            there: what may be so in all of them gets no name. Ratios, and what is no
+            size, such as a phase, say nothing here.
         logarithmic: Parameters whose error is a factor rather than a difference.
         log_prior: How much rarer than others it is, as a log; 0 where nothing is known.
     """
@@ -45,6 +48,7 @@ class Hypothesis(ABC):
     effect: ClassVar[str]
     shape_names: ClassVar[tuple[str, ...]] = ()
     limits: ClassVar[Mapping[str, tuple[float, float]]]
+    sizes: ClassVar[tuple[str, ...]] = ()
     logarithmic: ClassVar[tuple[str, ...]] = ()
     log_prior: ClassVar[float] = 0.0
 

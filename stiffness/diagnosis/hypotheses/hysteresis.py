@@ -33,6 +33,7 @@ class Hysteresis(Hypothesis):
     effect: ClassVar[str] = "hysteresis"
     shape_names: ClassVar[tuple[str, ...]] = ("slip_nm", "settled")
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"width_rad": (0.0, 1e-2)}
+    sizes: ClassVar[tuple[str, ...]] = ("width_rad",)
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

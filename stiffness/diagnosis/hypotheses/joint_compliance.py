@@ -29,6 +29,7 @@ class JointCompliance(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "compliance_rad_per_nm": (0.0, 1e-2),
     }
+    sizes: ClassVar[tuple[str, ...]] = ("compliance_rad_per_nm",)
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

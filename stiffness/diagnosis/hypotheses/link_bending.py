@@ -36,6 +36,7 @@ class LinkBending(Hypothesis):
         "bending_nm2": (1.0, np.inf),
         "torsion_nm2": (1.0, np.inf),
     }
+    sizes: ClassVar[tuple[str, ...]] = ("bending_nm2", "torsion_nm2")
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

@@ -41,6 +41,7 @@ class LostMotion(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "width_rad": (0.0, 1e-2),
     }
+    sizes: ClassVar[tuple[str, ...]] = ("width_rad",)
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

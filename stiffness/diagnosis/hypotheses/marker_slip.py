@@ -41,6 +41,7 @@ class MarkerSlip(Hypothesis):
         **dict.fromkeys(("x_m", "y_m", "z_m"), (-0.1, 0.1)),
         "time_s": (0.0, np.inf),
     }
+    sizes: ClassVar[tuple[str, ...]] = ("x_m", "y_m", "z_m")
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

@@ -51,6 +51,7 @@ class TransmissionError(Hypothesis):
         "order": (0.0, 1e3),
         "phase_rad": (-np.pi, np.pi),
     }
+    sizes: ClassVar[tuple[str, ...]] = ("amplitude_rad",)
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

@@ -39,6 +39,7 @@ class WrenchMisalignment(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         name: (-0.3, 0.3) for name in NAMES
     }
+    sizes: ClassVar[tuple[str, ...]] = NAMES
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:

@@ -40,6 +40,7 @@ class WristCoupling(Hypothesis):
         "compliance_rad_per_nm": (-1e-3, 1e-3),
         "with": (1.0, np.inf),
     }
+    sizes: ClassVar[tuple[str, ...]] = ("compliance_rad_per_nm",)
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:
