@@ -123,11 +123,27 @@ def test_nothing_kept_back_is_fitted_or_shares_a_region_with_what_is(outcome):
     assert 0.15 < regions.kept_back.mean() < 0.45
 
 
-def test_an_arm_as_drawn_is_said_to_be_as_drawn():
+def test_an_arm_as_drawn_is_said_to_be_as_drawn(tmp_path):
+    """Nor has its report a picture of gears or an empty table."""
     plain = recorded(UR10, (), 100, 4)
-    answer = carried_out(plain, arm_of(UR10), UR10, quiet=True).answer
-    assert answer.verdict == "no_mismatch"
-    assert answer.named == ()
+    outcome = carried_out(plain, arm_of(UR10), UR10, quiet=True)
+    assert outcome.answer.verdict == "no_mismatch"
+    assert outcome.answer.named == ()
+    written(tmp_path / "out", outcome)
+    assert not (tmp_path / "out" / "gears.png").exists()
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "no effect earned a name" in report
+    assert "gears.png" not in report
+    assert "|---|\n\n" not in report
+
+
+def test_tables_of_a_calibration_name_parameters_and_units_as_people_do(
+    outcome, tmp_path
+):
+    written(tmp_path / "out", outcome)
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "_rad" not in report
+    assert "| encoder_offset | a2 | offset -11.3 µrad |" in report
 
 
 def test_springs_that_the_model_has_are_no_finding(kr10):

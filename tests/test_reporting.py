@@ -3,10 +3,12 @@ import html.parser
 import json
 import re
 from datetime import date
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Picture
 
 from scenarios.reporting import page, run_file, style, table
@@ -172,3 +174,17 @@ def test_run_file_says_command_settings_versions_and_facts(tmp_path):
     assert run["settings"] == {"out": str(tmp_path), "seed": 3, "day": "2024-01-01"}
     assert run["libraries"].keys() == set(run_file.LIBRARIES)
     assert all(re.match(r"\d+\.\d+", v) for v in run["libraries"].values())
+
+
+@pytest.mark.parametrize("ends", [(0.002, 0.03), (0.4, 3.0), (1e-4, 100.0)])
+def test_decades_are_told_in_plain_numbers_that_do_not_touch(ends):
+    figure = Picture(figsize=(3, 3), layout="constrained")
+    axes = figure.subplots()
+    axes.set(xscale="log", xlim=ends)
+    style.plain_log(axes.xaxis)
+    FigureCanvasAgg(figure).draw()
+    low, high = ends
+    said = [t for t in axes.get_xticklabels() if low <= float(t.get_text()) <= high]
+    assert len(said) > 1
+    boxes = [t.get_window_extent() for t in said]
+    assert all(a.x1 < b.x0 for a, b in pairwise(boxes))

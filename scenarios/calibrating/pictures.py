@@ -5,66 +5,64 @@ from pathlib import Path
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from scenarios.calibrating.proof import Proof, rms
-from scenarios.reporting.style import BLUE, GREY, ORANGE, save
+from scenarios.reporting.style import BLUE, GREY, ORANGE, plain_log, save
 from stiffness.calibration.calibrated import Calibrated
 from stiffness.calibration.stance import Stance
 
 MM = 1e3
+NAMES = ("as drawn", "as calibrated")
 
 
 def before_after(found: Calibrated, proof: Proof, file: Path) -> None:
     """Draw where the poses kept back stand and how far off the simulator is there."""
     at = Stance.of(found.readings, found.drawn).point[found.held]
     figure = Figure(figsize=(11, 4), layout="constrained")
-    axes = figure.subplots(1, 3, width_ratios=(1, 1, 1.15))
+    *places, shares = figure.subplots(1, 3, width_ratios=(1, 1, 1.15))
     sizes = [MM * np.linalg.norm(r, axis=1) for r in (proof.before, proof.after)]
     colours = LogNorm(*np.quantile(np.concatenate(sizes), [0.02, 0.98]))
-    names = ("as drawn", "as calibrated")
+    look = {"norm": colours, "cmap": "inferno_r", "rasterized": True}
+    look["s"] = np.clip(2000 / len(at), 5, 30)
     drawn = []
-    for ax, size, name in zip(axes, sizes, names, strict=False):
+    for ax, size, name in zip(places, sizes, NAMES, strict=True):
         order = np.argsort(size)
         x, z = MM * at[order, 0], MM * at[order, 2]
-        look = {"s": 5, "norm": colours, "cmap": "inferno_r", "rasterized": True}
         drawn.append(ax.scatter(x, z, c=size[order], **look))
-        ax.set(title=f"{name}: {np.sqrt(np.mean(size**2)):.3f} mm rms", xlabel="x [mm]")
-        ax.set_aspect("equal")
-    axes[0].set_ylabel("z [mm]")
-    figure.colorbar(drawn[-1], ax=axes[:2], label="error [mm]", shrink=0.9)
-    for size, name, colour in zip(sizes, names, (GREY, ORANGE), strict=True):
-        axes[2].plot(
-            np.sort(size),
-            np.linspace(0, 100, len(size)),
-            color=colour,
-            lw=2,
-            label=name,
-        )
-    axes[2].axvline(MM * found.at_last.noise, color=BLUE, ls="--", lw=1)
-    axes[2].text(
-        MM * found.at_last.noise,
-        97,
-        "neighbours differ ",
-        color=BLUE,
-        ha="right",
-        size=8,
-    )
-    axes[2].set(
-        xscale="log", xlabel="error [mm]", ylabel="poses below [%]", ylim=(0, 101)
-    )
-    axes[2].legend(loc="lower right")
+        ax.set_title(f"{name}: {np.sqrt(np.mean(size**2)):.3f} mm rms", size=10)
+        ax.set(xlabel="x [mm]")
+        ax.set_aspect("equal", adjustable="datalim")
+        ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    places[0].set_ylabel("z [mm]")
+    places[1].tick_params(labelleft=False)
+    bar = figure.colorbar(drawn[-1], ax=places, shrink=0.9)
+    bar.ax.set_title("error [mm]", size=9)
+    plain_log(bar.ax.yaxis)
+    for size, name, colour, lw in zip(
+        sizes, NAMES, (GREY, ORANGE), (3.5, 2), strict=True
+    ):
+        share = np.linspace(0, 100, len(size))
+        shares.plot(np.sort(size), share, color=colour, lw=lw, label=name)
+    noise = MM * found.at_last.noise
+    shares.axvline(noise, color=BLUE, ls="--", lw=1, label="neighbours differ")
+    shares.set(xscale="log", xlabel="error [mm]", ylabel="poses below [%]")
+    shares.set(ylim=(0, 101))
+    plain_log(shares.xaxis)
+    above = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": 3}
+    shares.legend(**above, fontsize=8, columnspacing=1.2, handlelength=1.5)
     save(figure, file)
 
 
 def gears(found: Calibrated, file: Path) -> None:
     """Draw each uneven gear over the angles that were fitted, and the readings."""
-    count = max(len(found.tables), 1)
+    count = len(found.tables)
     figure = Figure(figsize=(11, 1.9 * count), layout="constrained")
     plots = figure.subplots(count, 1, squeeze=False)[:, 0]
     keep = ~found.held
     lever = Stance.of(found.readings, found.drawn).lever[:, keep]
     posture, left = found.readings.posture[keep], found.residual[keep]
-    for ax, (axis, table) in zip(plots, sorted(found.tables.items()), strict=False):
+    for ax, (axis, table) in zip(plots, sorted(found.tables.items()), strict=True):
         k = int(axis[1:]) - 1
         turn = np.sum(lever[k] ** 2, axis=1)
         clear = turn > np.quantile(turn, 0.3)
@@ -87,7 +85,8 @@ def gears(found: Calibrated, file: Path) -> None:
 def residual_map(found: Calibrated, proof: Proof, new: np.ndarray, file: Path) -> None:
     """Draw what is left over place, angles and time."""
     held = found.held
-    posture, hours = found.readings.posture[held], found.readings.hours[held]
+    posture, hours = found.readings.posture[held], found.readings.hours
+    hours = (hours - hours.min())[held]
     axes = [k for k in range(posture.shape[1]) if np.ptp(posture[:, k]) > 0.0]
     size = MM * np.linalg.norm(proof.after, axis=1)
     columns = 4

@@ -9,7 +9,7 @@ from scenarios.calibrating import pictures
 from scenarios.calibrating.proof import Proof, rms
 from scenarios.calibrating.remains import Remains
 from scenarios.diagnosing.schema import Answer
-from scenarios.diagnosing.units import label, span
+from scenarios.diagnosing.units import label, size, span
 from scenarios.reporting.page import Block, Figure, Heading, Paragraph, Table
 from stiffness.calibration.calibrated import Calibrated
 
@@ -21,10 +21,14 @@ def first_sentence(answer: Answer, proof: Proof) -> str:
     low, high = MM * proof.gain[1], MM * proof.gain[2]
     names = len(answer.named)
     before, after = MM * rms(proof.before), MM * rms(proof.after)
+    falls = (
+        f"error falls from {before:.3f} to {after:.3f} mm rms (gain {low:.3f} to "
+        f"{high:.3f} mm over regions) with {names} effect{'s' * (names > 1)} named"
+    )
+    stays = f"error as drawn is {before:.3f} mm rms, and no effect earned a name"
     return (
         f"On {proof.poses} poses in regions that nothing was fitted to, the "
-        f"simulator's error falls from {before:.3f} to {after:.3f} mm rms (gain "
-        f"{low:.3f} to {high:.3f} mm over regions) with {names} effects named; "
+        f"simulator's {falls if names else stays}; "
         f"verdict: {answer.verdict.replace('_', ' ')}."
     )
 
@@ -34,7 +38,8 @@ def blocks_of(
 ) -> list[Block]:
     """Draw the pictures and return the report."""
     pictures.before_after(found, proof, folder / "before_after.png")
-    pictures.gears(found, folder / "gears.png")
+    if found.tables:
+        pictures.gears(found, folder / "gears.png")
     pictures.residual_map(found, proof, remains.new_angle, folder / "residual_map.png")
     return list(_blocks(found, proof, remains, answer))
 
@@ -45,29 +50,18 @@ def _blocks(
     regions = found.regions
     yield Figure(
         "The simulator on the poses kept back, before and after; frame and target's "
-        "place fitted on the other poses for both.",
+        "place fitted on the other poses for both. Places are the target's in the "
+        "base's axes; dashed: how far readings of neighbouring poses differ, which no "
+        "smooth law takes off.",
         "before_after.png",
     )
     yield Heading("What was left out")
-    yield Table(
-        "Named effects. Each loses this much on regions left out when it alone is "
-        "taken out (factor on the mean square, with the loss over its standard error).",
-        ("effect", "where", "parameters with 95 % intervals over regions", "×", "z"),
-        [
-            (
-                n.effect,
-                n.where,
-                "; ".join(f"{label(k)} {span(k, v)}" for k, v in n.parameters.items()),
-                f"{np.exp(found.selected.budget[n.effect, n.where][0]):.2f}",
-                f"{_z(found, n.effect, n.where):.1f}",
-            )
-            for n in answer.named
-        ],
-    )
+    yield from _named(found, answer)
     if found.tables:
         yield Figure(
-            "Uneven gears: how far each axis stands beside its reported angle. Dots: "
-            "readings, everything else taken off.",
+            "Uneven gears: how far each axis stands beside its reported angle (orange) "
+            "where a fitted pose is within 1°. Dots: readings, everything else taken "
+            "off.",
             "gears.png",
         )
     yield Heading("How it was chosen")
@@ -76,17 +70,19 @@ def _blocks(
         f"before anything was fitted; {len(regions.held)} of them were kept back for "
         "the proof. Among the others, effects entered one at a time, the one that "
         "gained most on regions left out first, each only if its gain was more than "
-        f"two standard errors over {regions.count} folds of regions. Sizes of tables' "
-        "waves are learnt from the data, octave by octave."
+        f"two standard errors over {regions.count} folds of regions. How large an "
+        "uneven gear's waves may be is learnt from the data, octave by octave."
     )
     yield Table(
-        "What was tried. Rms on regions left out of the fit, where it was believed.",
+        "What was tried. Rms on regions left out of the fit, where it was believed; "
+        "the gain there over its standard error. Out of bounds: the best fit is a size "
+        "that the effect cannot have.",
         ("effect", "where", "parameter", "rms [mm]", "gain / its error", "verdict"),
         [
             (
                 s.key[0],
                 s.key[1],
-                "".join(s.parameters[:1]) if len(s.parameters) < 3 else "",
+                "".join(map(label, s.parameters[:1])) if len(s.parameters) < 3 else "",
                 f"{MM * s.rms:.4f}" if s.verdict == "believed" else "",
                 f"{s.gain / max(s.error, 1e-30):.1f}",
                 s.verdict,
@@ -101,7 +97,11 @@ def _blocks(
             "it is not missed by two standard errors.",
             ("effect", "where", "parameters"),
             [
-                (e, w, "; ".join(f"{label(n)} {x.value:.3g}" for n, x in v.items()))
+                (
+                    e,
+                    w,
+                    "; ".join(f"{label(n)} {size(n, x.value)}" for n, x in v.items()),
+                )
                 for (e, w), v in found.estimates.items()
                 if (e, w) in fitted
             ],
@@ -114,7 +114,10 @@ def _blocks(
         [(str(r), str(n), f"{MM * e:.3f}", f"{100 * s:.0f}") for r, e, n, s in
          remains.by_region],
     )  # fmt: skip
-    yield Figure("What is left over place, angle and time.", "residual_map.png")
+    yield Figure(
+        "What is left on the poses kept back over the axes' angles and over time.",
+        "residual_map.png",
+    )
     yield Heading("What to bear in mind")
     yield Paragraph(
         "Corrections of the drawing are those that these postures show; what the "
@@ -124,6 +127,29 @@ def _blocks(
         "the poses recorded; moves between them are not known. The simulator proves "
         "everything as mechanisms but that side, which is played as axes that stop "
         "short."
+    )
+
+
+def _named(found: Calibrated, answer: Answer) -> Iterator[Block]:
+    """Show each name with its size and what it is worth."""
+    if not answer.named:
+        yield Paragraph("Nothing: no effect earned a name.")
+        return
+    yield Table(
+        "Named effects with 95 % intervals over regions, and what is lost on regions "
+        "left out when one alone is taken out: the factor by which the mean square "
+        "error grows, and the loss over its standard error.",
+        ("effect", "where", "parameters", "grows by ×", "loss / its error"),
+        [
+            (
+                n.effect,
+                n.where,
+                "; ".join(f"{label(k)} {span(k, v)}" for k, v in n.parameters.items()),
+                f"{np.exp(found.selected.budget[n.effect, n.where][0]):.2f}",
+                f"{_z(found, n.effect, n.where):.1f}",
+            )
+            for n in answer.named
+        ],
     )
 
 

@@ -3,7 +3,10 @@
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 mpl.use("Agg")
 
@@ -30,3 +33,12 @@ def save(figure: Figure, file: Path) -> None:
     """Write a figure as png without a time stamp, so that same data are same bytes."""
     figure.savefig(file, metadata={"Software": None})
     figure.clear()
+
+
+def plain_log(axis: Axis) -> None:
+    """Label an axis in decades by plain numbers, few enough not to touch each other."""
+    low, high = axis.get_view_interval()
+    wide = np.log10(high / low) > 2.0
+    axis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 2, 5)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
