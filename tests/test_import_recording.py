@@ -170,6 +170,42 @@ def test_a_part_of_the_mapping_that_is_no_table_is_refused_beside_targets(
     assert f"{name}: expected a table" in refused(lab(mapping=mapping + TARGET))
 
 
+def faults_of(folder: Path) -> tuple[str, ...]:
+    with pytest.raises(Unusable) as caught:
+        imported(folder)
+    return caught.value.faults
+
+
+def test_a_word_nobody_knows_in_csv_is_named_and_the_rest_of_it_still_holds(lab):
+    mapping = MAPPING.replace("[csv]", '[csv]\nencoding = "utf-8"')
+    known = "Known here: separator, decimal, decimal_mark."
+    (fault,) = faults_of(lab(mapping=mapping))
+    assert "csv.encoding: nothing is called so" in fault and known in fault
+    both = faults_of(lab(mapping=mapping.replace('"J1"', '"J9"')))
+    assert len(both) == 2 and "column 'J9' is missing" in both[1]
+
+
+@pytest.mark.parametrize("wrong", ["seperator", "decimalmark"])
+def test_a_word_of_csv_that_is_misspelt_costs_a_line_and_hides_no_other_fault(
+    lab, wrong
+):
+    right = "separator" if wrong == "seperator" else "decimal"
+    mapping = MAPPING.replace(f"{right} =", f"{wrong} =")
+    named, meant, *more = faults_of(lab([*ROWS[:3], "x" + ROWS[3]], mapping))
+    assert f"csv.{wrong}: nothing is called so. Did you mean '{right}" in named
+    assert f"say so in [csv]: {right} = " in meant
+    assert "'x1,5' is not a number" in more[-1] and len(more) < 3
+
+
+def test_a_decimal_mark_that_no_number_has_is_one_fault_of_the_file(lab):
+    mapping = MAPPING.replace('","', '"."') + TARGET
+    (fault,) = faults_of(lab(mapping=mapping))
+    assert "decimal comma" in fault and 'decimal = ","' in fault
+    points = [row.replace(",", ".") for row in ROWS]
+    (fault,) = faults_of(lab(points))
+    assert "decimal point" in fault and 'decimal = "."' in fault
+
+
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [

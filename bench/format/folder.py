@@ -20,7 +20,7 @@ from bench.format.samples import (
     open_csv,
     open_parquet,
 )
-from bench.format.values import values_of
+from bench.format.values import all_values_of
 from bench.model_facts import ModelFacts
 from bench.recording import Recording
 
@@ -107,13 +107,8 @@ def _values(
     """Read every column that is there, and say what is wrong in its rows."""
     wanted = {held.source for held in layout.held.values()} & set(header.names)
     cells = header.read(wanted)
-    faults, values = list(cells.faults), {}
-    for name, held in layout.held.items():
-        if held.source in cells.columns:
-            column = cells.columns[held.source]
-            value, found = values_of(held, column, cells.place, manifest.csv.mark)
-            values[name] = value
-            faults += found
+    values, found = all_values_of(layout.held, cells, manifest.csv.mark)
+    faults = [*cells.faults, *found]
     if values and not any(len(column) for column in values.values()):
         return {}, [*faults, f"{header.place.file}: there are no rows."]
     relative = manifest.displacement == "relative"

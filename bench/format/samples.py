@@ -4,9 +4,6 @@ What to use when: `samples.csv` for people and spreadsheets, `samples.parquet` f
 long streams. Both come out as the same `Table`; nothing in them is evaluated.
 """
 
-import csv
-import io
-import json
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,20 +12,14 @@ import pyarrow as pa
 import pyarrow.csv as pa_csv
 
 from bench.format.faults import SHOWN, Place, quoted
+from bench.format.heading import CSV_FILE, heading_of
 from bench.format.parquet import PARQUET_FILE, measured, unfolded
 from bench.format.sections import first_line
-
-CSV_FILE = "samples.csv"
 
 MAX_BYTES = 512 * 2**20
 """Largest samples file (chosen: 30 columns at 250 Hz for 90 minutes)."""
 MAX_COLUMNS = 10_000
 """Most columns (chosen: 3,000 markers)."""
-_ENCODINGS = {
-    b"\xff\xfe": "UTF-16",
-    b"\xfe\xff": "UTF-16",
-    b"PK\x03\x04": "a zip or Excel file",
-}
 
 
 @dataclass(frozen=True)
@@ -86,25 +77,13 @@ class Cells:
 
 
 def open_csv(source: bytes, separator: str) -> tuple[Header | None, list[str]]:
-    """Read the header of a CSV file."""
-    for start, kind in _ENCODINGS.items():
-        if source.startswith(start):
-            fault = f"{CSV_FILE} is {kind}. Save it as CSV, UTF-8."
-            return None, [fault]
+    """Read the header of a CSV file; one that is cut otherwise is a fault, and read."""
     source = source.removeprefix(b"\xef\xbb\xbf")
-    if fault := _garbage(source, separator):
-        return None, [fault]
-    text = source[: (source.find(b"\n") + 1) or None].decode()
-    try:
-        cells = next(csv.reader(io.StringIO(text), delimiter=separator, strict=True))
-    except (StopIteration, csv.Error):
-        return None, [f"{CSV_FILE}, line 1: there is no header."]
-    names = tuple(cell.strip() for cell in cells)
-    other = next((mark for mark in ";\t|" if mark in text), "")
-    if len(names) == 1 and other:
-        say = f"its columns stand apart by {other!r}; say so in [csv]: separator ="
-        return None, [f"{CSV_FILE}, line 1: {say} {json.dumps(other)}."]
-    return _checked(Header(Place(CSV_FILE, True), names, source, separator))
+    names, separator, faults = heading_of(source, separator)
+    if not names:
+        return None, faults
+    header, found = _checked(Header(Place(CSV_FILE, True), names, source, separator))
+    return header, faults + found
 
 
 def open_parquet(source: bytes) -> tuple[Header | None, list[str]]:
@@ -126,25 +105,6 @@ def _checked(header: Header) -> tuple[Header | None, list[str]]:
     line = ", line 1" if header.place.has_lines else ""
     faults = [f"{file}{line}: column {quoted(n)} is there twice." for n in twice]
     return header, faults
-
-
-def _garbage(source: bytes, separator: str) -> str:
-    """Say where a file stops being UTF-8 text; empty where it is text throughout."""
-    bad = source.find(b"\0")
-    if bad < 0:
-        try:
-            source.decode()
-        except UnicodeDecodeError as error:
-            bad = error.start
-    if bad < 0:
-        return ""
-    start = source.rfind(b"\n", 0, bad) + 1
-    line = source.count(b"\n", 0, bad) + 1
-    cell = source.count(separator.encode(), start, bad) + 1
-    return (
-        f"{CSV_FILE}, row {line - 1} (line {line}), column number {cell}: byte "
-        f"0x{source[bad]:02x} is not UTF-8 text. Save the file as CSV, UTF-8."
-    )
 
 
 def _csv_cells(

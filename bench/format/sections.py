@@ -20,7 +20,8 @@ def fill(kind: Any, value: Any, where: str) -> tuple[Any, list[str]]:
         where: Its place in the file, for the faults.
 
     Returns:
-        The value, None where it has faults, and the faults.
+        The value, None where it cannot be built, and the faults. A key that nothing
+        knows is a fault and is left out, so that the rest can still be checked.
     """
     choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     section = next((c for c in choices if _is_section(c)), None)
@@ -30,7 +31,9 @@ def fill(kind: Any, value: Any, where: str) -> tuple[Any, list[str]]:
         item = get_args(kind)[1]
         filled = {k: fill(item, v, _join(where, k)) for k, v in value.items()}
         faults = [fault for _, found in filled.values() for fault in found]
-        return {k: v for k, (v, found) in filled.items() if not found}, faults
+        if any(v is None and found for v, found in filled.values()):
+            return None, faults
+        return {k: v for k, (v, _) in filled.items()}, faults
     numbers = value if isinstance(value, list) else [value]
     if any(isinstance(n, float) and not math.isfinite(n) for n in numbers):
         return None, [f"{where}: {quoted(value)} is not a finite number."]
@@ -52,15 +55,17 @@ def _fill_section(
         for key in table
         if key not in fields
     ]
-    values = {}
+    values, whole = {}, True
     for key, known in fields.items():
         if key in table:
             filled, found = fill(types[known.name], table[key], _join(where, key))
             values[known.name] = filled
             faults += found
+            whole = whole and not (filled is None and found)
         elif known.required:
             faults.append(f"{_join(where, key)}: missing.")
-    return (None if faults else kind(**values)), faults
+            whole = False
+    return (kind(**values) if whole else None), faults
 
 
 def first_line(error: Exception) -> str:

@@ -1,7 +1,7 @@
 """A cell is a number in the format's unit or it is a fault; nothing is guessed."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,12 +12,55 @@ from jaxtyping import Float
 from bench.format.columns import COUNT, WORD
 from bench.format.faults import Place, quoted
 from bench.format.layout import Held
+from bench.format.samples import Cells
 from bench.format.sections import first_line
 
 COMPUTE: Any = pyarrow.compute  # its functions are made at run time
 
+_MARKS = {".": "point", ",": "comma"}
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _LARGEST_COUNT = 2.0**53
+
+
+def all_values_of(
+    held: Mapping[str, Held], cells: Cells, mark: str
+) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Turn columns of a file into SI.
+
+    Where no number has the decimal mark that was declared but some have the other one,
+    that is one fault of the file, and the other one is read, for what else is wrong.
+
+    Args:
+        held: The columns; those that the file lacks are left out.
+        cells: Text or numbers.
+        mark: The decimal mark of a text.
+
+    Returns:
+        The values as `values_of` gives them, by the names of `held`; and the faults.
+    """
+    values, faults = {}, []
+    for name, one in held.items():
+        if one.source in cells.columns:
+            column = cells.columns[one.source]
+            values[name], found = values_of(one, column, cells.place, mark)
+            faults += found
+    meant = "," if mark == "." else "."
+    if not faults or not _any(held, cells, meant) or _any(held, cells, mark):
+        return values, faults
+    values, faults = all_values_of(held, cells, meant)
+    say = f'{_MARKS[meant]}; say so in [csv]: decimal = "{meant}".'
+    return values, [f"{cells.place.file}: its numbers have a decimal {say}", *faults]
+
+
+def _any(held: Mapping[str, Held], cells: Cells, mark: str) -> bool:
+    """Return whether any number has this decimal mark."""
+    pattern = rf"^\s*[+-]?[0-9]*[{mark}][0-9]*([eE][+-]?[0-9]+)?\s*$"
+    sources = {h.source for h in held.values() if h.column.kind != WORD}
+    columns = [cells.columns[s] for s in sources if s in cells.columns]
+    texts = [c for c in columns if pa.types.is_string(c.type)]
+    return any(
+        COMPUTE.any(COMPUTE.match_substring_regex(c, pattern)).as_py() for c in texts
+    )
 
 
 def values_of(

@@ -12,7 +12,7 @@ from bench.format.faults import nearest, quoted
 from bench.format.layout import Held
 from bench.format.manifest import Source
 from bench.format.samples import CSV_FILE, Header, open_csv
-from bench.format.values import values_of
+from bench.format.values import all_values_of
 from scenarios.importing.clocks import Channel, on_one_side
 from scenarios.importing.mapping import Extras, Log
 from scenarios.importing.spreadsheet import marks_of, source_of
@@ -78,20 +78,19 @@ def _readings(
     header: Header, time: Held, wanted: Wanted, mark: str
 ) -> tuple[Channel, list[str]]:
     cells = header.read({time.source, *wanted.columns})
-    faults = [*cells.faults]
-    columns = []
-    for c, blank in wanted.columns.items():
-        held = Held(Column(c, "length", may_be_blank=blank), c, Unit())
-        columns.append(values_of(held, cells.columns[c], cells.place, mark))
-    stamps, found = values_of(time, cells.columns[time.source], cells.place, mark)
-    faults += found
-    for _, found in columns:
-        faults += found
+    held = {
+        c: Held(Column(c, "length", may_be_blank=blank), c, Unit())
+        for c, blank in wanted.columns.items()
+    }
+    values, found = all_values_of({**held, "": time}, cells, mark)
+    faults = [*cells.faults, *found]
+    stamps = values.pop("")
     back = np.flatnonzero(np.diff(stamps) < 0) + 1
     faults += cells.place.at(time.source, back, lambda _: "time runs backwards.")
     if not len(stamps):
         faults.append(f"{CSV_FILE}: it has no rows.")
-    return Channel(stamps, np.stack([v for v, _ in columns], axis=1)), faults
+    read = np.stack([values[c] for c in wanted.columns], axis=1)
+    return Channel(stamps, read), faults
 
 
 def without_jumps(

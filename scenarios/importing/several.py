@@ -126,7 +126,7 @@ def _joined(
             name: channel.at(time if len(time) > 1 else np.zeros(rows))[:, 0]
             for name, channel in columns.items()
         }
-        source = spreadsheet.with_columns(source, separator, mark, added)
+        source = spreadsheet.with_columns(source, header.separator, mark, added)
     return spreadsheet.recording_of(source, manifest, extras.targets, model, names)
 
 

@@ -11,12 +11,12 @@ import numpy as np
 
 from bench.errors import Unusable
 from bench.files import read
-from bench.format.columns import Column, Unit
+from bench.format.columns import COORDINATES, Column, Unit
 from bench.format.faults import nearest
 from bench.format.layout import Held
 from bench.format.manifest import FILE
 from bench.format.samples import CSV_FILE, MAX_BYTES, Header, open_csv
-from bench.format.values import values_of
+from bench.format.values import all_values_of
 from bench.model_facts import ModelFacts
 from bench.recording import Recording
 from scenarios.importing.mapping import Target, text_of
@@ -74,14 +74,21 @@ def recording_of(
             (Path(folder) / CSV_FILE).write_bytes(source)
             recording, notes = read(folder, model)
     except Unusable as error:
-        faults += error.faults
+        faults += [f for f in error.faults if not f.startswith(_follow(targets))]
         recording, notes = None, ()
     if recording is None or faults:
+        faults = list(dict.fromkeys(faults))
         said = [f.replace(CSV_FILE, names[0]).replace(FILE, names[1]) for f in faults]
         raise Unusable(f"{names[0]} with {names[1]}", said)
     used = {c for t in targets.values() for c in columns_of(t)}
     notes = tuple(n for n in notes if not any(f"{c!r} left" in n for c in used))
     return recording, tuple(n.replace(CSV_FILE, names[0]) for n in notes)
+
+
+def _follow(targets: Mapping[str, Target]) -> tuple[str, ...]:
+    """Return how faults begin that only follow from those of a target's columns."""
+    columns = (m + c for m in markers_of(targets) for c in COORDINATES)
+    return tuple(f"{CSV_FILE}: column {c!r} is missing" for c in columns)
 
 
 def _with_points(
@@ -107,7 +114,7 @@ def _with_points(
         columns |= points_of(name, target, numbers.__getitem__)
     if faults:
         return source, faults
-    return with_columns(source, separator, mark, columns), []
+    return with_columns(source, header.separator, mark, columns), []
 
 
 def marks_of(manifest: Mapping[str, Any]) -> tuple[str, str]:
@@ -142,11 +149,8 @@ def columns_of(target: Target) -> tuple[str, ...]:
 def _numbers(
     header: Header, target: Target, mark: str
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    names = set(columns_of(target))
+    names = sorted(set(columns_of(target)))
     cells = header.read(names)
-    numbers, faults = {}, list(cells.faults)
-    for name in sorted(names):
-        held = Held(Column(name, "length", may_be_blank=True), name, Unit())
-        numbers[name], found = values_of(held, cells.columns[name], cells.place, mark)
-        faults += found
-    return numbers, faults
+    held = {n: Held(Column(n, "length", may_be_blank=True), n, Unit()) for n in names}
+    numbers, faults = all_values_of(held, cells, mark)
+    return numbers, [*cells.faults, *faults]
