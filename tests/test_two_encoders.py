@@ -67,6 +67,20 @@ def stream(friction: float = 15.0, **true: float) -> Recording:
     )
 
 
+def test_the_first_sentence_says_which_axis_is_left_with_how_much(tmp_path):
+    answer, said = carried_out(
+        stream(delay=0.004), real_kr300.MODEL, tmp_path / "answer"
+    )
+    proof = answer.proof
+    assert proof is not None and proof.after_rms_urad is not None
+    sizes = f"{proof.after_rms_urad:.0f} instead of {proof.before_rms_urad:.0f} on a2."
+    assert f"µrad rms that are left of what the second encoders tell: {sizes}" in said
+    assert said.endswith("Named: channel_delay at a2.")
+    report = (tmp_path / "answer" / "report.md").read_text()
+    assert said in report
+    assert "delay_s" not in report and "_rad" not in report
+
+
 def named(recording: Recording) -> dict[str, dict]:
     axes = compared(recording, real_kr300.MODEL)
     answer = answer_of("", axes, 0.0)

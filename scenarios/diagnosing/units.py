@@ -21,6 +21,8 @@ WORDS = {
 """Units for people, by the end of a parameter's name."""
 DEGREES = ("°", 180.0 / np.pi)
 """Of where in a turn something is."""
+MILLISECONDS = ("ms", 1e3)
+"""Of what a channel tells late."""
 COUNTS = ("order",)
 """Parameters that are whole numbers in gears."""
 
@@ -74,6 +76,8 @@ def unit_of(name: str) -> tuple[str, float]:
     """Return the unit of a parameter, and its size in SI units, by its name."""
     if name.startswith("phase"):
         return DEGREES
+    if name.startswith("delay"):
+        return MILLISECONDS
     for ending in sorted(WORDS, key=len, reverse=True):
         if name.endswith(f"_{ending}"):
             return WORDS[ending]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure as Drawing
+from matplotlib.lines import Line2D
 
 from scenarios.reporting.style import GREY, ORANGE, save
 from scenarios.two_encoders.axis import Axis, whole_rms
@@ -17,14 +18,16 @@ def before_after(axes: Sequence[Axis], file: Path) -> None:
     """Draw what a rigid gear leaves of the judged motion, and what the patch does."""
     figure = Drawing(figsize=(11, 2.1 * len(axes)), layout="constrained")
     plots = figure.subplots(len(axes), 1, squeeze=False, sharex=True)[:, 0]
+    drawn = []
     for ax, a in zip(plots, axes, strict=True):
         time = a.judged.time - a.judged.time[0]
-        ax.plot(time, URAD * a.before, color=GREY, lw=1)
-        ax.plot(time, URAD * a.after, color=ORANGE, lw=0.8)
+        drawn = ax.plot(time, URAD * a.before, color=GREY, lw=1)
+        drawn += ax.plot(time, URAD * a.after, color=ORANGE, lw=0.8)
         sizes = [URAD * whole_rms(x) for x in (a.before, a.after)]
         ax.set_ylabel(f"{a.name} [µrad]")
         ax.set_title(f"{sizes[0]:.0f} → {sizes[1]:.0f} µrad rms", size=9, loc="right")
     plots[-1].set_xlabel("time [s]")
+    _legend(figure, drawn, ("as modelled", "with what was named"))
     save(figure, file)
 
 
@@ -41,6 +44,8 @@ def looks_like(axes: Sequence[Axis], file: Path) -> None:
                 left.plot(m.torque / 1e3, URAD * m.apart, ".", **look)
             right.plot(m.speed, URAD * m.apart, ".", **look)
         left.set_ylabel(f"{a.name}: after − before [µrad]")
+    two = [Line2D([], [], marker=".", ls="", color=c) for c in (GREY, ORANGE)]
+    _legend(figure, two, ("motions that were fitted", "judged motion"))
     plots[-1][0].set_xlabel("torque of the motor [kN m]")
     plots[-1][-1].set_xlabel("speed [rad/s]")
     save(figure, file)
@@ -63,6 +68,10 @@ def followed(axes: Sequence[Axis]) -> str:
         f"The second encoder less the first {over}, judged motion in orange. "
         f"Correlation with {'; '.join(told)}."
     )
+
+
+def _legend(figure: Drawing, drawn: Sequence[Line2D], said: Sequence[str]) -> None:
+    figure.legend(drawn, said, loc="outside upper left", ncols=len(said), fontsize=9)
 
 
 def _alike(motions: Sequence[Motion], other: Sequence[np.ndarray]) -> float:
