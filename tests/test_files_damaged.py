@@ -164,13 +164,14 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("a marker of nobody", added("q7_x_mm", "1"), ("'q7_x_mm'", "no marker is called 'q7'", "p1, p2")),
     ("an axis too many", added("a7_deg", "1"), ("a7", "6 axes")),
     ("slide and turn at once", added("a2_mm", "1"), ("'a2_deg' and 'a2_mm'",)),
-    ("a row with more cells", row_with_more_cells, ("row 4 (line 5): 22 cells", "21 columns", "row 9 (line 10)", "'text'")),
+    ("a row with more cells", row_with_more_cells, ("line 5 (row 4 below the header): 22 cells", "21 columns", "line 10 (row 9 ", "'text'")),
     ("header alone", lambda f: save(f, table(f)[:1]), (CSV, "no rows")),
     ("empty samples", overwritten(CSV, b""), (CSV, "empty")),
     ("only blanks", overwritten(CSV, b"\n \n"), (CSV, "empty")),
     ("no samples", removed(CSV), (CSV, "missing")),
     ("binary garbage", overwritten(CSV, bytes(range(256)) * 9), (CSV, "not UTF-8")),
     ("Latin-1", bytes_replaced(b"\n0.0,1", b"\n0.\xb0,1"), (CSV, "row 1", "0xb0", "not UTF-8")),
+    ("a name in two lines", bytes_replaced(b"time_s,", b'"time\n[s]",'), (CSV, "line 1", "goes on in the next line")),
     ("UTF-16", overwritten(CSV, "time_s,pose\n0,1\n".encode("utf-16")), (CSV, "UTF-16")),
     ("an Excel file", overwritten(CSV, b"PK\x03\x04rest"), (CSV, "Excel")),
     ("another separator", bytes_replaced(b",", b";"), (CSV, "missing")),
@@ -272,7 +273,7 @@ def test_a_single_damage_is_reported_as_a_single_fault(tmp_path):
     with pytest.raises(Unusable) as caught:
         read(folder, ARM)
     assert caught.value.faults == (
-        "samples.csv, row 3 (line 4), column 'a2_deg': 'up' is not a number.",
+        "samples.csv, line 4 (row 3 below the header), column 'a2_deg': 'up' is not a number.",
     )
 
 

@@ -225,9 +225,13 @@ def test_all_faults_of_all_files_are_named_at_once(lab, monkeypatch, capsys):
     change(lab, "map.toml", 'pose = "n"', 'pose = "tracker.q"')
     said = refused(lab)
     for words in (
-        *("arm.csv, row 2", "4 cells, but the header has 3 columns", "'late'"),
+        *(
+            "arm.csv, line 3 (row 2 below",
+            "4 cells, but the header has 3 columns",
+            "'late'",
+        ),
         *("tracker.csv: column 'X' is missing"),
-        *("force.csv, row 2", "'viel'", "force.csv, row 3", "time runs backwards"),
+        *("force.csv, line 3", "'viel'", "force.csv, line 4", "time runs backwards"),
         *("columns.pose: 'tracker.q' cannot come from [files.tracker]",),
     ):
         assert words in said, words

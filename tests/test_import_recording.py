@@ -138,7 +138,14 @@ def test_all_faults_are_named_at_once_in_the_user_s_own_names(lab):
     )
     mapping = MAPPING.replace('"J2"', '"J3"') + TARGET.replace('"C"', '"D"')
     said = refused(lab(rows=rows, mapping=mapping))
-    for words in ("lab.csv, row 1", "'zehn'", "'x'", "'J3'", "targets.t", "'D'"):
+    for words in (
+        "lab.csv, line 2 (row 1 below the header)",
+        "'zehn'",
+        "'x'",
+        "'J3'",
+        "targets.t",
+        "'D'",
+    ):
         assert words in said
     assert "samples.csv" not in said and "recording.toml" not in said
 
@@ -195,6 +202,15 @@ def test_a_word_of_csv_that_is_misspelt_costs_a_line_and_hides_no_other_fault(
     assert f"csv.{wrong}: nothing is called so. Did you mean '{right}" in named
     assert f"say so in [csv]: {right} = " in meant
     assert "'x1,5' is not a number" in more[-1] and len(more) < 3
+
+
+@pytest.mark.parametrize("start", ["", "sep=;\r\n"])
+def test_a_fault_names_the_line_by_the_number_that_a_spreadsheet_shows(lab, start):
+    """The header is line 1; Excel takes `sep=` in and does not show it as a line."""
+    rows = [*ROWS[:2], ROWS[2].replace("20;", "x;"), ROWS[3] + ";more"]
+    cells, cell = faults_of(lab(rows, start=start))
+    assert cells.startswith("lab.csv, line 5 (row 4 below the header): 18 cells")
+    assert cell.startswith("lab.csv, line 4 (row 3 below the header), column 'J1'")
 
 
 def test_a_decimal_mark_that_no_number_has_is_one_fault_of_the_file(lab):

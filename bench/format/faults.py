@@ -29,10 +29,10 @@ class Place:
     unread: tuple[int, ...] = ()
 
     def row(self, index: int) -> str:
-        """Name a row, counted from one below the header, and its line."""
+        """Name a row as a spreadsheet numbers it, the header being line 1."""
         row = index + bisect_right([u - i for i, u in enumerate(self.unread)], index)
-        line = f" (line {row + 2})" if self.has_lines else ""
-        return f"{self.file}, row {row + 1}{line}"
+        where = line_of(row) if self.has_lines else f"row {row + 1}"
+        return f"{self.file}, {where}"
 
     def at(
         self, column: str, rows: Iterable[int] | np.ndarray, say: Callable[[int], str]
@@ -53,6 +53,12 @@ class Place:
                 f"{'row' if more == 1 else 'rows'} like these."
             )
         return faults
+
+
+def line_of(row: int) -> str:
+    """Name the line of a row, counted from zero below one line of header: line 1."""
+    below = f" (row {row + 1} below the header)" if row >= 0 else ""
+    return f"line {row + 2}{below}"
 
 
 def quoted(text: object) -> str:

@@ -4,6 +4,8 @@ import csv
 import io
 import json
 
+from bench.format.faults import line_of
+
 CSV_FILE = "samples.csv"
 SEPARATORS = ";\t|,"
 """What else a spreadsheet puts between cells, likeliest first."""
@@ -39,8 +41,10 @@ def heading_of(source: bytes, separator: str) -> tuple[tuple[str, ...], str, lis
                 say = f"its columns stand apart by {other!r}; say so in [csv]: "
                 fault = f"{CSV_FILE}, line 1: {say}separator = {json.dumps(other)}."
                 return found, other, [fault]
-    none = [f"{CSV_FILE}, line 1: there is no header."]
-    return names, separator, [] if names else none
+    say = "there is no header"
+    if text.count('"') % 2:
+        say = "the name of a column goes on in the next line; write each in one line"
+    return names, separator, [] if names else [f"{CSV_FILE}, line 1: {say}."]
 
 
 def _names(text: str, separator: str) -> tuple[str, ...]:
@@ -66,6 +70,6 @@ def _garbage(source: bytes, separator: str) -> str:
     line = source.count(b"\n", 0, bad) + 1
     cell = source.count(separator.encode(), start, bad) + 1
     return (
-        f"{CSV_FILE}, row {line - 1} (line {line}), column number {cell}: byte "
+        f"{CSV_FILE}, {line_of(line - 2)}, column number {cell}: byte "
         f"0x{source[bad]:02x} is not UTF-8 text. Save the file as CSV, UTF-8."
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 
-from bench.format.faults import SHOWN, Place, quoted
+from bench.format.faults import SHOWN, Place, line_of, quoted
 from bench.format.heading import CSV_FILE, heading_of
 from bench.format.parquet import PARQUET_FILE, measured, unfolded
 from bench.format.sections import first_line
@@ -136,8 +136,8 @@ def _csv_cells(
     )
     file, count = header.place.file, len(names)
     faults = [
-        f"{file}, row {line - 1} (line {line}): {cells} cells, but the header has "
-        f"{count} columns."
+        f"{file}, {line_of(line - 2)}: {cells} cells, but the header has {count} "
+        "columns."
         for line, cells in ragged[:SHOWN]
     ]
     if len(ragged) > SHOWN:
