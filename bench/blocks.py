@@ -1,12 +1,10 @@
-"""Many visits are worked in blocks, so that memory stays small and a bar can move."""
+"""Many visits are worked in blocks, so that memory stays small."""
 
 from dataclasses import fields
 
 import mujoco
 import numpy as np
 from jaxtyping import Int
-from rich.console import Console
-from rich.progress import track
 
 from bench import equilibrium
 from bench.equilibrium import Rest, Schedule
@@ -22,12 +20,8 @@ def solve(
     schedule: Schedule,
 ) -> Rest:
     """Bring the arm to rest in every visit; see `bench.equilibrium.solve`."""
-    starts = range(0, len(schedule.hold), BLOCK)
-    shown = track(
-        starts, "Loading", console=Console(stderr=True), disable=len(starts) < 2
-    )
     rests = []
-    for start in shown:
+    for start in range(0, len(schedule.hold), BLOCK):
         part = {
             field.name: getattr(schedule, field.name)[start : start + BLOCK]
             for field in fields(Schedule)

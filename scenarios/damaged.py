@@ -82,7 +82,7 @@ def main(settings: Settings) -> Sequence[Outcome]:
         chosen = damages(good, settings.variants, settings.seed)
         outcomes = [
             outcome_of(damage, Path(folder) / str(number))
-            for number, damage in enumerate(track(chosen, "diagnosing"))
+            for number, damage in enumerate(track(chosen, "diagnosing", transient=True))
         ]
     console = Console()
     table = Table("shows in the", *WHAT)

@@ -22,6 +22,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
+from rich.progress import track
 from scipy.optimize import least_squares
 
 from bench.files import write
@@ -69,7 +70,8 @@ def main(settings: Settings) -> Outcome:
     more: list[Block] = []
     if settings.draws > 0:
         others = range(1, settings.draws + 1)
-        drawn = list(redrawn.rows(recording, arm, MODEL, others))
+        rows = redrawn.rows(recording, arm, MODEL, others)
+        drawn = list(track(rows, "other regions", settings.draws, transient=True))
         table.write(settings.out / "draws.csv", drawn)
         more += redrawn.blocks_of(drawn)
     written(settings.out, outcome, more)

@@ -19,6 +19,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 import tyro
+from rich.console import Console
 
 from bench import files
 from bench.effects.parse import parse_all
@@ -86,7 +87,8 @@ def main(settings: Settings) -> Recording:
         lambda: refuse_inside(s.out, s.truth_file),
     )
     plan = tour(rig, s.poses, path, s.revisits, s.seed)
-    recording = record(rig, plan, instruments, s.seed, s.name)
+    with Console(stderr=True).status("recording"):
+        recording = record(rig, plan, instruments, s.seed, s.name)
     if s.truth_file is None:
         files.write(s.out, recording)
     else:

@@ -53,6 +53,12 @@ def test_methods_never_import_the_truth(file):
     assert [name for name in known if not within(name, NOUNS)] == []
 
 
+@pytest.mark.parametrize("file", python_files("bench", "stiffness"))
+def test_only_scenarios_write_to_the_terminal(file):
+    """A bar from within would show where a caller wants quiet, and again each call."""
+    assert [name for name in imports(text(file), "") if within(name, ("rich",))] == []
+
+
 @pytest.mark.slow
 def test_importing_every_method_leaves_mujoco_out_of_the_process():
     """Nor does a noun bring the truth along."""
