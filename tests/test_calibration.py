@@ -6,9 +6,9 @@ import pinocchio
 import pytest
 
 from bench.errors import Unusable
-from bench.patch import Patch, rig_of
+from bench.patch import Mounted, Patch, rig_of
 from bench.patch_effects import Named
-from bench.recording import UNLOADED, Marker, Recording, TrackerSpec
+from bench.recording import UNLOADED, Marker, Payload, Recording, TrackerSpec
 from scenarios.calibrating import redrawn
 from scenarios.calibrating.carried_out import carried_out, written
 from scenarios.nominal import arm_of
@@ -20,6 +20,7 @@ from stiffness.calibration.stance import Stance
 
 ROOT = Path(__file__).resolve().parents[1]
 UR10 = ROOT / "mjcf" / "ur10" / "ur10.xml"
+KR10 = ROOT / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 PLACE = np.array([0.03, -0.06, 0.1])
 NOISE = 1e-5
 OFFSET, SHORT, COMPLIANCE = 6e-4, -4e-4, 2e-5
@@ -40,10 +41,16 @@ TRUTH = (
 
 
 def recorded(
-    model: Path, effects, poses: int, seed: int, springs: dict | None = None
+    model: Path,
+    effects,
+    poses: int,
+    seed: int,
+    springs: dict | None = None,
+    tool: Payload | None = None,
 ) -> Recording:
     """A target on the flange, seen where MuJoCo says it is."""
-    rig = rig_of(Patch(dict(springs or {}), tuple(effects)), model)
+    held = Mounted(mass_kg=tool.mass, com_m=tuple(tool.com)) if tool else Mounted()
+    rig = rig_of(Patch(dict(springs or {}), tuple(effects), mounted=held), model)
     random = np.random.default_rng(seed)
     middle = np.array([0.0, -1.4, 1.2, 0.3, 0.8, 0.0])
     posture = middle + random.uniform(-1.0, 1.0, (poses, 6)) * [2, 0.8, 0.8, 1, 1, 2]
@@ -63,6 +70,7 @@ def recorded(
         markers=(Marker("target", "flange"),),
         points=point,
         tracker=TrackerSpec(np.full(3, NOISE)),
+        tool=tool,
     )
 
 
@@ -227,3 +235,25 @@ def test_another_draw_keeps_back_other_poses(recording):
     assert (first != other).any()
     again = regions_of(readings, 1).kept_back
     np.testing.assert_array_equal(other, again)
+
+
+def test_the_weight_of_a_stated_tool_is_nothing_that_was_left_out():
+    tool = Payload(3.0, np.array([0.02, -0.01, 0.08]))
+    bent = recorded(KR10, (), 151, 5, tool=tool)
+    o = carried_out(bent, arm_of(KR10), KR10, quiet=True)
+    truth = arm_of(KR10).stiffness
+    assert not o.answer.named
+    for axis, tolerance in (("a2", 0.02), ("a3", 0.02), ("a5", 0.05)):
+        own = o.found.springs[0][axis]
+        assert own == pytest.approx(truth[int(axis[1:]) - 1], rel=tolerance)
+    size = np.sqrt(np.mean(np.sum(o.proof.before**2, axis=1)))
+    assert size < 1.2 * np.sqrt(3) * NOISE
+
+
+def test_moments_of_gravity_turn_axes_as_its_torques_do():
+    tool = Payload(3.0, np.array([0.02, -0.01, 0.08]))
+    bent = recorded(KR10, (), 40, 6, tool=tool)
+    readings = readings_of(bent, arm_of(KR10))
+    stance = Stance.of(readings, fitted(readings, redraw=False).drawn)
+    along = np.einsum("krj,krj->rk", stance.standing.rotation[..., 2], stance.moment)
+    np.testing.assert_allclose(along, stance.torque, atol=1e-9)

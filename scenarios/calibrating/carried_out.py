@@ -64,7 +64,7 @@ def carried_out(
     console = Console(quiet=quiet)
     readings = readings_of(recording, arm)
     found = calibrated(readings, regions_of(readings, draw), console.print)
-    proof = proved(found, model)
+    proof = proved(found, recording, model)
     remains = remains_of(found, proof)
     seconds = time.perf_counter() - started
     answer = answer_of(recording.name, found, proof, remains, seconds, rejected)

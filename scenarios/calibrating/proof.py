@@ -13,7 +13,9 @@ from jaxtyping import Bool, Float
 from bench.experiment import faulty
 from bench.instruments import Instruments
 from bench.patch import Patch, rig_of
+from bench.proving.laid_out import mounted_on
 from bench.proving.sensing import reading_of
+from bench.recording import Recording
 from scenarios.calibrating.patching import FROM_SIDES, patch_of
 from stiffness.calibration.calibrated import Calibrated
 from stiffness.calibration.stance import Drawn
@@ -48,11 +50,12 @@ class Proof:
     patch: Patch
 
 
-def proved(found: Calibrated, model: Path) -> Proof:
+def proved(found: Calibrated, recording: Recording, model: Path) -> Proof:
     """Simulate the arm as drawn and as calibrated on everything that was seen."""
     held = found.held
-    patch = patch_of(found)
-    nominal = Patch(stiffness_nm_per_rad=dict(found.springs[0]))
+    carried = mounted_on(recording, rig_of(Patch(), model))
+    patch = replace(patch_of(found), mounted=carried)
+    nominal = Patch(stiffness_nm_per_rad=dict(found.springs[0]), mounted=carried)
     before = _left(found, model, nominal, found.before, 0.0)[held]
     moving = tuple(e for e in patch.effects if e.effect not in FROM_SIDES)
     after = _left(

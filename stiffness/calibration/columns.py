@@ -9,7 +9,7 @@ Equation    joint_compliance    turn about the axis = c tau
                                 came from (friction that the drive left wound up)
             drift               the arm's base moves and turns with time
             tracker_scale       places = (1 + ratio) places
-            tau, moment: of the arm's own weight, in N m
+            tau, moment: of the arm's own weight and its tool's, in N m
 Source      Spong 1987 (compliance); Klimchik et al. 2011 (tilt); Tuttle 1992 (uneven
             gears); Iwan 1966 (friction); ISO 9283 (drift, approach)
 Valid       small deflections: all enter linearly

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bench.errors import Unusable
-from bench.recording import UNLOADED, Recording
+from bench.recording import UNLOADED, Payload, Recording
 from stiffness.arm import Arm
 
 FEWEST = 30
@@ -32,6 +32,7 @@ class Readings:
         bodies: That the targets sit on.
         places: Nominal, in m; zero where unknown.
         stated: One sigma of a coordinate as stated, in m; NaN where it is not.
+        tool: What the arm carries besides its own weight, on the flange.
     """
 
     arm: Arm
@@ -45,13 +46,14 @@ class Readings:
     bodies: tuple[str, ...]
     places: Float[np.ndarray, "markers 3"]
     stated: float
+    tool: Payload
 
     def take(self, rows: np.ndarray) -> "Readings":
         """Return the same with only these rows (indices or a mask)."""
         return Readings(
             self.arm, self.posture[rows], self.side[rows], self.seen[rows],
             self.marker[rows], self.pose[rows], self.hours[rows],
-            self.names, self.bodies, self.places, self.stated,
+            self.names, self.bodies, self.places, self.stated, self.tool,
         )  # fmt: skip
 
 
@@ -110,6 +112,7 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
         bodies=tuple(x.body for x in markers),
         places=np.array(nominal),
         stated=np.nan if sigma is None else float(np.mean(sigma.repeatability)),
+        tool=recording.tool or Payload(),
     )
 
 

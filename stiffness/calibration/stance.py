@@ -87,21 +87,25 @@ class Stance:
 
     @cached_property
     def moment(self) -> Float[np.ndarray, "axes rows 3"]:
-        """Gravity's moment about each axis' origin, in N m."""
-        standing, chain = self.standing, self.standing.chain
+        """Moment of gravity, the tool's too, about each axis' origin, in N m."""
+        standing, chain, tool = self.standing, self.standing.chain, self.readings.tool
         centre = (standing.rotation @ chain.centre[:, None, :, None])[..., 0]
-        centre = centre + standing.origin
+        places = centre + standing.origin
+        weights = [*zip(range(len(places)), chain.mass, places, strict=True)]
+        if tool.mass:
+            at = standing.point("flange", tool.com)
+            weights.append((standing.place("flange").axis, tool.mass, at))
         moment = np.zeros_like(standing.origin)
-        for body, mass in enumerate(chain.mass):
+        for body, mass, at in weights:
             for k in chain.carriers(body):
-                arm = centre[body] - standing.origin[k]
+                arm = at - standing.origin[k]
                 moment[k] += np.cross(arm, mass * chain.gravity)
         return moment
 
     @cached_property
     def torque(self) -> Float[np.ndarray, "rows axes"]:
         """Gravity's torque about each axis, in N m (N along one that slides)."""
-        return self.standing.gravity_torque()
+        return self.standing.gravity_torque(self.readings.tool)
 
     def tilting(self, axis: int, about: Float[np.ndarray, "rows 3"]) -> np.ndarray:
         """Return how targets move per turn of an axis' seat about a direction."""
