@@ -4,7 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from bench.files import read
-from bench.format.faults import visible
+from bench.format.faults import Place, visible
+from bench.format.repeats import said_of_repeats
+from bench.format.samples import CSV_FILE, PARQUET_FILE
 from bench.model_facts import ModelFacts
 from bench.model_file import load, plain_mjcf
 from bench.recording import Recording
@@ -48,4 +50,7 @@ def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
         robot=visible(recording.robot),
         markers=tuple(replace(m, name=visible(m.name)) for m in recording.markers),
     )
+    in_text = (folder / CSV_FILE).exists()
+    place = Place(CSV_FILE if in_text else PARQUET_FILE, in_text)
+    notes = (*notes, *said_of_repeats(place, recording))
     return shown, arm.for_recording(recording), notes

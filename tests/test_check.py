@@ -227,6 +227,14 @@ def test_a_mistake_of_the_set_up_is_said_before_the_tables(folder, arm, capsys):
     assert text.index("names no effect") < text.index("what")
 
 
+def test_a_row_that_is_there_twice_is_said(folder, capsys):
+    rows = table(folder)
+    save(folder, [*rows[:8], rows[7], *rows[8:]])
+    check.main(check.Settings(folder, MODEL))
+    text = " ".join(capsys.readouterr().out.split())
+    assert "Note: samples.csv, line 9 (row 8 below the header): the row above" in text
+
+
 def test_a_name_that_a_terminal_would_obey_is_only_shown(folder):
     manifest = folder / "recording.toml"
     text = manifest.read_text()

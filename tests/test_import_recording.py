@@ -204,6 +204,33 @@ def test_a_word_of_csv_that_is_misspelt_costs_a_line_and_hides_no_other_fault(
     assert "'x1,5' is not a number" in more[-1] and len(more) < 3
 
 
+@pytest.mark.parametrize("remark", ["", "again"])
+@pytest.mark.parametrize("row", range(4))
+def test_a_line_that_is_there_twice_is_refused_by_its_number(lab, row, remark):
+    """Whatever stands in a column that nothing reads."""
+    twice = [
+        *ROWS[: row + 1],
+        ROWS[row].rsplit(";", 1)[0] + f";{remark}",
+        *ROWS[row + 1 :],
+    ]
+    (fault,) = faults_of(lab(twice, mapping=MAPPING + TARGET))
+    assert fault.startswith(f"lab.csv, line {row + 3} (row {row + 2} below the header)")
+    assert "the row above once more" in fault and "Delete one" in fault
+
+
+@pytest.mark.parametrize("change", [("0,5;1", "0,6;1"), ("1,250125", "1,250126")])
+def test_a_reading_taken_again_is_no_line_that_is_there_twice(lab, change):
+    """Another time, or the noise of the instrument."""
+    recording = imported(lab([*ROWS[:2], ROWS[1].replace(*change), *ROWS[2:]]))
+    assert len(recording.time) == 5
+
+
+def test_an_instant_of_a_stream_may_look_like_the_one_before(lab):
+    rows = [*ROWS[:2], ROWS[1], *ROWS[2:]]
+    recording = imported(lab(rows, MAPPING.replace("plateaus", "stream")))
+    assert len(recording.time) == 5
+
+
 @pytest.mark.parametrize("start", ["", "sep=;\r\n"])
 def test_a_fault_names_the_line_by_the_number_that_a_spreadsheet_shows(lab, start):
     """The header is line 1; Excel takes `sep=` in and does not show it as a line."""

@@ -12,9 +12,10 @@ import numpy as np
 from bench.errors import Unusable
 from bench.files import read
 from bench.format.columns import COORDINATES, Column, Unit
-from bench.format.faults import nearest
+from bench.format.faults import Place, nearest
 from bench.format.layout import Held
 from bench.format.manifest import FILE
+from bench.format.repeats import said_of_repeats
 from bench.format.samples import CSV_FILE, MAX_BYTES, Header, open_csv
 from bench.format.values import all_values_of
 from bench.model_facts import ModelFacts
@@ -73,6 +74,7 @@ def recording_of(
             (Path(folder) / FILE).write_text(text_of(manifest), encoding="utf-8")
             (Path(folder) / CSV_FILE).write_bytes(source)
             recording, notes = read(folder, model)
+            faults += said_of_repeats(Place(CSV_FILE, True), recording)
     except Unusable as error:
         faults += [f for f in error.faults if not f.startswith(_follow(targets))]
         recording, notes = None, ()
