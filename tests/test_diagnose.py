@@ -248,7 +248,8 @@ def found():
         ),
         nominal=Nominal(
             np.array([2e-5, 2e-5, 2e-5, 0.0, 1e-4, 7e-4]),
-            np.zeros(6),
+            np.array([4e-7, 0.0, 4e-7, 0.0, 4e-6, 4e-5]),
+            np.array([1e-5, 2e-5, 2.01e-5, 0.0, 1e-4, 8e-4]),
             ("a4",),
             np.eye(4),
             np.zeros((0, 3)),
@@ -330,6 +331,7 @@ def test_story_says_what_where_and_what_stays_open(found, recording):
         "hysteresis at a2, probability 0.980: width 150 µrad (130 to 170)",
         "As well by these data: lost_motion at a2",
         "Open: something at a3",
+        "± one sigma: a1 0.5 ± 0.01.",
         "Nothing was proved: why.",
     ):
         assert part in words

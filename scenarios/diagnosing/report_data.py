@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from scenarios.diagnosing import springs
 from scenarios.diagnosing.finding import MICRO, Finding
 from scenarios.reporting.page import Block, Heading, Paragraph, Table
 
@@ -17,19 +18,11 @@ def data(finding: Finding) -> Iterator[Block]:
     yield Heading("How good the data are")
     yield from _noise(finding)
     if finding.diagnosis.nominal is not None:
-        nominal = finding.diagnosis.nominal
-        rows = []
-        for k, (c, s) in enumerate(zip(nominal.compliance, nominal.sigma, strict=True)):
-            if c <= 0.0:
-                stiffness = "rigid"
-            else:
-                unit = 1.0 if finding_slides(finding, k) else 1e-3
-                stiffness = f"{unit / c:.4g}"
-            known = f"{s / c:.1%}" if c > 0.0 and s > 0.0 else ""
-            blind = f"a{k + 1}" in nominal.blind
-            rows.append([f"a{k + 1}", stiffness, "not seen" if blind else known])
-        header = ["axis", "stiffness [kN m/rad]", "one sigma"]
-        yield Table("Springs that were fitted without a word.", header, rows)
+        rows = list(
+            springs.rows(finding.diagnosis.nominal, finding.recording.slides or ())
+        )
+        header = ["axis", "stiffness [kN m/rad]", "one sigma", "the model's", "of it"]
+        yield Table("Springs that were fitted silently.", header, rows)
     if finding.diagnosis.doubtful:
         worst = sorted(finding.diagnosis.doubtful, key=lambda x: -x[2])[:10]
         rows = [[str(row), name, f"{sigma:.0f}"] for row, name, sigma in worst]
@@ -86,9 +79,3 @@ def _noise(finding: Finding) -> Iterator[Block]:
         f"{text} Replicates of poses scatter by {shown} µm ({freedom} degrees of "
         f"freedom).{warning}"
     )
-
-
-def finding_slides(finding: Finding, k: int) -> bool:
-    """Return whether an axis slides."""
-    slides = finding.recording.slides
-    return bool(slides and slides[k])

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from bench.proof import Proof
+from scenarios.diagnosing import springs
 from scenarios.diagnosing.finding import MICRO, Finding, channel_of
 from scenarios.diagnosing.schema import Called
 from scenarios.diagnosing.units import label, span
@@ -15,6 +16,8 @@ def sentences(finding: Finding) -> Iterator[str]:
     for warning in a.warnings:
         yield f"Note ({warning.where}): {warning.text}"
     yield _detected(finding)
+    if d.nominal is not None and (told := springs.sentence(d.nominal)):
+        yield told
     if a.verdict == "no_mismatch":
         return
     if a.located:

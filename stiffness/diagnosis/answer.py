@@ -142,9 +142,14 @@ def nominal_of(
     if prepared.springs:
         compliance[list(prepared.springs)] += springs
         sigma[list(prepared.springs)] = prepared.sigma
+    stiffness = prepared.situation.arm.stiffness
+    modelled = np.divide(
+        1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0
+    )
     return Nominal(
         compliance,
         sigma,
+        modelled,
         tuple(f"a{k + 1}" for k in prepared.blind),
         prepared.frames.transform,
         prepared.frames.place,

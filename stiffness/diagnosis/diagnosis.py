@@ -136,6 +136,7 @@ class Nominal:
     Attributes:
         compliance: Of each axis, in rad/(N m), together with what was named.
         sigma: Standard deviations, 0 where it was not fitted.
+        modelled: Of each axis, as the model says, in rad/(N m); 0 = rigid.
         blind: Axes whose spring these data cannot see.
         base_from_tracker: In m.
         places: Of each marker in its body's frame, in m.
@@ -145,6 +146,7 @@ class Nominal:
 
     compliance: Float[np.ndarray, " axes"]
     sigma: Float[np.ndarray, " axes"]
+    modelled: Float[np.ndarray, " axes"]
     blind: tuple[str, ...]
     base_from_tracker: Float[np.ndarray, "4 4"]
     places: Float[np.ndarray, "markers 3"]
