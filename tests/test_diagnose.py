@@ -21,7 +21,7 @@ from scenarios.diagnosing.catalogue import USUAL
 from scenarios.diagnosing.finding import Finding
 from scenarios.diagnosing.patching import STIFFEST, patch_of, stiffening
 from scenarios.diagnosing.schema import Answer, Interval
-from scenarios.diagnosing.units import label, size, span
+from scenarios.diagnosing.units import chance, label, size, span
 from scenarios.diagnosing.writing import FILES, written
 from stiffness.diagnosis.diagnosis import (
     Detection,
@@ -379,6 +379,14 @@ def test_an_interval_is_said_with_its_number():
     assert span("with", Interval("a4", "a4", "a4")) == "a4"
     assert span("delay_s", Interval(3e-3, 2.9e-3, None)) == "3 ms (2.9 to ?)"
     assert span("phase_rad", Interval(0.5, 0.25, 1.0)) == "28.6 ° (14.3 to 57.3)"
+
+
+@pytest.mark.parametrize(
+    ("probability", "said"),
+    [(0.0, "below 0.001"), (0.5, "0.500"), (0.9999, "above 0.999")],
+)
+def test_a_probability_has_no_digits_that_nobody_can_stand_for(probability, said):
+    assert chance(probability) == said
 
 
 def test_a_count_is_said_as_the_whole_number_that_it_can_be():

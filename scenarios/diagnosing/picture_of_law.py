@@ -8,6 +8,9 @@ from matplotlib.figure import Figure
 from scenarios.diagnosing.finding import MICRO, Curves, courses_of
 from scenarios.reporting.style import BLUE, GREY, ORANGE, save
 
+WORDS = ("patch, simulated", "measured", "where a visit begins")
+STRAY = 1.5
+"""How far beyond all but a few readings one is still shown; chosen."""
 LOOPS = 3
 """Visits whose course is drawn as a line; chosen: more is a tangle."""
 
@@ -26,16 +29,19 @@ def of_law(curves: Curves, name: str, file: Path) -> None:
     figure = Figure(figsize=(10.5, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2)
     for i, course in enumerate(courses_of(curves, name, LOOPS)):
-        words = ("patch, simulated", "measured") if i == 0 else (None, None)
+        words = WORDS if i == 0 else (None,) * 3
         shown, seen = MICRO * course.law, MICRO * course.measured
         left.plot(course.torque, shown, "-", color=ORANGE, lw=1.6, label=words[0])
         left.plot(course.torque, seen, "o", color=GREY, ms=5, label=words[1])
-        left.plot(course.torque[:1], shown[:1], "o", color=ORANGE, ms=7)
-    left.set_xlabel(f"{load}, dot: where a visit begins")
+        begins = (course.torque[:1], shown[:1], "o")
+        left.plot(*begins, color=ORANGE, ms=7, label=words[2])
+    left.set_xlabel(load)
     left.set_ylabel(f"turn beyond the nominal arm [{unit}]")
     left.set_title(f"{name}: the {LOOPS} visits with the widest load", loc="left")
     left.legend()
-    lim = 1.1 * MICRO * max(np.max(np.abs(law)), np.quantile(np.abs(measured), 0.995))
+    sizes = np.abs(measured)
+    seen = min(np.max(sizes), STRAY * np.quantile(sizes, 0.995))
+    lim = 1.1 * MICRO * max(np.max(np.abs(law)), seen)
     right.plot([-lim, lim], [-lim, lim], color=ORANGE, lw=1.2)
     for rows, colour, word in (
         (~curves.held, GREY, "fitted poses"),

@@ -9,7 +9,7 @@ from scenarios.diagnosing.finding import Finding, curves_of
 from scenarios.diagnosing.picture_of_law import of_law
 from scenarios.diagnosing.report_data import data
 from scenarios.diagnosing.report_proof import doubts, proof
-from scenarios.diagnosing.units import label, size, span
+from scenarios.diagnosing.units import chance, label, size, span
 from scenarios.reporting.page import Block, Figure, Heading, Paragraph, Table
 from stiffness.diagnosis.remarks import SCATTER
 
@@ -61,7 +61,14 @@ def _what(finding: Finding) -> Iterator[Block]:
     if not answer.named:
         return
     yield Heading("What, and how sure")
-    header = ["effect", "parameter", "estimate, 95 %", "usual", "", "source"]
+    header = [
+        "effect",
+        "parameter",
+        "estimate, 95 %",
+        "in catalogues",
+        "it is",
+        "source",
+    ]
     rows = []
     for called in answer.named:
         for name, interval in called.parameters.items():
@@ -81,7 +88,7 @@ def _what(finding: Finding) -> Iterator[Block]:
     rows = [
         [
             f"{n.effect} at {n.where}",
-            f"{n.probability:.3f}",
+            chance(n.probability),
             ", ".join(f"{e.effect} at {e.where}" for e in n.equivalents) or "none",
         ]
         for n in answer.named
@@ -95,7 +102,7 @@ def _what(finding: Finding) -> Iterator[Block]:
         rows = [
             [
                 " + ".join(f"{e.effect} at {e.where}" for e in r.effects),
-                _p(r.probability),
+                chance(r.probability),
             ]
             for r in answer.rivals
         ]
@@ -124,10 +131,9 @@ def _pictures(finding: Finding, folder: Path) -> Iterator[Block]:
     for name in sorted(named & set(curves.axes)) if proved else ():
         file = f"law_{name}.png"
         of_law(curves, name, folder / file)
-        yield Figure(f"What was put into {name}, beside what the marks show.", file)
+        yield Figure(
+            f"Turn about {name}'s own axis: what was put in, beside what marks show.",
+            file,
+        )
     pictures.of_bodies(simulated, proved, folder / "bodies.png")
     yield Figure("Error of the marks by body, all rows.", "bodies.png")
-
-
-def _p(probability: float) -> str:
-    return f"{probability:.3f}" if probability >= 1e-3 else f"{probability:.0e}"

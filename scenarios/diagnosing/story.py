@@ -6,7 +6,7 @@ from bench.proof import Proof
 from scenarios.diagnosing import springs
 from scenarios.diagnosing.finding import MICRO, Finding, channel_of
 from scenarios.diagnosing.schema import Called
-from scenarios.diagnosing.units import label, span
+from scenarios.diagnosing.units import chance, label, span
 from stiffness.diagnosis.remarks import SCATTER
 
 
@@ -78,7 +78,7 @@ def _named(called: Called) -> str:
     shown = f": {', '.join(sizes)}" if sizes else ""
     text = (
         f"What: {called.effect} at {called.where}, probability "
-        f"{_probability(called.probability)}{shown}."
+        f"{chance(called.probability)}{shown}."
     )
     if called.equivalents:
         others = [f"{e.effect} at {e.where}" for e in called.equivalents[:3]]
@@ -119,10 +119,6 @@ def _proved(proof: Proof) -> Iterator[str]:
     )
     if low <= 0.0:
         yield "The gain's interval holds zero: the poses kept back do not prove it."
-
-
-def _probability(p: float) -> str:
-    return "above 0.999" if p > 0.999 else f"{p:.3f}"
 
 
 def _list(words) -> str:

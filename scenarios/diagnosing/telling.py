@@ -8,7 +8,7 @@ from rich.table import Table
 
 from scenarios.diagnosing import story
 from scenarios.diagnosing.finding import Finding
-from scenarios.diagnosing.units import label, span
+from scenarios.diagnosing.units import chance, label, span
 
 
 def tell(console: Console, finding: Finding, notes: tuple[str, ...], out: Path) -> None:
@@ -18,13 +18,16 @@ def tell(console: Console, finding: Finding, notes: tuple[str, ...], out: Path) 
     told = finding.answer
     if told.named:
         table = Table(title="Named", title_justify="left")
-        for column in ("effect", "where", "probability", "parameters", "or"):
+        columns = ["effect", "where", "probability", "parameters"]
+        if any(n.equivalents for n in told.named):
+            columns.append("would do as well")
+        for column in columns:
             table.add_column(column)
         for n in told.named:
             sizes = [f"{label(k)} {span(k, p)}" for k, p in n.parameters.items()]
             others = ", ".join(f"{e.effect}@{e.where}" for e in n.equivalents[:3])
-            sure, what = f"{n.probability:.3f}", "\n".join(sizes)
-            table.add_row(*map(escape, (n.effect, n.where, sure, what, others)))
+            cells = (n.effect, n.where, chance(n.probability), "\n".join(sizes), others)
+            table.add_row(*map(escape, cells[: len(columns)]))
         console.print(table)
     for note in notes:
         console.print(f"Note: {note}", markup=False, highlight=False)

@@ -72,6 +72,13 @@ def _whole(name: str, interval: Interval) -> str:
     return str(round(here))
 
 
+def chance(probability: float) -> str:
+    """Return a probability without digits that nobody can stand for."""
+    if probability < 1e-3:
+        return "below 0.001"
+    return f"{probability:.3f}" if probability <= 0.999 else "above 0.999"
+
+
 def unit_of(name: str) -> tuple[str, float]:
     """Return the unit of a parameter, and its size in SI units, by its name."""
     if name.startswith("phase"):
