@@ -30,6 +30,7 @@ from scenarios.importing.lag import Lag, lag_between, said
 from scenarios.importing.mapping import Extras, mapping_of
 from scenarios.importing.rests import plateaus_of
 from scenarios.nominal import arm_of, facts_of
+from scenarios.one_pose import said_of_one_pose
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def main(settings: Settings) -> Recording:
         print(line)
     for name, lag in lags.items():
         print(f"Lag of {name} behind the axes: {said(lag)}.")
-    for note in notes:
+    for note in (*notes, *said_of_one_pose(recording)):
         print(f"Note: {note}")
     return recording
 

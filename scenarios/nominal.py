@@ -10,6 +10,7 @@ from bench.format.samples import CSV_FILE, PARQUET_FILE
 from bench.model_facts import ModelFacts
 from bench.model_file import load, plain_mjcf
 from bench.recording import Recording
+from scenarios.one_pose import said_of_one_pose
 from stiffness.arm import Arm
 
 
@@ -52,5 +53,5 @@ def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
     )
     in_text = (folder / CSV_FILE).exists()
     place = Place(CSV_FILE if in_text else PARQUET_FILE, in_text)
-    notes = (*notes, *said_of_repeats(place, recording))
-    return shown, arm.for_recording(recording), notes
+    told = (*said_of_repeats(place, recording), *said_of_one_pose(recording))
+    return shown, arm.for_recording(recording), (*notes, *told)

@@ -313,6 +313,37 @@ def test_a_stream_becomes_plateaus_where_it_rests(lab):
     assert np.all(np.abs(recording.frames - 100) <= 2)
 
 
+@pytest.mark.parametrize(
+    ("poses", "more", "says"),
+    [
+        ("1", "", "where the arm stopped, add [rests] to the mapping"),
+        ("1", "a1_link_deg", "give each motion a number of its own"),
+        ("12", "", ""),
+        ("1", "[rests]", ""),
+    ],
+)
+def test_a_stream_that_is_one_pose_says_what_to_do(lab, capsys, poses, more, says):
+    """A diagnosis counts poses; motions that have their numbers stay a stream."""
+    time = np.arange(0, 8, 0.02)
+    rows = [
+        f"{t / 60};{poses[k * len(poses) // len(time)]};{np.degrees(moves(t))};"
+        f"0;0;0;0;0;0;0;{np.cos(moves(t))};0;0;{np.degrees(moves(t))};;;"
+        for k, t in enumerate(time)
+    ]
+    mapping = MAPPING.replace("plateaus", "stream")
+    if more == "[rests]":
+        mapping += "[rests]\nspeed_deg_per_s = 0.5\nhold_s = 1.0\n"
+    elif more:
+        mapping = mapping.replace("[columns]", f'[columns]\n{more} = "A"')
+        mapping = mapping.replace("p_x_mm", "#").replace("p_y_mm", "#")
+        mapping = mapping.replace("p_z_mm", "#").split("[markers.p]")[0]
+    recording = imported(lab([r.replace(".", ",") for r in rows], mapping))
+    assert len(np.unique(recording.pose)) == (3 if more == "[rests]" else len(poses))
+    said = [s for s in capsys.readouterr().out.splitlines() if "one pose" in s]
+    assert [s.startswith("Note: all 400 instants") for s in said] == [True] * bool(says)
+    assert says in "".join(said)
+
+
 def test_a_lag_between_clocks_is_found_to_a_part_of_a_sample():
     fast, slow = np.arange(0, 20, 0.004), np.arange(0.3, 19, 0.01)
     angle = np.sin(2 * fast) * np.sin(0.7 * fast) ** 2
