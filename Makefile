@@ -66,7 +66,11 @@ format: $(STAMP)
 	'$(BIN)/ruff' format .
 
 view: $(STAMP)
-	@test -f $(STUDY)/study.rrd || { echo 'No recording yet: make study' >&2; exit 1; }
+	@test -f $(STUDY)/study.rrd || { echo 'No recording yet: make study' >&2; exit 2; }
+	@test "$$(uname)" != Linux || test -n "$$DISPLAY$$WAYLAND_DISPLAY$$WAYLAND_SOCKET" || { \
+		echo 'There is no display here. Copy $(STUDY)/study.rrd to a computer with one;' >&2; \
+		echo "there: pip install $$(grep ^rerun-sdk== constraints.txt)" >&2; \
+		echo '       rerun study.rrd' >&2; exit 2; }
 	'$(BIN)/rerun' $(STUDY)/study.rrd
 
 clean:
