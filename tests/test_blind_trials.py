@@ -511,6 +511,12 @@ def test_finished_trials_are_kept_and_reported(finished, monkeypatch, capsys):
     assert (summary["bars"][0]["trials"], summary["bars"][0]["met"]) == (2, True)
     for name in ("report.html", "report.md", "confusion.csv", "confusion.png"):
         assert (folder / name).stat().st_size > 0
+    told = (folder / "report.md").read_text()
+    assert "No trial speaks against a bar." in told
+    assert (
+        "| null_nuisance | nothing there, but instruments at their worst | 1 |" in told
+    )
+    assert "|---|\n\n" not in told
     assert digest(finished[0].file("answers", finished[1][0]).read_bytes()) == before
     assert "met    detected: null and null_nuisance: 0/2" in capsys.readouterr().out
 

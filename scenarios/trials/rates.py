@@ -19,6 +19,17 @@ from stiffness.intervals import share
 
 MARKS = ("detected", "place_first", "right", "exact", "whole_set", "wrong_name")
 MARKS += ("abstains", "told_apart", "declared")
+MEANINGS = (
+    "Detected: a difference was reported. Place first: the first place that was said "
+    "is that of a true effect. Right: every true name was given or declared to do as "
+    "well. Exact: the names given are the true ones. Whole set: each name given stands "
+    "for a true one, none is missing. Wrong name: a name was given that is neither "
+    "true nor declares it. Abstains: a difference, but no name. Told apart: the true "
+    "name, and no other kind of memory beside it. Declared: the true name is given or "
+    "declared, or nothing is named. χ²: how large an effect is in the instruments' "
+    "squared sigmas, after springs took on what they can."
+)
+"""What marks say; see `Score`."""
 COVERAGE, GAIN, SECONDS = (0.90, 0.98), 0.90, 3.0
 """Bars of intervals, of the held-out gain and of the time of one answer."""
 

@@ -8,12 +8,17 @@ from pathlib import Path
 from scenarios.reporting import page, table
 from scenarios.reporting.style import save
 from scenarios.trials import figures
-from scenarios.trials.rates import MARKS, Rate, bars, by_stratum, failures, wrong
+from scenarios.trials.rates import (
+    MARKS,
+    Rate,
+    bars,
+    by_stratum,
+    failures,
+    wrong,
+)
 from scenarios.trials.score import Score
+from scenarios.trials.shown import of_probabilities, said, tables_of
 from scenarios.trials.tables import calibration, confusion
-
-SHOWN = 60
-"""Failures that the page lists; all are in summary.json and trials.csv."""
 
 
 def write(out: Path, scores: Sequence[Score], facts: dict[str, object]) -> None:
@@ -36,20 +41,23 @@ def write(out: Path, scores: Sequence[Score], facts: dict[str, object]) -> None:
     text = json.dumps(summary, indent=2, ensure_ascii=False)
     (out / "summary.json").write_text(text + "\n", encoding="utf-8")
     table.write(out / "trials.csv", [_row(s) for s in scores])
-    blocks = _blocks(scores, rates)
+    blocks = tables_of(scores, rates)
     if matrix:
         table.write(out / "confusion.csv", matrix)
         save(figures.confusion(matrix), out / "confusion.png")
         blocks.append(
             page.Figure(
-                "What is true (rows) and what was said (columns).", "confusion.png"
+                "What is true (rows) and what was said (columns): trials with one "
+                "effect or none, of several names the first. Orange: the true name; "
+                "grey: no name; red: another name first, which may declare the true "
+                "one. Darker: more of the row.",
+                "confusion.png",
             )
         )
     if calibrated:
         table.write(out / "calibration.csv", calibrated)
         save(figures.calibration(calibrated), out / "calibration.png")
-        caption = "How often a statement is true against its stated probability."
-        blocks.append(page.Figure(caption, "calibration.png"))
+        blocks += of_probabilities(calibrated)
     page.write(out, "Blind trials", _headline(scores, rates), blocks)
 
 
@@ -62,58 +70,13 @@ def _headline(scores: Sequence[Score], rates: Sequence[Rate]) -> str:
     )
 
 
-def _blocks(scores: Sequence[Score], rates: Sequence[Rate]) -> list[page.Block]:
-    bad = failures(scores)
-    listed = [
-        (s.label, ", ".join(s.truth) or "nothing", _said(s), ", ".join(wrong(s)))
-        for s in bad[:SHOWN]
-    ]
-    more = f", the first {SHOWN} of {len(bad)}" if len(bad) > SHOWN else ""
-    strata = [
-        [str(row["stratum"]), *(str(row[k]) for k in ("trials", *MARKS, "failed"))]
-        for row in by_stratum(scores)
-    ]
-    return [
-        page.Heading("Failures first"),
-        page.Table(
-            f"Every trial that speaks against a bar{more}.",
-            ("trial", "truth", "answer", "against"),
-            listed,
-        ),
-        page.Heading("Bars"),
-        page.Table(
-            "Shares of trials with Clopper and Pearson's 95 % interval.",
-            ("what", "bar", "trials", "share", "interval", "met"),
-            [_cells(r) for r in rates],
-        ),
-        page.Heading("Kinds of trials"),
-        page.Table(
-            "How many trials of each kind got each mark.",
-            ("kind", "trials", *(m.replace("_", " ") for m in MARKS), "failed"),
-            strata,
-        ),
-    ]
-
-
-def _cells(r: Rate) -> tuple[str, ...]:
-    if r.value is None or r.low is None or r.high is None:
-        return (r.what, r.bar, "0", "–", "–", "–")
-    interval = f"{r.low:.1%} to {r.high:.1%}"
-    met = "yes" if r.met else "no"
-    return (r.what, r.bar, str(r.trials), f"{r.value:.1%}", interval, met)
-
-
-def _said(s: Score) -> str:
-    return s.failed or f"{s.verdict}: {', '.join(s.named) or 'no name'}"
-
-
 def _entry(s: Score) -> dict[str, object]:
     return {
         "trial": s.label,
         "name": s.name,
         "truth": s.truth,
         "chi2": s.chi2,
-        "answer": _said(s),
+        "answer": said(s),
         "against": wrong(s),
     }
 

@@ -30,6 +30,12 @@ class Stratum:
     path: str = ""
     known: bool = True
 
+    @property
+    def said(self) -> str:
+        """What is there, and how large it is at least."""
+        least = " and ".join(f"{size:.0f}" for size in self.least)
+        return f"{self.what}, χ² {least} or more" if least else self.what
+
 
 STRATA = {
     stratum.name: stratum
