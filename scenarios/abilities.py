@@ -7,7 +7,7 @@ import numpy as np
 
 from bench.errors import Unusable
 from bench.recording import UNLOADING, Recording
-from scenarios.axis_view import SMALL_TORQUE, AxisView, alike
+from scenarios.axis_view import SMALL_TORQUE, SMALL_TRAVEL, AxisView, alike
 from scenarios.replicates import replicate_noise
 from stiffness.arm import Arm
 from stiffness.two_encoders.motions import FEWEST, motions_of
@@ -66,7 +66,7 @@ def abilities(
     )
     loaded = r.wrench is not None
     yield Ability(
-        "answer to a load",
+        "how it gives way to a load",
         loaded,
         "the wrench is measured" if loaded else "no wrench: weight is the only load",
         "" if loaded else "a force sensor, fx_n … tz_nm",
@@ -94,7 +94,7 @@ def abilities(
     yield from _of_axes(views, absolute)
     pairs = [f"{a} and {b}" for a, b in alike(r, arm)]
     yield Ability(
-        "which axis gives way",
+        "which of two axes gives way",
         not pairs,
         f"{', '.join(pairs)} move the markers alike"
         if pairs
@@ -129,29 +129,29 @@ def _of_places(r: Recording) -> tuple[str, str]:
 def _of_axes(views: list[AxisView], absolute: bool) -> Iterator[Ability]:
     idle = [v.name for v in views if v.torque < SMALL_TORQUE]
     yield Ability(
-        "compliance of every axis",
+        "how soft each axis is",
         not idle,
-        f"{', '.join(idle)}: torque hardly varies" if idle else "all axes are turned",
+        f"{', '.join(idle)}: torque hardly varies" if idle else "its torque varies",
         "a load whose line of action passes beside these axes" if idle else "",
     )
     hidden = [v.name for v in views if not v.seen]
     yield Ability(
-        "motion of every axis",
+        "how far each axis really turns",
         not hidden,
         f"{', '.join(hidden)}: nothing shows it turn"
         if hidden
-        else "markers or encoders show it",
+        else "each moves a marker, or has an encoder after its gear",
         "a marker beside these axes, beyond them" if hidden else "",
     )
-    still = [v.name for v in views if v.travel < np.radians(1.0)]
+    still = [v.name for v in views if v.travel < SMALL_TRAVEL]
     yield Ability(
-        "errors that vary with an angle",
+        "errors that vary with an axis' angle",
         absolute and not still,
         "displacements are relative"
         if not absolute
-        else f"{', '.join(still)}: never moved"
+        else f"{', '.join(still)}: moved by less than 1°"
         if still
-        else "all axes travel",
+        else "each moves by 1° or more",
         "absolute places"
         if not absolute
         else "poses in which these axes move"

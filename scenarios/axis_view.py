@@ -12,6 +12,8 @@ from stiffness.wrench import wrench_in_base
 SMALL_TORQUE = 1.0
 """N m of change below which an axis' wind-up hardly shows (chosen: a gear of
 1e5 N m/rad then moves a point one metre away by a tracker's 10 µm)."""
+SMALL_TRAVEL = np.radians(1.0)
+"""Range of an angle below which nothing is seen to vary with it; chosen."""
 SMALL_LEVER = 1e-3
 """m per rad below which no marker shows an axis turn (chosen: 1° moves it 17 µm)."""
 

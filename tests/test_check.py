@@ -25,6 +25,7 @@ from scenarios import SAYS, check
 from scenarios.abilities import abilities
 from scenarios.axis_view import alike, axis_views
 from scenarios.command import run
+from scenarios.contents import contents_of
 from scenarios.nominal import arm_of, read_for
 from scenarios.replicates import replicate_noise
 from stiffness.arm import Arm
@@ -78,7 +79,7 @@ def test_markers_on_one_body_leave_places_to_inference(folder, answers):
 
 def test_without_a_wrench_weight_is_the_only_load(folder, answers):
     without("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")(folder)
-    answer = answers()["answer to a load"]
+    answer = answers()["how it gives way to a load"]
     assert not answer.can and "weight" in answer.why
 
 
@@ -90,16 +91,16 @@ def test_without_a_second_visit_the_noise_is_taken_as_stated(folder, answers):
 
 
 def test_an_axis_whose_torque_does_not_vary_is_named(folder, answers):
-    assert answers()["compliance of every axis"].why == "all axes are turned"
+    assert answers()["how soft each axis is"].can
     for column in ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm"):
         for row in range(1, 21):
             cell(row, column, "0")(folder)
-    assert "a1" in answers()["compliance of every axis"].why
+    assert "a1" in answers()["how soft each axis is"].why
 
 
 def test_an_axis_that_moves_no_marker_is_named(folder, answers):
     said('body = "flange"\nposition_mm = [10, 20, 30]', 'body = "link_3"')(folder)
-    why = answers()["motion of every axis"].why
+    why = answers()["how far each axis really turns"].why
     assert why.startswith("a4, a5, a6:")
 
 
@@ -110,7 +111,7 @@ def test_relative_displacements_show_no_geometry_and_no_drift(folder, answers):
     found = answers()
     for question in (
         *("geometry, offsets of encoders", "drift with temperature"),
-        "errors that vary with an angle",
+        "errors that vary with an axis' angle",
     ):
         assert not found[question].can
         assert "relative" in found[question].why
@@ -140,7 +141,7 @@ def test_axes_that_move_the_markers_alike_are_named(folder, arm):
 def test_an_encoder_after_the_gear_shows_its_axis(folder, answers):
     said('body = "flange"\nposition_mm = [10, 20, 30]', 'body = "link_3"')(folder)
     added("a6_link_deg", "5")(folder)
-    assert answers()["motion of every axis"].why.startswith("a4, a5:")
+    assert answers()["how far each axis really turns"].why.startswith("a4, a5:")
 
 
 def test_the_lever_of_a_marker_is_its_distance_from_the_axis(folder, arm):
@@ -179,10 +180,10 @@ def test_replicates_show_the_noise_that_was_put_in(folder):
 def test_contents_names_what_is_there(folder, arm):
     both(added("operator", "x"), added("temperature_c", "21"))(folder)
     recording, _, notes = read_for(folder, arm)
-    contents = dict(check.contents_of(recording))
+    contents = dict(contents_of(recording))
     assert contents["poses"] == "3 in 4 visits, 1 visited again"
     assert contents["load path"] == "0 5 10 5 0 kg in 4 of 4 visits"
-    assert contents["markers on link_3"].startswith("1, 0 of known place")
+    assert contents["markers on link_3"] == "1; places not stated; always seen"
     assert contents["temperature"] == "21.0 to 21.0 °C"
     assert notes == ("samples.csv: column 'operator' left alone.",)
 
@@ -207,6 +208,19 @@ def test_the_command_shows_three_tables_and_ends_with_0(folder):
     assert done.returncode == 0, done.stderr
     for words in ("a small one", "Axes", "What it can show"):
         assert words in done.stdout
+
+
+def test_every_line_of_the_tables_can_be_read_by_itself(folder, arm, answers):
+    """A marker that was missed, places that are stated, and what an axis lacks."""
+    cell(3, "p2_y_mm", "")(folder)
+    recording, _, _ = read_for(folder, arm)
+    contents = dict(contents_of(recording))
+    assert contents["markers on flange"] == "1; places stated; always seen"
+    missed = "1; places not stated; not seen in 5.0% of readings"
+    assert contents["markers on link_3"] == missed
+    assert "0.0100 mm in x, y, z; poses visited" in contents["tracker's noise"]
+    assert answers()["how soft each axis is"].why == "its torque varies"
+    assert answers()["how far each axis really turns"].why.startswith("each moves a")
 
 
 def test_a_mistake_of_the_set_up_is_said_before_the_tables(folder, arm, capsys):
@@ -302,4 +316,4 @@ def test_a_recording_written_again_checks_alike(folder, tmp_path, arm):
     recording, _, _ = read_for(folder, arm)
     write(tmp_path / "again", recording)
     again, _, _ = read_for(tmp_path / "again", arm)
-    assert dict(check.contents_of(again)) == dict(check.contents_of(recording))
+    assert dict(contents_of(again)) == dict(contents_of(recording))
