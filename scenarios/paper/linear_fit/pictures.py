@@ -54,6 +54,7 @@ def stiffness_points(experiment: Experiment, found: LinearFit, file: Path) -> No
         place - 0.2, value, (low, high), fmt="none", ecolor=style.ORANGE, capsize=2
     )
     axes.set_yscale("log")
+    style.plain_log(axes.yaxis)
     axes.set_xticks(place, [p.name.upper() for p in springs])
     axes.set_ylabel("stiffness [kN m/rad]")
     axes.grid(visible=False, axis="x")

@@ -103,8 +103,9 @@ def _errors_table(found: LinearFit, seed: int) -> Table:
         )
     n = found.scores["vjm"][0].n
     return Table(
-        f"Table 2. Errors of the six-spring fit over {n} postures, seed {seed} [mm]; "
-        "the paper's STDE is of signed errors here, Eq. 8 to the letter is of absolute "
+        f"Table 2. Errors of the six-spring fit over {n} postures, seed {seed} [mm]: "
+        "mean absolute (MAE), their standard deviation (STDE), the largest (ME); the "
+        "paper's STDE is of signed errors here, Eq. 8 to the letter is of absolute "
         f"ones. {against_paper(found)}.",
         ("direction", "measure", "ours", "95 % interval", "paper", "floor"),
         rows,

@@ -76,6 +76,7 @@ def figure_08(contenders: Sequence[Contender], file: Path) -> None:
             axes.plot(size, share, color=colour, label=c.name)
         axes.set_xscale("log")
         axes.set_xlim(left=1e-3)
+        style.plain_log(axes.xaxis)
         axes.set_xlabel(f"error in {DIRECTIONS[k].upper()} at most [mm]")
         axes.set_ylabel("share of fresh poses [%]" if k == 0 else "")
     handles = picture.axes[0].get_lines()

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure as Picture
-from matplotlib.ticker import LogLocator, NullLocator
 
 from scenarios.paper.transfer.pooled import MEASURES, pooled
 from scenarios.reporting import style
@@ -57,9 +56,7 @@ def draw(
     lines.set_ylabel("median error [mm]")
     lines.set_yscale("log")
     for chart in (means, lines):
-        chart.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        chart.yaxis.set_major_formatter("{x:g}")
-        chart.yaxis.set_minor_locator(NullLocator())
+        style.plain_log(chart.yaxis)
     style.save(picture, file)
 
 
