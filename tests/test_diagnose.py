@@ -12,6 +12,7 @@ from bench import files, patch
 from bench.effects import EFFECTS
 from bench.errors import BenchError, Unusable
 from bench.patch_effects import Named, effect_of
+from bench.proving.channels import Channel
 from scenarios import diagnose, record
 from scenarios.command import run
 from scenarios.diagnosing import next_experiments, report, steps, story
@@ -244,7 +245,6 @@ def found():
                 "loading_rad": (-1e-5, 1e-5),
                 "unloading_rad": (0.0, 2e-5),
             },
-            2e-5,
         ),
         nominal=Nominal(
             np.array([2e-5, 2e-5, 2e-5, 0.0, 1e-4, 7e-4]),
@@ -335,6 +335,15 @@ def test_story_says_what_where_and_what_stays_open(found, recording):
         "Nothing was proved: why.",
     ):
         assert part in words
+
+
+def test_what_is_left_is_what_the_patched_arm_leaves_where_there_is_one(found):
+    of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
+    channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses)
+    proof: Any = SimpleNamespace(markers=channel, angles=None, held_out=(1, 2))
+    for simulated, left_mm in ((None, 0.03), (proof, 0.02)):
+        told: Any = answer_of(found, simulated, (), 1.0)
+        assert told.unexplained.residual_rms_mm == pytest.approx(left_mm)
 
 
 def test_story_of_no_mismatch_says_what_would_have_shown(found, recording):

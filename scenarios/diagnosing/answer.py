@@ -63,7 +63,7 @@ def answer_of(
             open_.where,
             open_.signature,
             {k: tuple(map(float, v)) for k, v in open_.law.items()},
-            number(open_.residual_rms, MM),
+            number(_rest(proof, found.residual_rms), MM),
         ),
         confounded=tuple((_at(a), _at(b)) for a, b in d.confounded),
         warnings=tuple(Remark(w.code, w.where, w.text) for w in d.warnings),
@@ -97,6 +97,11 @@ def proved(proof: Proof | None) -> Proved | None:
 def number(value: float, unit: float = 1.0) -> Number:
     """Return a finite number in a unit, or None."""
     return float(value) * unit if math.isfinite(value) else None
+
+
+def _rest(proof: Proof | None, nominal: float) -> float:
+    """Return what the best arm that there is leaves of the readings, in m."""
+    return nominal if proof is None or proof.markers is None else proof.markers.after
 
 
 def _of_channel(c: Channel, unit: float, name: str) -> dict[str, object]:

@@ -63,7 +63,7 @@ class Other(msgspec.Struct, frozen=True):
 
 
 class Left(msgspec.Struct, frozen=True):
-    """What stays open."""
+    """What stays open, and what is left by the patched arm, else by the nominal."""
 
     where: str
     signature: str

@@ -25,7 +25,6 @@ from stiffness.diagnosis.judge import (
     probability_of,
     rivals_of,
 )
-from stiffness.diagnosis.misfit import misfit_of
 from stiffness.diagnosis.naming import Named
 from stiffness.diagnosis.own_leftover import alone
 from stiffness.diagnosis.places import places_of_map, places_of_names
@@ -89,7 +88,7 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
         located = tuple(sure_places + [one for one in mapped if one.where not in known])
     unexplained = None
     if verdict != "explained":
-        unexplained = _unexplained(case, prepared, last, named, bool(sure), located)
+        unexplained = _unexplained(case, last, named, bool(sure), located)
         words = [unexplained.signature] if unexplained.signature else []
         words += [f"what explains it best differs between {kind}" for kind in between]
         unexplained = replace(unexplained, signature="; ".join(dict.fromkeys(words)))
@@ -108,7 +107,6 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
 
 def _unexplained(
     case: Case,
-    prepared: Prepared,
     last: Found,
     named: Named,
     some: bool,
@@ -130,7 +128,7 @@ def _unexplained(
             f"poses differ {np.sqrt(last.dispersion):.1f} times as much as the stated "
             "errors, along no law of one axis' torque, angle or time"
         )
-    return Unexplained(where, "; ".join(words), law, misfit_of(prepared, case).rms)
+    return Unexplained(where, "; ".join(words), law)
 
 
 def nominal_of(

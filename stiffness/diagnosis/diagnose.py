@@ -184,7 +184,7 @@ def _stopped(
 ) -> Diagnosis:
     """Name no effect while a mistake of the set-up stands."""
     detection = Detection(SMALLEST, np.nan, np.nan, np.nan)
-    where = Unexplained(mistakes[0].where, mistakes[0].text, {}, np.nan)
+    where = Unexplained(mistakes[0].where, mistakes[0].text, {})
     return Diagnosis(
         recording.name,
         "unexplained",

@@ -111,13 +111,11 @@ class Unexplained:
         law: Extra turn of the axis against torque, learnt from the data: torque in N m,
             turn in rad while loading and while unloading; empty where none holds at
             poses left out.
-        residual_rms: In m.
     """
 
     where: str
     signature: str
     law: Mapping[str, tuple[float, ...]]
-    residual_rms: float
 
 
 @dataclass(frozen=True)

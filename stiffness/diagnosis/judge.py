@@ -13,7 +13,7 @@ from stiffness.diagnosis.diagnosis import Name, Rival
 from stiffness.diagnosis.member import Member
 from stiffness.diagnosis.naming import ALIKE, Named
 from stiffness.diagnosis.own_leftover import CONTRADICTS
-from stiffness.diagnosis.scored import MARGIN, Scored
+from stiffness.diagnosis.scored import Scored, is_clear
 from stiffness.diagnosis.uneven import Uneven
 
 SURE = 0.95
@@ -142,9 +142,7 @@ def equivalents(
 def _predicts_worse(rival: Scored, best: Scored) -> bool:
     """Return whether a rival predicts poses left out clearly worse."""
     gap = best.predicted - rival.predicted
-    gap = gap[gap != 0.0]
-    error = np.std(gap, ddof=1) / np.sqrt(len(gap)) if len(gap) > 1 else 0.0
-    return bool(np.sum(gap) > ALIKE and np.mean(gap) > MARGIN * error)
+    return bool(np.sum(gap) > ALIKE) and is_clear(gap)
 
 
 def probability_of(

@@ -87,6 +87,16 @@ def score(case: Case, members: Sequence[Member]) -> Scored:
     return Scored(fit, evidence + prior, predicted, tuple(parameters), tuple(zero))
 
 
+def is_clear(gain: Float[np.ndarray, " poses"]) -> bool:
+    """Return whether poses gain by more than chance.
+
+    Poses that gain nothing at all say nothing.
+    """
+    gain = gain[gain != 0.0]
+    error = np.std(gain, ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else 0.0
+    return bool(np.sum(gain) > MARGIN * error * len(gain))
+
+
 def earns(before: Scored, after: Scored, seed: int) -> bool:
     """Return whether a larger set predicts unseen poses clearly better.
 

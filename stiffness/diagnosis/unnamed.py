@@ -19,7 +19,7 @@ from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.evidence import evidence_of
 from stiffness.diagnosis.member import held_out_gain, solve, training
 from stiffness.diagnosis.residual_map import KNOTS, hats
-from stiffness.diagnosis.scored import MARGIN
+from stiffness.diagnosis.scored import is_clear
 from stiffness.diagnosis.signature import Signature, Turn
 
 EVEN = 0.3
@@ -60,10 +60,10 @@ def law_of(
         held_out_gain(case.data, [*known, *law], case.split)[~case.split.held_out]
         for law in ((), (plain,), (looped,))
     )
-    if _clear(double - single):
+    if is_clear(double - single):
         fit = _fitted(case, known, looped)
         mean, half = fit[:width], fit[width:]
-    elif _clear(single - without):
+    elif is_clear(single - without):
         mean, half = _fitted(case, known, plain), np.zeros(width)
     else:
         return {}, ""
@@ -72,11 +72,6 @@ def law_of(
         "loading_rad": tuple(float(v) for v in mean + half),
         "unloading_rad": tuple(float(v) for v in mean - half),
     }, _look(at, mean - np.interp(0.0, at, mean), half)
-
-
-def _clear(gain: Float[np.ndarray, " poses"]) -> bool:
-    """Return whether poses left out gain by more than chance."""
-    return bool(np.mean(gain) > MARGIN * np.std(gain, ddof=1) / np.sqrt(len(gain)))
 
 
 def _fitted(
