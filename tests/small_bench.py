@@ -1,0 +1,53 @@
+"""A KR10 on the bench in forty poses, true springs harder than its model's."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+from bench.effects.parse import parse_all
+from bench.experiment import record
+from bench.instruments import Instruments
+from bench.instruments.markers import Markers
+from bench.instruments.tracker import Tracker
+from bench.model_file import load, plain_mjcf
+from bench.recording import Recording
+from bench.rig import Rig
+from bench.table_one import plan
+from stiffness.arm import Arm
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.diagnosis import Diagnosis
+from stiffness.diagnosis.hypotheses.bearing_tilt import BearingTilt
+from stiffness.diagnosis.hypotheses.encoder_offset import EncoderOffset
+from stiffness.diagnosis.hypotheses.hardening import Hardening
+from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
+from stiffness.diagnosis.prepare import Prepared, prepare
+
+MODEL = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
+SOFTER = 1.6  # true stiffness over the model's, so that the silent fit has work to do
+FEW = (Hardening(), Hysteresis(), BearingTilt(), EncoderOffset())
+
+
+@cache
+def arm() -> Arm:
+    return Arm.from_mjcf_text(plain_mjcf(load(MODEL)))
+
+
+@cache
+def recording(*effects: str, poses: int = 40, seed: int = 1) -> Recording:
+    stiffness = load(MODEL).jnt_stiffness * SOFTER
+    rig = Rig(MODEL, stiffness=stiffness)
+    rig = replace(rig, effects=parse_all(effects, rig.nominal))
+    instruments = Instruments(
+        tracker=Tracker(occlusions=0.02), markers=Markers(placement=5e-4)
+    )
+    return record(rig, plan(poses=poses), instruments, seed=seed)
+
+
+@cache
+def prepared(*effects: str) -> Prepared:
+    return prepare(recording(*effects), arm())
+
+
+@cache
+def diagnosis(*effects: str) -> Diagnosis:
+    return diagnose(recording(*effects), arm(), FEW)

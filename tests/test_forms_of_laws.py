@@ -1,0 +1,104 @@
+"""A law comes back under its name, whatever form it has and whatever it leaves."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import hypothesis_truth as truth
+import numpy as np
+import pytest
+from small_bench import FEW, arm, prepared, recording
+
+from bench.recording import Recording
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.hypotheses.base_compliance import BaseCompliance
+from stiffness.diagnosis.hypotheses.base_tilt import BaseTilt
+from stiffness.diagnosis.hypotheses.creep import Creep
+from stiffness.diagnosis.hypotheses.gravity_load import GravityLoad
+from stiffness.diagnosis.hypotheses.hardening import Hardening
+from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
+from stiffness.diagnosis.hypotheses.lost_motion import LostMotion
+from stiffness.diagnosis.hypotheses.transmission_error import TransmissionError
+from stiffness.diagnosis.signature import Signature, rotate, turn
+
+GEAR = (Hardening(), LostMotion(), Hysteresis(), Creep())
+
+
+def with_law(axis: int, law: Callable[[np.ndarray], np.ndarray]) -> Recording:
+    """Add a turn of an axis, a law of its torque along each visit, (visits, steps)."""
+    made, ready = recording(), prepared()
+    situation = ready.situation
+    path = situation.torque[situation.steps, axis]
+    moved = truth.moved(situation, turn(axis, situation.from_steps(law(path))))
+    assert made.points is not None
+    return replace(
+        made, points=made.points + moved[..., 0] @ ready.frames.transform[:3, :3]
+    )
+
+
+def test_gear_that_errs_with_two_harmonics_of_its_turn_is_named_as_one():
+    """Two and five periods a turn; one law alone would leave the other at its place."""
+    made, ready = recording(), prepared()
+    q = made.posture[:, 1]
+    error = 2e-4 * np.sin(2.0 * q + 0.4) + 1.5e-4 * np.sin(5.0 * q - 1.0)
+    moved = truth.moved(ready.situation, turn(1, error))[..., 0]
+    assert made.points is not None
+    seen = made.points + moved @ ready.frames.transform[:3, :3]
+    found = diagnose(replace(made, points=seen), arm(), (*FEW, TransmissionError()))
+    assert found.verdict == "explained"
+    (named,) = found.named
+    assert (named.name.effect, named.name.where) == ("transmission_error", "a2")
+
+
+def dahl(torque: np.ndarray) -> np.ndarray:
+    """Return the lag of a Dahl contact at rest at each visit's first reading."""
+    state, lag = np.zeros(len(torque)), [np.zeros(len(torque))]
+    for step in range(1, torque.shape[1]):
+        change = torque[:, step] - torque[:, step - 1]
+        side = np.sign(change)
+        state = side + (state - side) * np.exp(-np.abs(change) / 15.0)
+        lag.append(state)
+    return -1e-4 * np.stack(lag, axis=1)
+
+
+@pytest.mark.parametrize(
+    ("law", "name"),
+    [
+        (dahl, "hysteresis"),
+        (lambda torque: 3e-4 * np.tanh(torque / 35.0), "hardening"),
+        (lambda torque: 1e-4 * np.tanh(torque / 1.0), "lost_motion"),
+    ],
+    ids=["Dahl's contact", "a hyperbolic tangent", "a smooth dead zone"],
+)
+def test_law_of_another_form_comes_back_under_the_same_name(law, name):
+    found = diagnose(with_law(1, law), arm(), GEAR)
+    assert [(e.name.effect, e.name.where) for e in found.named] == [(name, "a2")]
+    assert found.verdict == "explained"
+
+
+def test_mass_of_some_kilograms_is_sized_with_the_springs_that_it_leaves():
+    found = diagnose(
+        recording("gravity_load@link_3,mass_kg=6,com_x_m=0.2"),
+        arm(),
+        (*FEW, GravityLoad()),
+    )
+    [one] = found.named
+    assert (one.name.effect, one.name.where) == ("gravity_load", "link_3")
+    mass = one.parameters["mass_kg"]
+    half = 0.5 * (mass.high - mass.low)
+    assert abs(mass.estimate - 6.0) < 2.0 * half < 0.6
+
+
+def test_base_whose_springs_stand_askew_is_a_base_that_gives_way():
+    """Soft about one level direction between x and y, hard about the other."""
+    made, ready = recording(), prepared()
+    moment = ready.situation.moment[:, 0]
+    soft = np.array([0.6, 0.8, 0.0])
+    rotation = 6e-7 * soft * (moment @ soft)[:, None]
+    tip = rotate(0, rotation[:, :, None], np.zeros_like(moment))
+    moved = truth.moved(ready.situation, Signature(1, (tip,)))[..., 0]
+    assert made.points is not None
+    points = made.points + moved @ ready.frames.transform[:3, :3]
+    names = (*FEW, BaseTilt(), BaseCompliance())
+    found = diagnose(replace(made, points=points), arm(), names)
+    assert [e.name.effect for e in found.named] == ["base_compliance"]
+    assert found.verdict == "explained"
