@@ -188,3 +188,18 @@ def test_decades_are_told_in_plain_numbers_that_do_not_touch(ends):
     assert len(said) > 1
     boxes = [t.get_window_extent() for t in said]
     assert all(a.x1 < b.x0 for a, b in pairwise(boxes))
+
+
+def test_numbers_stand_at_the_right_and_words_at_the_left(tmp_path):
+    rows = [
+        ["a1", "-1.5 µrad (-2 to -1)", "may be chance", ""],
+        ["a2", "–", "9 poses\N{EM DASH}no", ""],
+    ]
+    shown = Table(
+        "Some.", ["axis", "size", "why", "none"], [*rows, ["a3", "", "x", ""]]
+    )
+    page.write(tmp_path, "Title", "Summary.", [shown])
+    text = (tmp_path / "report.html").read_text()
+    sides = re.findall(r'<th class="(\w+)">', text)
+    assert sides == ["left", "right", "left", "left"]
+    assert re.findall(r'<td class="(\w+)">', text) == 3 * sides

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from scenarios.calibrating.proof import RESAMPLES, Proof, rms
+from scenarios.diagnosing.units import label
 from stiffness.calibration.calibrated import Calibrated
 from stiffness.calibration.growing import growing
 from stiffness.calibration.stance import Stance
@@ -78,7 +79,8 @@ def remains_of(found: Calibrated, proof: Proof) -> Remains:
     ]
     words += [
         f"{s.key[0]} at {s.key[1]} would help ({s.gain / s.error:.1f} standard errors) "
-        f"with {s.parameters[0]} beyond what such a mechanism can have: not named"
+        f"with a {label(s.parameters[0])} beyond what such a mechanism can have: "
+        "not named"
         for s in odd
     ]
     stance = Stance.of(readings, found.drawn)

@@ -56,7 +56,13 @@ def _what(finding: Finding) -> Iterator[Block]:
             ]
             for x in answer.located
         ]
-        header = ["place", "share", "p-value", "depends on", "strongest"]
+        header = [
+            "place",
+            "share of what differs",
+            "p-value",
+            "depends on",
+            "strongest",
+        ]
         yield Table("Where arm and model differ, strongest first.", header, rows)
     if not answer.named:
         return

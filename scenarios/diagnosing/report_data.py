@@ -21,7 +21,13 @@ def data(finding: Finding) -> Iterator[Block]:
         rows = list(
             springs.rows(finding.diagnosis.nominal, finding.recording.slides or ())
         )
-        header = ["axis", "stiffness [kN m/rad]", "one sigma", "the model's", "of it"]
+        header = [
+            "axis",
+            "stiffness [kN m/rad]",
+            "one sigma",
+            "model's [kN m/rad]",
+            "ratio",
+        ]
         yield Table("Springs that were fitted silently.", header, rows)
     if finding.diagnosis.doubtful:
         worst = sorted(finding.diagnosis.doubtful, key=lambda x: -x[2])[:10]
@@ -46,12 +52,12 @@ def data(finding: Finding) -> Iterator[Block]:
             ]
             for n in answer.next_experiments
         ]
-        header = ["pose [°]", "load [kg]", "why", "log Bayes factor"]
+        header = ["pose [°]", "load [kg]", "why", "tells (log Bayes factor)"]
         yield Table("What to measure next.", header, rows)
     rows_, poses = len(recording.time), len(np.unique(recording.pose))
     yield Paragraph(
         f"{rows_} rows in {poses} poses; {len(finding.diagnosis.held_out)} poses were "
-        f"kept back before anything was fitted. {answer.seconds:.1f} s."
+        f"kept back before anything was fitted. It took {answer.seconds:.1f} s."
     )
 
 

@@ -28,7 +28,7 @@ def proof(finding: Finding, folder: Path) -> Iterator[Block]:
         "the poses kept back was done again with the wrenches that were read there. "
         f"Springs, frames and marks were fitted on the other poses, for both. {means}"
     )
-    header = ["channel", "before", "after", "stated noise", "gain", "95 %"]
+    header = ["channel", "before", "after", "stated noise", "gain", "95 % interval"]
     rows = []
     for name, one, word in (
         ("marks", proof.markers, "µm"),
@@ -40,7 +40,8 @@ def proof(finding: Finding, folder: Path) -> Iterator[Block]:
             span = f"{MICRO * one.low:.1f} to {MICRO * one.high:.1f}"
             rows.append([name, *values, span])
     caption = (
-        f"Rms over {len(proof.held_out)} poses kept back; interval by BCa bootstrap."
+        f"Rms over {len(proof.held_out)} poses kept back; interval of the gain by "
+        "BCa bootstrap over poses."
     )
     yield Table(caption, header, rows)
     pictures.of_poses(channel, unit, folder / "poses.png")
@@ -63,22 +64,24 @@ def doubts(finding: Finding) -> Iterator[Block]:
     fakes = [t for t in trials if t.kind in ("placebo", "taken_out")]
     if left or fakes:
         yield Heading("For the sceptic")
-    header = ["tried", f"before [{unit}]", f"after [{unit}]", "poses"]
     if left:
         yield Table(
-            "Left out of the fit of springs and patch, and judged by it.",
-            header,
+            "Left out of the fit of springs and patch, and judged by it: rms error.",
+            ["left out", f"before [{unit}]", f"after [{unit}]", "poses"],
             [_trial(t) for t in left],
         )
     if fakes:
         yield Table(
-            "Placebos: the patch at a neighbour should not help, and without the "
-            "effect the error should come back (read: without, with).",
-            header,
+            "Placebos: rms error without and with each effect, all others in place. As "
+            "named it should help, at a neighbour it should not.",
+            ["effect", f"without it [{unit}]", f"with it [{unit}]", "poses"],
             [_trial(t) for t in fakes],
         )
 
 
 def _trial(trial: Trial) -> list[str]:
     before, after = MICRO * trial.before, MICRO * trial.after
-    return [trial.what, f"{before:.1f}", f"{after:.1f}", str(trial.poses)]
+    what = trial.what
+    if trial.kind == "taken_out":
+        what = f"{what.removeprefix('without ')}, as named"
+    return [what, f"{before:.1f}", f"{after:.1f}", str(trial.poses)]

@@ -14,14 +14,18 @@ SIGMAS = 3.0
 def rows(nominal: Nominal, slides: tuple[bool, ...]) -> Iterator[list[str]]:
     """Yield axis, stiffness, its standard error, the model's, and their ratio.
 
+    Stiffness is in kN m/rad; of an axis that slides in N/m, which is said.
+
     Args:
         nominal: What was fitted silently.
         slides: Whether each axis slides; none where empty.
     """
     every = zip(nominal.compliance, nominal.sigma, nominal.modelled, strict=True)
     for k, (c, s, m) in enumerate(every):
-        unit = 1.0 if slides and slides[k] else 1e-3
-        stiffness, model = (f"{unit / x:.4g}" if x > 0.0 else "rigid" for x in (c, m))
+        unit, word = (1.0, " N/m") if slides and slides[k] else (1e-3, "")
+        stiffness, model = (
+            f"{unit / x:.4g}{word}" if x > 0.0 else "rigid" for x in (c, m)
+        )
         known = f"{s / c:.1%}" if c > 0.0 and s > 0.0 else ""
         if f"a{k + 1}" in nominal.blind:
             known = "not seen"

@@ -14,6 +14,8 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, select_autoescape
 
 TEMPLATES = Path(__file__).parent
+NUMBER = re.compile(r"[<>≤≥+−-]? ?\d|–$")
+"""How a cell begins that holds a number, or says that there is none."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,7 @@ def write(folder: Path, title: str, summary: str, blocks: Sequence[Block]) -> No
         lstrip_blocks=True,
     )
     environment.filters["plain"] = _plain
+    environment.globals["side"] = _side
     environment.globals["picture"] = lambda file: _embedded(folder / file)
     for name in ("report.md", "report.html"):
         page = environment.get_template(f"{name}.j2")
@@ -81,6 +84,12 @@ def _plain(text: str) -> str:
     """Return Markdown that shows a text as it stands, on one line."""
     line = html.escape(" ".join(text.split()), quote=False)
     return re.sub(r"([\\`*\[\]|])", r"\\\1", line)
+
+
+def _side(table: Table, column: int) -> str:
+    """Return where cells of a column stand: numbers at the right, words at the left."""
+    cells = [row[column] for row in table.rows if row[column].strip()]
+    return "right" if cells and all(map(NUMBER.match, cells)) else "left"
 
 
 def _embedded(picture: Path) -> str:
