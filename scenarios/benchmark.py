@@ -17,13 +17,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from rich.progress import Progress
-
 from bench.errors import Unusable
 from scenarios.benchmarks import experiment, race, recordings, report, source, springs
 from scenarios.benchmarks.race import Lap, Race
 from scenarios.command import run
 from scenarios.reporting import run_file, table
+from scenarios.reporting.bar import bar
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ def main(settings: Settings) -> tuple[Lap, ...]:
         fault = f"--repeats {settings.repeats}, --poses {settings.poses}: at least 1."
         raise Unusable("Flags", [fault])
     laps: list[Lap] = []
-    with TemporaryDirectory() as folder, Progress(transient=True) as progress:
+    with TemporaryDirectory() as folder, bar() as progress:
         task = progress.add_task("preparing", total=None)
         races, skipped = _races(settings, Path(folder))
         progress.update(task, total=sum(race.runs(r, settings.repeats) for r in races))

@@ -17,11 +17,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-from rich.progress import Progress
-
 from bench.errors import UnknownName, Unusable
 from scenarios.command import run
 from scenarios.reporting import run_file
+from scenarios.reporting.bar import bar
 from scenarios.trials import report
 from scenarios.trials.arms import arm_of
 from scenarios.trials.draw import trials_of
@@ -64,7 +63,7 @@ def main(settings: Settings) -> list[Score]:
     _same_seed(s)
     arm = arm_of(s.arm, s.seed, s.out / "models")
     trials = list(trials_of(s.seed, s.strata, 0, s.trials, arm))
-    with Progress(transient=True) as progress:
+    with bar() as progress:
         task = progress.add_task("concealing, asking", total=len(trials))
         for done in carried_out(sweep, trials):
             progress.update(task, advance=done)

@@ -23,7 +23,6 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import track
 from rich.table import Table
 
 from bench.errors import BenchError
@@ -34,6 +33,7 @@ from scenarios.damaging.in_files import in_files
 from scenarios.damaging.in_meaning import in_meaning
 from scenarios.damaging.in_set_up import in_set_up
 from scenarios.damaging.samples import Samples
+from scenarios.reporting.bar import bar
 from scenarios.watching import Watching
 
 OTHER = Path(__file__).parents[1] / "mjcf" / "ur10" / "ur10.xml"
@@ -80,10 +80,13 @@ def main(settings: Settings) -> Sequence[Outcome]:
     with TemporaryDirectory(prefix="damaged-") as folder:
         good = good_recording(Path(folder) / "good", settings.poses)
         chosen = damages(good, settings.variants, settings.seed)
-        outcomes = [
-            outcome_of(damage, Path(folder) / str(number))
-            for number, damage in enumerate(track(chosen, "diagnosing", transient=True))
-        ]
+        with bar() as progress:
+            outcomes = [
+                outcome_of(damage, Path(folder) / str(number))
+                for number, damage in enumerate(
+                    progress.track(chosen, description="diagnosing")
+                )
+            ]
     console = Console()
     table = Table("shows in the", *WHAT)
     for shows in ("file", "physics"):

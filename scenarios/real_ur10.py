@@ -22,7 +22,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from rich.progress import track
 from scipy.optimize import least_squares
 
 from bench.files import write
@@ -33,6 +32,7 @@ from scenarios.command import run
 from scenarios.nominal import arm_of
 from scenarios.reading.ur10_leica import FILE, recording_of
 from scenarios.reporting import table
+from scenarios.reporting.bar import bar
 from scenarios.reporting.page import Block
 from stiffness.arm import Arm
 from stiffness.frames import kabsch
@@ -71,7 +71,10 @@ def main(settings: Settings) -> Outcome:
     if settings.draws > 0:
         others = range(1, settings.draws + 1)
         rows = redrawn.rows(recording, arm, MODEL, others)
-        drawn = list(track(rows, "other regions", settings.draws, transient=True))
+        with bar() as progress:
+            drawn = list(
+                progress.track(rows, settings.draws, description="other regions")
+            )
         table.write(settings.out / "draws.csv", drawn)
         more += redrawn.blocks_of(drawn)
     written(settings.out, outcome, more)

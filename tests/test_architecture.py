@@ -59,6 +59,13 @@ def test_only_scenarios_write_to_the_terminal(file):
     assert [name for name in imports(text(file), "") if within(name, ("rich",))] == []
 
 
+def test_bars_are_made_in_one_place():
+    """Where it is seen to that they are quiet in a pipe, and vanish."""
+    makers = {"rich.progress.Progress", "rich.progress.track"}
+    made = [f for f in SOURCES if makers & set(imports(text(f)))]
+    assert made == ["scenarios/reporting/bar.py"]
+
+
 @pytest.mark.slow
 def test_importing_every_method_leaves_mujoco_out_of_the_process():
     """Nor does a noun bring the truth along."""

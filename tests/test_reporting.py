@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Picture
 
 from scenarios.reporting import page, run_file, style, table
+from scenarios.reporting.bar import bar
 from scenarios.reporting.page import Figure, Heading, Paragraph, Table
 
 NASTY = '<script>alert("x")</script> & <img src=x onerror=y> "\' {{ 7 * 7 }}'
@@ -203,3 +204,9 @@ def test_numbers_stand_at_the_right_and_words_at_the_left(tmp_path):
     sides = re.findall(r'<th class="(\w+)">', text)
     assert sides == ["left", "right", "left", "left"]
     assert re.findall(r'<td class="(\w+)">', text) == 3 * sides
+
+
+def test_a_bar_writes_nothing_where_nobody_watches(capfd):
+    with bar() as progress:
+        assert list(progress.track([1, 2, 3])) == [1, 2, 3]
+    assert capfd.readouterr() == ("", "")

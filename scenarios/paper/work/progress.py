@@ -5,7 +5,6 @@ from pathlib import Path
 
 from rich.progress import (
     BarColumn,
-    Progress,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -13,6 +12,7 @@ from rich.progress import (
 
 from scenarios.paper.material import Material
 from scenarios.paper.work.cells import Cell, Result, results
+from scenarios.reporting.bar import bar
 
 
 def swept(
@@ -41,7 +41,7 @@ def swept(
         TimeElapsedColumn(),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, transient=True) as progress:
+    with bar(*columns) as progress:
         total = sum(cell.cost for cell in cells)
         task = progress.add_task(f"{len(cells)} cells", total=total)
         left = len(cells)
