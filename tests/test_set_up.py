@@ -13,6 +13,7 @@ from stiffness.arm import Arm
 from stiffness.diagnosis import mixed_markers
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.other_columns import of_columns
+from stiffness.diagnosis.other_readings import of_angles
 from stiffness.diagnosis.set_up import mistakes_of_set_up
 
 ROOT = Path(__file__).parents[1]
@@ -102,6 +103,23 @@ def turned(factor: float) -> Mistake:
     return lambda r: replace(r, posture=r.posture * factor)
 
 
+def one_turned(axis: int, factor: float) -> Mistake:
+    scale = np.where(np.arange(6) == axis, factor, 1.0)
+    return lambda r: replace(r, posture=r.posture * scale)
+
+
+def one_seen(marker: int, coordinates: list[int], factor: float) -> Mistake:
+    """Give columns of one marker in another unit than the rest."""
+
+    def change(r: Recording) -> Recording:
+        assert r.points is not None
+        points = r.points.copy()
+        points[:, marker, coordinates] *= factor
+        return replace(r, points=points)
+
+    return change
+
+
 def pulled(*factors: float) -> Mistake:
     def change(r: Recording) -> Recording:
         assert r.wrench is not None
@@ -162,6 +180,13 @@ MISTAKES: dict[str, tuple[Mistake, list[tuple[str, str]]]] = {
     "µm for mm": (seen(np.eye(3) * 1e3), [("units", "tracker")]),
     "radians for degrees": (turned(np.pi / 180), [("units", "axes")]),
     "degrees for radians": (turned(180 / np.pi), [("units", "axes")]),
+    "a1 in radians": (one_turned(0, np.pi / 180), [("units", "a1")]),
+    "a5 in radians": (one_turned(4, np.pi / 180), [("units", "a5")]),
+    "a3 for radians": (one_turned(2, 180 / np.pi), [("units", "a3")]),
+    "one x in m": (one_seen(-1, [0], 1e-3), [("units", "tracker")]),
+    "one y, z in m": (one_seen(-2, [1, 2], 1e-3), [("units", "tracker")]),
+    "one marker in m": (one_seen(-3, [0, 1, 2], 1e-3), [("units", "tracker")]),
+    "one z for m": (one_seen(-1, [2], 1e3), [("units", "tracker")]),
     "wrench reversed": (pulled(-1, -1), [("wrench_sign", "wrench_sensor")]),
     "kN for N": (pulled(1e-3, 1e-3), [("units", "wrench_sensor")]),
     "mN for N": (pulled(1e3, 1e3), [("units", "wrench_sensor")]),
@@ -194,12 +219,46 @@ def test_a_mistake_is_said_in_so_many_words(name, cell):
 
 @pytest.mark.parametrize("change", [unplaced, unframed])
 @pytest.mark.parametrize(
-    "name", ["a3 reversed", "y mirrored", "m for mm", "wrench reversed"]
+    "name",
+    [
+        *("a3 reversed", "y mirrored", "m for mm", "wrench reversed"),
+        *("a5 in radians", "one x in m", "one marker in m"),
+    ],
 )
 def test_it_is_said_without_stated_places_or_frame_too(name, change, cell):
     recording, arm = cell
     mistake, expected = MISTAKES[name]
     assert said(mistake(change(recording)), arm) == expected
+
+
+def test_a_column_in_another_unit_is_named_and_each_other_one_too(cell):
+    recording, arm = cell
+    three = one_seen(-2, [1, 2], 1e-3)(one_seen(-1, [0], 1e-3)(recording))
+    last, other = recording.markers[-1].name, recording.markers[-2].name
+    texts = [w.text for w in mistakes_of_set_up(three, arm)]
+    assert [t.split(":")[0] for t in texts] == [
+        f"{other}_y_mm, {other}_z_mm",
+        f"{last}_x_mm",
+    ]
+    assert all("given in m where mm are expected" in t for t in texts)
+
+
+def test_one_target_alone_tells_which_of_its_columns_is_in_another_unit(cell):
+    recording, arm = cell
+    assert recording.points is not None
+    last = replace(recording.markers[-1], position=None)
+    alone = replace(recording, markers=(last,), points=recording.points[:, -1:])
+    assert said(alone, arm) == []
+    (told,) = mistakes_of_set_up(one_seen(0, [1], 1e-3)(alone), arm)
+    assert told.text.startswith(f"{last.name}_y_mm: given in m")
+
+
+def test_an_axis_that_hardly_moves_is_in_no_other_unit():
+    """A small angle times 57 would pass for an offset, which an arm may have."""
+    posture = np.full((20, 6), 0.1) + np.linspace(0.0, 1e-4, 20)[:, None]
+    others = of_angles(posture, np.zeros(6, dtype=bool))
+    doubted = {o.warned.where for o in others if o.warned.code == "units"}
+    assert doubted == {"axes"}
 
 
 def relative(r: Recording) -> Recording:

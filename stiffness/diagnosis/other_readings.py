@@ -65,17 +65,7 @@ def of_angles(posture: np.ndarray, slides: np.ndarray) -> Iterator[Angles]:
             text = f"the axes look out of order: they fit when read as {said}."
             yield Angles(Warned("axis_order", "a1", text), _ordered(order))
     turning = np.flatnonzero(~slides).tolist()
-    for factor, words in (
-        (180 / np.pi, "radians where degrees are expected"),
-        (np.pi / 180, "degrees that were taken for radians"),
-    ):
-        text = f"axis angles look like {words}: they fit times {factor:.4g}."
-        yield Angles(Warned("units", "axes", text), _scaled(axes, turning, factor))
-    sliding = np.flatnonzero(slides).tolist()
-    for factor, words in ((1e3, "m where mm are expected"), (1e-3, "µm, not mm")):
-        if sliding:
-            text = f"axes that slide look given in {words}: they fit times {factor:g}."
-            yield Angles(Warned("units", "axes", text), _scaled(axes, sliding, factor))
+    yield from _in_units(travel, turning, np.flatnonzero(slides).tolist())
     for k in turning:
         for offset in OFFSETS:
             text = (
@@ -85,6 +75,35 @@ def of_angles(posture: np.ndarray, slides: np.ndarray) -> Iterator[Angles]:
             yield Angles(
                 Warned("axis_zero", f"a{k + 1}", text), _shifted(k, np.radians(offset))
             )
+
+
+def _in_units(
+    travel: np.ndarray, turning: list[int], sliding: list[int]
+) -> Iterator[Angles]:
+    """List in which units all axes may be meant, or one unlike the others."""
+    axes = range(len(travel))
+    for factor, words in (
+        (180 / np.pi, "radians where degrees are expected"),
+        (np.pi / 180, "degrees that were taken for radians"),
+    ):
+        text = f"axis angles look like {words}: they fit times {factor:.4g}."
+        yield Angles(Warned("units", "axes", text), _scaled(axes, turning, factor))
+    for k in turning:
+        for factor, words in (
+            (180 / np.pi, "its radians were taken for degrees"),
+            (np.pi / 180, "its degrees were taken for radians"),
+        ):
+            if travel[k] * abs(factor - 1.0) > TRAVEL:
+                text = (
+                    f"a{k + 1} looks as if {words}, unlike the others: it fits times "
+                    f"{factor:.4g}. Check the unit in the mapping or the file."
+                )
+                one = _scaled(axes, [k], factor)
+                yield Angles(Warned("units", f"a{k + 1}", text), one)
+    for factor, words in ((1e3, "m where mm are expected"), (1e-3, "µm, not mm")):
+        if sliding:
+            text = f"axes that slide look given in {words}: they fit times {factor:g}."
+            yield Angles(Warned("units", "axes", text), _scaled(axes, sliding, factor))
 
 
 def of_signs(posture: np.ndarray) -> Iterator[tuple[tuple[Warned, ...], np.ndarray]]:

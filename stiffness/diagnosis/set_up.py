@@ -20,6 +20,7 @@ from stiffness.arm import Arm
 from stiffness.diagnosis.diagnosis import Warned
 from stiffness.diagnosis.first_frames import quickly_seated, seated
 from stiffness.diagnosis.mixed_markers import mixed_markers
+from stiffness.diagnosis.odd_units import odd_units
 from stiffness.diagnosis.other_readings import of_angles, of_signs
 from stiffness.diagnosis.other_sights import less_is_stated, of_sight
 from stiffness.diagnosis.set_up_loads import mistakes_of_loads
@@ -56,8 +57,9 @@ def mistakes_of_set_up(recording: Recording, arm: Arm) -> Told:
         return ()
     told: Told = ()
     if recording.displacement == "absolute":
-        mixed = mixed_markers(recording, arm)
-        told = tuple(m.warned for m in mixed if m.sure)
+        told = odd_units(recording, arm)
+        mixed = () if told else mixed_markers(recording, arm)
+        told = told or tuple(m.warned for m in mixed if m.sure)
         told = told or _mistakes_of_places(
             recording, arm, tuple(m.warned for m in mixed)
         )
