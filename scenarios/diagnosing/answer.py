@@ -83,10 +83,8 @@ def proved(proof: Proof | None) -> Proved | None:
     if proof is None or (proof.markers is None and proof.angles is None):
         return None
     entry: dict[str, object] = {}
-    for channel, unit, name in (
-        (proof.markers, MM, "mm"),
-        (proof.angles, URAD, "urad"),
-    ):
+    channels = ((proof.markers, MM, "mm"), (proof.angles, URAD, "urad"))
+    for channel, unit, name in channels:
         if channel is not None:
             entry |= _of_channel(channel, unit, name)
     return msgspec.convert(
@@ -122,9 +120,8 @@ def _called(named: NamedEffect) -> Called:
     if "with" in parameters:  # a number of an axis, but a name in the vocabulary
         partner = f"a{round(named.parameters['with'].estimate)}"
         parameters["with"] = Interval(partner, partner, partner)
-    for name, value in named.settings.items():
-        if isinstance(value, str):
-            parameters[name] = Interval(value, value, value)
+    words = {k: v for k, v in named.settings.items() if isinstance(v, str)}
+    parameters |= {k: Interval(v, v, v) for k, v in words.items()}
     if named.name.effect == "gravity_load":
         parameters = _with_mass(parameters)
     return Called(
