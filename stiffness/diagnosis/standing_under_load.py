@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 from bench.recording import Recording
 from stiffness.arm import Arm
 from stiffness.diagnosis.situation import Situation
+from stiffness.diagnosis.tare import tared
 from stiffness.diagnosis.visits import held_at_mean
 from stiffness.equilibrium import equilibrium
 from stiffness.standing import Standing
@@ -97,7 +98,7 @@ def _rest(
         rest = equilibrium(arm, rest, compliance, payload=recording.tool)
         return rest, np.zeros((len(rest), 6))
     spec = recording.wrench_sensor
-    wrench = wrench_in_base(recording, arm.at(rest))
+    wrench = _felt(recording, arm.at(rest))
     for _ in range(2):  # the sensor turns with the flange: by 1e-3, then by 1e-6
         rest = equilibrium(
             arm,
@@ -108,8 +109,14 @@ def _rest(
             recording.tool,
             spec.body,
         )
-        wrench = wrench_in_base(recording, arm.at(rest))
+        wrench = _felt(recording, arm.at(rest))
     return rest, wrench
+
+
+def _felt(recording: Recording, standing: Standing) -> Float[np.ndarray, "rows 6"]:
+    """Return the wrench along the base's axes, without what is noise alone."""
+    _, axes = _sensor(recording, standing)
+    return tared(recording, wrench_in_base(recording, standing), axes)
 
 
 def _sensor(recording: Recording, standing: Standing) -> tuple[np.ndarray, np.ndarray]:
