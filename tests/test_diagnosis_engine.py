@@ -24,9 +24,12 @@ from stiffness.diagnosis.judge import equivalents, posterior
 from stiffness.diagnosis.member import Member, fit_set
 from stiffness.diagnosis.naming import Named
 from stiffness.diagnosis.prepare import prepare
+from stiffness.diagnosis.scatter import Scatter
 from stiffness.diagnosis.scored import earns, score
 from stiffness.diagnosis.sets import Ranked
 from stiffness.diagnosis.uneven import unevenness
+
+CALM = Scatter(1.0, 0.01, 0.0, MISSTATED)
 
 
 def test_nothing_there_is_no_mismatch():
@@ -147,7 +150,7 @@ def _none() -> Ranked:
 
 def _nothing() -> Found:
     tested = sign_flips([np.ones((60, 1)) / np.sqrt(60)], seed=1)
-    return Found(tested, 1, 0, (), ("a1",), 1.0, 60, MISSTATED)
+    return Found(tested, 1, 0, (), ("a1",), 1.0, 60, CALM)
 
 
 def test_few_poses_that_all_gain_are_no_proof_and_eight_are():
@@ -227,7 +230,9 @@ def test_poses_that_differ_wildly_are_a_mismatch_though_signs_average_out():
     assert tested.p_value > ALARM
 
     def p_value(dispersion: float, wild: float) -> float:
-        return Found(tested, 1, 0, (), ("a1",), dispersion, 60, wild).p_value
+        return Found(
+            tested, 1, 0, (), ("a1",), dispersion, 60, replace(CALM, wild=wild)
+        ).p_value
 
     assert p_value(1.0, MISSTATED) == tested.p_value
     assert p_value(4.0, MISSTATED) > ALARM

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from stiffness.diagnosis import flips
-from stiffness.diagnosis.detect import Found
+from stiffness.diagnosis.detect import MEASURED, Found
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.member import Member, SetFit
 from stiffness.diagnosis.own_leftover import CONTRADICTS, is_own
+from stiffness.diagnosis.scatter import Scatter
 
+CALM = Scatter(1.0, 0.01, 0.0, MEASURED)
 STRONG = 1e5
 """Whitened square that the named law explains."""
 
@@ -35,7 +37,7 @@ def _left(where: str, captured: float, p_value: float) -> Found:
     """Return a test of two blocks, of which the second captures something."""
     count, p = np.array([0.0, captured]), np.array([1.0, p_value])
     tested = flips.Tested(count, np.zeros(2), count, p, p)
-    return Found(tested, 2, 0, (), ("a5", where), 1.0, 100, 1.5)
+    return Found(tested, 2, 0, (), ("a5", where), 1.0, 100, CALM)
 
 
 def _named_at(where: str) -> SetFit:

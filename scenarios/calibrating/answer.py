@@ -60,7 +60,7 @@ def answer_of(
     first, last = found.at_first, found.at_last
     p_value = min(1.0, rejected, 2.0 * min(first.p_value, proof.p_value))
     something = p_value < ALPHA or proof.gain[1] > 0.0
-    names = found.named if something else ()
+    names = found.named if proof.gain[1] > 0.0 else ()
     if not something:
         verdict = "no_mismatch"
     elif not names:

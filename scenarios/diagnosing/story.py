@@ -117,7 +117,9 @@ def _proved(proof: Proof) -> Iterator[str]:
         f"stated noise alone leaves {noise:.1f} {unit}. Gain {gain:.1f} {unit} "
         f"({low:.1f} to {high:.1f})."
     )
-    if low <= 0.0:
+    if high < 0.0:
+        yield "On the poses kept back the patch makes it worse."
+    elif low <= 0.0:
         yield "The gain's interval holds zero: the poses kept back do not prove it."
 
 

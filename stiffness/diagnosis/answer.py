@@ -88,6 +88,8 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
         located = tuple(sure_places + [one for one in mapped if one.where not in known])
     unexplained = None
     if verdict != "explained":
+        if loose := _loose(case, found, last):
+            located = (*located, *loose) if sure else (*loose, *located)
         unexplained = _unexplained(case, last, named, bool(sure), located)
         words = [unexplained.signature] if unexplained.signature else []
         words += [f"what explains it best differs between {kind}" for kind in between]
@@ -115,6 +117,8 @@ def _unexplained(
     where = left_over(last)
     if not some and located:
         where = located[0].where
+    loose = _loose(case, last, last)
+    where = loose[0].where if loose else where
     known = list(case.nominal)
     if some:
         known += [m.signature(case.situation) for m in named.best.fit.members]
@@ -123,12 +127,29 @@ def _unexplained(
     depends = next((one.depends_on for one in located if one.where == where), ())
     if depends:
         words.append("depends on " + ", ".join(depends))
-    if not words and last.dispersion > last.wild:
+    if loose:
+        words.append("against its body, from pose to pose")
+    if not words and last.scatters:
+        words.append(
+            f"readings scatter {np.sqrt(last.scatter.dispersion):.1f} times as much as "
+            "their errors, along no law of one axis' torque, angle or time"
+        )
+    if not words and last.dispersion > last.scatter.wild:
         words.append(
             f"poses differ {np.sqrt(last.dispersion):.1f} times as much as the stated "
             "errors, along no law of one axis' torque, angle or time"
         )
     return Unexplained(where, "; ".join(words), law)
+
+
+def _loose(case: Case, found: Found, last: Found) -> tuple[Located, ...]:
+    """Return the marker that moves against its body, where one does."""
+    marker = last.scatter.marker if last.scatters else None
+    if marker is None:
+        return ()
+    name = f"marker:{case.situation.recording.markers[marker].name}"
+    share = last.scatter.markers[marker].excess / max(found.excess, 1e-12)
+    return (Located(name, last.p_value, min(share, 1.0), ("angle",), ""),)
 
 
 def nominal_of(

@@ -16,6 +16,7 @@ from stiffness.diagnosis.flips import (
     white_scores,
 )
 from stiffness.diagnosis.library import Library
+from stiffness.diagnosis.scatter import Scatter
 
 ALARM = 0.005
 """p-value below which there is a mismatch; the rule of the answer."""
@@ -31,6 +32,9 @@ changes from pose to pose; this is what it leaves."""
 MEASURED = 1.5
 """The same where the noise is not only stated but measured; chosen: recordings of
 nothing have 0.7 to 1.1."""
+SCATTERED = 1.3
+"""Variance of readings over that of their errors that is still taken for noise, where
+it is measured; chosen: recordings of nothing have 0.6 to 1.13."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +54,7 @@ class Found:
         dispersion: Mean square of white scores of the map: noise variance over the
             stated one if nothing is there.
         poses: How many poses that is the mean of.
-        wild: Dispersion up to which errors may be misstated.
+        scatter: Of the readings themselves.
     """
 
     tested: Tested
@@ -60,14 +64,32 @@ class Found:
     where: tuple[str, ...]
     dispersion: float
     poses: int
-    wild: float
+    scatter: Scatter
 
     @property
     def p_value(self) -> float:
-        """Return the p-value of the recording: of any block, or of wild poses."""
-        over = self.dispersion / self.wild
+        """Return the p-value: of any block, of wild poses, or of wild readings."""
+        over = self.dispersion / self.scatter.wild
         beyond = float(chi2.sf(self.poses * over, self.poses))
+        beyond = min(beyond, self.scatter.p_value(self.calm))
         return min(self.tested.p_value, max(beyond, SMALLEST))
+
+    @property
+    def calm(self) -> float:
+        """Return the scatter of readings that is still taken for noise."""
+        wild = self.scatter.wild
+        return SCATTERED if wild == MEASURED else wild
+
+    @property
+    def excess(self) -> float:
+        """Return the whitened square that errors do not make: the map's, or all."""
+        of_map = float(self.tested.captured[-1] - self.tested.freedom[-1])
+        return max(of_map, self.scatter.excess) if self.scatters else of_map
+
+    @property
+    def scatters(self) -> bool:
+        """Return whether readings surely scatter by more than noise does."""
+        return self.scatter.p_value(self.calm) < ALARM
 
     @property
     def strongest(self) -> int:
@@ -89,7 +111,7 @@ def detect(
     known: Int[np.ndarray, " known"],
     poses: np.ndarray,
     seed: int,
-    wild: float,
+    scatter: Scatter,
 ) -> Found:
     """Test every candidate and the map beyond known columns.
 
@@ -100,7 +122,7 @@ def detect(
         known: Columns that may explain for free.
         poses: Mask of the poses to look at.
         seed: Of the random signs.
-        wild: Dispersion up to which errors may be misstated.
+        scatter: Of the readings.
     """
     share = np.bincount(evidence.fold[poses], minlength=len(evidence.gram)) > 0
     gram = evidence.gram[share].sum(axis=0)
@@ -125,4 +147,6 @@ def detect(
         "",
     )
     count = int(poses.sum())
-    return Found(tested, len(own), len(parts), places, where, dispersion, count, wild)
+    return Found(
+        tested, len(own), len(parts), places, where, dispersion, count, scatter
+    )

@@ -38,6 +38,7 @@ from stiffness.diagnosis.misfit import misfit_of
 from stiffness.diagnosis.naming import Named, name
 from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.remarks import remarks, scattered
+from stiffness.diagnosis.scatter import scatter_of
 from stiffness.diagnosis.set_up import mistakes_of_set_up
 from stiffness.diagnosis.split import seed_of, split_of
 from stiffness.diagnosis.steady import steadied
@@ -79,7 +80,7 @@ def diagnose(
         nominal,
         everyone,
         case.seed,
-        case.wild,
+        scatter_of(case.data, case.wild),
     )
     detection = _detection(prepared, case, found)
     ids = np.unique(recording.pose)

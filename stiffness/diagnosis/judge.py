@@ -60,7 +60,7 @@ def _contradicted_by_what_is_left(named: Named, gains: Sequence[float]) -> list[
     if left.p_value >= ALARM:
         return [False] * len(gains)
     excess = left.tested.captured - left.tested.freedom
-    dwarfed = [float(excess[-1]) > DWARFS * gain for gain in gains]  # the whole map
+    dwarfed = [left.excess > DWARFS * gain for gain in gains]
     if left.tested.p_value >= ALARM:  # poses differ, but not along any law
         return dwarfed
     at = left.strongest

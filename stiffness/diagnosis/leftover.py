@@ -13,6 +13,7 @@ from stiffness.diagnosis.evidence import Evidence, evidence_of, projected
 from stiffness.diagnosis.library import Library
 from stiffness.diagnosis.member import Member, SetFit
 from stiffness.diagnosis.refine import shape_columns
+from stiffness.diagnosis.scatter import scatter_of
 from stiffness.diagnosis.signature import Signature
 
 
@@ -35,7 +36,8 @@ def what_is_left(case: Case, fit: SetFit) -> Found:
     library = _moved(case.library, count, named)
     mask = ~case.split.held_out
     known = np.arange(count)
-    return detect(library, joint, score, known, mask, case.seed + 1, case.wild)
+    scatter = scatter_of(after.data, case.wild)
+    return detect(library, joint, score, known, mask, case.seed + 1, scatter)
 
 
 @dataclass(frozen=True)

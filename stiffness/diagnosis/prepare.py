@@ -17,6 +17,7 @@ from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.first_fit import BLIND, first_fit, residuals_of
 from stiffness.diagnosis.outliers import checked
 from stiffness.diagnosis.readings import Frames, bodies_of, rigid_groups
+from stiffness.diagnosis.shapes_kept import with_shapes
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.standing_under_load import situation_of
 from stiffness.diagnosis.visits import visits_of
@@ -76,13 +77,23 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
     situation = replace(situation, tracker=start.frames.transform)
     visits = visits_of(situation.visit, situation.pose)
     readings = residuals_of(situation, start.frames)
+    groups = rigid_groups(recording, body)
     check = checked(
         visits,
         readings.value,
         readings.point,
         readings.weight,
         readings.inverse,
-        rigid_groups(recording, body),
+        groups,
+    )
+    turns = [arm.at(situation.rest).turn(m.body) for m in recording.markers]
+    check = with_shapes(
+        check,
+        readings.value,
+        np.stack(turns, axis=1),
+        start.frames.place,
+        readings.inverse,
+        groups,
     )
     readings = replace(
         readings, weight=check.weight, inverse=readings.inverse / check.noise**2

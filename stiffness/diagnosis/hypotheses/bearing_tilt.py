@@ -6,7 +6,8 @@ Equation    rotation = u x (x . M_c) + v y (y . M_c) about c = o + h z, M_c = M_
             out by q: centre - q, for its guide stays
 Source      Klimchik et al. 2011: diagonal 6 x 6 joint compliance
 Valid       small tilts; a bearing whose centre of tilt is on the axis
-Ignores     radial and axial give
+Ignores     radial and axial give; what couples the two turns of a bearing whose soft
+            direction lies between x and y (its variant)
 ==========  ==========================================================================
 """
 
@@ -19,7 +20,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.signature import NOTHING, Signature, rotate
+from stiffness.diagnosis.signature import Signature, rotate
 from stiffness.diagnosis.situation import Situation
 
 
@@ -50,23 +51,18 @@ class BearingTilt(Hypothesis):
     def signature(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        place = situation.axis(where) + 1
-        seat = situation.seat[:, place]
-        along = np.full(situation.rows, shape[0])
-        if situation.arm.slides[place - 1]:  # its guide stays where it is
-            along -= situation.recording.posture[:, place - 1]
-        arm = along[:, None] * seat[:, :, 2]
-        centre = situation.origin[:, place] + arm
-        moment = situation.moment[:, place] - np.cross(arm, situation.force[:, place])
-        across = seat[:, :, :2]  # (rows, 3, 2)
-        rotation = across * np.einsum("rij,ri->rj", across, moment)[:, None, :]
-        return Signature(2, (rotate(place, rotation, centre),))
+        seat, moment, centre = _across(situation, where, shape[0])
+        rotation = seat * np.einsum("rij,ri->rj", seat, moment)[:, None, :]
+        return Signature(2, (rotate(situation.axis(where) + 1, rotation, centre),))
 
     @override
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        return NOTHING
+        seat, moment, centre = _across(situation, where, shape[0])
+        about = np.einsum("rij,ri->rj", seat, moment)[:, ::-1]
+        askew = np.einsum("rij,rj->ri", seat, about)[:, :, None]
+        return Signature(1, (rotate(situation.axis(where) + 1, askew, centre),))
 
     @override
     def parameters(
@@ -78,3 +74,21 @@ class BearingTilt(Hypothesis):
     ) -> Mapping[str, float]:
         u, v = coefficients
         return {"u_rad_per_nm": u, "v_rad_per_nm": v, "centre_m": shape[0]}
+
+
+def _across(
+    situation: Situation, where: str, centre: float
+) -> tuple[
+    Float[np.ndarray, "rows 3 2"],
+    Float[np.ndarray, "rows 3"],
+    Float[np.ndarray, "rows 3"],
+]:
+    """Return a seat's two directions, the moment about its centre, and the centre."""
+    place = situation.axis(where) + 1
+    seat = situation.seat[:, place]
+    along = np.full(situation.rows, centre)
+    if situation.arm.slides[place - 1]:  # its guide stays where it is
+        along -= situation.recording.posture[:, place - 1]
+    arm = along[:, None] * seat[:, :, 2]
+    moment = situation.moment[:, place] - np.cross(arm, situation.force[:, place])
+    return seat[:, :, :2], moment, situation.origin[:, place] + arm
