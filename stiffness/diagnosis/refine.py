@@ -2,8 +2,8 @@
 
 ==========  ==========================================================================
 Equation    gain(shape) on nine points between the neighbours of the coarse best, and
-            the top of the parabola through the best three; twice, the other parameters
-            held
+            the top of the parabola through the best three; then once more within a step
+            of these; the other parameters held
 Source      variable projection (Golub & Pereyra 1973): amplitudes solved at each shape
 Valid       one hump between neighbours of the coarse grid
 Ignores     shapes beyond the grid's ends
@@ -13,6 +13,7 @@ Ignores     shapes beyond the grid's ends
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.evidence import evidence_of, without
@@ -21,6 +22,8 @@ from stiffness.diagnosis.signature import Signature, values, with_values
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import Split
 
+TRIES = 9
+"""Values that are tried at once."""
 WHOLE = ("with", "settled")
 """Shape parameters that count something and have nothing in between."""
 
@@ -51,21 +54,15 @@ def _along(data, situation, nominal, at, grid, split) -> Member:
     """Return a member with one shape parameter at its best between grid neighbours."""
     members, k, j, sweep = at
     member = members[k]
-    here = float(member.shape[j])
-    points = np.unique(grid[:, j])
-    below, above = points[points < here - 1e-12], points[points > here + 1e-12]
-    low = below[-1] if len(below) else here
-    high = above[0] if len(above) else here
-    if sweep:
-        low, high = here - (here - low) / 4, here + (high - here) / 4
-    tries = np.linspace(low, high, 9)
-    if high - low < 1e-12 * max(1.0, abs(here)):
+    factor = member.hypothesis.shape_names[j] in member.hypothesis.logarithmic
+    tries = tried(float(member.shape[j]), np.unique(grid[:, j]), sweep, factor)
+    if tries[-1] - tries[0] < 1e-12 * max(1.0, abs(tries[0])):
         return member
     others = [m.signature(situation) for i, m in enumerate(members) if i != k]
     shaped = []
     for value in tries:
         shape = member.shape.copy()
-        shape[j] = value
+        shape[j] = np.exp(value) if factor else value
         shaped.append(Member(member.hypothesis, member.where, shape))
     own = [m.signature(situation) for m in shaped]
     evidence = evidence_of(data, [*nominal, *others, *own], training(split))
@@ -89,8 +86,30 @@ def _along(data, situation, nominal, at, grid, split) -> Member:
         if bend < 0:
             value += 0.5 * (a - c) / bend * (tries[1] - tries[0])
     shape = member.shape.copy()
-    shape[j] = value
+    shape[j] = np.exp(value) if factor else value
     return Member(member.hypothesis, member.where, shape)
+
+
+def tried(
+    here: float, grid: Float[np.ndarray, " points"], sweep: int, factor: bool
+) -> Float[np.ndarray, "9"]:
+    """Return values that are tried, or their logarithms where an error is a factor.
+
+    Args:
+        here: The best so far.
+        grid: Coarse values, in order.
+        sweep: 0: between the neighbours of the grid's nearest; later: a step of these
+            to either side.
+        factor: Whether an error is a factor.
+    """
+    if factor:
+        here, grid = float(np.log(here)), np.log(grid)
+    nearest = int(np.argmin(np.abs(grid - here)))
+    low, high = grid[max(nearest - 1, 0)], grid[min(nearest + 1, len(grid) - 1)]
+    if sweep:
+        step = (high - low) / (TRIES - 1)
+        low, high = max(low, here - step), min(high, here + step)
+    return np.linspace(low, high, TRIES)
 
 
 def shape_columns(
