@@ -18,6 +18,7 @@ from bench.recording import Recording
 from stiffness.arm import Arm
 from stiffness.diagnosis.diagnosis import Warned
 from stiffness.diagnosis.first_frames import quickly_seated
+from stiffness.diagnosis.readings import Frames
 from stiffness.diagnosis.sight import Sight
 
 OFF = 30.0
@@ -27,6 +28,9 @@ BETTER = 5.0
 """Factor by which the other unit must fit better; chosen, as in `set_up`."""
 GROSS = 0.03
 """Misfit over the arm's range that the other unit may leave; chosen, as in `set_up`."""
+SMALL = 0.003
+"""Misfit over the arm's range below which a marker is where it should be; chosen: a
+tenth of the gross one, what a badly calibrated arm has."""
 MOST = (0.05, 0.95)
 """Quantiles between which a column's range is taken: a glint has no say; chosen."""
 VISITS = 30
@@ -59,6 +63,8 @@ def odd_units(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
         again = True
         while again:  # the frame fits better with each column that is put right
             again = False
+            frames = quickly_seated(sight)[0]
+            left = [m for m in left if _away(sight, m, frames) > SMALL * way]
             for m in [m for m in left if m not in found]:
                 columns = _better(sight, m, np.flatnonzero(odd[m]), factor, way)
                 if columns:
@@ -103,8 +109,12 @@ def _subsets(odd: list[int]) -> Iterator[tuple[int, ...]]:
 
 
 def _left(sight: Sight, m: int) -> float:
-    """Return the rms misfit of one marker, its own place being free, in m."""
-    frames, _ = quickly_seated(sight)
+    """Return the rms misfit of one marker, all frames fitted anew, in m."""
+    return _away(sight, m, quickly_seated(sight)[0])
+
+
+def _away(sight: Sight, m: int, frames: Frames) -> float:
+    """Return the rms misfit of one marker, its own place free if unknown, in m."""
     seen = np.isfinite(sight.y[:, m]).all(axis=1)
     point = sight.y[seen, m] @ frames.turn.T + frames.shift - sight.origin[seen, m]
     inside = np.einsum("vji,vj->vi", sight.turned[seen, m], point)
