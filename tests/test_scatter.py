@@ -67,6 +67,18 @@ def test_a_mark_that_sags_is_a_mismatch_at_that_mark_and_has_no_name():
     assert found.located[0].where == "marker:flange_b"
 
 
+def test_a_marker_alone_goes_where_its_body_goes():
+    """What is left of it is the arm's, or the tracker's."""
+    made = sagging(recording(), "flange_b")
+    k = [marker.name for marker in made.markers].index("flange_b")
+    assert made.points is not None
+    alone = replace(made, markers=(made.markers[k],), points=made.points[:, [k]])
+    case = case_of(prepare(alone, arm()), FEW)
+    found = scatter_of(case.data, case.wild)
+    assert found.markers[0].excess > 0.0
+    assert found.marker is None
+
+
 def test_few_poses_do_not_tell_scatter_from_chance():
     made = recording()
     some = made.take(np.flatnonzero(made.pose < np.unique(made.pose)[15]))

@@ -22,6 +22,8 @@ from scipy.stats import norm
 
 from stiffness.diagnosis.data import Data
 
+WITNESSES = 2
+"""Other markers of a body that tell which one moves; chosen: three of them."""
 FEWEST = 20
 """Poses from which scatter is judged; chosen."""
 
@@ -36,6 +38,7 @@ class Scatter:
         excess: Whitened square beyond the errors.
         wild: Dispersion of poses along laws up to which errors may be misstated.
         markers: The same of each marker's means alone; empty where there are none.
+        witnesses: How many other markers a marker's body has.
     """
 
     dispersion: float
@@ -43,6 +46,7 @@ class Scatter:
     excess: float
     wild: float
     markers: tuple["Scatter", ...] = ()
+    witnesses: int = 0
 
     def p_value(self, most: float) -> float:
         """Return the p-value of no dispersion's being more than this."""
@@ -52,10 +56,16 @@ class Scatter:
 
     @property
     def marker(self) -> int | None:
-        """Return which marker has most of the excess; None where none has."""
+        """Return which marker has most of the excess, against the others of its body.
+
+        None where none has: a marker alone goes where its body goes.
+        """
         excess = [marker.excess for marker in self.markers]
-        worst = int(np.argmax(excess)) if excess else 0
-        return worst if excess and 2.0 * excess[worst] > sum(excess) else None
+        if not excess:
+            return None
+        worst = int(np.argmax(excess))
+        seen = self.markers[worst].witnesses >= WITNESSES
+        return worst if seen and 2.0 * excess[worst] > sum(excess) else None
 
 
 def scatter_of(data: Data, wild: float) -> Scatter:
@@ -74,8 +84,11 @@ def scatter_of(data: Data, wild: float) -> Scatter:
     square = np.sum(between.residual.reshape(*seen.shape, 3) ** 2, axis=2)
     share = max(1.0 - data.unknowns / max(3.0 * seen.sum(), 1.0), 0.0)
     freedom = 3.0 * share * seen
+    body = np.unique(between.carries, axis=1, return_inverse=True)[1].ravel()
+    others = np.bincount(body)[body] - 1
     markers = tuple(
-        _of(pose, s, f, wild) for s, f in zip(square.T, freedom.T, strict=True)
+        replace(_of(pose, s, f, wild), witnesses=int(n))
+        for s, f, n in zip(square.T, freedom.T, others, strict=True)
     )
     means = _of(pose, square.sum(axis=1), freedom.sum(axis=1), wild)
     return replace(max(found, means, key=lambda s: s.dispersion), markers=markers)
