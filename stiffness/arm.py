@@ -98,6 +98,12 @@ class Arm:
             arm.place(name)
         return arm
 
+    @property
+    def compliance(self) -> Float[np.ndarray, " axes"]:
+        """The compliance of the model's own springs, in rad/(N m) (m/N); 0 = rigid."""
+        k = self.stiffness
+        return np.divide(1.0, k, out=np.zeros_like(k), where=k > 0.0)
+
     def for_recording(self, recording: Recording) -> "Arm":
         """Return the arm with the axes and body names of a recording.
 

@@ -53,10 +53,8 @@ def fit_springs(
     Raises:
         NotIdentifiable: Where an axis cannot be identified, by name.
     """
-    nominal = np.divide(1.0, arm.stiffness, out=np.zeros_like(arm.stiffness),
-                        where=arm.stiffness > 0.0)  # fmt: skip
     free = [k for k, axis in enumerate(arm.axes) if axis not in held]
-    compliance = np.where([axis in held for axis in arm.axes], nominal, 0.0)
+    compliance = np.where([axis in held for axis in arm.axes], arm.compliance, 0.0)
     cases = data.cases
     count = len(cases)
     commanded = np.concatenate([cases.posture, cases.posture])  # loaded, then not
@@ -81,7 +79,7 @@ def fit_springs(
         compliance[free] += change
         sigma = np.sqrt(np.diag(covariance))
         if step == 0:
-            refuse_if_blind(arm, free, compliance[free], sigma, nominal)
+            refuse_if_blind(arm, free, compliance[free], sigma, arm.compliance)
         rest = commanded + torque * compliance
         if step > 1 and np.all(np.abs(change) < CLOSE_ENOUGH * sigma):
             break
@@ -90,7 +88,9 @@ def fit_springs(
     else:
         raise NotIdentifiable(UNSETTLED)
     solution = least_squares(design, left, data.pose)
-    refuse_if_blind(arm, free, compliance[free], solution.sigma_clustered, nominal)
+    refuse_if_blind(
+        arm, free, compliance[free], solution.sigma_clustered, arm.compliance
+    )
     return compliance, solution
 
 

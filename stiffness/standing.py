@@ -137,6 +137,25 @@ class Standing:
         jacobian = self.jacobian(body, position)
         return np.einsum("cia,ci->ca", jacobian, wrench_in_base)
 
+    def masses(
+        self, payload: Payload | None = None
+    ) -> tuple[
+        list[int], Float[np.ndarray, " masses"], Float[np.ndarray, "masses cases 3"]
+    ]:
+        """Return the masses that the axes carry: their axis, size in kg and place in m.
+
+        Args:
+            payload: A mass mounted on the flange.
+        """
+        chain = self.chain
+        bodies = (self.rotation @ chain.centre[:, None, :, None])[..., 0] + self.origin
+        axes, mass = list(range(len(chain.mass))), chain.mass
+        if payload is not None and payload.mass:
+            bodies = np.concatenate([bodies, self.point("flange", payload.com)[None]])
+            mass = np.append(mass, payload.mass)
+            axes.append(self.place("flange").axis)
+        return axes, mass, bodies
+
     def gravity_torque(
         self, payload: Payload | None = None
     ) -> Float[np.ndarray, "cases axes"]:
@@ -148,12 +167,7 @@ class Standing:
             payload: A mass mounted on the flange.
         """
         chain = self.chain
-        bodies = (self.rotation @ chain.centre[:, None, :, None])[..., 0] + self.origin
-        mass, axes = chain.mass, range(len(chain.mass))
-        if payload is not None and payload.mass:
-            bodies = np.concatenate([bodies, self.point("flange", payload.com)[None]])
-            mass = np.append(mass, payload.mass)
-            axes = [*axes, self.place("flange").axis]
+        axes, mass, bodies = self.masses(payload)
         carried = np.zeros((len(self.origin), len(mass)))  # by each axis, of each body
         for body, axis in enumerate(axes):
             carried[chain.carriers(axis), body] = mass[body]

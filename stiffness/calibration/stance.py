@@ -88,16 +88,11 @@ class Stance:
     @cached_property
     def moment(self) -> Float[np.ndarray, "axes rows 3"]:
         """Moment of gravity, the tool's too, about each axis' origin, in N m."""
-        standing, chain, tool = self.standing, self.standing.chain, self.readings.tool
-        centre = (standing.rotation @ chain.centre[:, None, :, None])[..., 0]
-        places = centre + standing.origin
-        weights = [*zip(range(len(places)), chain.mass, places, strict=True)]
-        if tool.mass:
-            at = standing.point("flange", tool.com)
-            weights.append((standing.place("flange").axis, tool.mass, at))
+        standing, chain = self.standing, self.standing.chain
+        masses = standing.masses(self.readings.tool)
         moment = np.zeros_like(standing.origin)
-        for body, mass, at in weights:
-            for k in chain.carriers(body):
+        for axis, mass, at in zip(*masses, strict=True):
+            for k in chain.carriers(axis):
                 arm = at - standing.origin[k]
                 moment[k] += np.cross(arm, mass * chain.gravity)
         return moment

@@ -1,5 +1,6 @@
 """The answer says what was named, how surely, and what stays open."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,6 +26,7 @@ from stiffness.diagnosis.judge import (
     probability_of,
     rivals_of,
 )
+from stiffness.diagnosis.member import Member
 from stiffness.diagnosis.naming import Named
 from stiffness.diagnosis.own_leftover import alone
 from stiffness.diagnosis.places import places_of_map, places_of_names
@@ -88,9 +90,11 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
         located = tuple(sure_places + [one for one in mapped if one.where not in known])
     unexplained = None
     if verdict != "explained":
-        if loose := _loose(case, found, last):
-            located = (*located, *loose) if sure else (*loose, *located)
-        unexplained = _unexplained(case, last, named, bool(sure), located)
+        loose = _loose(case, found, last)
+        if loose is not None:
+            located = (*located, loose) if sure else (loose, *located)
+        members = named.best.fit.members if sure else ()
+        unexplained = _unexplained(case, last, members, located, loose)
         words = [unexplained.signature] if unexplained.signature else []
         words += [f"what explains it best differs between {kind}" for kind in between]
         unexplained = replace(unexplained, signature="; ".join(dict.fromkeys(words)))
@@ -110,24 +114,22 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
 def _unexplained(
     case: Case,
     last: Found,
-    named: Named,
-    some: bool,
+    known: Sequence[Member],
     located: tuple[Located, ...],
+    loose: Located | None,
 ) -> Unexplained:
     where = left_over(last)
-    if not some and located:
+    if loose is not None:
+        where = loose.where
+    elif not known and located:
         where = located[0].where
-    loose = _loose(case, last, last)
-    where = loose[0].where if loose else where
-    known = list(case.nominal)
-    if some:
-        known += [m.signature(case.situation) for m in named.best.fit.members]
-    law, look = law_of(case, tuple(known), where)
+    laws = [m.signature(case.situation) for m in known]
+    law, look = law_of(case, (*case.nominal, *laws), where)
     words = [look] if look else []
     depends = next((one.depends_on for one in located if one.where == where), ())
     if depends:
         words.append("depends on " + ", ".join(depends))
-    if loose:
+    if loose is not None:
         words.append("against its body, from pose to pose")
     if not words and last.scatters:
         words.append(
@@ -142,14 +144,14 @@ def _unexplained(
     return Unexplained(where, "; ".join(words), law)
 
 
-def _loose(case: Case, found: Found, last: Found) -> tuple[Located, ...]:
+def _loose(case: Case, found: Found, last: Found) -> Located | None:
     """Return the marker that moves against its body, where one does."""
     marker = last.scatter.marker if last.scatters else None
     if marker is None:
-        return ()
+        return None
     name = f"marker:{case.situation.recording.markers[marker].name}"
     share = last.scatter.markers[marker].excess / max(found.excess, 1e-12)
-    return (Located(name, last.p_value, min(share, 1.0), ("angle",), ""),)
+    return Located(name, last.p_value, min(share, 1.0), ("angle",), "")
 
 
 def nominal_of(
@@ -161,14 +163,10 @@ def nominal_of(
     if prepared.springs:
         compliance[list(prepared.springs)] += springs
         sigma[list(prepared.springs)] = prepared.sigma
-    stiffness = prepared.situation.arm.stiffness
-    modelled = np.divide(
-        1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0
-    )
     return Nominal(
         compliance,
         sigma,
-        modelled,
+        prepared.situation.arm.compliance,
         tuple(f"a{k + 1}" for k in prepared.blind),
         prepared.frames.transform,
         prepared.frames.place,

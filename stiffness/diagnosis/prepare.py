@@ -86,15 +86,7 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
         readings.inverse,
         groups,
     )
-    turns = [arm.at(situation.rest).turn(m.body) for m in recording.markers]
-    check = with_shapes(
-        check,
-        readings.value,
-        np.stack(turns, axis=1),
-        start.frames.place,
-        readings.inverse,
-        groups,
-    )
+    check = with_shapes(check, situation, readings, start.frames.place, groups)
     readings = replace(
         readings, weight=check.weight, inverse=readings.inverse / check.noise**2
     )

@@ -14,8 +14,10 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from stiffness.diagnosis.blocks import Residuals
 from stiffness.diagnosis.outliers import ENOUGH, Checked
 from stiffness.diagnosis.rigid import rigid_motion
+from stiffness.diagnosis.situation import Situation
 
 SAGS = 0.9
 """Noise without one mark over that with it, below which the mark moves on its body;
@@ -24,26 +26,27 @@ chosen."""
 
 def with_shapes(
     check: Checked,
-    residual: Float[np.ndarray, "rows markers 3"],
-    turn: Float[np.ndarray, "rows markers 3 3"],
+    situation: Situation,
+    readings: Residuals,
     place: Float[np.ndarray, "markers 3"],
-    inverse: Float[np.ndarray, "3 3"],
     body: Int[np.ndarray, " markers"],
 ) -> Checked:
     """Return the same with noise measured between poses, where it was not within.
 
     Args:
         check: What readings within visits say of it.
-        residual: Reading less where it should be; NaN where not seen.
-        turn: Of each marker's body in the base's frame.
+        situation: Where the arm stood.
+        readings: With their noise as stated.
         place: Of markers in their bodies' frames, in m.
-        inverse: Inverse covariance of one frame's reading, as stated.
         body: Index of each marker's body.
     """
     if check.freedom:
         return check
-    values = np.einsum("rmij,rmi->rmj", turn, np.nan_to_num(residual))[None]
-    own, alike = check.weight[None], np.eye(3) * np.trace(inverse) / 3.0
+    standing = situation.arm.at(situation.rest)
+    markers = situation.recording.markers
+    turn = np.stack([standing.turn(m.body) for m in markers], axis=1)
+    values = np.einsum("rmij,rmi->rmj", turn, np.nan_to_num(readings.value))[None]
+    own, alike = check.weight[None], np.eye(3) * np.trace(readings.inverse) / 3.0
     groups = [body]
     for mark in range(len(body)):  # as if it were a body of its own
         groups.append(np.where(np.arange(len(body)) == mark, -1, body))

@@ -159,14 +159,10 @@ def _carried(
     origin, _ = _places(standing)
     force, moment = np.zeros_like(origin), np.zeros_like(origin)
     pulls = [
-        (k, mass * chain.gravity, standing.origin[k] + standing.rotation[k] @ centre)
-        for k, (mass, centre) in enumerate(zip(chain.mass, chain.centre, strict=True))
+        (axis, mass * chain.gravity, at)
+        for axis, mass, at in zip(*standing.masses(recording.tool), strict=True)
     ]
     pulls.append((-1, chain.foot_mass * chain.gravity, chain.foot_centre[None]))
-    tool, tip = recording.tool, standing.place("flange").axis
-    if tool is not None and tool.mass:
-        at = standing.point("flange", tool.com)
-        pulls.append((tip, tool.mass * chain.gravity, at))
     if recording.wrench is not None:
         felt = standing.place(felt_body(recording)).axis
         pulls.append((felt, wrench[:, :3], sensor))
