@@ -25,6 +25,7 @@ from stiffness.diagnosis.other_readings import of_angles, of_signs
 from stiffness.diagnosis.other_sights import less_is_stated, of_sight
 from stiffness.diagnosis.set_up_loads import mistakes_of_loads
 from stiffness.diagnosis.sight import Sight, extent_of
+from stiffness.diagnosis.unknowns import PLACE
 
 DOUBT = 5e-4
 """Rigid misfit over the readings' extent from which other readings are tried; chosen:
@@ -75,7 +76,8 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     extent = extent_of(sight)
     assert some.tracker is not None
     noise = CLEAR * float(np.max(some.tracker.repeatability))
-    if before <= max(DOUBT * extent, noise):
+    places = np.sqrt(3.0) * PLACE if sight.given.any() else 0.0
+    if before <= max(DOUBT * extent, noise, places):
         return ()
     angles = list(of_angles(posture, arm.slides))
     tried: list[tuple[float, Told, np.ndarray]] = []

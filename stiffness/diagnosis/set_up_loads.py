@@ -29,6 +29,9 @@ LOUD = 3.0
 """Deflection over noise, both rms, from which it can be judged; chosen."""
 BETTER = 2.0
 """Factor in rms by which another reading must fit better; chosen."""
+RIGHT = 0.05
+"""Share of the deflection, in rms, that a reading may leave and is not doubted; chosen:
+a slip leaves all of an axis' or a component's, and that seldom is a twentieth."""
 ALIKE = 0.9
 """Rms over that of a reading told before from which this one fits alike; chosen."""
 
@@ -53,10 +56,12 @@ def mistakes_of_loads(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
     noise = float(np.sqrt(2.0 * np.sum(recording.tracker.repeatability**2)))
     if written is None or written.whole < LOUD * noise:
         return ()
-    others = [*of_loads(some, arm), *of_columns(some)]
-    if recording.rows == "plateaus":
-        others += [(warned, r.take(pairs)) for warned, r in of_rows(recording)]
-    answer = _better(others, written, arm, frames)
+    answer = None
+    if written.left > RIGHT * written.whole:
+        others = [*of_loads(some, arm), *of_columns(some)]
+        if recording.rows == "plateaus":
+            others += [(warned, r.take(pairs)) for warned, r in of_rows(recording)]
+        answer = _better(others, written, arm, frames)
     if answer is None:
         answer = of_size(some, arm, written) or of_sag(recording, arm, frames, written)
     return () if answer is None else (answer,)
