@@ -9,7 +9,7 @@ from small_bench import SOFTER, arm, prepared, recording
 
 from stiffness.diagnosis import flips
 from stiffness.diagnosis.by_pose import by_pose
-from stiffness.diagnosis.columns import columns_of, levers
+from stiffness.diagnosis.columns import columns_of
 from stiffness.diagnosis.crossing import cross_of
 from stiffness.diagnosis.deferred import Deferred
 from stiffness.diagnosis.evidence import evidence_of, projected, without
@@ -22,6 +22,7 @@ from stiffness.diagnosis.roots import Roots
 from stiffness.diagnosis.signature import (
     Motion,
     Turn,
+    levers,
     rotate,
     translate,
     turn,

@@ -380,7 +380,7 @@ def test_link_bends_by_the_cubed_length_over_three():
     force, moment = np.zeros_like(situation.force), np.zeros_like(situation.moment)
     force[:, 3] = across
     loaded = replace(situation, force=force, moment=moment)
-    bend = truth.BY_NAME["link_bending"].signature(loaded, "link_2", np.zeros(0))
+    bend = truth.BY_NAME["link_bending"].signature(loaded, "link_2", np.zeros(1))
     twist = values(bend.parts[0])
     length = np.linalg.norm(along, axis=1)[0]
     assert_allclose(length, 0.560, atol=1e-3)

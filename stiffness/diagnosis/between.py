@@ -17,9 +17,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import cho_factor, cho_solve
 
-from stiffness.diagnosis.columns import Columns, levers
+from stiffness.diagnosis.columns import Columns
 from stiffness.diagnosis.means import Means
 from stiffness.diagnosis.roots import Roots
+from stiffness.diagnosis.signature import levers
 from stiffness.diagnosis.sites import sites_of
 from stiffness.diagnosis.unknown_columns import UnknownColumns
 from stiffness.diagnosis.visits import Kept, stretches

@@ -11,11 +11,10 @@ from jaxtyping import Float, Int
 
 from stiffness.diagnosis.arrival import arrival_of, largest_arrival, trend_of
 from stiffness.diagnosis.between import Between
-from stiffness.diagnosis.columns import levers
 from stiffness.diagnosis.data import Data
 from stiffness.diagnosis.evidence import evidence_of
 from stiffness.diagnosis.rigid import rigid_motion
-from stiffness.diagnosis.signature import Signature, turn
+from stiffness.diagnosis.signature import Signature, levers, turn
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.unknowns import unknowns
 from stiffness.diagnosis.visits import Visits, mean_of

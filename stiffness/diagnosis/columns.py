@@ -123,20 +123,6 @@ def _place(part: Turn | Motion | Shift) -> int:
     return part.place if isinstance(part, Motion) else part.marker
 
 
-def levers(
-    point: Float[np.ndarray, "*many 3"],
-) -> Float[np.ndarray, "*many 3 6"]:
-    """Return what takes a twist to the displacement of a point: [1, -point x]."""
-    many = point.shape[:-1]
-    taken = np.zeros((*many, 3, 6))
-    taken[..., range(3), range(3)] = 1.0
-    x, y, z = np.moveaxis(point, -1, 0)
-    taken[..., 0, 4], taken[..., 0, 5] = z, -y
-    taken[..., 1, 3], taken[..., 1, 5] = -z, x
-    taken[..., 2, 3], taken[..., 2, 4] = y, -x
-    return taken
-
-
 def contract(
     one: Float[np.ndarray, "visits n a"], other: Float[np.ndarray, "visits n b"]
 ) -> Float[np.ndarray, "a b"]:

@@ -20,9 +20,9 @@ from scipy.spatial.transform import Rotation
 from bench.errors import Unusable
 from bench.recording import Recording
 from stiffness.arm import Arm
-from stiffness.diagnosis.columns import levers
 from stiffness.diagnosis.readings import Frames
 from stiffness.diagnosis.sight import Sight, extent_of
+from stiffness.diagnosis.signature import levers
 from stiffness.equilibrium import equilibrium
 
 SOME = 60

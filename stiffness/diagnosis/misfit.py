@@ -18,9 +18,9 @@ from jaxtyping import Bool, Float
 
 from stiffness.diagnosis.between import Between
 from stiffness.diagnosis.case import Case
-from stiffness.diagnosis.columns import levers
 from stiffness.diagnosis.prepare import Prepared
 from stiffness.diagnosis.readings import shares_of
+from stiffness.diagnosis.signature import levers
 
 
 @dataclass(frozen=True)

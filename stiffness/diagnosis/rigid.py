@@ -12,7 +12,7 @@ Ignores     which rows a marker was missing in, when freedoms are counted
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from stiffness.diagnosis.columns import levers
+from stiffness.diagnosis.signature import levers
 
 ENOUGH = 3
 """Markers that fix a body's motion."""

@@ -15,10 +15,10 @@ import numpy as np
 
 from bench.recording import Recording
 from stiffness.arm import Arm
-from stiffness.diagnosis.columns import levers
 from stiffness.diagnosis.diagnosis import Warned
 from stiffness.diagnosis.followed_load import EXPLAINS, Fit, jacobians
 from stiffness.diagnosis.readings import Frames
+from stiffness.diagnosis.signature import levers
 
 UNLIKE = 100.0
 """Factor between fitted and nominal compliance that no arm has; chosen."""

@@ -4,6 +4,7 @@ A signature is what one unit of an effect does to the arm, row by row: small rig
 motions of what hangs on an axis or on the base, or displacements of single markers.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -120,6 +121,20 @@ def with_values(part: Part, new: np.ndarray) -> Part:
     return replace(part, angle=new)
 
 
+def levers(
+    point: Float[np.ndarray, "*many 3"],
+) -> Float[np.ndarray, "*many 3 6"]:
+    """Return what takes a twist to the displacement of a point: [1, -point x]."""
+    many = point.shape[:-1]
+    taken = np.zeros((*many, 3, 6))
+    taken[..., range(3), range(3)] = 1.0
+    x, y, z = np.moveaxis(point, -1, 0)
+    taken[..., 0, 4], taken[..., 0, 5] = z, -y
+    taken[..., 1, 3], taken[..., 1, 5] = -z, x
+    taken[..., 2, 3], taken[..., 2, 4] = y, -x
+    return taken
+
+
 def turn(axis: int, *laws: Float[np.ndarray, " rows"]) -> Signature:
     """Return the signature of an axis that turns by laws, a coefficient for each."""
     return Signature(len(laws), (Turn(axis, np.stack(laws, axis=1)),))
@@ -146,3 +161,17 @@ def rotate(
 def translate(place: int, shift: Float[np.ndarray, "rows 3 columns"]) -> Motion:
     """Return the motion of what a place carries when it shifts unturned, in m."""
     return Motion(place, np.concatenate([shift, np.zeros_like(shift)], axis=1))
+
+
+def beside(laws: Sequence[Signature]) -> Signature:
+    """Return one signature of the coefficients of several laws, one after the other."""
+    columns, at = sum(law.columns for law in laws), 0
+    parts: list[Part] = []
+    for law in laws:
+        for part in law.parts:
+            own = values(part)
+            wide = np.zeros((*own.shape[:-1], columns))
+            wide[..., at : at + law.columns] = own
+            parts.append(with_values(part, wide))
+        at += law.columns
+    return Signature(columns, tuple(parts))

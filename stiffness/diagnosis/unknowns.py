@@ -14,9 +14,10 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.diagnosis.between import Between
-from stiffness.diagnosis.columns import Columns, levers
+from stiffness.diagnosis.columns import Columns
 from stiffness.diagnosis.hypotheses.bodies import axes_of
 from stiffness.diagnosis.readings import Frames
+from stiffness.diagnosis.signature import levers
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.smooth_error import rest_of, smooth_basis
 from stiffness.diagnosis.unknown_columns import UnknownColumns

@@ -14,9 +14,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from stiffness.diagnosis.columns import levers
 from stiffness.diagnosis.contrasts import Contrasts
 from stiffness.diagnosis.information import Information
+from stiffness.diagnosis.signature import levers
 from stiffness.diagnosis.visits import Kept, stretches
 
 

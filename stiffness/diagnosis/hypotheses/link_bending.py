@@ -4,6 +4,8 @@
 Equation    with L w from axis to axis, F and M of all beyond on its end: slope = b
             (L²/2 w x F + L M_across) + t L (w . M) w, b = 1/EI, t = 1/GJ; deflection =
             b (L³/3 F_across + L²/2 M x w)
+            a mark at x on the beam, r beside it: b (x²/2 (L - x/3) F_across + x²/2 M x
+            w) + (b (x (L - x/2) w x F + x M_across) + t x (w . M) w) x r
 Source      Euler-Bernoulli beam: Gere, Timoshenko 1997, "Mechanics of materials", beams
 Valid       a slender link, alike in all directions across
 Ignores     shear, stretch, the bend under the link's own weight; that bearings may sit
@@ -19,19 +21,39 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
+from stiffness.diagnosis.hypotheses.bodies import point_of
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.signature import NOTHING, Motion, Signature, rotate, translate
+from stiffness.diagnosis.signature import (
+    NOTHING,
+    Motion,
+    Shift,
+    Signature,
+    beside,
+    levers,
+    rotate,
+    translate,
+)
 from stiffness.diagnosis.situation import Situation
 
+HINGES = (0.125, 0.375, 0.625, 0.875)
+"""Shares of a link at which it may give way in other forms of the law: where the beam's
+four quarters would; chosen."""
+RANK = 1e-3
+"""Share of the largest singular value below which marks do not tell a twist; chosen."""
 SHORTEST = 1e-3
 """Distance of two axes, in m, below which nothing is left to bend; chosen."""
 
 
 @dataclass(frozen=True)
 class LinkBending(Hypothesis):
-    """A link that is a beam from its axis to the next."""
+    """A link that is a beam from its axis to the next.
+
+    It bends beyond the marks on it, as the bench's mechanism does, or they go with the
+    part of the bend that lies before them (`within`: 0 or 1).
+    """
 
     effect: ClassVar[str] = "link_bending"
+    shape_names: ClassVar[tuple[str, ...]] = ("within",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "bending_nm2": (1.0, np.inf),
         "torsion_nm2": (1.0, np.inf),
@@ -49,7 +71,7 @@ class LinkBending(Hypothesis):
     def shapes(
         self, situation: Situation, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
+        return np.array([[0.0], [1.0]] if self._marked(situation, where) else [[0.0]])
 
     @override
     def signature(
@@ -68,13 +90,24 @@ class LinkBending(Hypothesis):
         turned = np.stack([slope, length * twist], axis=2)
         moved = np.stack([sag, np.zeros_like(sag)], axis=2)
         both = rotate(place, turned, tip).twist + translate(place, moved).twist
-        return Signature(2, (Motion(place, both),))
+        carried = Motion(place, both)
+        if not shape[0]:
+            return Signature(2, (carried,))
+        marks = _marks(situation, place)
+        bent = {m: _on_beam(situation, place, point) for m, point in marks.items()}
+        return Signature(2, (carried, *_of_marks(place, marks, bent)))
 
     @override
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        return NOTHING
+        if not self._marked(situation, where):
+            return NOTHING
+        place = situation.links.index(where) + 2
+        return beside([_hinge(situation, place, share) for share in HINGES])
+
+    def _marked(self, situation: Situation, where: str) -> bool:
+        return bool(_marks(situation, situation.links.index(where) + 2))
 
     @override
     def parameters(
@@ -86,3 +119,72 @@ class LinkBending(Hypothesis):
     ) -> Mapping[str, float]:
         bending, torsion = coefficients
         return {"bending_nm2": 1.0 / bending, "torsion_nm2": 1.0 / torsion}
+
+
+def _marks(situation: Situation, place: int) -> dict[int, np.ndarray]:
+    """Return where the marks on the link before a place are, in m: (rows, 3)."""
+    return {
+        m: point_of(situation, marker.body, marker.position)
+        for m, marker in enumerate(situation.recording.markers)
+        if situation.arm.place(marker.body).axis == place - 2
+        and marker.position is not None
+    }
+
+
+def _of_marks(
+    place: int, marks: Mapping[int, np.ndarray], moved: Mapping[int, np.ndarray]
+) -> list[Motion | Shift]:
+    """Return how marks on a link move against it: as a whole, and each.
+
+    Differences within visits know bodies alone; marks of a link that bends nearly are
+    one, and what more they do shows in means.
+
+    Args:
+        place: What the link carries.
+        marks: Where they are.
+        moved: What each does, per unit of each coefficient: (rows, 3, columns).
+    """
+    lever = np.concatenate([levers(point) for point in marks.values()], axis=1)
+    bent = np.concatenate([moved[m] for m in marks], axis=1)
+    twist = np.linalg.pinv(lever, rcond=RANK) @ bent
+    rest = np.split(bent - lever @ twist, len(marks), axis=1)
+    each = [Shift(m, own) for m, own in zip(marks, rest, strict=True)]
+    return [Motion(place - 1, twist), Motion(place, -twist), *each]
+
+
+def _hinge(situation: Situation, place: int, share: float) -> Signature:
+    """Return what a link does that gives way at one point of it alone."""
+    start, end = situation.origin[:, place - 1], situation.origin[:, place]
+    point = start + share * (end - start)
+    w = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
+    force, moment = situation.force[:, place], situation.moment[:, place]
+    moment = moment + np.cross(end - point, force)
+    twist = w * np.sum(w * moment, axis=1, keepdims=True)
+    turned = np.stack([moment - twist, twist], axis=2)
+    marks, bent = _marks(situation, place), {}
+    for m, mark in marks.items():
+        away = mark - point
+        beyond = np.sum(w * away, axis=1) > 0.0
+        bent[m] = np.cross(turned, away[:, :, None], axis=1) * beyond[:, None, None]
+    carried = rotate(place, turned, point)
+    return Signature(2, (carried, *_of_marks(place, marks, bent)))
+
+
+def _on_beam(
+    situation: Situation, place: int, point: Float[np.ndarray, "rows 3"]
+) -> Float[np.ndarray, "rows 3 2"]:
+    """Return how a point of a link moves, per unit of 1/EI and of 1/GJ, in m."""
+    start = situation.origin[:, place - 1]
+    beam = situation.origin[:, place] - start
+    length = np.linalg.norm(beam, axis=1, keepdims=True)
+    w = beam / length
+    away = point - start
+    x = np.clip(np.sum(w * away, axis=1, keepdims=True), 0.0, length)
+    off = away - x * w
+    force, moment = situation.force[:, place], situation.moment[:, place]
+    twist = w * np.sum(w * moment, axis=1, keepdims=True)
+    across = force - w * np.sum(w * force, axis=1, keepdims=True)
+    slope = x * (length - x / 2) * np.cross(w, force) + x * (moment - twist)
+    sag = x**2 / 2 * ((length - x / 3) * across + np.cross(moment, w))
+    bent = sag + np.cross(slope, off)
+    return np.stack([bent, np.cross(x * twist, off)], axis=2)
