@@ -8,9 +8,11 @@ column has a slot of its own, sorted by where it acts; slots of a column add up.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import prod
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy import sparse
 
 from stiffness.diagnosis.deferred import Deferred
 from stiffness.diagnosis.signature import Motion, Shift, Signature, Turn, values
@@ -52,28 +54,25 @@ class Columns:
     shifts: tuple[Group, ...]
 
     @cached_property
-    def _once(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Columns with slots, the first slot of each, and all further slots."""
-        owner, first = np.unique(self.column, return_index=True)
-        again = np.setdiff1d(np.arange(len(self.column)), first)
-        return owner, first, again
+    def _sums(self) -> sparse.csr_array:
+        """What adds up the slots of each column: (columns, slots)."""
+        slots = np.arange(len(self.column))
+        shape = (self.count, len(slots))
+        return sparse.csr_array((np.ones(len(slots)), (self.column, slots)), shape)
 
     def joined(
         self, slots: Float[np.ndarray, "*many slots"]
     ) -> Float[np.ndarray, "*many columns"]:
         """Add up the slots of each column."""
-        owner, first, again = self._once
-        total = np.zeros((*slots.shape[:-1], self.count))
-        total[..., owner] = slots[..., first]
-        for slot in again:
-            total[..., self.column[slot]] += slots[..., slot]
-        return total
+        many = slots.shape[:-1]
+        flat = slots.reshape(prod(many), slots.shape[-1])
+        return (self._sums @ flat.T).T.reshape(*many, self.count)
 
     def both_joined(
         self, slots: Float[np.ndarray, "slots slots"]
     ) -> Float[np.ndarray, "columns columns"]:
         """Add up the slots of rows and of columns."""
-        return self.joined(self.joined(slots).T).T
+        return self._sums @ slots @ self._sums.T
 
 
 def columns_of(

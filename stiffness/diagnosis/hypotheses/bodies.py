@@ -22,7 +22,13 @@ def point_of(
         body: Which body.
         position: The point in the body's frame, in m.
     """
-    place = situation.arm.place(body)
-    inner = place.placement[:3, :3] @ position + place.placement[:3, 3]
-    frame = situation.frame[:, place.axis + 1]
-    return situation.origin[:, place.axis + 1] + frame @ inner
+    axis, inside = situation.arm.place(body).axis, inside_of(situation, body, position)
+    return situation.origin[:, axis + 1] + situation.frame[:, axis + 1] @ inside
+
+
+def inside_of(
+    situation: Situation, body: str, position: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "3"]:
+    """Return a point of a body in the frame of the place that carries it, in m."""
+    placement = situation.arm.place(body).placement
+    return placement[:3, :3] @ position + placement[:3, 3]

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.diagnosis.hypotheses.bodies import point_of
+from stiffness.diagnosis.hypotheses.bodies import inside_of
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.signature import (
     NOTHING,
@@ -94,8 +94,8 @@ class LinkBending(Hypothesis):
         if not shape[0]:
             return Signature(2, (carried,))
         marks = _marks(situation, place)
-        bent = {m: _on_beam(situation, place, point) for m, point in marks.items()}
-        return Signature(2, (carried, *_of_marks(place, marks, bent)))
+        bent = {m: _on_beam(situation, place, spot) for m, spot in marks.items()}
+        return Signature(2, (carried, *_of_marks(situation, place, marks, bent)))
 
     @override
     def variants(
@@ -122,9 +122,9 @@ class LinkBending(Hypothesis):
 
 
 def _marks(situation: Situation, place: int) -> dict[int, np.ndarray]:
-    """Return where the marks on the link before a place are, in m: (rows, 3)."""
+    """Return where the marks on the link before a place are, in its frame, in m."""
     return {
-        m: point_of(situation, marker.body, marker.position)
+        m: inside_of(situation, marker.body, marker.position)
         for m, marker in enumerate(situation.recording.markers)
         if situation.arm.place(marker.body).axis == place - 2
         and marker.position is not None
@@ -132,7 +132,10 @@ def _marks(situation: Situation, place: int) -> dict[int, np.ndarray]:
 
 
 def _of_marks(
-    place: int, marks: Mapping[int, np.ndarray], moved: Mapping[int, np.ndarray]
+    situation: Situation,
+    place: int,
+    marks: Mapping[int, np.ndarray],
+    moved: Mapping[int, np.ndarray],
 ) -> list[Motion | Shift]:
     """Return how marks on a link move against it: as a whole, and each.
 
@@ -140,15 +143,20 @@ def _of_marks(
     one, and what more they do shows in means.
 
     Args:
+        situation: Where the axes are.
         place: What the link carries.
-        marks: Where they are.
+        marks: Where they are in its frame, in m.
         moved: What each does, per unit of each coefficient: (rows, 3, columns).
     """
-    lever = np.concatenate([levers(point) for point in marks.values()], axis=1)
-    bent = np.concatenate([moved[m] for m in marks], axis=1)
-    twist = np.linalg.pinv(lever, rcond=RANK) @ bent
-    rest = np.split(bent - lever @ twist, len(marks), axis=1)
-    each = [Shift(m, own) for m, own in zip(marks, rest, strict=True)]
+    at, frame = situation.origin[:, place - 1], situation.frame[:, place - 1]
+    lever = np.concatenate([levers(spot) for spot in marks.values()])
+    turned = frame.swapaxes(1, 2)
+    bent = np.concatenate([turned @ moved[m] for m in marks], axis=1)
+    own = np.linalg.pinv(lever, rcond=RANK) @ bent
+    twist = rotate(0, frame @ own[:, 3:], at).twist
+    twist += translate(0, frame @ own[:, :3]).twist
+    rest = [frame @ one for one in np.split(bent - lever @ own, len(marks), axis=1)]
+    each = [Shift(m, one) for m, one in zip(marks, rest, strict=True)]
     return [Motion(place - 1, twist), Motion(place, -twist), *each]
 
 
@@ -162,23 +170,23 @@ def _hinge(situation: Situation, place: int, share: float) -> Signature:
     twist = w * np.sum(w * moment, axis=1, keepdims=True)
     turned = np.stack([moment - twist, twist], axis=2)
     marks, bent = _marks(situation, place), {}
-    for m, mark in marks.items():
-        away = mark - point
+    for m, spot in marks.items():
+        away = start + situation.frame[:, place - 1] @ spot - point
         beyond = np.sum(w * away, axis=1) > 0.0
         bent[m] = np.cross(turned, away[:, :, None], axis=1) * beyond[:, None, None]
     carried = rotate(place, turned, point)
-    return Signature(2, (carried, *_of_marks(place, marks, bent)))
+    return Signature(2, (carried, *_of_marks(situation, place, marks, bent)))
 
 
 def _on_beam(
-    situation: Situation, place: int, point: Float[np.ndarray, "rows 3"]
+    situation: Situation, place: int, spot: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "rows 3 2"]:
     """Return how a point of a link moves, per unit of 1/EI and of 1/GJ, in m."""
     start = situation.origin[:, place - 1]
     beam = situation.origin[:, place] - start
     length = np.linalg.norm(beam, axis=1, keepdims=True)
     w = beam / length
-    away = point - start
+    away = situation.frame[:, place - 1] @ spot
     x = np.clip(np.sum(w * away, axis=1, keepdims=True), 0.0, length)
     off = away - x * w
     force, moment = situation.force[:, place], situation.moment[:, place]
