@@ -76,8 +76,16 @@ def test_readings_of_a_sensor_whose_noise_is_not_stated_stay(case):
     )
 
 
-def test_a_coarse_sensor_feigns_no_play():
-    """An axis that turns by no torque where noise is read looks as if it had play."""
-    found = diagnose(coarse(), arm(), (*FEW, LostMotion()))
-    assert found.verdict == "no_mismatch"
-    assert found.detection.p_value >= ALARM
+def test_a_coarse_sensor_feigns_nothing():
+    """An axis that turns by no torque where noise is read looks as if it had play.
+
+    Of eight recordings of nothing one may alarm by chance.
+    """
+    alarms = 0
+    for seed in range(8):
+        made = record(
+            Rig(MODEL), plan(poses=60), Instruments(force_sensor=COARSE), seed
+        )
+        found = diagnose(made, arm(), (*FEW, LostMotion()))
+        alarms += found.detection.p_value < ALARM
+    assert alarms <= 1

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.recording import Recording
 from stiffness.arm import Arm
+from stiffness.diagnosis.channels import clear_channels
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.tare import tared
 from stiffness.diagnosis.visits import held_at_mean
@@ -115,8 +116,9 @@ def _rest(
 
 def _felt(recording: Recording, standing: Standing) -> Float[np.ndarray, "rows 6"]:
     """Return the wrench along the base's axes, without what is noise alone."""
-    _, axes = _sensor(recording, standing)
-    return tared(recording, wrench_in_base(recording, standing), axes)
+    spec, (_, axes) = recording.wrench_sensor, _sensor(recording, standing)
+    wrench = tared(recording, wrench_in_base(recording, standing), axes)
+    return wrench if spec is None else clear_channels(spec, wrench, axes)
 
 
 def _sensor(recording: Recording, standing: Standing) -> tuple[np.ndarray, np.ndarray]:

@@ -47,17 +47,18 @@ def tared(
     noise = np.repeat([spec.accuracy_force, spec.accuracy_torque], 3)
     if not np.all(noise > 0.0):
         return wrench
-    own = _turned(wrench, axes.swapaxes(1, 2))
+    own = turned(wrench, axes.swapaxes(1, 2))
     away = np.sum(((own - np.median(own[rest], axis=0)) / noise) ** 2, axis=1)
     idle = away < chi2.isf(BEYOND, wrench.shape[1])
     if np.mean(idle[rest]) < ALIKE:
         return wrench
     own[idle] = own[idle].mean(axis=0)
-    return np.where(idle[:, None], _turned(own, axes), wrench)
+    return np.where(idle[:, None], turned(own, axes), wrench)
 
 
-def _turned(
+def turned(
     wrench: Float[np.ndarray, "rows 6"], axes: Float[np.ndarray, "rows 3 3"]
 ) -> Float[np.ndarray, "rows 6"]:
+    """Return axes times force and axes times torque, row by row."""
     parts = np.stack([wrench[:, :3], wrench[:, 3:]], axis=1)
     return np.einsum("rij,rpj->rpi", axes, parts).reshape(-1, 6)

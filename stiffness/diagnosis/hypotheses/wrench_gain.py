@@ -44,8 +44,9 @@ class WrenchGain(Hypothesis):
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:
-        measured = situation.recording.wrench is not None
-        return ("wrench_sensor",) if measured and sprung(situation) else ()
+        if situation.recording.wrench is None or not sprung(situation):
+            return ()
+        return ("wrench_sensor",) if felt(situation, torques(situation)) else ()
 
     @override
     def shapes(
