@@ -124,9 +124,10 @@ def torques(situation: Situation, body: str) -> Float[np.ndarray, "rows axes 4"]
 
 def seen(situation: Situation, torque: Float[np.ndarray, "rows axes 4"]) -> list[int]:
     """Return which of mass and moments show, each independent of those before it."""
-    wound = torque * situation.compliance[:, None] / [1.0, LENGTH, LENGTH, LENGTH]
+    compliance = situation.arm.compliance  # the model's: whatever is fitted, the same
+    wound = torque * compliance[:, None] / [1.0, LENGTH, LENGTH, LENGTH]
     wound = np.asarray(np.linalg.qr(wound.reshape(-1, 4), mode="r"))
-    most = np.linalg.norm(situation.arm.chain.gravity) * situation.compliance.max()
+    most = np.linalg.norm(situation.arm.chain.gravity) * compliance.max()
     least = UNSEEN * most * np.sqrt(situation.rows)
     kept: list[int] = []
     for i in range(4):

@@ -37,7 +37,7 @@ def felt(
     situation: Situation, torque: Float[np.ndarray, "rows axes columns"]
 ) -> list[int]:
     """Return the columns that some sprung axis carries beyond rounding, 1e-9 N m."""
-    carried = np.abs(torque[:, situation.compliance > 0.0]) > ROUNDING
+    carried = np.abs(torque[:, situation.arm.compliance > 0.0]) > ROUNDING
     return [int(i) for i in np.flatnonzero(np.any(carried, axis=(0, 1)))]
 
 
