@@ -37,7 +37,7 @@ from stiffness.diagnosis.member import solve, training
 from stiffness.diagnosis.misfit import misfit_of
 from stiffness.diagnosis.naming import Named, name
 from stiffness.diagnosis.prepare import Prepared, prepare
-from stiffness.diagnosis.remarks import remarks, scattered
+from stiffness.diagnosis.remarks import FEWEST, remarks, scattered
 from stiffness.diagnosis.scatter import scatter_of
 from stiffness.diagnosis.set_up import mistakes_of_set_up
 from stiffness.diagnosis.split import seed_of, split_of
@@ -177,6 +177,8 @@ def _detection(prepared: Prepared, case: Case, found: Found) -> Detection:
     one = float(np.sqrt(np.trace(np.linalg.inv(prepared.readings.inverse))))
     frames = max(float(np.sum(prepared.readings.weight)), 1.0)
     smallest = one * np.sqrt(WOULD_SHOW / (3.0 * frames))
+    if found.poses < FEWEST:
+        smallest = misfit.noise * np.sqrt(case.wild)
     return Detection(found.p_value, misfit.rms, misfit.noise, smallest)
 
 

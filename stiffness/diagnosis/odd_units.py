@@ -49,6 +49,8 @@ def odd_units(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
     some = recording.take(first[:: -(-len(first) // VISITS)])
     sight = Sight.of(arm, some, some.posture)
     seen = np.isfinite(sight.y).all(axis=2).sum(axis=0) > 1
+    if not seen.any():  # one visit has no range
+        return ()
     moves = np.linalg.norm(np.ptp(sight.origin, axis=0), axis=1)
     way = float(moves.max())
     ranges = np.full(sight.place.shape, np.nan)

@@ -8,6 +8,9 @@ from stiffness.diagnosis.prepare import Prepared
 
 ODD = 1.1
 """Measured over stated noise from which it is said; chosen: a tenth."""
+FEWEST = 10
+"""Poses from which random signs can reject: fewer are all alike or all turned in more
+than one of 400 cases, and there are two families."""
 SCATTER = "scatter"
 """Code of the remark that poses differ more than anything stated allows."""
 
@@ -15,6 +18,13 @@ SCATTER = "scatter"
 def remarks(prepared: Prepared) -> tuple[Warned, ...]:
     """Return what is remarkable but no mistake."""
     said = []
+    poses = int(prepared.situation.pose.max()) + 1
+    if poses < FEWEST:
+        text = (
+            f"in {poses} poses only what is far beyond the stated noise can show: "
+            f"bring {FEWEST} at least, forty to be told of small effects."
+        )
+        said.append(Warned("few_poses", "rig", text))
     if prepared.noise > ODD or prepared.noise < 1.0 / ODD:
         text = (
             f"readings scatter {prepared.noise:.2f} times as much as the tracker "
