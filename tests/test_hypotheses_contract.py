@@ -427,3 +427,21 @@ def test_delay_of_the_tracker_leaves_encoders_behind_the_gears_alone():
     turns = [values(part) for part in found.parts if not isinstance(part, Reading)]
     readings = [values(part) for part in found.parts if isinstance(part, Reading)]
     assert_array_equal(np.array(turns), -np.array(readings))
+
+
+@pytest.mark.parametrize("effect", ["gravity_load", "wrench_gain", "wrench_bias"])
+def test_names_of_sizes_stay_when_a_fit_takes_a_spring_to_nothing(effect):
+    """Columns were laid out before springs moved; their sizes keep their names."""
+    law, situation = truth.BY_NAME[effect], truth.situation()
+    for where in law.places(situation):
+        shape = truth.middle(situation, law, where)
+        count = law.signature(situation, where, shape).columns
+        for axis in range(len(situation.axes)):
+            compliance = situation.compliance.copy()
+            compliance[axis] = 0.0
+            moved = situation.with_compliance(compliance)
+            usual, other = (
+                law.parameters(one, where, shape, np.full(count, 0.1))
+                for one in (situation, moved)
+            )
+            assert usual.keys() == other.keys()
