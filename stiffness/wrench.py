@@ -37,25 +37,26 @@ def wrench_in_base(
     if wrench is None or sensor is None:
         fault = "no wrench: give the columns fx_n … tz_nm and [sensors.wrench]."
         raise Unusable(f"Recording {recording.name!r}", [fault])
-    turned = wrench
     if sensor.frame == "sensor":
         mounting = Rotation.from_quat(sensor.quaternion_wxyz, scalar_first=True)
         turn = standing.turn(sensor.body) @ mounting.as_matrix()
-        turned = np.concatenate(
-            [
-                (turn @ part[..., None])[..., 0]
-                for part in (wrench[:, :3], wrench[:, 3:])
-            ],
-            axis=1,
-        )
+        wrench = turned(wrench, turn)
     tool = recording.tool
     if sensor.includes_tool_weight and tool is not None and tool.mass:
         force = tool.mass * standing.chain.gravity
         lever = standing.point("flange", tool.com)
         lever = lever - standing.point(sensor.body, sensor.position)
         weight = np.broadcast_to(force, lever.shape)
-        turned = turned - np.concatenate([weight, np.cross(lever, force)], axis=1)
-    return turned
+        wrench = wrench - np.concatenate([weight, np.cross(lever, force)], axis=1)
+    return wrench
+
+
+def turned(
+    wrench: Float[np.ndarray, "rows 6"], axes: Float[np.ndarray, "rows 3 3"]
+) -> Float[np.ndarray, "rows 6"]:
+    """Return axes times force and axes times torque, row by row."""
+    parts = np.stack([wrench[:, :3], wrench[:, 3:]], axis=1)
+    return np.einsum("rij,rpj->rpi", axes, parts).reshape(-1, 6)
 
 
 def felt_body(recording: Recording) -> str:

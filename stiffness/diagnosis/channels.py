@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.recording import WrenchSpec
-from stiffness.diagnosis.tare import turned
+from stiffness.wrench import turned
 
 LOUDER = 4.0
 """By how much a direction must be longer than noise is on average: noise is so once in

@@ -24,7 +24,9 @@ WOULD_SHOW = 45.0
 """Whitened square that a hidden effect would need to be seen. Of twenty effects, each
 another, all were seen at 45 to 56 and fifteen at 25 to 31; `scenarios.blind_trials
 --strata one_45` holds it to nine in ten."""
-
+FEWEST = 10
+"""Poses from which random signs can reject: fewer are all alike or all turned in more
+than one of 400 cases, and there are two families."""
 MISSTATED = 4.0
 """Variance of poses over that of the stated errors that is still taken for misstated
 noise; chosen: twice the stated size. Random signs are blind to a law whose own sign

@@ -16,6 +16,7 @@ from stiffness.diagnosis.answer import answer_of, nominal_of
 from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.detect import (
     ALARM,
+    FEWEST,
     MEASURED,
     MISSTATED,
     WOULD_SHOW,
@@ -37,7 +38,7 @@ from stiffness.diagnosis.member import solve, training
 from stiffness.diagnosis.misfit import misfit_of
 from stiffness.diagnosis.naming import Named, name
 from stiffness.diagnosis.prepare import Prepared, prepare
-from stiffness.diagnosis.remarks import FEWEST, remarks, scattered
+from stiffness.diagnosis.remarks import remarks, scattered
 from stiffness.diagnosis.scatter import scatter_of
 from stiffness.diagnosis.set_up import mistakes_of_set_up
 from stiffness.diagnosis.split import seed_of, split_of

@@ -2,15 +2,12 @@
 
 import numpy as np
 
-from stiffness.diagnosis.detect import MEASURED
+from stiffness.diagnosis.detect import FEWEST, MEASURED
 from stiffness.diagnosis.diagnosis import Warned
 from stiffness.diagnosis.prepare import Prepared
 
 ODD = 1.1
 """Measured over stated noise from which it is said; chosen: a tenth."""
-FEWEST = 10
-"""Poses from which random signs can reject: fewer are all alike or all turned in more
-than one of 400 cases, and there are two families."""
 SCATTER = "scatter"
 """Code of the remark that poses differ more than anything stated allows."""
 

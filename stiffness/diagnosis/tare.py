@@ -19,6 +19,7 @@ from jaxtyping import Float
 from scipy.stats import chi2
 
 from bench.recording import UNLOADED, Recording
+from stiffness.wrench import turned
 
 FEWEST = 5
 """Rows that make a tare; chosen."""
@@ -54,11 +55,3 @@ def tared(
         return wrench
     own[idle] = own[idle].mean(axis=0)
     return np.where(idle[:, None], turned(own, axes), wrench)
-
-
-def turned(
-    wrench: Float[np.ndarray, "rows 6"], axes: Float[np.ndarray, "rows 3 3"]
-) -> Float[np.ndarray, "rows 6"]:
-    """Return axes times force and axes times torque, row by row."""
-    parts = np.stack([wrench[:, :3], wrench[:, 3:]], axis=1)
-    return np.einsum("rij,rpj->rpi", axes, parts).reshape(-1, 6)

@@ -79,16 +79,8 @@ class LinkBending(Hypothesis):
     ) -> Signature:
         place = situation.links.index(where) + 2
         tip = situation.origin[:, place]
-        beam = tip - situation.origin[:, place - 1]
-        length = np.linalg.norm(beam, axis=1, keepdims=True)
-        w = beam / length
-        force, moment = situation.force[:, place], situation.moment[:, place]
-        twist = w * np.sum(w * moment, axis=1, keepdims=True)
-        across = force - w * np.sum(w * force, axis=1, keepdims=True)
-        slope = length**2 / 2 * np.cross(w, force) + length * (moment - twist)
-        sag = length**3 / 3 * across + length**2 / 2 * np.cross(moment, w)
-        turned = np.stack([slope, length * twist], axis=2)
-        moved = np.stack([sag, np.zeros_like(sag)], axis=2)
+        length = np.linalg.norm(tip - situation.origin[:, place - 1], axis=1)
+        turned, moved = _bend(situation, place, length[:, None])
         both = rotate(place, turned, tip).twist + translate(place, moved).twist
         carried = Motion(place, both)
         if not shape[0]:
@@ -182,17 +174,26 @@ def _on_beam(
     situation: Situation, place: int, spot: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "rows 3 2"]:
     """Return how a point of a link moves, per unit of 1/EI and of 1/GJ, in m."""
-    start = situation.origin[:, place - 1]
-    beam = situation.origin[:, place] - start
+    beam = situation.origin[:, place] - situation.origin[:, place - 1]
     length = np.linalg.norm(beam, axis=1, keepdims=True)
     w = beam / length
     away = situation.frame[:, place - 1] @ spot
     x = np.clip(np.sum(w * away, axis=1, keepdims=True), 0.0, length)
-    off = away - x * w
+    turned, moved = _bend(situation, place, x)
+    return moved + np.cross(turned, (away - x * w)[:, :, None], axis=1)
+
+
+def _bend(
+    situation: Situation, place: int, x: Float[np.ndarray, "rows 1"]
+) -> tuple[Float[np.ndarray, "rows 3 2"], Float[np.ndarray, "rows 3 2"]]:
+    """Return slope and deflection of a link x from its axis, per 1/EI and 1/GJ."""
+    beam = situation.origin[:, place] - situation.origin[:, place - 1]
+    length = np.linalg.norm(beam, axis=1, keepdims=True)
+    w = beam / length
     force, moment = situation.force[:, place], situation.moment[:, place]
     twist = w * np.sum(w * moment, axis=1, keepdims=True)
     across = force - w * np.sum(w * force, axis=1, keepdims=True)
     slope = x * (length - x / 2) * np.cross(w, force) + x * (moment - twist)
     sag = x**2 / 2 * ((length - x / 3) * across + np.cross(moment, w))
-    bent = sag + np.cross(slope, off)
-    return np.stack([bent, np.cross(x * twist, off)], axis=2)
+    turned = np.stack([slope, x * twist], axis=2)
+    return turned, np.stack([sag, np.zeros_like(sag)], axis=2)

@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from stiffness.diagnosis.signature import Part, Signature, Turn
 from stiffness.diagnosis.situation import Situation
-from stiffness.wrench import felt_body
+from stiffness.wrench import felt_body, turned
 
 ROUNDING = 1e-9
 """Torque in N m that only rounding makes; chosen: far below any sensor's."""
@@ -134,6 +134,4 @@ def along_sensor(
 
 def reading(situation: Situation) -> Float[np.ndarray, "rows 6"]:
     """Return the wrench along the sensor's axes, in N and N m."""
-    halves = (situation.wrench[:, :3], situation.wrench[:, 3:])
-    turned = [np.einsum("rji,rj->ri", situation.sensor_axes, part) for part in halves]
-    return np.concatenate(turned, axis=1)
+    return turned(situation.wrench, situation.sensor_axes.swapaxes(1, 2))
