@@ -10,6 +10,9 @@ from small_bench import FEW, arm, prepared, recording
 
 from bench.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.hypotheses.angle_dependent_stiffness import (
+    AngleDependentStiffness,
+)
 from stiffness.diagnosis.hypotheses.base_compliance import BaseCompliance
 from stiffness.diagnosis.hypotheses.base_tilt import BaseTilt
 from stiffness.diagnosis.hypotheses.creep import Creep
@@ -23,30 +26,39 @@ from stiffness.diagnosis.signature import Signature, rotate, turn
 GEAR = (Hardening(), LostMotion(), Hysteresis(), Creep())
 
 
+def with_turn(axis: int, angle: np.ndarray) -> Recording:
+    """Let an axis turn beyond what the arm does, by an angle in each row."""
+    made, ready = recording(), prepared()
+    moved = truth.moved(ready.situation, turn(axis, angle))[..., 0]
+    assert made.points is not None
+    return replace(made, points=made.points + moved @ ready.frames.transform[:3, :3])
+
+
 def with_law(axis: int, law: Callable[[np.ndarray], np.ndarray]) -> Recording:
     """Add a turn of an axis, a law of its torque along each visit, (visits, steps)."""
-    made, ready = recording(), prepared()
-    situation = ready.situation
+    situation = prepared().situation
     path = situation.torque[situation.steps, axis]
-    moved = truth.moved(situation, turn(axis, situation.from_steps(law(path))))
-    assert made.points is not None
-    return replace(
-        made, points=made.points + moved[..., 0] @ ready.frames.transform[:3, :3]
-    )
+    return with_turn(axis, situation.from_steps(law(path)))
 
 
 def test_gear_that_errs_with_two_harmonics_of_its_turn_is_named_as_one():
     """Two and five periods a turn; one law alone would leave the other at its place."""
-    made, ready = recording(), prepared()
-    q = made.posture[:, 1]
+    q = recording().posture[:, 1]
     error = 2e-4 * np.sin(2.0 * q + 0.4) + 1.5e-4 * np.sin(5.0 * q - 1.0)
-    moved = truth.moved(ready.situation, turn(1, error))[..., 0]
-    assert made.points is not None
-    seen = made.points + moved @ ready.frames.transform[:3, :3]
-    found = diagnose(replace(made, points=seen), arm(), (*FEW, TransmissionError()))
+    found = diagnose(with_turn(1, error), arm(), (*FEW, TransmissionError()))
     assert found.verdict == "explained"
     (named,) = found.named
     assert (named.name.effect, named.name.where) == ("transmission_error", "a2")
+
+
+def test_spring_that_varies_with_the_cube_of_a_sine_is_named():
+    """Two and six periods a turn, for 4 sin³ x = 3 sin x - sin 3x."""
+    q, torque = recording().posture[:, 1], prepared().situation.torque[:, 1]
+    wound = 6e-6 * torque * np.sin(2.0 * q) ** 3
+    found = diagnose(with_turn(1, wound), arm(), (*FEW, AngleDependentStiffness()))
+    assert found.verdict == "explained"
+    (named,) = found.named
+    assert (named.name.effect, named.name.where) == ("angle_dependent_stiffness", "a2")
 
 
 def dahl(torque: np.ndarray) -> np.ndarray:

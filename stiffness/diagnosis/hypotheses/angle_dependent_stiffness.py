@@ -6,7 +6,8 @@ Equation    θ = τ (C + a cos nq + b sin nq); K(q) = K (1 + ratio cos(nq + φ))
 Source      Fourier series of 1/(1 + e cos x): Gradshteyn, Ryzhik, "Table of integrals,
             series and products", 3.613
 Valid       orders n up to 6, q the reported angle, windings small beside a period
-Ignores     the hundreds of orders of a gear's teeth; the second harmonic (its variant)
+Ignores     the hundreds of orders of a gear's teeth; second and third harmonics, which
+            other forms of the law have
 ==========  ==========================================================================
 """
 
@@ -20,7 +21,7 @@ from typing_extensions import override
 
 from stiffness.diagnosis.hypotheses.axes import orders, sprung
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.signature import Signature, turn
+from stiffness.diagnosis.signature import Signature, beside, turn
 from stiffness.diagnosis.situation import Situation
 
 
@@ -61,7 +62,8 @@ class AngleDependentStiffness(Hypothesis):
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        return self.signature(situation, where, 2.0 * shape)
+        harmonics = [n * shape for n in (2.0, 3.0)]
+        return beside([self.signature(situation, where, n) for n in harmonics])
 
     @override
     def parameters(
