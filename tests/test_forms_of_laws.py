@@ -21,6 +21,8 @@ from stiffness.diagnosis.hypotheses.hardening import Hardening
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.hypotheses.lost_motion import LostMotion
 from stiffness.diagnosis.hypotheses.transmission_error import TransmissionError
+from stiffness.diagnosis.hypotheses.wrench_gain import WrenchGain
+from stiffness.diagnosis.hypotheses.wrench_misalignment import WrenchMisalignment
 from stiffness.diagnosis.signature import Signature, rotate, turn
 
 GEAR = (Hardening(), LostMotion(), Hysteresis(), Creep())
@@ -114,3 +116,16 @@ def test_base_whose_springs_stand_askew_is_a_base_that_gives_way():
     found = diagnose(replace(made, points=points), arm(), names)
     assert [e.name.effect for e in found.named] == ["base_compliance"]
     assert found.verdict == "explained"
+
+
+def test_wrench_about_another_point_is_a_sensor_beside_its_place():
+    beside = "wrench_misalignment@wrench_sensor,rz_rad=0.0,x_m=0.03,z_m=-0.01"
+    names = (*FEW, WrenchGain(), WrenchMisalignment())
+    found = diagnose(recording(beside), arm(), names)
+    [one] = found.named
+    assert (one.name.effect, found.verdict) == ("wrench_misalignment", "explained")
+    true = {"x_m": 0.03, "y_m": 0.0, "z_m": -0.01}
+    assert one.parameters.keys() == true.keys()
+    for name, size in one.parameters.items():
+        assert size.low < true[name] < size.high
+        assert size.high - size.low < 0.01

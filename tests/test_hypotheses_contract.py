@@ -40,7 +40,7 @@ VOCABULARY = {
     | {f"{axis}_m_per_n" for axis in "xyz"},
     "wrench_bias": {"fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm"},
     "wrench_gain": {"fx", "fy", "fz", "tx", "ty", "tz"},
-    "wrench_misalignment": set(TURN),
+    "wrench_misalignment": {*SHIFT, *TURN},
     "pulley_friction": {"ratio"},
     "tracker_scale": {"ratio"},
     "tracker_misalignment": {*SHIFT, *TURN},

@@ -1,11 +1,11 @@
-"""A force sensor sits on the flange a little turned.
+"""A force sensor sits on the flange a little turned, or beside its place.
 
 ==========  ==========================================================================
-Equation    reading = exp([(rx, ry, rz)]×)ᵀ wrench, force and torque alike
-Source      rotation vector (Rodrigues 1840); size chosen: half a degree is what a dowel
-            pin with play allows
-Valid       always; about the sensor's origin
-Ignores     a sensor that sits beside its place
+Equation    reading = exp([(rx, ry, rz)]×)ᵀ [F; M - (x, y, z) × F]
+Source      rotation vector (Rodrigues 1840); moments about two points: statics; size
+            chosen: half a degree is what a dowel pin with play allows
+Valid       always; M about where the sensor's origin should be
+Ignores     nothing
 ==========  ==========================================================================
 """
 
@@ -21,12 +21,17 @@ from bench.instruments import Instruments
 
 @dataclass(frozen=True)
 class WrenchMisalignment(InstrumentEffect):
-    """Rotation vector from the axes that the manifest states to the sensor's own.
+    """From the axes and the origin that the manifest states to the sensor's own.
+
+    Several misalignments add their vectors.
 
     Attributes:
-        rx_rad: About the stated x.
-        ry_rad: About the stated y.
-        rz_rad: About the stated z; several misalignments add their vectors.
+        rx_rad: Rotation vector along the stated x.
+        ry_rad: Along the stated y.
+        rz_rad: Along the stated z.
+        x_m: Of its origin, along the stated x.
+        y_m: Along the stated y.
+        z_m: Along the stated z.
     """
 
     name: ClassVar[str] = "wrench_misalignment"
@@ -34,6 +39,9 @@ class WrenchMisalignment(InstrumentEffect):
     rx_rad: float = 0.0
     ry_rad: float = 0.0
     rz_rad: float = 0.0087
+    x_m: float = 0.0
+    y_m: float = 0.0
+    z_m: float = 0.0
 
     @override
     def off(self) -> "WrenchMisalignment":
@@ -46,5 +54,7 @@ class WrenchMisalignment(InstrumentEffect):
     @override
     def fault(self, instruments: Instruments) -> Instruments:
         sensor = instruments.force_sensor
-        turn = plus(sensor.mounting, tuple(self.parameters().values()))
-        return replace(instruments, force_sensor=replace(sensor, mounting=turn))
+        turn = plus(sensor.mounting, (self.rx_rad, self.ry_rad, self.rz_rad))
+        shift = plus(sensor.beside, (self.x_m, self.y_m, self.z_m))
+        seated = replace(sensor, mounting=turn, beside=shift)
+        return replace(instruments, force_sensor=seated)

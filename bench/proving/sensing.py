@@ -2,7 +2,8 @@
 
 ==========  ==========================================================================
 Equation    tracker: as `bench.instruments.tracker`, noise left out; force sensor:
-            wrench = exp(mounting) (1 + gain)^-1 (reading - bias)
+            wrench = [F; T + beside x F], F and T the halves of
+            exp(mounting) (1 + gain)^-1 (reading - bias)
 Source      the instruments' own equations
 Valid       faults that the instruments know
 Ignores     noise
@@ -26,7 +27,8 @@ def true_wrench(
     crosstalk = np.eye(6) + np.array(sensor.gain)
     felt = np.linalg.solve(crosstalk, (reading - np.array(sensor.bias)).T).T
     seated = Rotation.from_rotvec(sensor.mounting)
-    return np.hstack([seated.apply(part) for part in np.hsplit(felt, 2)])
+    force, torque = (seated.apply(part) for part in np.hsplit(felt, 2))
+    return np.hstack([force, torque + np.cross(sensor.beside, force)])
 
 
 def direction(recording: Recording) -> Float[np.ndarray, " rows"]:

@@ -63,7 +63,8 @@ USUAL: Mapping[str, Mapping[str, Usual]] = {
         "anchor bolts and pedestals of 1 to 10 MN m/rad",
     ),
     "wrench_gain": _all("fx fy fz tx ty tz", -0.02, 0.02, MAKERS),
-    "wrench_misalignment": _all("rx_rad ry_rad rz_rad", -0.0087, 0.0087, CHOSEN),
+    "wrench_misalignment": _all("rx_rad ry_rad rz_rad", -0.0087, 0.0087, CHOSEN)
+    | _all("x_m y_m z_m", -1e-3, 1e-3, CHOSEN),
     "pulley_friction": _all("ratio", 0.01, 0.04, "ropemakers: 2 % a sheave"),
     "tracker_scale": _all("ratio", -5e-5, 5e-5, CHOSEN),
     "drift": _all("x_m_per_h y_m_per_h z_m_per_h", -5e-5, 5e-5, CHOSEN),

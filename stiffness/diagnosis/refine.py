@@ -24,7 +24,7 @@ from stiffness.diagnosis.split import Split
 
 TRIES = 9
 """Values that are tried at once."""
-WHOLE = ("with", "settled", "within")
+WHOLE = ("with", "settled", "within", "beside")
 """Shape parameters that count something and have nothing in between."""
 
 

@@ -1,11 +1,13 @@
-"""A force sensor sits on the flange a little turned.
+"""A force sensor sits on the flange a little turned, or beside its place.
 
 ==========  ==========================================================================
 Equation    true force = reading + r x reading, torque alike, r the rotation vector from
-            the stated axes to the sensor's own
-Source      rotation vector to first order: Rodrigues 1840
-Valid       some degrees; about the sensor's origin
-Ignores     a sensor that sits beside its place; the second order of the turn
+            the stated axes to the sensor's own; or true torque = reading + d x force,
+            d from the stated origin to the sensor's own
+Source      rotation vector to first order: Rodrigues 1840; moments about two points:
+            statics
+Valid       some degrees about the sensor's origin; any distance
+Ignores     both at once; the second order of the turn
 ==========  ==========================================================================
 """
 
@@ -28,18 +30,28 @@ from stiffness.diagnosis.hypotheses.response import (
 from stiffness.diagnosis.signature import NOTHING, Signature
 from stiffness.diagnosis.situation import Situation
 
-NAMES = ("rx_rad", "ry_rad", "rz_rad")
+TURN = ("rx_rad", "ry_rad", "rz_rad")
+SHIFT = ("x_m", "y_m", "z_m")
+LEAST_TURN = 0.01
+"""Singular value over the largest from which a direction is told from the others, about
+what the pull must turn against the sensor, in rad; chosen."""
 
 
 @dataclass(frozen=True)
 class WrenchMisalignment(Hypothesis):
-    """A sensor whose axes are not those that the manifest states."""
+    """A sensor whose axes, or whose origin, are not what the manifest states.
+
+    It is turned, or it sits `beside` its place: 0 or 1. The latter only where the pull
+    turns against it, for all three directions to show.
+    """
 
     effect: ClassVar[str] = "wrench_misalignment"
+    shape_names: ClassVar[tuple[str, ...]] = ("beside",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
-        name: (-0.3, 0.3) for name in NAMES
+        **dict.fromkeys(TURN, (-0.3, 0.3)),
+        **dict.fromkeys(SHIFT, (-1.0, 1.0)),
     }
-    sizes: ClassVar[tuple[str, ...]] = NAMES
+    sizes: ClassVar[tuple[str, ...]] = (*TURN, *SHIFT)
 
     @override
     def places(self, situation: Situation) -> tuple[str, ...]:
@@ -50,17 +62,16 @@ class WrenchMisalignment(Hypothesis):
     def shapes(
         self, situation: Situation, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
+        carried = torques(situation, 1.0)[:, situation.arm.compliance > 0.0]
+        value = np.linalg.svd(carried.reshape(-1, 3), compute_uv=False)
+        shown = value[-1] > LEAST_TURN * value[0]
+        return np.array([[0.0], [1.0]] if shown else [[0.0]])
 
     @override
     def signature(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        halves = reading(situation).reshape(-1, 2, 1, 3)
-        turned = np.cross(np.eye(3), halves)  # (rows, halves, columns, 3)
-        extra = turned.transpose(0, 1, 3, 2).reshape(-1, 6, 3)
-        torque = torque_at_sensor(situation, along_sensor(situation, extra))
-        return wind_up(situation, torque)
+        return wind_up(situation, torques(situation, float(shape[0])))
 
     @override
     def variants(
@@ -76,4 +87,16 @@ class WrenchMisalignment(Hypothesis):
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
     ) -> Mapping[str, float]:
-        return dict(zip(NAMES, coefficients, strict=True))
+        return dict(zip(SHIFT if shape[0] else TURN, coefficients, strict=True))
+
+
+def torques(situation: Situation, beside: float) -> Float[np.ndarray, "rows axes 3"]:
+    """Return what the axes carry more, per radian turned or per metre beside."""
+    force, moment = np.split(reading(situation)[:, :, None], 2, axis=1)
+    e = np.eye(3)[None]
+    if beside:
+        extra = [np.zeros((len(force), 3, 3)), np.cross(e, force, axis=1)]
+    else:
+        extra = [np.cross(e, part, axis=1) for part in (force, moment)]
+    whole = along_sensor(situation, np.concatenate(extra, axis=1))
+    return torque_at_sensor(situation, whole)
