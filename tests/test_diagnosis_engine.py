@@ -14,13 +14,14 @@ from bench.recording import Recording
 from bench.rig import Rig
 from bench.table_one import plan
 from stiffness.diagnosis.detect import ALARM, MEASURED, MISSTATED, Found
-from stiffness.diagnosis.diagnose import case_of, diagnose
+from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.flips import sign_flips
 from stiffness.diagnosis.growth import exchanged
 from stiffness.diagnosis.hypotheses.base_tilt import BaseTilt
 from stiffness.diagnosis.hypotheses.hardening import Hardening
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.judge import equivalents, posterior
+from stiffness.diagnosis.lay_out import case_of
 from stiffness.diagnosis.member import Member, fit_set
 from stiffness.diagnosis.naming import Named
 from stiffness.diagnosis.prepare import prepare

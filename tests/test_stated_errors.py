@@ -19,11 +19,12 @@ from scenarios.trials.arms import arm_of
 from stiffness.arm import Arm
 from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.detect import MEASURED, MISSTATED
-from stiffness.diagnosis.diagnose import case_of, diagnose
+from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.hypotheses.encoder_offset import EncoderOffset
 from stiffness.diagnosis.hypotheses.gravity_load import GravityLoad, carried
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.intervals import Parameter, beyond_limits
+from stiffness.diagnosis.lay_out import case_of
 from stiffness.diagnosis.member import Member
 from stiffness.diagnosis.misfit import misfit_of
 from stiffness.diagnosis.prepare import prepare

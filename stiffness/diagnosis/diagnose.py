@@ -8,7 +8,6 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float
 
 from bench.recording import Recording
 from stiffness.arm import Arm
@@ -17,8 +16,6 @@ from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.detect import (
     ALARM,
     FEWEST,
-    MEASURED,
-    MISSTATED,
     WOULD_SHOW,
     Found,
     detect,
@@ -29,27 +26,16 @@ from stiffness.diagnosis.diagnosis import (
     Unexplained,
     Warned,
 )
-from stiffness.diagnosis.evidence import evidence_of
 from stiffness.diagnosis.flips import SMALLEST
 from stiffness.diagnosis.hypotheses import HYPOTHESES
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.library import library_of, springs_of
-from stiffness.diagnosis.member import solve, training
+from stiffness.diagnosis.lay_out import case_of, settled
 from stiffness.diagnosis.misfit import misfit_of
-from stiffness.diagnosis.naming import Named, name
 from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.remarks import remarks, scattered
 from stiffness.diagnosis.scatter import scatter_of
 from stiffness.diagnosis.set_up import mistakes_of_set_up
-from stiffness.diagnosis.split import seed_of, split_of
 from stiffness.diagnosis.steady import steadied
-
-MOVED = 0.03
-"""Share by which a compliance may move under names before all columns are laid out
-anew; chosen: what a load or a mass winds up goes with it, and sizes are said to some
-per cent. Where the arm rests stays as it was prepared."""
-AGAIN = 2
-"""How often; chosen: the second time moves a tenth of the first."""
 
 
 def diagnose(
@@ -102,75 +88,9 @@ def diagnose(
             seconds=time.perf_counter() - started,
             **common,
         )
-    named = name(case, found)
-    for _ in range(AGAIN):
-        if not _moved(case, named.best.fit.springs):
-            break
-        case = case_of(prepared, hypotheses, _total(case, prepared, named))
-        named = name(case, found)
+    case, named = settled(case, prepared, hypotheses, found)
     answer = answer_of(case, prepared, found, named)
     return Diagnosis(**common, **answer, seconds=time.perf_counter() - started)
-
-
-def case_of(
-    prepared: Prepared,
-    hypotheses: Sequence[Hypothesis],
-    softer: Float[np.ndarray, " springs"] | None = None,
-) -> Case:
-    """Lay out everything that naming looks at.
-
-    Args:
-        prepared: The recording against its nominal model.
-        hypotheses: What may be named.
-        softer: By how much each fitted compliance is another than prepared, in rad/(N
-            m); None: as the data say where nothing is named.
-    """
-    recording = prepared.situation.recording
-    split = split_of(recording)
-    data, situation = prepared.data, prepared.situation
-    springs = springs_of(situation, prepared.springs)
-    if springs:
-        own, moved = list(prepared.springs), situation.compliance.copy()
-        if softer is None:
-            evidence = evidence_of(data, springs, training(split))
-            softer = solve(evidence.gram.sum(axis=0), evidence.score.sum(axis=0))
-        change = _within_a_decade(softer, moved[own])
-        data = data.less(springs, change)
-        moved[own] += change
-        situation = situation.with_compliance(moved)
-    library = library_of(situation, prepared.springs, hypotheses)
-    evidence = evidence_of(data, library.signatures, training(split))
-    return Case(
-        data,
-        situation,
-        prepared.springs,
-        library,
-        evidence,
-        split,
-        seed_of(recording),
-        MEASURED if prepared.freedom else MISSTATED,
-    )
-
-
-def _moved(case: Case, springs: Float[np.ndarray, " springs"]) -> bool:
-    """Return whether names leave springs so different that columns change with them."""
-    before = case.situation.compliance[list(case.springs)]
-    return bool(np.any(np.abs(springs) > MOVED * before))
-
-
-def _total(
-    case: Case, prepared: Prepared, named: Named
-) -> Float[np.ndarray, " springs"]:
-    """Return by how much compliances are other than prepared."""
-    own = list(prepared.springs)
-    moved = case.situation.compliance - prepared.situation.compliance
-    return moved[own] + named.best.fit.springs
-
-
-def _within_a_decade(
-    change: Float[np.ndarray, " springs"], before: Float[np.ndarray, " springs"]
-) -> Float[np.ndarray, " springs"]:
-    return np.clip(change, -0.9 * before, 9.0 * before)
 
 
 def _detection(prepared: Prepared, case: Case, found: Found) -> Detection:

@@ -11,7 +11,7 @@ Ignores     what gives way besides the axes' own springs
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -99,6 +99,29 @@ class GravityLoad(Hypothesis):
             return {f"moment_{axis}_kg_m": value for axis, value in found.items()}
         centre = {f"com_{axis}_m": value / mass for axis, value in found.items()}
         return {"mass_kg": mass, **centre}
+
+    @override
+    def acting(
+        self,
+        situation: Situation,
+        where: str,
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Situation:
+        torque = torques(situation, where)
+        size = np.zeros(4)
+        size[seen(situation, torque)] = coefficients
+        weight = size[0] * situation.arm.chain.gravity
+        centre = axes_of(situation, where) @ size[1:]
+        turning = np.cross(centre, situation.arm.chain.gravity)
+        at = point_of(situation, where, np.zeros(3))
+        force, moment = situation.force.copy(), situation.moment.copy()
+        under = situation.arm.chain.carriers(situation.arm.place(where).axis)
+        for place in [0, *(k + 1 for k in under)]:
+            lever = at - situation.origin[:, place]
+            force[:, place] += weight
+            moment[:, place] += np.cross(lever, weight) + turning
+        whole = situation.torque + torque @ size
+        return replace(situation, force=force, moment=moment, torque=whole)
 
 
 def carried(situation: Situation, body: str) -> float:

@@ -103,6 +103,18 @@ class Hypothesis(ABC):
         differentiates this function to carry intervals over, so keep it smooth.
         """
 
+    def acting(
+        self,
+        situation: Situation,
+        where: str,
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Situation:
+        """Return the situation as all else feels it with the effect in it.
+
+        The same, unless overridden: most effects move the arm and pull at nothing.
+        """
+        return situation
+
     def limits_at(
         self, situation: Situation, where: str
     ) -> Mapping[str, tuple[float, float]]:
