@@ -3,8 +3,8 @@
 Columns of a place: torque in knots for loading and for unloading, torque with the
 axis' angle, with time, with axial force, with what it was a row before and how long it
 has stood; moments across the axis; and, between visits, the place's own small constant
-motions and the axis' angle in harmonics. Chosen after a trial in which such a map told
-rightly from wrongly named recordings.
+motions, the axis' angle in harmonics and the tracker's own errors. Chosen after a trial
+in which such a map told rightly from wrongly named recordings.
 """
 
 from dataclasses import dataclass
@@ -21,6 +21,7 @@ from stiffness.diagnosis.signature import (
     translate,
 )
 from stiffness.diagnosis.situation import Situation
+from stiffness.diagnosis.tracker_map import errors_of_tracker
 
 KNOTS = 7
 """Knots of torque; chosen: three segments a side."""
@@ -50,6 +51,9 @@ def residual_map(situation: Situation) -> tuple[MapBlock, ...]:
     blocks = _of_base(situation)
     for k in range(len(situation.axes)):
         blocks.extend(_of_axis(situation, k))
+    seen = errors_of_tracker(situation)
+    if seen.columns:
+        blocks.append(MapBlock("tracker", "geometry", seen))
     return tuple(blocks)
 
 
