@@ -11,8 +11,9 @@ from bench.experiment import record
 from bench.instruments import ForceSensor, Instruments, Tracker
 from bench.load_path import LoadStep
 from bench.plan import Plan, mixed_pulleys
-from bench.recording import Recording, WrenchSpec
+from bench.recording import Recording
 from bench.rig import Rig
+from bench.stated import WrenchSpec
 from stiffness.arm import Arm
 from stiffness.diagnosis.hypotheses import HYPOTHESES
 from stiffness.diagnosis.hypotheses.bodies import point_of

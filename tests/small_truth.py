@@ -4,15 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.recording import (
-    LOADED,
-    UNLOADED,
-    Marker,
-    Payload,
-    Recording,
-    TrackerSpec,
-    WrenchSpec,
-)
+from bench.recording import LOADED, UNLOADED, Marker, Payload, Recording
+from bench.stated import TrackerSpec, WrenchSpec
 from stiffness.arm import Arm
 from stiffness.equilibrium import equilibrium
 

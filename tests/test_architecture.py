@@ -26,7 +26,7 @@ from source import (
 SIDES = ("bench", "stiffness", "scenarios")
 SOURCES = python_files(*SIDES)
 CLAIMS = python_files("stiffness")
-NOUNS = ("bench.recording", "bench.errors", "bench.plan", "bench.files")
+NOUNS = ("bench.recording", "bench.stated", "bench.errors", "bench.plan", "bench.files")
 """All that claims may know of the bench."""
 BEYOND = ("mujoco", "bench", "scenarios")
 """Where truth lives, and what puts both sides together; nouns aside, no claim sees

@@ -8,7 +8,8 @@ import pytest
 from bench.errors import Unusable
 from bench.patch import Mounted, Patch, rig_of
 from bench.patch_effects import Named
-from bench.recording import UNLOADED, Marker, Payload, Recording, TrackerSpec
+from bench.recording import UNLOADED, Marker, Payload, Recording
+from bench.stated import TrackerSpec
 from scenarios.calibrating import redrawn
 from scenarios.calibrating.carried_out import carried_out, written
 from scenarios.nominal import arm_of

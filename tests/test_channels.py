@@ -10,8 +10,8 @@ from test_tare import turned
 from bench.experiment import record
 from bench.instruments import Instruments
 from bench.instruments.force_sensor import ForceSensor
-from bench.recording import WrenchSpec
 from bench.rig import Rig
+from bench.stated import WrenchSpec
 from bench.table_one import plan
 from stiffness.diagnosis.channels import clear_channels
 from stiffness.diagnosis.evidence import evidence_of

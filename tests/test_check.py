@@ -20,7 +20,8 @@ from recordings import (
 )
 
 from bench.files import read, write
-from bench.recording import Marker, TrackerSpec
+from bench.recording import Marker
+from bench.stated import TrackerSpec
 from scenarios import SAYS, check
 from scenarios.abilities import abilities
 from scenarios.axis_view import alike, axis_views

@@ -29,14 +29,8 @@ from bench import turn
 from bench.errors import Unusable
 from bench.files import read, write
 from bench.format.columns import UNITS
-from bench.recording import (
-    STAGES,
-    Marker,
-    Payload,
-    Recording,
-    TrackerSpec,
-    WrenchSpec,
-)
+from bench.recording import STAGES, Marker, Payload, Recording
+from bench.stated import TrackerSpec, WrenchSpec
 from bench.turn import matrix_of, quaternion_of, unit_quaternion
 
 

@@ -11,8 +11,9 @@ from bench.one_chain import moving
 from bench.patch import Patch
 from bench.patch_effects import Named
 from bench.proof import prove
-from bench.recording import Marker, Recording, TrackerSpec, WrenchSpec
+from bench.recording import Marker, Recording
 from bench.rig import Rig
+from bench.stated import TrackerSpec, WrenchSpec
 from scenarios import record
 from scenarios.nominal import arm_of, read_for
 from scenarios.watching import Watching

@@ -9,7 +9,8 @@ from bench.format.columns import COORDINATES, WRENCH
 from bench.format.course import STEP, load_times_of, stages_of, visits_of
 from bench.format.layout import Layout
 from bench.format.manifest import FILE, Manifest
-from bench.recording import Marker, Payload, Recording, TrackerSpec, WrenchSpec
+from bench.recording import Marker, Payload, Recording
+from bench.stated import TrackerSpec, WrenchSpec
 from bench.turn import matrix_of, unit_quaternion
 
 

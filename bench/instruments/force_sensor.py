@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.instruments.chance import Streams
 from bench.instruments.checks import not_sizes, not_vectors, refuse
-from bench.recording import WrenchSpec
+from bench.stated import WrenchSpec
 
 NO_GAIN = ((0.0,) * 6,) * 6
 TURN = float(np.deg2rad(0.3))

@@ -20,7 +20,7 @@ from bench.instruments.chance import Streams
 from bench.instruments.checks import not_sizes, not_vectors, refuse
 from bench.instruments.smooth_field import smooth_field
 from bench.instruments.standpoint import inverse, moved, standpoint
-from bench.recording import TrackerSpec
+from bench.stated import TrackerSpec
 
 STILL = (0.0,) * 6
 HOUR = 3600.0

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from bench.errors import Unusable
 from bench.format.course import load_times_of
-from bench.recording import UNLOADED, Marker, Recording, TrackerSpec
+from bench.recording import UNLOADED, Marker, Recording
+from bench.stated import TrackerSpec
 
 FILE = "measurements_grid.csv"
 REPEATABILITY = 1e-5

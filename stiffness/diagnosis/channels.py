@@ -18,7 +18,7 @@ just what the nominal arm was thought to do under it.
 import numpy as np
 from jaxtyping import Float
 
-from bench.recording import WrenchSpec
+from bench.stated import WrenchSpec
 from stiffness.wrench import turned
 
 LOUDER = 4.0
@@ -38,7 +38,7 @@ def clear_channels(
         wrench: Along the base's axes, in N and N m.
         axes: The sensor's own, as columns.
     """
-    noise = np.repeat([spec.accuracy_force, spec.accuracy_torque], 3)
+    noise = spec.sigma
     rows, channels = wrench.shape
     if rows < channels or not np.all(noise > 0.0):
         return wrench

@@ -45,7 +45,7 @@ def tared(
     spec, rest = recording.wrench_sensor, recording.stage == UNLOADED
     if spec is None or rest.sum() < FEWEST:
         return wrench
-    noise = np.repeat([spec.accuracy_force, spec.accuracy_torque], 3)
+    noise = spec.sigma
     if not np.all(noise > 0.0):
         return wrench
     own = turned(wrench, axes.swapaxes(1, 2))

@@ -49,9 +49,7 @@ def feigned_turns(
         whole[:, 3:, i] = turn * np.cross(np.eye(3)[i], torque)
     whole[:, :, 3] = gain * situation.wrench
     common = visits.gather(give @ whole)  # (visits, longest, axes, 4)
-    own = visits.gather(
-        give * np.repeat([spec.accuracy_force, spec.accuracy_torque], 3)
-    )
+    own = visits.gather(give * spec.sigma)
     errors = np.zeros((stays, axes, longest, COMMON + 6 * longest))
     errors[..., :COMMON] = common.transpose(0, 2, 1, 3)
     for r in range(longest):
