@@ -1,4 +1,4 @@
-"""What instruments state of themselves is how far their readings can be believed."""
+"""Instruments state how far their readings can be believed, and where they sit."""
 
 from dataclasses import dataclass, field
 from typing import Literal

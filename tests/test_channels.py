@@ -16,7 +16,7 @@ from bench.table_one import plan
 from stiffness.diagnosis.channels import clear_channels
 from stiffness.diagnosis.evidence import evidence_of
 from stiffness.diagnosis.hypotheses.wrench_gain import WrenchGain
-from stiffness.diagnosis.lay_out import case_of
+from stiffness.diagnosis.layout import case_of
 from stiffness.diagnosis.member import fit_of
 from stiffness.diagnosis.prepare import prepare
 

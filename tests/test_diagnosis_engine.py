@@ -21,7 +21,7 @@ from stiffness.diagnosis.hypotheses.base_tilt import BaseTilt
 from stiffness.diagnosis.hypotheses.hardening import Hardening
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.judge import equivalents, posterior
-from stiffness.diagnosis.lay_out import case_of
+from stiffness.diagnosis.layout import case_of
 from stiffness.diagnosis.member import Member, fit_set
 from stiffness.diagnosis.naming import Named
 from stiffness.diagnosis.prepare import prepare

@@ -119,7 +119,7 @@ def test_base_whose_springs_stand_askew_is_a_base_that_gives_way():
 
 
 def test_wrench_about_another_point_is_a_sensor_beside_its_place():
-    beside = "wrench_misalignment@wrench_sensor,rz_rad=0.0,x_m=0.03,z_m=-0.01"
+    beside = "wrench_misalignment@wrench_sensor,x_m=0.03,z_m=-0.01"
     names = (*FEW, WrenchGain(), WrenchMisalignment())
     found = diagnose(recording(beside), arm(), names)
     [one] = found.named

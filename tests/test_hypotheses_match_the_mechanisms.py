@@ -403,12 +403,12 @@ def test_sensor_errs_along_its_own_axes_whichever_axes_its_readings_have(name):
     """A controller that turns readings to the base turns their errors as well."""
     own, turned = (truth.situation_in(seen) for seen in _reported_both_ways())
     fault = truth.BY_NAME[name]
-    shape = fault.shapes(own, "wrench_sensor")[-1]
-    one, other = (
-        truth.moved(s, fault.signature(s, "wrench_sensor", shape))
-        for s in (own, turned)
-    )
-    assert_allclose(one, other, rtol=1e-3, atol=1e-6 * np.abs(one).max())
+    for shape in fault.shapes(own, "wrench_sensor"):
+        one, other = (
+            truth.moved(s, fault.signature(s, "wrench_sensor", shape))
+            for s in (own, turned)
+        )
+        assert_allclose(one, other, rtol=1e-3, atol=1e-6 * np.abs(one).max())
 
 
 def _reported_both_ways() -> tuple[Recording, Recording]:

@@ -256,10 +256,10 @@ def test_reading_follows_the_equation(wrench):
 
 def test_sensor_beside_its_place_feels_the_pull_about_its_own_origin(wrench):
     """M' = M - d x F, d from where it should be to where it is."""
-    beside = (0.01, -0.02, 0.035)
-    felt = feel(ForceSensor(noise=0.0, beside=beside), wrench)
+    offset = (0.01, -0.02, 0.035)
+    felt = feel(ForceSensor(noise=0.0, offset=offset), wrench)
     np.testing.assert_array_equal(felt[:, :3], wrench[:, :3])
-    levered = wrench[:, 3:] - np.cross(beside, wrench[:, :3])
+    levered = wrench[:, 3:] - np.cross(offset, wrench[:, :3])
     np.testing.assert_allclose(felt[:, 3:], levered, atol=1e-12)
 
 

@@ -141,14 +141,14 @@ def test_an_effect_of_geometry_is_proved_in_absolute_places(kr10, held):
 
 
 def test_a_fault_of_the_force_sensor_is_read_backwards(recording):
-    """Reading = (1 + gain) Rᵀ [F; M - beside x F] + bias, solved for F and M."""
+    """Reading = (1 + gain) Rᵀ [F; M - offset x F] + bias, solved for F and M."""
     gain = tuple(map(tuple, np.diag([0.02, 0.0, -0.01, 0.03, 0.0, 0.01]).tolist()))
     sensor = ForceSensor(
         noise=0.0,
         bias=(1.0, 0.0, 0.0, 0.0, 0.1, 0.0),
         gain=gain,
         mounting=(0.01, 0.02, -0.03),
-        beside=(0.02, -0.01, 0.04),
+        offset=(0.02, -0.01, 0.04),
     )
     wrench = np.random.default_rng(0).standard_normal((7, 6))
     reading = sensor.read(wrench, np.zeros(7, dtype=int), streams(0))

@@ -5,7 +5,7 @@ import pytest
 from small_bench import prepared
 
 from stiffness.diagnosis.hypotheses.creep import Creep
-from stiffness.diagnosis.lay_out import case_of
+from stiffness.diagnosis.layout import case_of
 from stiffness.diagnosis.member import Member, fit_set
 from stiffness.diagnosis.refine import refined, tried
 

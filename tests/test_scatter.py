@@ -17,7 +17,7 @@ from bench.table_one import plan
 from stiffness.diagnosis.detect import MEASURED, SCATTERED
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.diagnosis import Diagnosis
-from stiffness.diagnosis.lay_out import case_of
+from stiffness.diagnosis.layout import case_of
 from stiffness.diagnosis.prepare import prepare
 from stiffness.diagnosis.scatter import scatter_of
 

@@ -24,7 +24,7 @@ from stiffness.diagnosis.hypotheses.encoder_offset import EncoderOffset
 from stiffness.diagnosis.hypotheses.gravity_load import GravityLoad, carried
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.intervals import Parameter, beyond_limits
-from stiffness.diagnosis.lay_out import case_of
+from stiffness.diagnosis.layout import case_of
 from stiffness.diagnosis.member import Member
 from stiffness.diagnosis.misfit import misfit_of
 from stiffness.diagnosis.prepare import prepare

@@ -2,14 +2,23 @@
 
 from dataclasses import replace
 
+import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import FEW, arm, recording
+from scipy.spatial.transform import Rotation
+from small_bench import FEW, arm, prepared, recording
 
 from bench.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.diagnosis.tracker_map import COLUMNS, along_circles
+from stiffness.diagnosis.signature import values
+from stiffness.diagnosis.situation import Situation
+from stiffness.diagnosis.tracker_map import (
+    COLUMNS,
+    along_circles,
+    errors_of_tracker,
+    upright,
+)
 
 STEP = 1e-6
 AWAY = np.random.default_rng(0).uniform(-3.0, 3.0, (20, 3))
@@ -29,8 +38,11 @@ def seen(polar: np.ndarray) -> np.ndarray:
 
 
 A, E, R = polar(AWAY)
+LEVEL = R * np.cos(E)
 ERRORS = [
+    *((0, error / LEVEL) for error in (1.0, R)),
     *((0, f(n * A)) for n in (1, 2) for f in (np.cos, np.sin)),
+    (1, 1.0 / R),
     *((1, f(2 * A)) for f in (np.cos, np.sin)),
     *((1, f(n * E)) for n in (1, 2) for f in (np.cos, np.sin)),
     *((2, R**n) for n in (0, 1, 2)),
@@ -53,12 +65,44 @@ def test_beam_that_sags_falls_with_the_square_of_its_way():
     assert_allclose(fall, np.outer(np.sum(AWAY**2, axis=1), [0.0, 0.0, 1.0]))
 
 
+@pytest.mark.parametrize("up", [[0.0, 0.0, 2.0], [1.0, 0.0, 0.0], [0.3, -0.4, 0.5]])
+def test_upright_axes_are_a_right_handed_frame(up):
+    axes = upright(np.array(up))
+    assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
+    assert_allclose(np.cross(axes[:, 0], axes[:, 1]), axes[:, 2], atol=1e-12)
+    assert_allclose(axes[:, 2], up / np.linalg.norm(up))
+
+
+def from_tracker_at(stand: list[float], turn: np.ndarray) -> Situation:
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = turn, stand
+    return replace(truth.situation(), tracker=frame)
+
+
+def test_circles_are_level_however_the_readings_axes_are_turned():
+    stand, turn = [2.0, -1.0, 0.7], Rotation.from_rotvec([0.4, 1.2, -0.3]).as_matrix()
+    one = errors_of_tracker(from_tracker_at(stand, np.eye(3)))
+    other = errors_of_tracker(from_tracker_at(stand, turn))
+    for a, b in zip(one.parts, other.parts, strict=True):
+        assert_allclose(values(a), values(b))
+
+
+def test_readings_that_were_turned_to_the_base_know_no_circles():
+    assert errors_of_tracker(from_tracker_at([0.0, 0.1, 0.9], np.eye(3))).columns == 0
+    relative = replace(truth.recording(), displacement="relative")
+    far = from_tracker_at([2.0, 0.0, 0.0], np.eye(3))
+    assert errors_of_tracker(replace(far, recording=relative)).columns == 0
+
+
 def with_bad_circle(made: Recording) -> Recording:
-    """Let the tracker's horizontal circle err by 50 microradians twice a turn."""
+    """Let the tracker's level circle err by 50 microradians twice a turn."""
     assert made.points is not None
-    a, e, r = polar(made.points)
-    wrong = np.stack([a + 5e-5 * np.sin(2 * a + 0.3), e, r])
-    return replace(made, points=seen(wrong))
+    frame = prepared().frames.transform
+    turn, stand = frame[:3, :3], frame[:3, 3]
+    a, e, r = polar(made.points @ turn.T)
+    wrong = seen(np.stack([a + 5e-5 * np.sin(2 * a + 0.3), e, r]))
+    assert np.hypot(stand[0], stand[1]) > 1.0
+    return replace(made, points=wrong @ turn)
 
 
 def test_circle_that_errs_gets_no_name_but_its_place():

@@ -21,17 +21,17 @@ from bench.instruments import Instruments
 
 @dataclass(frozen=True)
 class WrenchMisalignment(InstrumentEffect):
-    """From the axes and the origin that the manifest states to the sensor's own.
+    """Turn and shift from what the manifest states to where the sensor sits.
 
     Several misalignments add their vectors.
 
     Attributes:
-        rx_rad: Rotation vector along the stated x.
-        ry_rad: Along the stated y.
-        rz_rad: Along the stated z.
-        x_m: Of its origin, along the stated x.
-        y_m: Along the stated y.
-        z_m: Along the stated z.
+        rx_rad: Rotation vector from the stated axes to its own, along the stated x.
+        ry_rad: The same along the stated y.
+        rz_rad: The same along the stated z.
+        x_m: Shift of its origin along the stated x.
+        y_m: The same along the stated y.
+        z_m: The same along the stated z.
     """
 
     name: ClassVar[str] = "wrench_misalignment"
@@ -55,6 +55,6 @@ class WrenchMisalignment(InstrumentEffect):
     def fault(self, instruments: Instruments) -> Instruments:
         sensor = instruments.force_sensor
         turn = plus(sensor.mounting, (self.rx_rad, self.ry_rad, self.rz_rad))
-        shift = plus(sensor.beside, (self.x_m, self.y_m, self.z_m))
-        seated = replace(sensor, mounting=turn, beside=shift)
+        shift = plus(sensor.offset, (self.x_m, self.y_m, self.z_m))
+        seated = replace(sensor, mounting=turn, offset=shift)
         return replace(instruments, force_sensor=seated)

@@ -1,7 +1,7 @@
 """A force sensor reads the rope's pull a little turned, scaled, shifted and grainy.
 
 ==========  ==========================================================================
-Equation    reading = (1 + gain) g R [F; M - beside x F] + bias + noise, rounded to the
+Equation    reading = (1 + gain) g R [F; M - offset x F] + bias + noise, rounded to the
             resolution; R = exp(turn of the visit)ᵀ exp(mounting)ᵀ, g = 1 + gain of the
             visit
 Source      linear calibration of six-axis sensors; sizes at each attribute
@@ -41,7 +41,7 @@ class ForceSensor:
         gain: Row k is what channel k reads beyond its own share, from each channel;
             force from torque in 1/m, torque from force in m, the rest without unit.
         mounting: Rotation vector from where it should sit to where it sits, in rad.
-        beside: From where its origin should be to where it is, in m, along the axes in
+        offset: From where its origin should be to where it is, in m, along the axes in
             which it should sit.
         turn: One sigma of a turn about each axis that a whole visit shares, in rad;
             `TURN` where the cable or the mounting gives way.
@@ -55,7 +55,7 @@ class ForceSensor:
     bias: tuple[float, ...] = (0.0,) * 6
     gain: tuple[tuple[float, ...], ...] = NO_GAIN
     mounting: tuple[float, ...] = (0.0, 0.0, 0.0)
-    beside: tuple[float, ...] = (0.0, 0.0, 0.0)
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
     turn: float = 0.0
     size: float = 0.0
     resolution: tuple[float, ...] = (0.0, 0.0)
@@ -67,7 +67,7 @@ class ForceSensor:
         faults = not_sizes(sizes | {"resolution": self.resolution})
         rows = {f"gain, row {k}": row for k, row in enumerate(self.gain, start=1)}
         faults += not_vectors({"bias": self.bias, **rows}, 6)
-        faults += not_vectors({"mounting": self.mounting, "beside": self.beside}, 3)
+        faults += not_vectors({"mounting": self.mounting, "offset": self.offset}, 3)
         faults += not_vectors({"resolution": self.resolution}, 2)
         if len(self.gain) != 6:
             faults.append(f"gain has {len(self.gain)} rows, expected 6.")
@@ -92,7 +92,7 @@ class ForceSensor:
         scale = (1.0 + self.size * drawn[:, 3])[visit, None]
         seated = Rotation.from_rotvec(self.mounting) * turn
         force, torque = np.hsplit(wrench, 2)
-        about_it = (force, torque - np.cross(self.beside, force))
+        about_it = (force, torque - np.cross(self.offset, force))
         felt = scale * np.hstack([seated.apply(p, inverse=True) for p in about_it])
         sigma = np.repeat([self.accuracy_force, self.accuracy_torque], 3)
         noise = chance["wrench_noise"].standard_normal(wrench.shape)

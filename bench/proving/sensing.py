@@ -2,7 +2,7 @@
 
 ==========  ==========================================================================
 Equation    tracker: as `bench.instruments.tracker`, noise left out; force sensor:
-            wrench = [F; T + beside x F], F and T the halves of
+            wrench = [F; T + offset x F], F and T the halves of
             exp(mounting) (1 + gain)^-1 (reading - bias)
 Source      the instruments' own equations
 Valid       faults that the instruments know
@@ -28,7 +28,7 @@ def true_wrench(
     felt = np.linalg.solve(crosstalk, (reading - np.array(sensor.bias)).T).T
     seated = Rotation.from_rotvec(sensor.mounting)
     force, torque = (seated.apply(part) for part in np.hsplit(felt, 2))
-    return np.hstack([force, torque + np.cross(sensor.beside, force)])
+    return np.hstack([force, torque + np.cross(sensor.offset, force)])
 
 
 def direction(recording: Recording) -> Float[np.ndarray, " rows"]:

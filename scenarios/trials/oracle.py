@@ -21,7 +21,7 @@ from stiffness.diagnosis.blocks import blocks
 from stiffness.diagnosis.case import Case
 from stiffness.diagnosis.evidence import evidence_of, projected
 from stiffness.diagnosis.hypotheses import HYPOTHESES
-from stiffness.diagnosis.lay_out import case_of
+from stiffness.diagnosis.layout import case_of
 from stiffness.diagnosis.leftover import other_forms
 from stiffness.diagnosis.member import Member
 from stiffness.diagnosis.prepare import Prepared, prepare

@@ -29,7 +29,7 @@ from stiffness.diagnosis.diagnosis import (
 from stiffness.diagnosis.flips import SMALLEST
 from stiffness.diagnosis.hypotheses import HYPOTHESES
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.lay_out import case_of, settled
+from stiffness.diagnosis.layout import case_of, settled
 from stiffness.diagnosis.misfit import misfit_of
 from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.remarks import remarks, scattered

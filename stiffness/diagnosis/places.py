@@ -6,7 +6,7 @@ Equation    place by place: the place of the map that captures most is taken, it
 Source      forward selection with a max-T test by sign flips at each step (Holm-like:
             the family shrinks by what was found)
 Valid       markers on every body; with a flange target alone a place is an inference
-Ignores     places without columns in the map (sensors, markers): these are named
+Ignores     places without columns in the map (force sensor, markers): these are named
 ==========  ==========================================================================
 """
 

@@ -1,13 +1,13 @@
-"""What a tracker could do wrong lies along its two circles and its beam.
+"""What a levelled tracker does wrong lies along its two circles and its beam.
 
 ==========  ==========================================================================
-Equation    error = h e_a (cos na, sin na) + r e_e (cos 2a, sin 2a, cos ne, sin ne)
-            + e_r (1, r, r²) + e_z r², n = 1, 2; a azimuth, e elevation, r range and h
-            its level part, seen from the tracker
+Equation    error = e_a (1, r, h cos na, h sin na) + e_e (1, r cos 2a, r sin 2a, r cos
+            ne, r sin ne) + e_r (1, r, r²) + e_z r², n = 1, 2; a azimuth, e elevation, r
+            range and h its level part, seen from the tracker, z against gravity
 Source      Muralikrishnan, Phillips, Sawyer 2016, "Laser trackers for large-scale
-            dimensional metrology: a review", section 4: circles off their centres,
-            axes that wobble, offsets of the beam
-Valid       a tracker whose third axis is upright
+            dimensional metrology: a review", section 4: circles off their centres, axes
+            and beam beside each other and askew; e_z r²: a beam that sags
+Valid       a tracker that stands upright, at the origin of its readings' frame
 Ignores     a target that turns away from the beam
 ==========  ==========================================================================
 """
@@ -20,8 +20,11 @@ from stiffness.diagnosis.hypotheses.bodies import point_of
 from stiffness.diagnosis.signature import NOTHING, Shift, Signature
 from stiffness.diagnosis.situation import Situation
 
-COLUMNS = 14
-NEAREST = 1e-3
+COLUMNS = 17
+NEAREST = 0.3
+"""Level distance from the base's origin in m at which no tracker stands: readings were
+turned to the base's frame; chosen."""
+LEAST = 1e-3
 """Level distance in m below which a target has no azimuth; chosen."""
 
 
@@ -30,33 +33,47 @@ def errors_of_tracker(situation: Situation) -> Signature:
 
     A marker of unknown place is taken at its body's origin.
     """
-    if situation.tracker is None or not absolute(situation):
+    gravity, frame = situation.arm.chain.gravity, situation.tracker
+    if frame is None or not absolute(situation) or not gravity.any():
         return NOTHING
-    turn, stand = situation.tracker[:3, :3], situation.tracker[:3, 3]
+    axes, stand = upright(-gravity), frame[:3, 3]
+    if np.hypot(*(stand @ axes)[:2]) < NEAREST:
+        return NOTHING
     parts = []
     for m, marker in enumerate(situation.recording.markers):
         place = np.zeros(3) if marker.position is None else marker.position
-        away = (point_of(situation, marker.body, place) - stand) @ turn
-        parts.append(Shift(m, turn @ along_circles(away)))
+        away = (point_of(situation, marker.body, place) - stand) @ axes
+        parts.append(Shift(m, axes @ along_circles(away)))
     return Signature(COLUMNS, tuple(parts)) if parts else NOTHING
 
 
-def along_circles(away: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3 14"]:
-    """Return the errors per unit of each, along the tracker's axes.
+def upright(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Return axes as columns, the third along a direction."""
+    z = up / np.linalg.norm(up)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def along_circles(away: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3 17"]:
+    """Return the errors per unit of each, along upright axes.
 
     Args:
-        away: Targets in the tracker's frame, in m.
+        away: Targets seen from the tracker along these axes, in m.
     """
-    level = np.maximum(np.hypot(away[:, 0], away[:, 1]), NEAREST)
+    level = np.maximum(np.hypot(away[:, 0], away[:, 1]), LEAST)
     far = np.hypot(level, away[:, 2])
     a, e = np.arctan2(away[:, 1], away[:, 0]), np.arctan2(away[:, 2], level)
-    none = np.zeros_like(a)
+    none, one = np.zeros_like(a), np.ones_like(a)
     beam = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
     side = np.stack([-np.sin(a), np.cos(a), none], axis=1)
-    up = np.cross(beam, side)
+    up, fall = np.cross(beam, side), np.stack([none, none, one], axis=1)
     waves = [f(n * x) for x in (a, e) for n in (1, 2) for f in (np.cos, np.sin)]
-    columns = [side * (level * w)[:, None] for w in waves[:4]]
-    columns += [up * (far * w)[:, None] for w in waves[2:]]
-    columns += [beam * (far**n)[:, None] for n in (0, 1, 2)]
-    columns.append(np.array([0.0, 0.0, 1.0]) * (far**2)[:, None])
+    parts = [
+        (side, [one, far, *(level * w for w in waves[:4])]),
+        (up, [one, *(far * w for w in waves[2:])]),
+        (beam, [one, far, far**2]),
+        (fall, [far**2]),
+    ]
+    columns = [along * size[:, None] for along, sizes in parts for size in sizes]
     return np.stack(columns, axis=2)

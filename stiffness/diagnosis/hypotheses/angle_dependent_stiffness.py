@@ -62,8 +62,8 @@ class AngleDependentStiffness(Hypothesis):
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        harmonics = [n * shape for n in (2.0, 3.0)]
-        return beside([self.signature(situation, where, n) for n in harmonics])
+        others = (self.signature(situation, where, n * shape) for n in (2.0, 3.0))
+        return beside([*others])
 
     @override
     def parameters(

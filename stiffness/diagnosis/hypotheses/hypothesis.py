@@ -109,9 +109,10 @@ class Hypothesis(ABC):
         where: str,
         coefficients: Float[np.ndarray, " columns"],
     ) -> Situation:
-        """Return the situation as all else feels it with the effect in it.
+        """Return the situation as other effects feel it with this one in it.
 
-        The same, unless overridden: most effects move the arm and pull at nothing.
+        The same, unless overridden, as masses do: others move the arm, or what they
+        change of its loads is left out.
         """
         return situation
 

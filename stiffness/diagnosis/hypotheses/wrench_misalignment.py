@@ -6,8 +6,9 @@ Equation    true force = reading + r x reading, torque alike, r the rotation vec
             d from the stated origin to the sensor's own
 Source      rotation vector to first order: Rodrigues 1840; moments about two points:
             statics
-Valid       some degrees about the sensor's origin; any distance
-Ignores     both at once; the second order of the turn
+Valid       turns of some degrees; any distance
+Ignores     the second order of the turn; of both at once the weaker has no size (it is
+            a variant)
 ==========  ==========================================================================
 """
 
@@ -33,8 +34,8 @@ from stiffness.diagnosis.situation import Situation
 TURN = ("rx_rad", "ry_rad", "rz_rad")
 SHIFT = ("x_m", "y_m", "z_m")
 LEAST_TURN = 0.01
-"""Singular value over the largest from which a direction is told from the others, about
-what the pull must turn against the sensor, in rad; chosen."""
+"""Angle in rad by which the pull must turn against the sensor for all directions to
+show: the least singular value over the largest; chosen."""
 
 
 @dataclass(frozen=True)
@@ -62,22 +63,24 @@ class WrenchMisalignment(Hypothesis):
     def shapes(
         self, situation: Situation, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
-        carried = torques(situation, 1.0)[:, situation.arm.compliance > 0.0]
+        carried = torques(situation, True)[:, situation.arm.compliance > 0.0]
         value = np.linalg.svd(carried.reshape(-1, 3), compute_uv=False)
-        shown = value[-1] > LEAST_TURN * value[0]
+        shown = len(value) == len(SHIFT) and value[-1] > LEAST_TURN * value[0]
         return np.array([[0.0], [1.0]] if shown else [[0.0]])
 
     @override
     def signature(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        return wind_up(situation, torques(situation, float(shape[0])))
+        return wind_up(situation, torques(situation, bool(shape[0])))
 
     @override
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        return NOTHING
+        forms = self.shapes(situation, where)
+        other = [form for form in forms if form[0] != shape[0]]
+        return self.signature(situation, where, other[0]) if other else NOTHING
 
     @override
     def parameters(
@@ -90,7 +93,7 @@ class WrenchMisalignment(Hypothesis):
         return dict(zip(SHIFT if shape[0] else TURN, coefficients, strict=True))
 
 
-def torques(situation: Situation, beside: float) -> Float[np.ndarray, "rows axes 3"]:
+def torques(situation: Situation, beside: bool) -> Float[np.ndarray, "rows axes 3"]:
     """Return what the axes carry more, per radian turned or per metre beside."""
     force, moment = np.split(reading(situation)[:, :, None], 2, axis=1)
     e = np.eye(3)[None]

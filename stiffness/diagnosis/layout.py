@@ -1,11 +1,14 @@
 """What is named changes what all else feels; then all columns are laid out anew.
 
 ==========  ==========================================================================
-Equation    y = f(c0) + (c - c0) df/dc + sizes x columns, df/dc and columns at c and
-            under the torques of what was named in the round before
-Source      Gauss-Newton, lever arms held: they move by a thousandth
-Valid       masses, and springs that names leave softer or stiffer
-Ignores     where else the arm rests under them: that stays as it was prepared
+Equation    y = f(c0) + (c1 - c0) df/dc + (c - c1) df/dc' + sizes x columns'; df/dc as
+            prepared, what is dashed at the compliance c1 and under the masses that were
+            named in the round before
+Source      Gauss-Newton in springs, fixed point in masses: these turn what gives way,
+            whose columns then hold the product of both
+Valid       lever arms held: they move by a thousandth
+Ignores     where the arm rests under it all: that stays as it was prepared; what else
+            changes the pull on springs: compensators, a wrench that is wrong
 ==========  ==========================================================================
 """
 
@@ -26,14 +29,13 @@ from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import seed_of, split_of
 
 MOVED = 0.03
-"""Share by which a compliance or a moment may change under names before all columns are
+"""Share by which a compliance or a load may change under names before all columns are
 laid out anew; chosen: what a load or a mass winds up goes with it, and sizes are said
 to some per cent."""
 AGAIN = 2
 """How often; chosen: the second time moves a tenth of the first."""
-UNSETTLED = 0.3
-"""Share of a moment from which names that come and go with it are not believed; then
-nothing is laid under; chosen: ten times `MOVED`."""
+TINY = 1e-9
+"""A load in N or N m that is none; chosen."""
 
 
 def case_of(
@@ -84,32 +86,50 @@ def settled(
 ) -> tuple[Case, Named]:
     """Name what there is, and lay out anew what that changes.
 
+    A mass that is named no more once columns were laid out under it was none.
+
     Args:
         case: As laid out where nothing is named.
         prepared: The recording against its nominal model.
         hypotheses: What may be named.
         found: The test before anything is named.
     """
-    named = name(case, found)
+    named, laid = name(case, found), 0
     for _ in range(AGAIN):
         fit = named.best.fit
-        if not _softened(case, fit) and _weight(case, prepared, fit) < MOVED:
+        if not _softened(case, fit) and _change(case, prepared, fit) < MOVED:
             break
-        case = case_of(prepared, hypotheses, _total(case, prepared, fit), fit)
+        softer = _total(case, prepared, fit)
+        case, laid = case_of(prepared, hypotheses, softer, fit), _pulling(case, fit)
         named = name(case, found)
     fit = named.best.fit
-    if _weight(case, prepared, fit) > UNSETTLED:
+    if _pulling(case, fit) < laid:
         case = case_of(prepared, hypotheses, _total(case, prepared, fit))
         named = name(case, found)
     return case, named
 
 
 def _under(situation: Situation, fit: SetFit) -> Situation:
-    """Return the situation with all that the members of a set make each other feel."""
+    """Return the situation with all that the members of a set make each other feel.
+
+    A member alone is felt by springs only, and its own columns hold that.
+    """
     if len(fit.members) > 1:
         for member, size in zip(fit.members, fit.coefficients, strict=True):
             situation = member.hypothesis.acting(situation, member.where, size)
     return situation
+
+
+def _pulling(case: Case, fit: SetFit) -> int:
+    """Return how many members of a set the others feel."""
+    if len(fit.members) < 2:
+        return 0
+    here = case.situation
+    felt = (
+        member.hypothesis.acting(here, member.where, size)
+        for member, size in zip(fit.members, fit.coefficients, strict=True)
+    )
+    return sum(after is not here for after in felt)
 
 
 def _softened(case: Case, fit: SetFit) -> bool:
@@ -118,11 +138,15 @@ def _softened(case: Case, fit: SetFit) -> bool:
     return bool(np.any(np.abs(fit.springs) > MOVED * before))
 
 
-def _weight(case: Case, prepared: Prepared, fit: SetFit) -> float:
-    """Return the largest share by which a moment is another than was laid out under."""
-    now, then = _under(prepared.situation, fit).moment, case.situation.moment
-    change, size = (np.sqrt(np.mean(m**2, axis=(0, 2))) for m in (now - then, then))
-    return float(np.max(change / np.maximum(size, 1e-12)))
+def _change(case: Case, prepared: Prepared, fit: SetFit) -> float:
+    """Return the largest share by which loads are others than were laid out under."""
+    now, then = _under(prepared.situation, fit), case.situation
+    loads = [(now.moment, then.moment), (now.torque[..., None], then.torque[..., None])]
+    shares = [0.0]
+    for new, old in loads:
+        change, size = (np.sqrt(np.mean(x**2, axis=(0, 2))) for x in (new - old, old))
+        shares.extend(change / np.maximum(size, TINY))
+    return float(max(shares))
 
 
 def _total(
