@@ -42,7 +42,7 @@ def marked(along: float, beside: np.ndarray) -> tuple[Situation, np.ndarray]:
         points=np.concatenate([points, points[:, :1]], axis=1),
     )
     point = situation.origin[:, PLACE - 1] + axes_of(situation, LINK) @ spot
-    return replace(situation, recording=made), point
+    return replace(situation, recording=made, spots=None), point
 
 
 def of_mark(situation: Situation) -> np.ndarray:
@@ -119,7 +119,14 @@ def lumped() -> Recording:
     return bent(hinges, np.concatenate([0 * one, one, one, 0 * one]))
 
 
-@pytest.mark.parametrize("made", [beam, lumped])
+def unmeasured() -> Recording:
+    """Nobody measured where the marks sit; they are fitted."""
+    made = beam()
+    marks = tuple(replace(mark, position=None) for mark in made.markers)
+    return replace(made, markers=marks)
+
+
+@pytest.mark.parametrize("made", [beam, lumped, unmeasured])
 def test_a_beam_with_marks_on_it_is_a_link_that_bends(made):
     found = diagnose(made(), arm(), (*FEW, JointCompliance(), LinkBending()))
     assert found.verdict == "explained"

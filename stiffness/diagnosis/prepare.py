@@ -74,7 +74,8 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
     start = first_fit(recording, arm)
     names, body = bodies_of(arm, recording)
     situation = situation_of(arm, recording, start.compliance, names)
-    situation = replace(situation, tracker=start.frames.transform)
+    frames = start.frames
+    situation = replace(situation, tracker=frames.transform, spots=frames.place)
     visits = visits_of(situation.visit, situation.pose)
     readings = residuals_of(situation, start.frames)
     groups = rigid_groups(recording, body)

@@ -5,6 +5,7 @@ can give way: place 0 is the base's foot, place k is axis k (counted from 1); a 
 carries all bodies beyond it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -43,6 +44,10 @@ class Situation:
         bodies: Names of the bodies with markers.
         tracker: Transform from the tracker's frame to the base's, as stated or fitted;
             None: nobody knows.
+        spots: Where each marker sits in its body's frame as fitted, in m; None: as
+            stated.
+        giving: What was named and gives way in proportion to loads: what each does in
+            any situation, as parts of a signature.
     """
 
     recording: Recording
@@ -62,6 +67,8 @@ class Situation:
     carried: Bool[np.ndarray, "places bodies"]
     bodies: tuple[str, ...]
     tracker: Float[np.ndarray, "4 4"] | None = None
+    spots: Float[np.ndarray, "markers 3"] | None = None
+    giving: tuple[Callable[["Situation"], tuple], ...] = ()
 
     @property
     def rows(self) -> int:
@@ -81,6 +88,11 @@ class Situation:
     def axis(self, where: str) -> int:
         """Return the number of an axis from its name, counted from 0."""
         return self.axes.index(where)
+
+    def spot(self, marker: int) -> Float[np.ndarray, "3"] | None:
+        """Return where a marker sits in its body's frame, in m, if anybody knows."""
+        stated = self.recording.markers[marker].position
+        return stated if self.spots is None else self.spots[marker]
 
     @cached_property
     def screw(self) -> Float[np.ndarray, "rows axes 6"]:

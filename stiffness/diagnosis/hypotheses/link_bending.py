@@ -53,6 +53,7 @@ class LinkBending(Hypothesis):
     """
 
     effect: ClassVar[str] = "link_bending"
+    linear: ClassVar[bool] = True
     shape_names: ClassVar[tuple[str, ...]] = ("within",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "bending_nm2": (1.0, np.inf),
@@ -115,12 +116,12 @@ class LinkBending(Hypothesis):
 
 def _marks(situation: Situation, place: int) -> dict[int, np.ndarray]:
     """Return where the marks on the link before a place are, in its frame, in m."""
-    return {
-        m: inside_of(situation, marker.body, marker.position)
-        for m, marker in enumerate(situation.recording.markers)
-        if situation.arm.place(marker.body).axis == place - 2
-        and marker.position is not None
-    }
+    found = {}
+    for m, marker in enumerate(situation.recording.markers):
+        spot = situation.spot(m)
+        if situation.arm.place(marker.body).axis == place - 2 and spot is not None:
+            found[m] = inside_of(situation, marker.body, spot)
+    return found
 
 
 def _of_marks(
