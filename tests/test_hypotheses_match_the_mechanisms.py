@@ -36,8 +36,8 @@ from bench.effects.wrench_bias import WrenchBias
 from bench.effects.wrench_gain import WrenchGain
 from bench.effects.wrench_misalignment import WrenchMisalignment
 from bench.effects.wrist_coupling import WristCoupling
-from bench.recording import Recording
-from stiffness.diagnosis.hypotheses.response import turned_load, wind_up
+from bench.recording import Payload, Recording
+from stiffness.diagnosis.hypotheses.response import reading, turned_load, wind_up
 from stiffness.diagnosis.signature import turn, values
 from stiffness.diagnosis.situation import Situation
 
@@ -409,6 +409,17 @@ def test_sensor_errs_along_its_own_axes_whichever_axes_its_readings_have(name):
             for s in (own, turned)
         )
         assert_allclose(one, other, rtol=1e-3, atol=1e-6 * np.abs(one).max())
+
+
+def test_sensor_errs_in_all_that_it_feels_the_tool_s_weight_included():
+    """But for how the sensor turns with the arm under the load: 4 N m by 6e-3 rad."""
+    seen = truth.recording()
+    assert seen.wrench_sensor is not None and seen.wrench is not None
+    felt = replace(seen.wrench_sensor, includes_tool_weight=True)
+    tool = Payload(3.0, np.array([0.02, -0.05, 0.1]))
+    with_tool = replace(seen, tool=tool, wrench_sensor=felt)
+    found = reading(truth.situation_in(with_tool))
+    assert_allclose(found, seen.wrench, atol=3e-2)
 
 
 def _reported_both_ways() -> tuple[Recording, Recording]:

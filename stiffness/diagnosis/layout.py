@@ -3,16 +3,17 @@
 ==========  ==========================================================================
 Equation    y = f(c0) + (c1 - c0) df/dc + (c - c1) df/dc' + sizes x columns'; df/dc as
             prepared, what is dashed at the compliance c1 and under the masses that were
-            named in the round before
-Source      Gauss-Newton in springs, fixed point in masses: these turn what gives way,
+            named, or the wrench that was found, in the round before
+Source      Gauss-Newton in springs, fixed point in loads: these turn what gives way,
             whose columns then hold the product of both
 Valid       lever arms held: they move by a thousandth
 Ignores     where the arm rests under it all: that stays as it was prepared; what else
-            changes the pull on springs: compensators, a wrench that is wrong
+            changes the pull on springs: compensators, a rope's friction
 ==========  ==========================================================================
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
@@ -22,9 +23,10 @@ from stiffness.diagnosis.detect import MEASURED, MISSTATED, Found
 from stiffness.diagnosis.evidence import evidence_of
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.library import library_of, springs_of
-from stiffness.diagnosis.member import SetFit, solve, training
+from stiffness.diagnosis.member import Member, SetFit, solve, training
 from stiffness.diagnosis.naming import Named, name
 from stiffness.diagnosis.prepare import Prepared
+from stiffness.diagnosis.signature import Part, values, with_values
 from stiffness.diagnosis.situation import Situation
 from stiffness.diagnosis.split import seed_of, split_of
 
@@ -86,7 +88,7 @@ def settled(
 ) -> tuple[Case, Named]:
     """Name what there is, and lay out anew what that changes.
 
-    A mass that is named no more once columns were laid out under it was none.
+    A load that is named no more once columns were laid out under it was none.
 
     Args:
         case: As laid out where nothing is named.
@@ -110,24 +112,35 @@ def settled(
 
 
 def _under(situation: Situation, fit: SetFit) -> Situation:
-    """Return the situation with all that the members of a set make each other feel.
+    """Return the situation with all that the members of a set make each other feel."""
+    sized = list(zip(fit.members, fit.coefficients, strict=True))
+    for member, size in sized:
+        situation = _acting(situation, member, size)
+    giving = tuple(_giving(*one) for one in sized if one[0].hypothesis.linear)
+    return replace(situation, giving=giving)
 
-    A member alone is felt by springs only, and its own columns hold that.
-    """
-    if len(fit.members) > 1:
-        for member, size in zip(fit.members, fit.coefficients, strict=True):
-            situation = member.hypothesis.acting(situation, member.where, size)
-    return situation
+
+def _acting(situation: Situation, member: Member, size: np.ndarray) -> Situation:
+    return member.hypothesis.acting(situation, member.where, member.shape, size)
+
+
+def _giving(
+    member: Member, size: Float[np.ndarray, " columns"]
+) -> Callable[[Situation], tuple[Part, ...]]:
+    """Return what a member does in any situation."""
+
+    def parts(situation: Situation) -> tuple[Part, ...]:
+        law = member.signature(situation).parts
+        return tuple(with_values(p, values(p) @ size[:, None]) for p in law)
+
+    return parts
 
 
 def _pulling(case: Case, fit: SetFit) -> int:
-    """Return how many members of a set the others feel."""
-    if len(fit.members) < 2:
-        return 0
+    """Return how many members of a set change what the others feel."""
     here = case.situation
     felt = (
-        member.hypothesis.acting(here, member.where, size)
-        for member, size in zip(fit.members, fit.coefficients, strict=True)
+        _acting(here, *one) for one in zip(fit.members, fit.coefficients, strict=True)
     )
     return sum(after is not here for after in felt)
 

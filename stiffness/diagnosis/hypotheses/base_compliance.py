@@ -35,6 +35,7 @@ class BaseCompliance(Hypothesis):
     """
 
     effect: ClassVar[str] = "base_compliance"
+    linear: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         **dict.fromkeys(TURNS, (0.0, 1e-4)),
         **dict.fromkeys(SHIFTS, (0.0, 1e-5)),

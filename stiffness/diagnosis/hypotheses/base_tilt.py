@@ -29,6 +29,7 @@ class BaseTilt(Hypothesis):
     """Two springs between the floor and the base."""
 
     effect: ClassVar[str] = "base_compliance"
+    linear: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         name: BaseCompliance.limits[name] for name in TURNS[:2]
     }

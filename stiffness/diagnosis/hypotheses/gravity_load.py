@@ -6,7 +6,8 @@ Equation    torque_k = l_k . m g + a_k . (m c x g + o x m g), (l, a) the screw o
 Source      linear in mass and first moments: Gautier, Khalil 1990, "Direct calculation
             of minimum set of inertial parameters of serial robots"
 Valid       sprung axes; postures without load too
-Ignores     what gives way besides the axes' own springs
+Ignores     what gives way besides the axes' own springs, but for what was named (its
+            variant)
 ==========  ==========================================================================
 """
 
@@ -21,8 +22,8 @@ from typing_extensions import override
 from stiffness.diagnosis.hypotheses.axes import absolute
 from stiffness.diagnosis.hypotheses.bodies import axes_of, point_of
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.hypotheses.response import torque_of, wind_up
-from stiffness.diagnosis.signature import NOTHING, Signature
+from stiffness.diagnosis.hypotheses.response import pulled, torque_of, wind_up
+from stiffness.diagnosis.signature import NOTHING, Signature, beside
 from stiffness.diagnosis.situation import Situation
 
 NAMES = ("mass_kg", "x", "y", "z")
@@ -82,7 +83,17 @@ class GravityLoad(Hypothesis):
     def variants(
         self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
     ) -> Signature:
-        return NOTHING
+        if not situation.giving:
+            return NOTHING
+        free = replace(
+            situation,
+            force=np.zeros_like(situation.force),
+            moment=np.zeros_like(situation.moment),
+            torque=np.zeros_like(situation.torque),
+        )
+        loaded = [weighed_down(free, where, size) for size in np.eye(4)]
+        parts = [[p for give in situation.giving for p in give(s)] for s in loaded]
+        return beside([Signature(1, tuple(own)) for own in parts])
 
     @override
     def parameters(
@@ -105,23 +116,23 @@ class GravityLoad(Hypothesis):
         self,
         situation: Situation,
         where: str,
+        shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
     ) -> Situation:
-        torque = torques(situation, where)
         size = np.zeros(4)
-        size[seen(situation, torque)] = coefficients
-        weight = size[0] * situation.arm.chain.gravity
-        centre = axes_of(situation, where) @ size[1:]
-        turning = np.cross(centre, situation.arm.chain.gravity)
-        at = point_of(situation, where, np.zeros(3))
-        force, moment = situation.force.copy(), situation.moment.copy()
-        under = situation.arm.chain.carriers(situation.arm.place(where).axis)
-        for place in [0, *(k + 1 for k in under)]:
-            lever = at - situation.origin[:, place]
-            force[:, place] += weight
-            moment[:, place] += np.cross(lever, weight) + turning
-        whole = situation.torque + torque @ size
-        return replace(situation, force=force, moment=moment, torque=whole)
+        size[seen(situation, torques(situation, where))] = coefficients
+        return weighed_down(situation, where, size)
+
+
+def weighed_down(
+    situation: Situation, body: str, size: Float[np.ndarray, "4"]
+) -> Situation:
+    """Return the situation under a mass in kg and first moments in kg m on a body."""
+    gravity = situation.arm.chain.gravity
+    weight = np.broadcast_to(size[0] * gravity, (situation.rows, 3))
+    turning = np.cross(axes_of(situation, body) @ size[1:], gravity)
+    at = point_of(situation, body, np.zeros(3))
+    return pulled(situation, body, weight, turning, at)
 
 
 def carried(situation: Situation, body: str) -> float:

@@ -42,6 +42,8 @@ class Hypothesis(ABC):
             there: what may be so in all of them gets no name. Ratios, and what is no
             size, such as a phase, say nothing here.
         logarithmic: Parameters whose error is a factor rather than a difference.
+        linear: Whether it gives way in proportion to the loads of a row, and to nothing
+            else.
         log_prior: How much rarer than others it is, as a log; 0 where nothing is known.
     """
 
@@ -50,6 +52,7 @@ class Hypothesis(ABC):
     limits: ClassVar[Mapping[str, tuple[float, float]]]
     sizes: ClassVar[tuple[str, ...]] = ()
     logarithmic: ClassVar[tuple[str, ...]] = ()
+    linear: ClassVar[bool] = False
     log_prior: ClassVar[float] = 0.0
 
     @abstractmethod
@@ -107,12 +110,13 @@ class Hypothesis(ABC):
         self,
         situation: Situation,
         where: str,
+        shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
     ) -> Situation:
-        """Return the situation as other effects feel it with this one in it.
+        """Return the situation as springs and other effects feel it with this in it.
 
-        The same, unless overridden, as masses do: others move the arm, or what they
-        change of its loads is left out.
+        The same, unless overridden, as masses and a wrench that is read wrongly do:
+        others move the arm, or what they change of its loads is left out.
         """
         return situation
 

@@ -26,6 +26,7 @@ class JointCompliance(Hypothesis):
     """An axis that is a spring where the model has none."""
 
     effect: ClassVar[str] = "joint_compliance"
+    linear: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "compliance_rad_per_nm": (0.0, 1e-2),
     }

@@ -10,9 +10,12 @@ Ignores     what gives way besides the axes' own springs
 ==========  ==========================================================================
 """
 
+from dataclasses import replace
+
 import numpy as np
 from jaxtyping import Float
 
+from stiffness.diagnosis.hypotheses.bodies import point_of
 from stiffness.diagnosis.signature import Part, Signature, Turn
 from stiffness.diagnosis.situation import Situation
 from stiffness.wrench import felt_body, turned
@@ -91,6 +94,48 @@ def _added(own: Turn, parts: tuple[Part, ...]) -> tuple[Part, ...]:
     return (Turn(own.axis, own.law + sum(same)), *others)
 
 
+def pulled(
+    situation: Situation,
+    body: str,
+    force: Float[np.ndarray, "rows 3"],
+    moment: Float[np.ndarray, "rows 3"],
+    point: Float[np.ndarray, "rows 3"],
+) -> Situation:
+    """Return the situation with one more load on a body, felt by all that carry it.
+
+    Args:
+        situation: Where the axes are, and what they feel already.
+        body: What the load acts on.
+        force: In N, along the base's axes.
+        moment: About the point, in N m.
+        point: Where the force acts, in m.
+    """
+    arm = situation.arm
+    under = arm.chain.carriers(arm.place(body).axis)
+    places = [0, *(k + 1 for k in under)]
+    lever = point[:, None] - situation.origin[:, places]
+    forces, moments = situation.force.copy(), situation.moment.copy()
+    forces[:, places] += force[:, None]
+    moments[:, places] += moment[:, None] + np.cross(lever, force[:, None])
+    load = np.concatenate([force, moment], axis=1)[:, :, None]
+    torque = torque_of(situation, body, load[:, :3], load[:, 3:], point)[:, :, 0]
+    whole = situation.torque + torque
+    return replace(situation, force=forces, moment=moments, torque=whole)
+
+
+def read_right(situation: Situation, missing: Float[np.ndarray, "rows 6"]) -> Situation:
+    """Return the situation under the wrench that was there, not the one that was read.
+
+    Args:
+        situation: Under the wrench as it was read.
+        missing: What that lacks, about the sensor's origin, along the base's axes.
+    """
+    body, force, moment = felt_body(situation.recording), missing[:, :3], missing[:, 3:]
+    under = pulled(situation, body, force, moment, situation.sensor)
+    load = situation.load_torque + under.torque - situation.torque
+    return replace(under, load_torque=load)
+
+
 def turned_load(situation: Situation, k: int) -> Float[np.ndarray, "rows axes 1"]:
     """Return what an axis' standing beside its reported angle does to all torques.
 
@@ -133,5 +178,16 @@ def along_sensor(
 
 
 def reading(situation: Situation) -> Float[np.ndarray, "rows 6"]:
-    """Return the wrench along the sensor's axes, in N and N m."""
-    return turned(situation.wrench, situation.sensor_axes.swapaxes(1, 2))
+    """Return the wrench as it was read, along the sensor's axes, in N and N m.
+
+    With the tool's weight where that was read as well: a sensor errs in all it feels.
+    """
+    spec, tool = situation.recording.wrench_sensor, situation.recording.tool
+    wrench = situation.wrench
+    if spec is not None and spec.includes_tool_weight and tool is not None:
+        weight = tool.mass * situation.arm.chain.gravity
+        lever = point_of(situation, "flange", tool.com) - situation.sensor
+        moment = np.cross(lever, weight)
+        force = np.broadcast_to(weight, moment.shape)
+        wrench = wrench + np.concatenate([force, moment], axis=1)
+    return turned(wrench, situation.sensor_axes.swapaxes(1, 2))

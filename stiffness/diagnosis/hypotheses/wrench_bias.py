@@ -23,6 +23,7 @@ from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.hypotheses.response import (
     along_sensor,
     felt,
+    read_right,
     torque_at_sensor,
     wind_up,
 )
@@ -79,8 +80,23 @@ class WrenchBias(Hypothesis):
         names = [NAMES[i] for i in felt(situation, torques(situation))]
         return dict(zip(names, coefficients, strict=True))
 
+    @override
+    def acting(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Situation:
+        shown = felt(situation, torques(situation))
+        return read_right(situation, missing(situation)[:, :, shown] @ coefficients)
+
 
 def torques(situation: Situation) -> Float[np.ndarray, "rows axes 6"]:
     """Return what is missing of the axes' torques per N and N m of each channel."""
-    missing = np.broadcast_to(-np.eye(6), (situation.rows, 6, 6))
-    return torque_at_sensor(situation, along_sensor(situation, missing))
+    return torque_at_sensor(situation, missing(situation))
+
+
+def missing(situation: Situation) -> Float[np.ndarray, "rows 6 6"]:
+    """Return the same of the wrench, along the base's axes."""
+    return along_sensor(situation, np.broadcast_to(-np.eye(6), (situation.rows, 6, 6)))

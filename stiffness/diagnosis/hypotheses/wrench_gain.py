@@ -23,6 +23,7 @@ from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.hypotheses.response import (
     along_sensor,
     felt,
+    read_right,
     reading,
     torque_at_sensor,
     wind_up,
@@ -83,8 +84,23 @@ class WrenchGain(Hypothesis):
         share = np.asarray(coefficients)
         return dict(zip(names, share / (1.0 - share), strict=True))
 
+    @override
+    def acting(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Situation:
+        shown = felt(situation, torques(situation))
+        return read_right(situation, missing(situation)[:, :, shown] @ coefficients)
+
 
 def torques(situation: Situation) -> Float[np.ndarray, "rows axes 6"]:
     """Return what is missing of the axes' torques per share of each channel."""
-    missing = -reading(situation)[:, :, None] * np.eye(6)
-    return torque_at_sensor(situation, along_sensor(situation, missing))
+    return torque_at_sensor(situation, missing(situation))
+
+
+def missing(situation: Situation) -> Float[np.ndarray, "rows 6 6"]:
+    """Return the same of the wrench, along the base's axes."""
+    return along_sensor(situation, -reading(situation)[:, :, None] * np.eye(6))

@@ -24,6 +24,7 @@ from stiffness.diagnosis.hypotheses.axes import sprung
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.hypotheses.response import (
     along_sensor,
+    read_right,
     reading,
     torque_at_sensor,
     wind_up,
@@ -92,14 +93,28 @@ class WrenchMisalignment(Hypothesis):
     ) -> Mapping[str, float]:
         return dict(zip(SHIFT if shape[0] else TURN, coefficients, strict=True))
 
+    @override
+    def acting(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Situation:
+        return read_right(situation, missing(situation, bool(shape[0])) @ coefficients)
+
 
 def torques(situation: Situation, beside: bool) -> Float[np.ndarray, "rows axes 3"]:
     """Return what the axes carry more, per radian turned or per metre beside."""
+    return torque_at_sensor(situation, missing(situation, beside))
+
+
+def missing(situation: Situation, beside: bool) -> Float[np.ndarray, "rows 6 3"]:
+    """Return what the wrench is more, per radian turned or per metre beside."""
     force, moment = np.split(reading(situation)[:, :, None], 2, axis=1)
     e = np.eye(3)[None]
     if beside:
         extra = [np.zeros((len(force), 3, 3)), np.cross(e, force, axis=1)]
     else:
         extra = [np.cross(e, part, axis=1) for part in (force, moment)]
-    whole = along_sensor(situation, np.concatenate(extra, axis=1))
-    return torque_at_sensor(situation, whole)
+    return along_sensor(situation, np.concatenate(extra, axis=1))

@@ -35,6 +35,7 @@ class WristCoupling(Hypothesis):
     """
 
     effect: ClassVar[str] = "wrist_coupling"
+    linear: ClassVar[bool] = True
     shape_names: ClassVar[tuple[str, ...]] = ("with",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "compliance_rad_per_nm": (-1e-3, 1e-3),
