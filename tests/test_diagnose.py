@@ -331,7 +331,7 @@ def test_story_says_what_where_and_what_stays_open(found, recording):
         "hysteresis at a2, probability 0.980: width 150 µrad (130 to 170)",
         "As well by these data: lost_motion at a2",
         "Open: something at a3",
-        "± one sigma: a1 0.5 ± 0.01.",
+        "± one sigma of noise: a1 0.5 ± 0.01.",
         "Nothing was proved: why.",
     ):
         assert part in words

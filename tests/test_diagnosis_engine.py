@@ -84,6 +84,7 @@ def test_poses_that_differ_at_random_are_no_law_but_not_passed_over():
     assert found.verdict == "unexplained"
     assert found.named == ()
     assert found.unexplained is not None
+    assert [one.where for one in found.located] == [found.unexplained.where]
     assert "loop" not in found.unexplained.signature  # the sign alone changes
     assert "scatter" not in [warned.code for warned in diagnosis().warnings]
 

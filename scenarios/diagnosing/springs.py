@@ -45,6 +45,6 @@ def sentence(nominal: Nominal) -> str:
     if not told:
         return ""
     return (
-        "Springs were fitted silently. Over the model's stiffness, ± one sigma: "
-        f"{', '.join(told)}."
+        "Springs were fitted silently. Over the model's stiffness, ± one sigma of "
+        f"noise: {', '.join(told)}."
     )

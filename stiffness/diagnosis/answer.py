@@ -98,6 +98,8 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
         words = [unexplained.signature] if unexplained.signature else []
         words += [f"what explains it best differs between {kind}" for kind in between]
         unexplained = replace(unexplained, signature="; ".join(dict.fromkeys(words)))
+        if not located and unexplained.where:
+            located = (Located(unexplained.where, last.p_value, 1.0, (), ""),)
     return {
         "verdict": verdict,
         "located": located,
