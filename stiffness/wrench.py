@@ -13,7 +13,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from bench.errors import Unusable
-from bench.recording import Recording
+from bench.recording import Payload, Recording
 from stiffness.arm import Arm
 from stiffness.standing import Standing
 
@@ -43,12 +43,25 @@ def wrench_in_base(
         wrench = turned(wrench, turn)
     tool = recording.tool
     if sensor.includes_tool_weight and tool is not None and tool.mass:
-        force = tool.mass * standing.chain.gravity
         lever = standing.point("flange", tool.com)
         lever = lever - standing.point(sensor.body, sensor.position)
-        weight = np.broadcast_to(force, lever.shape)
-        wrench = wrench - np.concatenate([weight, np.cross(lever, force)], axis=1)
+        wrench = wrench - weight_of(tool, standing.chain.gravity, lever)
     return wrench
+
+
+def weight_of(
+    tool: Payload, gravity: Float[np.ndarray, "3"], lever: Float[np.ndarray, "rows 3"]
+) -> Float[np.ndarray, "rows 6"]:
+    """Return a tool's weight about a point, N and N m along the base's axes.
+
+    Args:
+        tool: What weighs.
+        gravity: Along the base's axes, in m/s^2.
+        lever: From the point to the tool's centre in each row, in m.
+    """
+    force = tool.mass * gravity
+    weight = np.broadcast_to(force, lever.shape)
+    return np.concatenate([weight, np.cross(lever, force)], axis=1)
 
 
 def turned(

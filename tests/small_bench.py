@@ -4,6 +4,9 @@ from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
+import hypothesis_truth as truth
+import numpy as np
+
 from bench.effects.parse import parse_all
 from bench.experiment import record
 from bench.instruments import Instruments
@@ -21,6 +24,7 @@ from stiffness.diagnosis.hypotheses.encoder_offset import EncoderOffset
 from stiffness.diagnosis.hypotheses.hardening import Hardening
 from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
 from stiffness.diagnosis.prepare import Prepared, prepare
+from stiffness.diagnosis.signature import Signature
 
 MODEL = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 SOFTER = 1.6  # true stiffness over the model's, so that the silent fit has work to do
@@ -46,6 +50,14 @@ def recording(*effects: str, poses: int = 40, seed: int = 1) -> Recording:
 @cache
 def prepared(*effects: str) -> Prepared:
     return prepare(recording(*effects), arm())
+
+
+def moved_by(law: Signature, size: np.ndarray) -> Recording:
+    """Let the arm do a law of so much of each coefficient beyond what it does."""
+    made, ready = recording(), prepared()
+    assert made.points is not None
+    moved = truth.moved(ready.situation, law) @ size
+    return replace(made, points=made.points + moved @ ready.frames.transform[:3, :3])
 
 
 @cache

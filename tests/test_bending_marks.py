@@ -6,7 +6,7 @@ import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import FEW, arm, prepared, recording
+from small_bench import FEW, arm, moved_by, prepared
 
 from bench.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
@@ -95,18 +95,10 @@ def test_what_marks_do_as_a_body_is_nearly_all_they_do():
     assert np.linalg.norm(left[:, on_link]) < 0.2 * np.linalg.norm(whole[:, on_link])
 
 
-def bent(law: Signature, size: np.ndarray) -> Recording:
-    """Let link 2 bend by a law."""
-    made, ready = recording(), prepared()
-    assert made.points is not None
-    moved = truth.moved(ready.situation, law) @ size
-    return replace(made, points=made.points + moved @ ready.frames.transform[:3, :3])
-
-
 def beam() -> Recording:
     """Link 2 is a beam, and the marks on it go with it."""
     law = LinkBending().signature(prepared().situation, LINK, WITHIN)
-    return bent(law, np.array([1.0 / BENDING, 1.0 / TORSION]))
+    return moved_by(law, np.array([1.0 / BENDING, 1.0 / TORSION]))
 
 
 def lumped() -> Recording:
@@ -116,7 +108,7 @@ def lumped() -> Recording:
     start, end = situation.origin[0, PLACE - 1], situation.origin[0, PLACE]
     half = float(np.linalg.norm(end - start)) / 2
     one = np.array([half / BENDING, half / TORSION])
-    return bent(hinges, np.concatenate([0 * one, one, one, 0 * one]))
+    return moved_by(hinges, np.concatenate([0 * one, one, one, 0 * one]))
 
 
 def unmeasured() -> Recording:

@@ -1,12 +1,10 @@
 """A law comes back under its name, whatever form it has and whatever it leaves."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
-import hypothesis_truth as truth
 import numpy as np
 import pytest
-from small_bench import FEW, arm, prepared, recording
+from small_bench import FEW, arm, moved_by, prepared, recording
 
 from bench.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
@@ -30,10 +28,7 @@ GEAR = (Hardening(), LostMotion(), Hysteresis(), Creep())
 
 def with_turn(axis: int, angle: np.ndarray) -> Recording:
     """Let an axis turn beyond what the arm does, by an angle in each row."""
-    made, ready = recording(), prepared()
-    moved = truth.moved(ready.situation, turn(axis, angle))[..., 0]
-    assert made.points is not None
-    return replace(made, points=made.points + moved @ ready.frames.transform[:3, :3])
+    return moved_by(turn(axis, angle), np.ones(1))
 
 
 def with_law(axis: int, law: Callable[[np.ndarray], np.ndarray]) -> Recording:
@@ -104,16 +99,12 @@ def test_mass_of_some_kilograms_is_sized_with_the_springs_that_it_leaves():
 
 def test_base_whose_springs_stand_askew_is_a_base_that_gives_way():
     """Soft about one level direction between x and y, hard about the other."""
-    made, ready = recording(), prepared()
-    moment = ready.situation.moment[:, 0]
+    moment = prepared().situation.moment[:, 0]
     soft = np.array([0.6, 0.8, 0.0])
     rotation = 6e-7 * soft * (moment @ soft)[:, None]
     tip = rotate(0, rotation[:, :, None], np.zeros_like(moment))
-    moved = truth.moved(ready.situation, Signature(1, (tip,)))[..., 0]
-    assert made.points is not None
-    points = made.points + moved @ ready.frames.transform[:3, :3]
     names = (*FEW, BaseTilt(), BaseCompliance())
-    found = diagnose(replace(made, points=points), arm(), names)
+    found = diagnose(moved_by(Signature(1, (tip,)), np.ones(1)), arm(), names)
     assert [e.name.effect for e in found.named] == ["base_compliance"]
     assert found.verdict == "explained"
 

@@ -68,5 +68,4 @@ def _through_the_wrench(world: World, assumed: Assumed, seen: Seen) -> np.ndarra
         else:
             torque = np.hstack([np.cross(along, lever), along])
         answer += screw[..., None] * torque[:, None, None] / rig.springs[k]
-    sigma = spec.sigma
-    return np.mean(np.sum((answer * sigma) ** 2, axis=(2, 3)), axis=1)
+    return np.mean(np.sum((answer * spec.sigma) ** 2, axis=(2, 3)), axis=1)

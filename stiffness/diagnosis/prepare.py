@@ -77,7 +77,7 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
     frames = start.frames
     situation = replace(situation, tracker=frames.transform, spots=frames.place)
     visits = visits_of(situation.visit, situation.pose)
-    readings = residuals_of(situation, start.frames)
+    readings = residuals_of(situation, frames)
     groups = rigid_groups(recording, body)
     check = checked(
         visits,
@@ -87,7 +87,7 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
         readings.inverse,
         groups,
     )
-    check = with_shapes(check, situation, readings, start.frames.place, groups)
+    check = with_shapes(check, situation, readings, frames.place, groups)
     readings = replace(
         readings, weight=check.weight, inverse=readings.inverse / check.noise**2
     )
@@ -98,7 +98,7 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
     return Prepared(
         situation=situation,
         data=data,
-        frames=start.frames,
+        frames=frames,
         readings=readings,
         springs=tuple(int(k) for k in springs[~blind]),
         blind=tuple(int(k) for k in springs[blind]),

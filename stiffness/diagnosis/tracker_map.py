@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.diagnosis.hypotheses.axes import absolute
-from stiffness.diagnosis.hypotheses.bodies import point_of
+from stiffness.diagnosis.hypotheses.bodies import marked_point
 from stiffness.diagnosis.signature import NOTHING, Shift, Signature
 from stiffness.diagnosis.situation import Situation
 
@@ -40,9 +40,8 @@ def errors_of_tracker(situation: Situation) -> Signature:
     if np.hypot(*(stand @ axes)[:2]) < NEAREST:
         return NOTHING
     parts = []
-    for m, marker in enumerate(situation.recording.markers):
-        place = np.zeros(3) if marker.position is None else marker.position
-        away = (point_of(situation, marker.body, place) - stand) @ axes
+    for m in range(len(situation.recording.markers)):
+        away = (marked_point(situation, m) - stand) @ axes
         parts.append(Shift(m, axes @ along_circles(away)))
     return Signature(COLUMNS, tuple(parts)) if parts else NOTHING
 

@@ -26,6 +26,13 @@ def point_of(
     return situation.origin[:, axis + 1] + situation.frame[:, axis + 1] @ inside
 
 
+def marked_point(situation: Situation, m: int) -> Float[np.ndarray, "rows 3"]:
+    """Return where a marker is, or its body's origin where its place is not stated."""
+    marker = situation.recording.markers[m]
+    place = np.zeros(3) if marker.position is None else marker.position
+    return point_of(situation, marker.body, place)
+
+
 def inside_of(
     situation: Situation, body: str, position: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "3"]:

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from stiffness.diagnosis.hypotheses.bodies import point_of
 from stiffness.diagnosis.signature import Part, Signature, Turn
 from stiffness.diagnosis.situation import Situation
-from stiffness.wrench import felt_body, turned
+from stiffness.wrench import felt_body, turned, weight_of
 
 ROUNDING = 1e-9
 """Torque in N m that only rounding makes; chosen: far below any sensor's."""
@@ -185,9 +185,6 @@ def reading(situation: Situation) -> Float[np.ndarray, "rows 6"]:
     spec, tool = situation.recording.wrench_sensor, situation.recording.tool
     wrench = situation.wrench
     if spec is not None and spec.includes_tool_weight and tool is not None:
-        weight = tool.mass * situation.arm.chain.gravity
         lever = point_of(situation, "flange", tool.com) - situation.sensor
-        moment = np.cross(lever, weight)
-        force = np.broadcast_to(weight, moment.shape)
-        wrench = wrench + np.concatenate([force, moment], axis=1)
+        wrench = wrench + weight_of(tool, situation.arm.chain.gravity, lever)
     return turned(wrench, situation.sensor_axes.swapaxes(1, 2))

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.diagnosis.hypotheses.axes import absolute
-from stiffness.diagnosis.hypotheses.bodies import point_of
+from stiffness.diagnosis.hypotheses.bodies import marked_point
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.signature import NOTHING, Shift, Signature
 from stiffness.diagnosis.situation import Situation
@@ -56,9 +56,8 @@ class TrackerScale(Hypothesis):
         frame = situation.recording.base_from_tracker
         stand = np.zeros(3) if frame is None else frame[:3, 3]
         parts = []
-        for m, marker in enumerate(situation.recording.markers):
-            place = np.zeros(3) if marker.position is None else marker.position
-            away = point_of(situation, marker.body, place) - stand
+        for m in range(len(situation.recording.markers)):
+            away = marked_point(situation, m) - stand
             parts.append(Shift(m, away[:, :, None]))
         return Signature(1, tuple(parts))
 
