@@ -129,7 +129,7 @@ def mount(spec: mujoco.MjSpec, arm: Anatomy, cell: Cell) -> None:
     base = spec.body(arm.base)
     turn, origin = pose_in_world(base)
     for p, place in enumerate(cell.pulley):
-        _rope(spec, p, origin + turn @ place, cell.pulley_radius)
+        _rope(spec, p, origin, turn @ place, cell.pulley_radius)
 
 
 def pose_in_world(
@@ -166,8 +166,14 @@ def load_on_sensor(
     return -reading - np.hstack([weight, np.cross(far.ipos, weight)])
 
 
-def _rope(spec: mujoco.MjSpec, p: int, centre: np.ndarray, radius: float) -> None:
-    outward = centre * [1, 1, 0]
+def _rope(
+    spec: mujoco.MjSpec, p: int, origin: np.ndarray, place: np.ndarray, radius: float
+) -> None:
+    """Lead a rope over a pulley at a place from the base's origin, along the world."""
+    gravity = np.asarray(spec.option.gravity, float)
+    pull = np.linalg.norm(gravity)
+    up = -gravity / pull if pull else np.eye(3)[2]
+    centre, outward = origin + place, place - (place @ up) * up
     outward /= max(np.linalg.norm(outward), 1e-9)
     world = spec.worldbody
     world.add_geom(
@@ -178,9 +184,9 @@ def _rope(spec: mujoco.MjSpec, p: int, centre: np.ndarray, radius: float) -> Non
         contype=0,
         conaffinity=0,
     )
-    side = centre + 1.5 * radius * np.eye(3)[2]
+    side = centre + 1.5 * radius * up
     world.add_site(name=f"pulley_{p}_side", pos=side)
-    world.add_site(name=f"weight_{p}", pos=centre + radius * outward - [0, 0, 0.3])
+    world.add_site(name=f"weight_{p}", pos=centre + radius * outward - 0.3 * up)
     rope = spec.add_tendon(name=f"rope_{p}")
     rope.wrap_site(HOOK_SITE)
     rope.wrap_geom(f"pulley_{p}", f"pulley_{p}_side")

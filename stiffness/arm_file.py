@@ -1,19 +1,26 @@
 """An arm's MJCF says where its axes and masses are, and how stiff its joints are.
 
 Pinocchio reads the chain; gravity and joint stiffness, which it passes over, are read
-from the XML itself.
+from the XML itself. So is how the first body stands in the world: where that body has
+no joint, Pinocchio takes its frame for the world's.
 """
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 from xml.etree import ElementTree
 
+import numpy as np
 import pinocchio
+from jaxtyping import Float
 
 from bench.errors import BenchError, UnknownName, Unusable
 
+STAND = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
+"""Attributes that turn a body."""
+Read = TypeVar("Read")
 KINDS = ("Revolute", "Prismatic", "RX", "RY", "RZ", "PX", "PY", "PZ")
 """Pinocchio's names of joints that turn or slide with one coordinate."""
 
@@ -24,7 +31,7 @@ class ArmFile:
 
     Attributes:
         model: The chain as Pinocchio read it.
-        gravity: Acceleration along the world's axes, in m/s^2.
+        gravity: Acceleration along the axes of Pinocchio's world, in m/s^2.
         stiffness: Of each joint by name, in N m/rad (N/m where it slides); joints
             without a spring are missing.
     """
@@ -61,16 +68,21 @@ def read(path: Path | str) -> ArmFile:
         raise Unusable(f"Model {str(path)!r}", faults)
     option = root.find("option")
     gravity = "0 0 -9.81" if option is None else option.get("gravity", "0 0 -9.81")
-    x, y, z = (float(word) for word in gravity.split())
+    down = np.array([float(word) for word in gravity.split()])
+    x, y, z = (down @ _first_turn(root)).tolist()
     return ArmFile(model, (x, y, z), _stiffness(root))
 
 
 def read_text(text: str) -> ArmFile:
     """Read an arm from self-contained MJCF text, as `read` does from a file."""
+    return _on_disk(text, read)
+
+
+def _on_disk(text: str, reader: Callable[[Path], Read]) -> Read:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.xml"
         path.write_text(text, encoding="utf-8")
-        return read(path)
+        return reader(path)
 
 
 def without_other_joints(
@@ -111,6 +123,27 @@ def _faults(model: pinocchio.Model, root: ElementTree.Element) -> list[str]:
         if float(joint.get("ref", "0")) != 0.0:
             faults.append(f"joint {joint.get('name')!r} has a ref; make its zero 0.")
     return faults
+
+
+def _first_turn(root: ElementTree.Element) -> Float[np.ndarray, "3 3"]:
+    """Return world_from_first, how the first body stands where it has no joint.
+
+    Pinocchio reads it from a copy in which that body hangs on another one.
+    """
+    first = root.find("worldbody/body")
+    if first is None or first.find("joint") is not None:
+        return np.eye(3)
+    copy = ElementTree.Element("mujoco")
+    copy.extend(root.findall("compiler"))
+    origin = ElementTree.SubElement(ElementTree.SubElement(copy, "worldbody"), "body")
+    origin.set("name", "origin")
+    stand = {name: value for name, value in first.attrib.items() if name in STAND}
+    body = ElementTree.SubElement(origin, "body", {**stand, "name": "first"})
+    inertia = {"mass": "1", "pos": "0 0 0", "diaginertia": "1 1 1"}
+    ElementTree.SubElement(body, "inertial", inertia)
+    text = ElementTree.tostring(copy, encoding="unicode")
+    model = _on_disk(text, lambda path: pinocchio.buildModelFromMJCF(str(path)))
+    return model.frames[model.getFrameId("first")].placement.rotation.copy()
 
 
 def _stiffness(root: ElementTree.Element) -> dict[str, float]:

@@ -169,7 +169,7 @@ def _around(
         mass = model.body(body.id).ipos
         middle = mass + (middle - mass) @ along * along
     angles = np.array(AROUND)
-    across = np.eye(3)[np.argmin(np.abs(along))]
+    across = np.eye(3)[np.argmin(np.abs(along).round(9))]  # not by rounding
     if b == last:
         if abs(along[0]) < NEARLY_ALONG:  # else the flange's x points out
             across = np.eye(3)[0]

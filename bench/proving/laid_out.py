@@ -15,6 +15,7 @@ from bench.proving.replay import replay_of
 from bench.proving.world import World
 from bench.recording import Recording
 from bench.rig import Rig
+from bench.states import States
 
 
 def mounted_on(recording: Recording, rig: Rig) -> Mounted:
@@ -115,14 +116,14 @@ def world_of(recording: Recording, nominal: Rig, effects: tuple = ()) -> World:
     spec = recording.wrench_sensor
     if spec is None or recording.wrench is None:
         return world
-    bare = world
+    bare, base_turn = world, world.base[1]
     for known in (False, True):  # the sensor turns with the arm, by 1e-3
         wrench = recording.wrench if known else np.zeros((rows, 6))
         done = replace(recording, wrench=wrench)
         states = replace(bare, recording=done, _known={}).states(nominal)
         body = states.bodies.index(model_body(recording, nominal, spec.body))
         mounting = Rotation.from_quat(spec.quaternion_wxyz, scalar_first=True)
-        axes = states.rotation[:, body] @ mounting.as_matrix()
+        axes = base_turn.T @ states.rotation[:, body] @ mounting.as_matrix()
         bare = replace(bare, sensor_axes=axes)
         at = states.position[:, body] + states.rotation[:, body] @ spec.position
         bare = replace(bare, weight=_held(recording, nominal, states, at))
@@ -137,6 +138,21 @@ def base_of(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
     return base.xpos.copy(), base.xmat.reshape(3, 3).copy()
 
 
+def point_in_base(
+    rig: Rig, states: States, body: str, position: np.ndarray
+) -> np.ndarray:
+    """Return where a point of a body was, (rows, 3) in the base's frame, in m.
+
+    Args:
+        rig: The arm.
+        states: Where its bodies were.
+        body: Of the recording or the model.
+        position: In the body's frame, in m.
+    """
+    origin, turn = base_of(rig)
+    return (states.point(rig.anatomy.body(body), position) - origin) @ turn
+
+
 def _held(recording, nominal, states, sensor) -> np.ndarray:
     """Return the weight beyond the sensor that readings still hold; usually none."""
     tool, spec = recording.tool, recording.wrench_sensor
@@ -147,4 +163,5 @@ def _held(recording, nominal, states, sensor) -> np.ndarray:
     at = states.position[:, flange] + states.rotation[:, flange] @ tool.com
     weight[:, :3] = tool.mass * nominal.nominal.opt.gravity
     weight[:, 3:] = np.cross(at - sensor, weight[:, :3])
-    return weight
+    turn = base_of(nominal)[1]  # world_from_base
+    return (weight.reshape(-1, 3) @ turn).reshape(weight.shape)

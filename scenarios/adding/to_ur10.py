@@ -11,6 +11,7 @@ from bench.experiment import faulty
 from bench.instruments import Instruments
 from bench.patch import Patch, rig_of
 from bench.patch_effects import Named
+from bench.proving.laid_out import point_in_base
 from bench.proving.sensing import reading_of
 from stiffness.calibration.calibrated import Calibrated, calibrated
 from stiffness.calibration.readings import Readings
@@ -126,7 +127,7 @@ def _points(
     count = len(readings.seen)
     still = np.zeros((count, 1, 6))
     states = rig.respond(readings.posture + short, still, np.full((count, 1), 1e-3))
-    point = states.point(rig.anatomy.flange, PLACE)[:, None]
+    point = point_in_base(rig, states, "flange", PLACE)[:, None]
     tracker = faulty(Instruments(), rig).tracker
     seconds = (readings.hours - readings.hours.min()) * 3600.0
     return reading_of(tracker, (np.eye(3), np.zeros(3)), point, seconds)[:, 0]
