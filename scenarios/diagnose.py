@@ -86,8 +86,9 @@ def main(settings: Settings) -> answer.Answer:
     with console.status("proving it in the simulator"):
         simulated, unproved = proved(found, recording, arm, settings.robot)
         steps = next_experiments.proposed(found, simulated if not unproved else None)
-    proof = None if unproved else simulated
-    told = answer.answer_of(found, proof, steps, time.perf_counter() - started)
+    told = answer.answer_of(
+        found, simulated, unproved, steps, time.perf_counter() - started
+    )
     noise = replicate_noise(recording) if recording.markers else None
     finding = Finding(recording, found, simulated, unproved, noise, told)
     with console.status("writing"):

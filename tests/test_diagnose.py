@@ -283,7 +283,7 @@ def test_a_stop_and_slipping_springs_are_equally_stiff_before_they_slip():
 
 
 def test_an_answer_without_end_or_number_says_null(found):
-    told = answer_of(found, None, (), 1.0)
+    told = answer_of(found, None, "", (), 1.0, False)
     plain = json.loads(text_of(told))
     coupling = plain["named"][1]["parameters"]
     assert coupling["compliance_rad_per_nm"]["high"] is None
@@ -292,7 +292,9 @@ def test_an_answer_without_end_or_number_says_null(found):
     nothing = Detection(2e-4, np.nan, np.nan, np.nan)
     warned = Warned("axis_reversed", "a3", "a3 looks reversed.")
     stopped = Diagnosis("x", "unexplained", nothing, warnings=(warned,))
-    assert answer_of(stopped, None, (), 1.0).detection.residual_rms_mm is None
+    assert (
+        answer_of(stopped, None, "", (), 1.0, False).detection.residual_rms_mm is None
+    )
 
 
 def test_first_moments_come_with_a_mass_and_a_centre_that_have_them(found):
@@ -307,7 +309,7 @@ def test_first_moments_come_with_a_mass_and_a_centre_that_have_them(found):
         (),
         {name: Parameter(*values) for name, values in moments.items()},
     )
-    told = answer_of(replace(found, named=(pull,)), None, (), 1.0)
+    told = answer_of(replace(found, named=(pull,)), None, "", (), 1.0, False)
     plain = json.loads(text_of(told))["named"][0]["parameters"]
     mass = plain["mass_kg"]["estimate"]
     for name, (moment, _, _) in moments.items():
@@ -323,7 +325,7 @@ def test_first_moments_come_with_a_mass_and_a_centre_that_have_them(found):
 
 def test_story_says_what_where_and_what_stays_open(found, recording):
     marked, _ = files.read(recording)
-    told = answer_of(found, None, (), 1.0)
+    told = answer_of(found, None, "", (), 1.0, False)
     words = " ".join(story.sentences(Finding(marked, found, None, "why.", None, told)))
     for part in (
         "differ (p = 0.0002)",
@@ -340,16 +342,63 @@ def test_story_says_what_where_and_what_stays_open(found, recording):
 def test_what_is_left_is_what_the_patched_arm_leaves_where_there_is_one(found):
     of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
     channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses)
-    proof: Any = SimpleNamespace(markers=channel, angles=None, held_out=(1, 2))
+    proof: Any = SimpleNamespace(
+        markers=channel, angles=None, held_out=(1, 2), absolute=True
+    )
     for simulated, left_mm in ((None, 0.03), (proof, 0.02)):
-        told: Any = answer_of(found, simulated, (), 1.0)
+        told: Any = answer_of(found, simulated, "", (), 1.0)
         assert told.unexplained.residual_rms_mm == pytest.approx(left_mm)
+
+
+def test_title_and_first_sentence_say_that_a_name_is_not_proved(found, recording):
+    marked, _ = files.read(recording)
+    of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 7e-5)
+    worse = Channel(3e-5, 7.6e-5, 1.7e-5, -4.6e-5, -6e-5, -3e-5, *of_poses)
+    proof: Any = SimpleNamespace(
+        markers=worse, angles=None, held_out=(1, 2), absolute=True
+    )
+    all_named = replace(found, verdict="explained", unexplained=None)
+    for simulated, why, said in (
+        (proof, "", "makes it worse: gain -46.0 µm (-60.0 to -30.0)"),
+        (None, "the simulator cannot do it (x).", "the simulator cannot do it (x)."),
+    ):
+        told = answer_of(all_named, simulated, why, (), 1.0)
+        assert told.verdict == "unproved"
+        finding = Finding(marked, all_named, simulated, why, None, told)
+        first = next(story.sentences(finding))
+        assert first.startswith("Not proved:") and said in first
+        assert "not proved" in report.title_of(finding)
+
+
+@pytest.mark.parametrize(
+    ("absolute", "fitted", "alarms"),
+    [
+        (True, {"held_out_rms": 2.1e-5}, False),
+        (True, {"held_out_rms": 1.9e-5}, True),
+        (False, {"held_out_within_rms": 2.1e-5}, False),
+        (False, {"held_out_within_rms": 1.9e-5, "held_out_rms": 1.0}, True),
+        (False, {}, False),
+    ],
+)
+def test_an_arm_that_the_simulator_does_not_have_raises_an_alarm(
+    found, absolute, fitted, alarms
+):
+    """30 µm in the simulator; the line is 1.5 times what the fitted arm leaves."""
+    of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
+    channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses)
+    simulated: Any = SimpleNamespace(
+        markers=channel, angles=None, held_out=(1, 2), absolute=absolute
+    )
+    other = replace(found, detection=replace(found.detection, **fitted))
+    told = answer_of(other, simulated, "", (), 1.0)
+    assert [w.code for w in told.warnings] == ["simulator_disagrees"] * alarms
+    assert told.verdict == "partly_explained"  # it withholds nothing
 
 
 def test_story_of_no_mismatch_says_what_would_have_shown(found, recording):
     marked, _ = files.read(recording)
     calm = Diagnosis("x", "no_mismatch", replace(found.detection, p_value=0.4))
-    told = answer_of(calm, None, (), 1.0)
+    told = answer_of(calm, None, "", (), 1.0, False)
     (sentence,) = story.sentences(Finding(marked, calm, None, "", None, told))
     assert "agree (p = 0.4)" in sentence
     assert "0.5 µm rms would have shown" in sentence
@@ -359,7 +408,9 @@ def test_story_claims_no_agreement_where_poses_differ_at_random(found, recording
     marked, _ = files.read(recording)
     calm = replace(found.detection, p_value=0.4)
     wild = Diagnosis("x", "no_mismatch", calm, warnings=scattered(219.0))
-    finding = Finding(marked, wild, None, "", None, answer_of(wild, None, (), 1.0))
+    finding = Finding(
+        marked, wild, None, "", None, answer_of(wild, None, "", (), 1.0, False)
+    )
     note, sentence = story.sentences(finding)
     assert "poses differ 14.8 times as much as the stated errors" in note
     assert "agree" not in sentence + report.title_of(finding)
@@ -433,7 +484,7 @@ def test_an_added_mass_that_does_not_show_is_none_that_no_arm_carries(found):
         Name("gravity_load", "link_2"), 1.0, (),
         {"moment_x_kg_m": Parameter(41.2, 40.0, 42.0)},
     )  # fmt: skip
-    (called,) = answer_of(replace(found, named=(pull,)), None, (), 1.0).named
+    (called,) = answer_of(replace(found, named=(pull,)), None, "", (), 1.0, False).named
     mass, centre = called.parameters["mass_kg"], called.parameters["com_x_m"]
     assert isinstance(mass.estimate, float) and isinstance(centre.estimate, float)
     assert mass.estimate <= 100.0 and mass.low is mass.high is None

@@ -20,6 +20,15 @@ RESAMPLES = 1999
 
 
 @dataclass(frozen=True)
+class Share:
+    """A share of what noise does not explain, with its 95 % interval."""
+
+    estimate: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class Channel:
     """Before and after, over the poses held out.
 
@@ -33,6 +42,8 @@ class Channel:
         pose: Ids of the poses.
         before_of: Rms of each pose.
         after_of: Likewise.
+        explained: Share of what noise does not explain; None where nothing is left
+            beyond the noise that a share could be of.
     """
 
     before: float
@@ -44,6 +55,39 @@ class Channel:
     pose: Int[np.ndarray, " poses"]
     before_of: Float[np.ndarray, " poses"]
     after_of: Float[np.ndarray, " poses"]
+    explained: Share | None = None
+
+
+def explained_share(
+    before: Float[np.ndarray, " groups"],
+    after: Float[np.ndarray, " groups"],
+    noise: Float[np.ndarray, " groups"],
+    count: Float[np.ndarray, " groups"],
+) -> Share | None:
+    """Return which share of the mismatch a patch explains on what was kept back.
+
+    (before² - after²) / (before² - noise²), a percentile bootstrap over groups (Efron &
+    Tibshirani 1993, section 13.3). Groups are poses, regions or stretches of time.
+
+    Args:
+        before: Sum of squares of each group without the patch, in any unit.
+        after: With it.
+        noise: As noise alone would leave it.
+        count: Readings of each group.
+
+    Returns:
+        The share; None where the interval of before² - noise² reaches zero.
+    """
+    sums = np.stack([before, after, noise]) / count.sum()
+    groups = len(count)
+    drawn = np.random.default_rng(0).integers(groups, size=(RESAMPLES, groups))
+    again = sums[:, drawn].sum(axis=2)  # the common count of a draw cancels
+    mismatch = again[0] - again[2]
+    one = sums.sum(axis=1)
+    if groups < 2 or np.quantile(mismatch, 0.025) <= 0.0 or one[0] <= one[2]:
+        return None
+    low, high = np.quantile((again[0] - again[1]) / mismatch, [0.025, 0.975])
+    return Share(float((one[0] - one[1]) / (one[0] - one[2])), float(low), float(high))
 
 
 def channels_of(
@@ -115,4 +159,5 @@ def _channel(before, after, noise, pose) -> Channel | None:
         pose=ids[np.bincount(index, good.sum(axis=1)) > 0],
         before_of=np.sqrt(one / count),
         after_of=np.sqrt(other / count),
+        explained=explained_share(one, other, quiet, count),
     )

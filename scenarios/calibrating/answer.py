@@ -24,6 +24,7 @@ from scenarios.diagnosing.schema import (
     Placed,
     Proved,
 )
+from scenarios.diagnosing.verdict import Findings, verdict_of
 from stiffness.calibration.blocks import Key
 from stiffness.calibration.calibrated import Calibrated
 
@@ -61,16 +62,24 @@ def answer_of(
     p_value = min(1.0, rejected, 2.0 * min(first.p_value, proof.p_value))
     something = p_value < ALPHA or proof.gain[1] > 0.0
     names = found.named if proof.gain[1] > 0.0 else ()
-    if not something:
-        verdict = "no_mismatch"
-    elif not names:
-        verdict = "unexplained"
-    else:
-        verdict = "partly_explained" if remains.p_value < ALPHA else "explained"
+    low, high = MM * proof.gain[1], MM * proof.gain[2]
+    entry = Proved(
+        simulator="mujoco",
+        held_out_poses=proof.poses,
+        before_rms_mm=MM * rms(proof.before),
+        after_rms_mm=MM * rms(proof.after),
+        noise_rms_mm=MM * last.noise,
+        gain_mm=Interval(MM * proof.gain[0], low, high),
+    )
+    share = proof.explained
+    explained = share and Interval(share.estimate, share.low, share.high)
+    passes = remains.p_value >= ALPHA
+    verdict = verdict_of(
+        Findings(something, bool(names), passes, True, entry, explained)
+    )
     left = None
     if verdict in ("partly_explained", "unexplained"):
         left = Left(remains.where, remains.signature, {}, MM * rms(proof.after))
-    low, high = MM * proof.gain[1], MM * proof.gain[2]
     return Answer(
         schema=1,
         recording=name,
@@ -79,6 +88,7 @@ def answer_of(
             p_value, MM * first.rms, MM * last.noise, MM * last.smallest
         ),
         located=_located(found, names),
+        explained_share=explained,
         named=tuple(_called(found, key) for key in names),
         rivals=(),
         unexplained=left,
@@ -88,14 +98,8 @@ def answer_of(
             for other in e.equivalents
         ),
         warnings=(),
-        proof=Proved(
-            simulator="mujoco",
-            held_out_poses=proof.poses,
-            before_rms_mm=MM * rms(proof.before),
-            after_rms_mm=MM * rms(proof.after),
-            noise_rms_mm=MM * last.noise,
-            gain_mm=Interval(MM * proof.gain[0], low, high),
-        ),
+        proof_requested=True,
+        proof=entry,
         next_experiments=(),
         seconds=round(seconds, 1),
     )

@@ -13,7 +13,8 @@ from jaxtyping import Bool, Float
 from bench.experiment import faulty
 from bench.instruments import Instruments
 from bench.patch import Patch, rig_of
-from bench.proving.laid_out import mounted_on
+from bench.proving.channels import Share, explained_share
+from bench.proving.laid_out import mounted_on, point_in_base
 from bench.proving.sensing import reading_of
 from bench.recording import Recording
 from scenarios.calibrating.patching import FROM_SIDES, patch_of
@@ -40,6 +41,7 @@ class Proof:
         gain: Rms before less after, in m, and its 95 % interval over regions.
         p_value: Share of draws of regions without any gain; 1: nothing was put in.
         patch: What was put in.
+        explained: Share of what noise does not explain; None where there is none.
     """
 
     poses: int
@@ -48,6 +50,7 @@ class Proof:
     gain: tuple[float, float, float]
     p_value: float
     patch: Patch
+    explained: Share | None = None
 
 
 def proved(found: Calibrated, recording: Recording, model: Path) -> Proof:
@@ -66,7 +69,11 @@ def proved(found: Calibrated, recording: Recording, model: Path) -> Proof:
     if not patch.effects:
         return Proof(poses, before, before, (0.0, 0.0, 0.0), 1.0, patch)
     gain, p_value = _gain(before, after, region)
-    return Proof(poses, before, after, gain, p_value, patch)
+    index = np.unique(region, return_inverse=True)[1]
+    count = np.bincount(index).astype(float)
+    first, last = (np.bincount(index, np.sum(r**2, axis=1)) for r in (before, after))
+    share = explained_share(first, last, found.at_last.noise**2 * count, count)
+    return Proof(poses, before, after, gain, p_value, patch, share)
 
 
 def rms(residual: Float[np.ndarray, "rows 3"]) -> float:
@@ -94,7 +101,7 @@ def _left(
         states = rig.respond(posture[rows], still, np.full((len(rows), 1), SETTLED))
         for m, body in enumerate(readings.bodies):
             own = readings.marker[rows] == m
-            at = states.point(rig.anatomy.body(body), drawn.places[m])
+            at = point_in_base(rig, states, body, drawn.places[m])
             point[rows[own]] = at[own]
     tracker = faulty(Instruments(), rig).tracker
     eye, none = np.eye(3), np.zeros(3)

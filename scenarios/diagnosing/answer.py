@@ -1,7 +1,7 @@
 """A diagnosis and its proof are put into the fixed form of diagnosis.json."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import msgspec
 import numpy as np
@@ -22,9 +22,10 @@ from scenarios.diagnosing.schema import (
     Proved,
     Remark,
 )
-from stiffness.diagnosis.diagnosis import Diagnosis, Name, NamedEffect
+from scenarios.diagnosing.verdict import DISAGREES, Findings, verdict_of
+from stiffness.diagnosis.diagnosis import Diagnosis, Name, NamedEffect, Warned
 
-MM, URAD = 1e3, 1e6
+MM, URAD, MICRO = 1e3, 1e6, 1e6
 USUAL_M, HEAVIEST_KG = 0.1, 100.0
 """How far from its body's origin an added mass sits usually, and how heavy it is at
 most; chosen: wider than any arm's."""
@@ -32,17 +33,40 @@ most; chosen: wider than any arm's."""
 
 def answer_of(
     diagnosis: Diagnosis,
-    proof: Proof | None,
+    simulated: Proof | None,
+    unproved: str,
     experiments: Sequence[Next],
     seconds: float,
+    proof_requested: bool = True,
 ) -> Answer:
-    """Put a diagnosis and its proof into the fixed form."""
+    """Put a diagnosis and its proof into the fixed form.
+
+    Args:
+        diagnosis: What the readings say.
+        simulated: Nominal and patched arm in the simulator; None where it could not.
+        unproved: Why nothing was proved; empty where something was.
+        experiments: What to measure next.
+        seconds: That it took.
+        proof_requested: Whether a proof was asked for.
+    """
     d, open_ = diagnosis, diagnosis.unexplained
     found = d.detection
+    proof = None if unproved else simulated
+    entry, share = proved(proof), explained_share_of(proof)
+    remarks = (*d.warnings, *disagreements(d, simulated))
     return Answer(
         schema=1,
         recording=d.recording,
-        verdict=d.verdict,
+        verdict=verdict_of(
+            Findings(
+                differs=d.verdict != "no_mismatch",
+                named=bool(d.named),
+                residual_passes=d.verdict == "explained",
+                proof_requested=proof_requested,
+                proof=entry,
+                explained_share=share,
+            )
+        ),
         detection=Detected(
             float(found.p_value),
             number(found.residual_rms, MM),
@@ -53,6 +77,7 @@ def answer_of(
             Placed(x.where, x.p_value, x.share, tuple(x.depends_on), x.zone)
             for x in d.located
         ),
+        explained_share=share,
         named=tuple(map(_called, d.named)),
         rivals=tuple(
             Other(float(r.probability), tuple(map(_at, r.effects))) for r in d.rivals
@@ -66,11 +91,37 @@ def answer_of(
             number(_rest(proof, found.residual_rms), MM),
         ),
         confounded=tuple((_at(a), _at(b)) for a, b in d.confounded),
-        warnings=tuple(Remark(w.code, w.where, w.text) for w in d.warnings),
-        proof=proved(proof),
+        warnings=tuple(Remark(w.code, w.where, w.text) for w in remarks),
+        proof_requested=proof_requested,
+        proof=entry,
         next_experiments=tuple(experiments),
         seconds=round(float(seconds), 3),
     )
+
+
+def disagreements(diagnosis: Diagnosis, simulated: Proof | None) -> Iterator[Warned]:
+    """Say where the simulator's nominal arm is not the one that was fitted."""
+    if simulated is None or simulated.markers is None:
+        return
+    found = diagnosis.detection
+    fitted = found.held_out_rms if simulated.absolute else found.held_out_within_rms
+    before = simulated.markers.before
+    if before > DISAGREES * fitted:
+        yield Warned(
+            "simulator_disagrees",
+            "arm",
+            f"on the poses kept back the simulator's nominal arm misses by "
+            f"{MICRO * before:.1f} µm, the arm that was fitted to the readings by "
+            f"{MICRO * fitted:.1f} µm. They are not the same arm: look at frames, tool "
+            "and springs of the model, and do not rely on the proof or on model.xml.",
+        )
+
+
+def explained_share_of(proof: Proof | None) -> Interval | None:
+    """Return the share that the proof's first channel explains, as it is written."""
+    channel = None if proof is None else proof.markers or proof.angles
+    share = None if channel is None else channel.explained
+    return None if share is None else Interval(share.estimate, share.low, share.high)
 
 
 def text_of(answer: Answer) -> str:

@@ -15,6 +15,7 @@ from stiffness.diagnosis.remarks import SCATTER
 
 VERDICTS = {
     "no_mismatch": "Simulation and recording agree",
+    "unproved": "A cause is named, but not proved",
     "explained": "The difference is explained",
     "partly_explained": "The difference is explained in part",
     "unexplained": "The difference has no name",

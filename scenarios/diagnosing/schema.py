@@ -9,6 +9,9 @@ from typing import Literal
 import msgspec
 
 Number = float | None
+Verdict = Literal[
+    "no_mismatch", "unexplained", "unproved", "explained", "partly_explained"
+]
 
 
 class At(msgspec.Struct, frozen=True):
@@ -108,14 +111,16 @@ class Answer(msgspec.Struct, frozen=True):
 
     schema: Literal[1]
     recording: str
-    verdict: Literal["no_mismatch", "explained", "partly_explained", "unexplained"]
+    verdict: Verdict
     detection: Detected
     located: tuple[Placed, ...]
+    explained_share: Interval | None
     named: tuple[Called, ...]
     rivals: tuple[Other, ...]
     unexplained: Left | None
     confounded: tuple[tuple[At, At], ...]
     warnings: tuple[Remark, ...]
+    proof_requested: bool
     proof: Proved | None
     next_experiments: tuple[Next, ...]
     seconds: float

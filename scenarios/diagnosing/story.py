@@ -1,11 +1,11 @@
 """A finding is told in plain sentences: is something there, where, what, proved?"""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from bench.proof import Proof
+from bench.proof import Channel, Proof
 from scenarios.diagnosing import springs
 from scenarios.diagnosing.finding import MICRO, Finding, channel_of
-from scenarios.diagnosing.schema import Called
+from scenarios.diagnosing.schema import Called, Placed
 from scenarios.diagnosing.units import chance, label, span
 from stiffness.diagnosis.remarks import SCATTER
 
@@ -13,6 +13,8 @@ from stiffness.diagnosis.remarks import SCATTER
 def sentences(finding: Finding) -> Iterator[str]:
     """Tell a finding, one sentence after the other."""
     d, a = finding.diagnosis, finding.answer
+    if a.verdict == "unproved":
+        yield _unproved(finding)
     for warning in a.warnings:
         yield f"Note ({warning.where}): {warning.text}"
     yield _detected(finding)
@@ -21,16 +23,7 @@ def sentences(finding: Finding) -> Iterator[str]:
     if a.verdict == "no_mismatch":
         return
     if a.located:
-        first = a.located[0]
-        on = f", and depends on {_list(first.depends_on)}" if first.depends_on else ""
-        zone = f", strongest at {first.zone}" if first.zone else ""
-        if first.zone == "everywhere":
-            zone = ", everywhere alike"
-        rest = [x.where for x in a.located[1:]]
-        also = f" Also: {_list(rest)}." if rest else ""
-        yield (
-            f"Where: {first.where} ({first.share:.0%} of what differs){on}{zone}.{also}"
-        )
+        yield _where(a.located)
     for called in a.named:
         yield _named(called)
     if not a.named:
@@ -42,13 +35,24 @@ def sentences(finding: Finding) -> Iterator[str]:
                  for x, y in a.confounded[:3]]  # fmt: skip
         yield f"These data hardly tell apart: {_list(pairs)}."
     if finding.proof is not None:
-        yield from _proved(finding.proof)
-    elif d.verdict != "no_mismatch" and finding.unproved:
+        yield _proved(finding.proof)
+    elif finding.unproved and a.verdict != "unproved":
         yield f"Nothing was proved: {finding.unproved}"
     for step in a.next_experiments[:1]:
         path = " ".join(f"{x:g}" for x in step.load_path_kg)
         pose = " ".join(f"{x:.0f}" for x in step.pose_deg)
         yield f"Next: pose [{pose}]°, load {path} kg; it {step.why}."
+
+
+def _where(located: Sequence[Placed]) -> str:
+    first = located[0]
+    on = f", and depends on {_list(first.depends_on)}" if first.depends_on else ""
+    zone = f", strongest at {first.zone}" if first.zone else ""
+    if first.zone == "everywhere":
+        zone = ", everywhere alike"
+    rest = [x.where for x in located[1:]]
+    also = f" Also: {_list(rest)}." if rest else ""
+    return f"Where: {first.where} ({first.share:.0%} of what differs){on}{zone}.{also}"
 
 
 def _detected(finding: Finding) -> str:
@@ -96,31 +100,53 @@ def _open(finding: Finding) -> str:
     return f"Open: something at {left.where or 'no one place'}{look}. {law}"
 
 
-def _proved(proof: Proof) -> Iterator[str]:
+def _proved(proof: Proof) -> str:
     channel, unit = channel_of(proof)
     if channel is None:
-        return
-    before, after, noise, gain, low, high = (
-        MICRO * x
-        for x in (
-            channel.before,
-            channel.after,
-            channel.noise,
-            channel.gain,
-            channel.low,
-            channel.high,
-        )
+        return "Proof: nothing was seen on the poses kept back."
+    before, after, noise = (
+        f"{MICRO * x:.1f} {unit}"
+        for x in (channel.before, channel.after, channel.noise)
     )
-    yield (
+    doubt = ""
+    if channel.high < 0.0:
+        doubt = " On the poses kept back the patch makes it worse."
+    elif channel.low <= 0.0:
+        doubt = " The gain's interval holds zero: they do not prove it."
+    return (
         f"Proof: on {len(proof.held_out)} poses that were kept back, the patched "
-        f"simulator misses by {after:.1f} {unit} instead of {before:.1f} {unit}; "
-        f"stated noise alone leaves {noise:.1f} {unit}. Gain {gain:.1f} {unit} "
-        f"({low:.1f} to {high:.1f})."
+        f"simulator misses by {after} instead of {before}; stated noise alone leaves "
+        f"{noise}. Gain {_gain(channel, unit)}.{_share(channel)}{doubt}"
     )
-    if high < 0.0:
-        yield "On the poses kept back the patch makes it worse."
-    elif low <= 0.0:
-        yield "The gain's interval holds zero: the poses kept back do not prove it."
+
+
+def _unproved(finding: Finding) -> str:
+    """Say first that what follows was named but is not proved, and why."""
+    proof = finding.proof
+    channel, unit = (None, "") if proof is None else channel_of(proof)
+    if proof is None or channel is None:
+        why = finding.unproved or "nothing was seen on the poses kept back."
+        return f"Not proved: what is named below was not confirmed, for {why}"
+    worse = "makes it worse" if channel.high < 0.0 else "does not surely help"
+    return (
+        f"Not proved: on {len(proof.held_out)} poses that were kept back, what is "
+        f"named below {worse}: gain {_gain(channel, unit)}."
+    )
+
+
+def _gain(channel: Channel, unit: str) -> str:
+    gain, low, high = (MICRO * x for x in (channel.gain, channel.low, channel.high))
+    return f"{gain:.1f} {unit} ({low:.1f} to {high:.1f})"
+
+
+def _share(channel: Channel) -> str:
+    share = channel.explained
+    if share is None:
+        return ""
+    return (
+        f" Of what noise does not explain, {share.estimate:.1%} are explained "
+        f"({share.low:.1%} to {share.high:.1%})."
+    )
 
 
 def _list(words) -> str:

@@ -74,16 +74,15 @@ def answered(question: Question) -> str:
         nominal = arm_of(Path(question.model))
         recording, arm, _ = read_for(Path(question.recording), nominal)
         found = diagnose(recording, arm, names)
-        proof = None
+        simulated, why = None, ""
         if question.proof:
             simulated, why = proved(found, recording, arm, Path(question.model))
-            proof = None if why else simulated
     except (BenchError, ArithmeticError, LookupError, ValueError) as error:
         print(f"{question.recording}: {error}", file=sys.stderr)
         told = {"failed": f"{type(error).__name__}: {error}"}
         return msgspec.json.encode(told).decode() + "\n"
     seconds = time.perf_counter() - started if question.proof else found.seconds
-    return text_of(answer_of(found, proof, (), seconds))
+    return text_of(answer_of(found, simulated, why, (), seconds, question.proof))
 
 
 if __name__ == "__main__":

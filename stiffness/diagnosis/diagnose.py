@@ -30,7 +30,7 @@ from stiffness.diagnosis.flips import SMALLEST
 from stiffness.diagnosis.hypotheses import HYPOTHESES
 from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
 from stiffness.diagnosis.layout import case_of, settled
-from stiffness.diagnosis.misfit import misfit_of
+from stiffness.diagnosis.misfit import held_out_misfit, misfit_of
 from stiffness.diagnosis.prepare import Prepared, prepare
 from stiffness.diagnosis.remarks import remarks, scattered
 from stiffness.diagnosis.scatter import scatter_of
@@ -100,7 +100,15 @@ def _detection(prepared: Prepared, case: Case, found: Found) -> Detection:
     smallest = one * np.sqrt(WOULD_SHOW / (3.0 * frames))
     if found.poses < FEWEST:
         smallest = misfit.noise * np.sqrt(case.wild)
-    return Detection(found.p_value, misfit.rms, misfit.noise, smallest)
+    held_out = held_out_misfit(prepared, case)
+    return Detection(
+        found.p_value,
+        misfit.rms,
+        misfit.noise,
+        smallest,
+        held_out.within,
+        held_out.whole,
+    )
 
 
 def _stopped(

@@ -43,12 +43,17 @@ class Detection:
         noise_rms: What the tracker's noise alone would leave, in m.
         smallest_effect: Displacement rms per reading that an effect must have, beyond
             what is fitted silently, to be seen nine times in ten, in m.
+        held_out_within_rms: What the fitted nominal arm leaves on the poses held out of
+            differences within visits, in m; NaN where none is held out.
+        held_out_rms: The same with what means of visits leave.
     """
 
     p_value: float
     residual_rms: float
     noise_rms: float
     smallest_effect: float
+    held_out_within_rms: float = float("nan")
+    held_out_rms: float = float("nan")
 
 
 @dataclass(frozen=True)

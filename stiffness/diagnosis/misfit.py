@@ -36,6 +36,41 @@ class Misfit:
     noise: float
 
 
+@dataclass(frozen=True)
+class HeldOut:
+    """3-D rms of a reading over the poses held out, of the fitted nominal arm.
+
+    Attributes:
+        within: Of differences within visits, each marker's mean taken off, in m.
+        whole: With what means of visits leave; NaN where they are not compared.
+    """
+
+    within: float
+    whole: float
+
+
+def held_out_misfit(prepared: Prepared, case: Case) -> HeldOut:
+    """Return how far the fitted nominal arm misses the poses held out; NaN without.
+
+    Args:
+        prepared: The recording against its nominal model.
+        case: The same with springs as the readings have them.
+    """
+    rows = case.split.held_out[prepared.data.visits.pose]
+    apart, seen = _apart(prepared, case)
+    count = int(seen[rows].sum())
+    if not count:
+        return HeldOut(np.nan, np.nan)
+    square, whole = float(np.sum(apart[rows] ** 2)) / count, np.nan
+    between = case.data.between
+    if between is not None:
+        left, shown = _left_of_means(between)
+        if shown[rows].any():
+            means = np.sum(left[rows][shown[rows]] ** 2, axis=1)
+            whole = float(np.sqrt(square + np.mean(means)))
+    return HeldOut(float(np.sqrt(square)), whole)
+
+
 def misfit_of(prepared: Prepared, case: Case) -> Misfit:
     """Return how far readings miss the arm with its springs as they were fitted.
 
@@ -53,21 +88,33 @@ def misfit_of(prepared: Prepared, case: Case) -> Misfit:
 
 def _within(prepared: Prepared, case: Case) -> tuple[float, float]:
     """Return mean squares of differences within visits, and by noise; 0 without."""
-    readings, visits = prepared.readings, prepared.data.visits
-    left = np.nan_to_num(readings.value) - _softer(prepared, case)
-    weight = visits.gather(readings.weight) * visits.counts[..., None]
-    seen = weight > 0
-    count = seen.sum(axis=1)
-    freedom = int(np.maximum(count - 1, 0).sum())
+    apart, seen = _apart(prepared, case)
+    freedom = int(np.maximum(seen.sum(axis=1) - 1, 0).sum())
     if not freedom:
         return 0.0, 0.0
-    values = np.where(seen[..., None], visits.gather(left), 0.0)
-    mean = values.sum(axis=1) / np.maximum(count, 1)[..., None]
-    apart = np.where(seen[..., None], values - mean[:, None], 0.0)
-    one = np.trace(np.linalg.inv(readings.inverse))
+    one = np.trace(np.linalg.inv(prepared.readings.inverse))
     share = np.broadcast_to(shares_of(prepared.situation.recording), seen.shape)
-    by_noise = one * np.mean(share[seen] / weight[seen])
+    by_noise = one * np.mean(share[seen] / _weight(prepared)[seen])
     return float(np.sum(apart**2)) / freedom, float(by_noise)
+
+
+def _apart(
+    prepared: Prepared, case: Case
+) -> tuple[
+    Float[np.ndarray, "visits longest markers 3"],
+    Bool[np.ndarray, "visits longest markers"],
+]:
+    """Return residuals less their mean over each visit, and which were seen."""
+    left = np.nan_to_num(prepared.readings.value) - _softer(prepared, case)
+    seen = _weight(prepared) > 0
+    values = np.where(seen[..., None], prepared.data.visits.gather(left), 0.0)
+    mean = values.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[..., None]
+    return np.where(seen[..., None], values - mean[:, None], 0.0), seen
+
+
+def _weight(prepared: Prepared) -> Float[np.ndarray, "visits longest markers"]:
+    visits = prepared.data.visits
+    return visits.gather(prepared.readings.weight) * visits.counts[..., None]
 
 
 def _softer(prepared: Prepared, case: Case) -> Float[np.ndarray, "rows markers 3"]:
@@ -85,13 +132,21 @@ def _between(
     between: Between, share: Float[np.ndarray, " markers"]
 ) -> tuple[float, float]:
     """Return mean squares of what means of visits leave, and by noise."""
+    left, seen = _left_of_means(between)
+    rms = np.mean(np.sum(left[seen] ** 2, axis=1))
+    undone = np.linalg.pinv(between.roots.half, hermitian=True)
+    own = share * np.sum(undone**2, axis=(2, 3))
+    return float(rms), float(np.mean(own[seen]))
+
+
+def _left_of_means(
+    between: Between,
+) -> tuple[Float[np.ndarray, "visits markers 3"], Bool[np.ndarray, "visits markers"]]:
+    """Return what means of visits leave, in m, and which markers were seen."""
     roots = between.roots
     seen: Bool[np.ndarray, "visits markers"] = np.any(roots.half != 0.0, axis=(2, 3))
     undone = np.linalg.pinv(roots.half, hermitian=True)
     longer = np.sqrt(1.0 + roots.size) - 1.0
     along = longer[..., None] * (roots.error.swapaxes(1, 2) @ between.residual)
     white = (between.residual + roots.error @ along).reshape(*seen.shape, 3, 1)
-    left = (undone @ white)[..., 0]
-    rms = np.mean(np.sum(left[seen] ** 2, axis=1))
-    own = share * np.sum(undone**2, axis=(2, 3))
-    return float(rms), float(np.mean(own[seen]))
+    return (undone @ white)[..., 0], seen
