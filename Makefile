@@ -9,17 +9,21 @@ STAMP := $(VENV)/.installed
 STUDY := results/study
 WORKERS ?= logical
 CONCEALED := $(VENV)/concealed
+BASE ?= HEAD~1
+CASES ?= quick
 
 # Idle threads of torch sleep instead of spinning: on two cores that is 20 times faster.
 export OMP_WAIT_POLICY := PASSIVE
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install study diagnosis test lint format view clean
+.PHONY: help install study diagnosis test golden lint format view clean
 
 help:
 	@echo 'make study    install, run the study at the quick budget, say where it is'
 	@echo 'make test     install, run all tests'
+	@echo 'make golden   compare with an older commit to the last digit: BASE=HEAD~1, a minute;'
+	@echo '              CASES=all: every case, ten minutes'
 	@echo 'make view     open the recording of the study'
 	@echo 'make diagnosis conceal two effects, find them, say where the answer is'
 	@echo 'make lint     style, layout, types'
@@ -55,6 +59,9 @@ diagnosis: $(STAMP)
 
 test: $(STAMP)
 	'$(BIN)/python' -m pytest -q --numprocesses $(WORKERS) --maxprocesses 4 --dist loadfile
+
+golden: $(STAMP)
+	'$(BIN)/python' tests/golden --base '$(BASE)' --cases '$(CASES)'
 
 lint: $(STAMP)
 	'$(BIN)/ruff' check .
