@@ -1,4 +1,4 @@
-"""A rope pulls at a hook beyond a force sensor, over one of several pulleys.
+"""Cell: floor, pulleys, rope and the force sensor with its hook on the flange.
 
 On any arm: a disc-shaped sensor on the flange, a plate with a hook beside the last
 axis, and pulleys around the arm whose ropes span all directions of force. Only one
@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from bench.anatomy import Anatomy
-from bench.recording import Payload
+from bench.kinematic_chain import Anatomy
+from bench.shared.recording import Payload
 
 GRAVITY = 9.81
 """m/s²; MuJoCo's default, and what a nominal mass on the hook is turned into N by."""

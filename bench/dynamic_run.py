@@ -1,4 +1,4 @@
-"""Time passes, loads are put on softly, and the arm swings into the same rest.
+"""Dynamic simulation of a load path: soft loads, damping, the same state of rest.
 
 `bench.equilibrium` jumps from rest to rest; here the same model is run as dynamics, by
 another integrator with small steps, and no joint is frozen. It is far too slow for an

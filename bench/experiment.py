@@ -1,4 +1,4 @@
-"""An experiment carries out a plan on a rig, and its instruments write it down.
+"""Experiment: carries out a plan on a rig and records what its instruments read.
 
 The true states stay here; what leaves is a recording, which holds readings and what
 the instruments state of themselves.
@@ -13,12 +13,11 @@ from jaxtyping import Float
 
 from bench.effects.instrument_effect import InstrumentEffect
 from bench.instruments import Instruments
-from bench.instruments.chance import streams
 from bench.instruments.markers import Markers, Stuck
-from bench.plan import Plan
-from bench.recording import Recording
-from bench.rig import Rig
-from bench.states import States
+from bench.instruments.random_streams import streams
+from bench.rig import Rig, States
+from bench.shared.plan import Plan
+from bench.shared.recording import Recording
 
 __all__ = ["Instruments", "faulty", "marks_in_base", "observed", "record"]
 

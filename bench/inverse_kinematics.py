@@ -1,4 +1,4 @@
-"""Arms with parallel second and third axes and a spherical wrist invert in closed form.
+"""Inverse kinematics of ortho-parallel arms with a spherical wrist, in closed form.
 
 ==========  ==========================================================================
 Equation    tan^2((t3 + psi) / 2) = ((c2 + k)^2 - r^2) / (r^2 - (c2 - k)^2), the law of
@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from bench.errors import Unusable
+from bench.shared.errors import Unusable
 
 AXES = 6
 SOLUTIONS = 8

@@ -1,26 +1,200 @@
-"""A patch is what has to be true beyond the data sheet for the arm to do what it did.
+"""Patch: effects and mounted masses as data, as a rig, and as an MJCF file.
+
+An effect that was named is a mechanism again: its parameters build it.
+
+This is the inverse of `Effect.parameters`: names of the vocabulary in SI go in, the
+mechanism comes out. What no mechanism can have, such as a compliance below zero, is
+taken as its bound: a spring cannot push back.
+
+A patched rig has nothing around it but what its recording says is mounted.
+
+A patch is what has to be true beyond the data sheet for the arm to do what it did.
 
 `patch.json` holds it exactly: effects by the vocabulary's names, fitted springs, laws
 as tables, where the tracker stood and the markers sat, and the arm itself as plain
 MJCF. `model.xml` beside it is the simulator's model with the mechanisms in it, for
 whoever wants to run it without us.
+
+MuJoCo writes six digits; a model that is to be the same arm needs them all.
+
+`model.xml` is MuJoCo's own rendering with every number of bodies, joints, sites and
+tendons put back at full precision from the compiled model.
 """
 
-from dataclasses import dataclass, field, replace
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
+from xml.etree import ElementTree
 
 import msgspec
+import mujoco
 import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
 
+from bench.cell import Cell
+from bench.effects import EFFECTS
 from bench.effects.effect import Effect
 from bench.effects.gravity_load import GravityLoad
 from bench.effects.tabled_law import TabledLaw
-from bench.errors import BenchError, Unusable
 from bench.model_file import plain_mjcf
-from bench.patch_effects import Named, effect_of
-from bench.patch_rig import BareCell, WrittenRig
-from bench.recording import Payload
 from bench.rig import RIGID, Rig
+from bench.shared.errors import BenchError, UnknownName, Unusable
+from bench.shared.recording import Payload
+
+# --- Effects by name ------------------------------------------------------------------
+
+LIGHT = 1e-3
+"""Mass in kg that stands for a first moment where the mass itself does not show;
+chosen: too light to be felt by itself."""
+
+Value = float | str | None
+"""A parameter as written: a number, a name, or null for one without end."""
+
+
+@dataclass(frozen=True)
+class Named:
+    """One effect with its place and its parameters.
+
+    Attributes:
+        effect: Its name in the vocabulary.
+        where: Its place.
+        parameters: By the vocabulary's names, in SI; null is infinite.
+        settings: What the mechanism needs beyond them, by its own names.
+    """
+
+    effect: str
+    where: str
+    parameters: dict[str, Value] = field(default_factory=dict)
+    settings: dict[str, Value] = field(default_factory=dict)
+
+
+def named(effect: Effect) -> Named:
+    """Return an effect as it is written down, to the last bit."""
+    known = dict(effect.parameters())
+    inside = {f.name for f in fields(effect)} - {"where"}
+    own = {_field(name) for name in known}
+    settings = {name: getattr(effect, name) for name in sorted(inside - own)}
+    return Named(effect.name, effect.where, _written(known), _written(settings))
+
+
+def can_build(name: str) -> bool:
+    """Return whether there is a mechanism of that name."""
+    return any(kind.name == name for kind in EFFECTS)
+
+
+def effect_of(found: Named) -> Effect:
+    """Build the mechanism of a named effect; sizes that are not given are zero.
+
+    Raises:
+        UnknownName: Where no effect has that name.
+        Unusable: Where a parameter is none of the effect's.
+    """
+    kinds = {kind.name: kind for kind in EFFECTS}
+    if found.effect not in kinds:
+        raise UnknownName("effect with a mechanism", found.effect, kinds)
+    kind = kinds[found.effect]
+    wanted = _read(found.parameters) | _read(found.settings)
+    if found.effect == "gravity_load":
+        wanted = _from_moments(wanted)
+    known = {f.name: f for f in fields(kind) if f.name != "where"}
+    values, faults = {}, []
+    for name, value in wanted.items():
+        own = _field(name)
+        if own not in known:
+            faults.append(str(UnknownName(f"parameter of {kind.name!r}", name, known)))
+        elif isinstance(known[own].default, str):
+            values[own] = value if isinstance(value, str) else f"a{round(value)}"
+        elif isinstance(value, str):
+            faults.append(f"{name} is {value!r}, expected a number.")
+        else:
+            values[own] = _possible(kind, own, value, known[own].default)
+    if faults:
+        raise Unusable(f"Effect {found.effect!r} at {found.where!r}", faults)
+    return replace(kind(where=found.where).off(), **values)
+
+
+def _field(name: str) -> str:
+    return "with_axis" if name == "with" else name
+
+
+def _possible(kind: type[Effect], name: str, value: float, usual: object) -> object:
+    """Return the nearest value that the mechanism can have."""
+    if isinstance(usual, int):
+        value = round(value)
+    least = kind.at_least.get(name, -math.inf)
+    if value >= least:
+        return type(value)(min(value, kind.at_most.get(name, math.inf)))
+    # a beam of less than no stiffness is one whose compliance came out below zero
+    return math.inf if name.endswith("_nm2") else type(value)(least)
+
+
+def _from_moments(wanted: Mapping[str, float | str]) -> dict[str, float | str]:
+    """Turn first moments into a light mass far out, which pulls the same."""
+    moment = {
+        name.replace("moment", "com").replace("_kg_m", "_m"): value
+        for name, value in wanted.items()
+        if name.startswith("moment_") and not isinstance(value, str)
+    }
+    rest = {k: v for k, v in wanted.items() if not k.startswith("moment_")}
+    if not moment:
+        return rest
+    zero = {"com_x_m": 0.0, "com_y_m": 0.0, "com_z_m": 0.0}
+    far = {name: value / LIGHT for name, value in moment.items()}
+    return {**zero, **far, "mass_kg": LIGHT}
+
+
+def _written(values: Mapping[str, object]) -> dict[str, Value]:
+    return {name: _plain(value) for name, value in values.items()}
+
+
+def _plain(value: object) -> Value:
+    if isinstance(value, str):
+        return value
+    number = float(value)  # type: ignore[arg-type]
+    return None if math.isinf(number) else number
+
+
+def _read(values: Mapping[str, Value]) -> dict[str, float | str]:
+    return {k: math.inf if v is None else v for k, v in values.items()}
+
+
+# --- Rig of a recording ---------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class BareCell(Cell):
+    """Nothing around the arm but a sensor without mass, where a recording has it."""
+
+    sensor_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    held: Payload = field(default_factory=Payload)
+
+    @property
+    @override
+    def sensor_position(self) -> Float[np.ndarray, "3"]:
+        return np.array(self.sensor_m)
+
+    @property
+    @override
+    def payload(self) -> Payload:
+        return self.held
+
+
+@dataclass(frozen=True)
+class WrittenRig(Rig):
+    """A rig whose arm comes with the patch."""
+
+    text: str = ""
+
+    @cached_property
+    @override
+    def nominal(self) -> mujoco.MjModel:
+        return mujoco.MjModel.from_xml_string(self.text)
+
+
+# --- Patch ----------------------------------------------------------------------------
 
 FILE, MODEL_FILE = "patch.json", "model.xml"
 LARGEST = 50_000_000
@@ -173,3 +347,79 @@ def _tabled(law: Law) -> TabledLaw:
     middle = (loading + back) / 2
     apart = float(np.interp(0.0, law.torque_nm, back - loading))
     return TabledLaw(law.where, law.torque_nm, tuple(middle.tolist()), max(apart, 0.0))
+
+
+# --- MJCF in full precision -----------------------------------------------------------
+
+HEADER = """
+This arm with what a diagnosis put into it, for MuJoCo 4. Set the option
+integrator="discrete" and a large timestep to find its rest. patch.json is the exact
+record: it holds also what no MJCF can, such as laws that depend on the commanded angle,
+faults of instruments, and for how long a creeping axis is held.
+"""
+
+
+def mjcf_of(rig: Rig) -> str:
+    """Return the patched arm as MJCF text."""
+    model = rig.model
+    spec = rig.spec.copy()
+    root = ElementTree.fromstring(spec.to_xml())
+    fill: dict[str, Callable[[ElementTree.Element, mujoco.MjModel], None]] = {
+        "body": _body,
+        "joint": _joint,
+        "site": _site,
+    }
+    for tag, write in fill.items():
+        for element in root.iter(tag):
+            if element.get("name"):
+                write(element, model)
+    for section in root.iter("tendon"):
+        for element in section:
+            _tendon(element, model)
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, encoding="unicode")
+    return f"<!--{HEADER}-->\n{text}\n"
+
+
+def _body(element: ElementTree.Element, model: mujoco.MjModel) -> None:
+    b = model.body(element.get("name")).id
+    element.set("pos", _numbers(model.body_pos[b]))
+    element.set("quat", _numbers(model.body_quat[b]))
+    inertial = element.find("inertial")
+    if inertial is not None and model.body_mass[b] > 0:
+        inertial.attrib.clear()
+        inertial.set("pos", _numbers(model.body_ipos[b]))
+        inertial.set("quat", _numbers(model.body_iquat[b]))
+        inertial.set("mass", _numbers(model.body_mass[b]))
+        inertial.set("diaginertia", _numbers(model.body_inertia[b]))
+
+
+def _joint(element: ElementTree.Element, model: mujoco.MjModel) -> None:
+    joint = model.joint(element.get("name"))
+    j, position, velocity = joint.id, joint.qposadr[0], joint.dofadr[0]
+    element.set("pos", _numbers(model.jnt_pos[j]))
+    element.set("axis", _numbers(model.jnt_axis[j]))
+    element.set("stiffness", _numbers(model.jnt_stiffness[j]))
+    element.set("damping", _numbers(model.dof_damping[velocity]))
+    element.set("armature", _numbers(model.dof_armature[velocity]))
+    element.set("ref", _numbers(model.qpos0[position]))
+    element.set("springref", _numbers(model.qpos_spring[position]))
+
+
+def _site(element: ElementTree.Element, model: mujoco.MjModel) -> None:
+    element.set("pos", _numbers(model.site(element.get("name")).pos))
+
+
+def _tendon(element: ElementTree.Element, model: mujoco.MjModel) -> None:
+    t = model.tendon(element.get("name")).id
+    element.set("stiffness", _numbers(model.tendon_stiffness[t]))
+    element.set("springlength", _numbers(model.tendon_lengthspring[t]))
+    if element.get("springyield"):
+        element.set("springyield", _numbers(model.tendon_springyield[t]))
+    first = model.tendon_adr[t]
+    for w, wrap in enumerate(element.findall("joint")):
+        wrap.set("coef", _numbers(model.wrap_prm[first + w]))
+
+
+def _numbers(values: object) -> str:
+    return " ".join(repr(float(v)) for v in np.ravel(np.asarray(values)))

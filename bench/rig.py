@@ -1,4 +1,8 @@
-"""A rig is an arm made real: what is on its data sheet, and everything that is not.
+"""Rig: a simulated arm with its effects in a cell, and its true states under load.
+
+Where an arm truly is under its loads is known to the bench alone.
+
+A rig is an arm made real: what is on its data sheet, and everything that is not.
 
 It answers one question: where does everything come to rest, row by row, when a plan is
 carried out? What the instruments make of that is `bench.instruments`' business.
@@ -12,16 +16,70 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bench import blocks, equilibrium
-from bench.anatomy import Anatomy, anatomy, with_seats
+from bench import equilibrium
 from bench.cell import GRAVITY, Cell, cell_for, load_on_sensor, mount, pose_in_world
 from bench.effects.creep import creeping
 from bench.effects.effect import Command, CommandEffect, Effect, ModelEffect, RopeEffect
-from bench.errors import Unusable
+from bench.kinematic_chain import Anatomy, anatomy, with_axes, with_seats
 from bench.model_file import load, plain_mjcf
-from bench.one_chain import with_axes
-from bench.plan import Plan
-from bench.states import States
+from bench.shared.errors import BenchError, Unusable
+from bench.shared.plan import Plan
+
+# --- True states ----------------------------------------------------------------------
+
+FURTHEST = 0.5
+"""How far an axis may end beside its command, in rad (m); chosen: no arm would hold."""
+
+
+@dataclass(frozen=True)
+class States:
+    """Where the arm truly was, row by row. This is truth: no method may see it.
+
+    Attributes:
+        bodies: Names of the bodies.
+        position: Their origins in the base's world frame, in m.
+        rotation: Their orientations; columns are the bodies' axes.
+        axis_angle: Angle of each axis after the gear, in rad.
+        wrench: What the world exerts on the robot about the sensor's origin, along the
+            sensor's axes, in N and N m; the weight beyond the sensor taken off.
+        residual: Largest torque left unbalanced, in N m.
+    """
+
+    bodies: tuple[str, ...]
+    position: Float[np.ndarray, "rows bodies 3"]
+    rotation: Float[np.ndarray, "rows bodies 3 3"]
+    axis_angle: Float[np.ndarray, "rows axes"]
+    wrench: Float[np.ndarray, "rows 6"]
+    residual: float
+
+    def point(
+        self, body: str, place: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, "rows 3"]:
+        """Return where a point of a body was, in the world's frame, in m."""
+        b = self.bodies.index(body)
+        return self.position[:, b] + self.rotation[:, b] @ place
+
+    def near(self, commanded: Float[np.ndarray, "rows axes"]) -> "States":
+        """Return the states, where every axis stands about where it was told to.
+
+        Args:
+            commanded: Angles that the controller reports, in rad (m).
+
+        Raises:
+            BenchError: Where an axis ends further off than `FURTHEST`, naming it.
+        """
+        off = np.nan_to_num(np.abs(self.axis_angle - commanded), nan=np.inf)
+        row, axis = np.unravel_index(off.argmax(), off.shape)
+        if off[row, axis] > FURTHEST:
+            raise BenchError(
+                f"In row {row} axis a{axis + 1} ends {off[row, axis]:.3g} rad beside "
+                f"its command, more than {FURTHEST}. A spring is too soft for its "
+                "load, or an effect too large."
+            )
+        return self
+
+
+# --- Rig ------------------------------------------------------------------------------
 
 RIGID = 1e9
 """Stiffness in N m/rad of an axis that the model calls rigid (0); chosen: 100 N m
@@ -171,7 +229,7 @@ class Rig:
         schedule = equilibrium.Schedule(
             command.reference + arrival, command.stiffness, ropes, wrench, hold
         )
-        rest = blocks.solve(model, axes, creep, schedule)
+        rest = equilibrium.solve_in_blocks(model, axes, creep, schedule)
         rows = hold.size
         rotation = rest.rotation.reshape(rows, model.nbody, 3, 3)
         joint = rest.joint.reshape(rows, -1)

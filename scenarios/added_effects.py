@@ -13,13 +13,11 @@ Expect: a table for each arm, added.csv beside its report
 from dataclasses import dataclass
 from pathlib import Path
 
-from scenarios import real_ur10
-from scenarios.adding import to_kr300, to_ur10
-from scenarios.command import run
-from scenarios.nominal import arm_of
-from scenarios.reading import kr300_encoders
-from scenarios.reporting import table
-from stiffness.calibration.readings import readings_of
+from scenarios.pipelines.inputs import arm_of
+from scenarios.report import data_files
+from scenarios.report.command_line import run
+from scenarios.studies import added_effects, public_recordings, ur10_calibration
+from stiffness.calibration.model import readings_of
 
 
 @dataclass(frozen=True)
@@ -38,13 +36,15 @@ def main(settings: Settings) -> list[dict[str, object]]:
     """Add, look, and write what was found."""
     found: list[dict[str, object]] = []
     if settings.kr300 is not None:
-        recording = kr300_encoders.recording_of(settings.kr300)
-        found += _written(settings.out / "real_kr300", to_kr300.rows(recording))
+        recording = public_recordings.kr300_recording(settings.kr300)
+        found += _written(
+            settings.out / "real_kr300", added_effects.kr300_rows(recording)
+        )
     if settings.ur10 is not None:
-        recording = real_ur10.recording_of(settings.ur10)
-        arm = arm_of(real_ur10.MODEL).for_recording(recording)
-        base = to_ur10.base_of(readings_of(recording, arm))
-        rows = to_ur10.rows(base, real_ur10.MODEL)
+        recording = public_recordings.ur10_recording(settings.ur10)
+        arm = arm_of(ur10_calibration.MODEL).for_recording(recording)
+        base = added_effects.base_of(readings_of(recording, arm))
+        rows = added_effects.ur10_rows(base, ur10_calibration.MODEL)
         found += _written(settings.out / "real_ur10", rows)
     return found
 
@@ -56,7 +56,7 @@ def _written(folder: Path, rows) -> list[dict[str, object]]:
     for row in rows:
         found.append(row)
         print("  ".join(f"{k}={_text(v)}" for k, v in row.items()), flush=True)
-        table.write(partial, found)
+        data_files.write_table(partial, found)
     partial.replace(folder / "added.csv")
     return found
 

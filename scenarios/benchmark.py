@@ -17,12 +17,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from bench.errors import Unusable
-from scenarios.benchmarks import experiment, race, recordings, report, source, springs
-from scenarios.benchmarks.race import Lap, Race
-from scenarios.command import run
-from scenarios.reporting import run_file, table
-from scenarios.reporting.bar import bar
+from bench.shared.errors import Unusable
+from scenarios.report import data_files
+from scenarios.report.command_line import progress_bar, run
+from scenarios.studies.benchmarks import race, recording_tasks, regression_tasks
+from scenarios.studies.benchmarks.race import Lap, Race
 
 
 @dataclass(frozen=True)
@@ -43,34 +42,34 @@ def main(settings: Settings) -> tuple[Lap, ...]:
         fault = f"--repeats {settings.repeats}, --poses {settings.poses}: at least 1."
         raise Unusable("Flags", [fault])
     laps: list[Lap] = []
-    with TemporaryDirectory() as folder, bar() as progress:
+    with TemporaryDirectory() as folder, progress_bar() as progress:
         task = progress.add_task("preparing", total=None)
         races, skipped = _races(settings, Path(folder))
         progress.update(task, total=sum(race.runs(r, settings.repeats) for r in races))
         for each in races:
             progress.update(task, description=each.task)
             laps += race.run(each, settings.repeats, lambda: progress.advance(task))
-    report.show(laps, skipped)
+    race.show(laps, skipped)
     settings.out.mkdir(parents=True, exist_ok=True)
-    table.write(settings.out / "benchmark.csv", [lap.row for lap in laps])
-    report.write(settings.out, laps, skipped)
+    data_files.write_table(settings.out / "benchmark.csv", [lap.row for lap in laps])
+    race.write(settings.out, laps, skipped)
     command = f"python -m scenarios.benchmark --out {settings.out.as_posix()}"
     facts = {"cores": os.cpu_count(), "load": os.getloadavg()[0]}
-    run_file.write(settings.out, command, asdict(settings), **facts)
+    data_files.write_run_file(settings.out, command, asdict(settings), **facts)
     return tuple(laps)
 
 
 def _races(settings: Settings, folder: Path) -> tuple[list[Race], list[str]]:
     poses = settings.poses
     races = [
-        experiment.race(poses),
-        source.race(None if poses == 151 else 20 * poses),
-        springs.race(poses),
-        *recordings.races(poses, folder),
+        recording_tasks.experiment_race(poses),
+        regression_tasks.source_race(None if poses == 151 else 20 * poses),
+        regression_tasks.springs_race(poses),
+        *recording_tasks.reading_races(poses, folder),
     ]
     skipped = [line for each in races for line in each.skipped]
     try:
-        from scenarios.benchmarks import diagnosis  # noqa: PLC0415  may be missing
+        from scenarios.studies.benchmarks import diagnosis_task as diagnosis  # noqa: PLC0415  may be missing
 
         races.append(diagnosis.race(poses))
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""Does the diagnosis find what was concealed, and does it say where it does not know?
+"""Tests whether the diagnosis finds concealed effects and says when it does not know.
 
 Effects, places, sizes and nuisance are drawn from a seed. Recordings go to one folder;
 the truth is sealed by its hash and written to another once the answers are hashed, and
@@ -17,18 +17,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-from bench.errors import UnknownName, Unusable
-from scenarios.command import run
-from scenarios.reporting import run_file
-from scenarios.reporting.bar import bar
-from scenarios.trials import report
-from scenarios.trials.arms import arm_of
-from scenarios.trials.draw import trials_of
-from scenarios.trials.rates import bars, failures
-from scenarios.trials.score import Score, score
-from scenarios.trials.seals import opened
-from scenarios.trials.strata import STRATA
-from scenarios.trials.sweep import Sweep, carried_out
+from bench.shared.errors import UnknownName, Unusable
+from scenarios.report import data_files
+from scenarios.report.command_line import progress_bar, run
+from scenarios.studies.blind_trials import report
+from scenarios.studies.blind_trials.arms import arm_of
+from scenarios.studies.blind_trials.draw import trials_of
+from scenarios.studies.blind_trials.report import print_summary
+from scenarios.studies.blind_trials.run import Sweep, opened, run_trials
+from scenarios.studies.blind_trials.score import Score, score
+from scenarios.studies.blind_trials.strata import STRATA
 
 
 @dataclass(frozen=True)
@@ -42,7 +40,7 @@ class Settings:
     seed: int = 0
     """Of everything that is drawn."""
     strata: tuple[str, ...] = tuple(STRATA)
-    """Kinds of trials; see scenarios/trials/strata.py."""
+    """Kinds of trials; see scenarios/studies/blind_trials/strata.py."""
     proof: bool = False
     """Prove names in the simulator too, against what the truth would gain."""
     keep: bool = False
@@ -63,9 +61,9 @@ def main(settings: Settings) -> list[Score]:
     _same_seed(s)
     arm = arm_of(s.arm, s.seed, s.out / "models")
     trials = list(trials_of(s.seed, s.strata, 0, s.trials, arm))
-    with bar() as progress:
+    with progress_bar() as progress:
         task = progress.add_task("concealing, asking", total=len(trials))
-        for done in carried_out(sweep, trials):
+        for done in run_trials(sweep, trials):
             progress.update(task, advance=done)
     scores, codes = [], set()
     for trial in trials:
@@ -84,8 +82,8 @@ def main(settings: Settings) -> list[Score]:
         command += f" --arm {s.arm}"
     if s.strata != tuple(STRATA):
         command += f" --strata {' '.join(s.strata)}"
-    run_file.write(s.out, f"{command} --out {s.out.as_posix()}", asdict(s))
-    _tell(scores, s.out)
+    data_files.write_run_file(s.out, f"{command} --out {s.out.as_posix()}", asdict(s))
+    print_summary(scores, s.out)
     return scores
 
 
@@ -113,18 +111,6 @@ def _same_seed(settings: Settings) -> None:
     elif (theirs := file.read_text(encoding="utf-8")) != mine:
         fault = f"it holds trials of {theirs.strip()}; give another name."
         raise Unusable(f"Folder {str(s.out)!r}", [fault])
-
-
-def _tell(scores: list[Score], out: Path) -> None:
-    for one in failures(scores):
-        print(f"{one.label}: {', '.join(one.truth) or 'nothing'} -> "
-              f"{one.failed or one.verdict} {', '.join(one.named)}")  # fmt: skip
-    for r in bars(scores):
-        if r.value is not None:
-            met = "met" if r.met else "MISSED"
-            span = f"{r.low:.3f} to {r.high:.3f}"
-            print(f"{met:6} {r.what}: {r.successes}/{r.trials} ({span}), bar {r.bar}")
-    print(out / "report.html")
 
 
 if __name__ == "__main__":

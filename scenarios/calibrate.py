@@ -18,10 +18,11 @@ from typing import Annotated
 
 import tyro
 
-from scenarios.calibrating.carried_out import Outcome, carried_out, written
-from scenarios.command import run
-from scenarios.diagnosing.writing import refuse
-from scenarios.nominal import arm_of, read_for
+from scenarios.pipelines.calibrate import CalibrationOutcome, calibrate_and_prove
+from scenarios.pipelines.inputs import arm_of, read_for
+from scenarios.report.command_line import run
+from scenarios.report.output_folder import refuse_folder
+from scenarios.report.sections.calibration import write_calibration
 
 
 @dataclass(frozen=True)
@@ -36,14 +37,14 @@ class Settings:
     """Folder for the answer."""
 
 
-def main(settings: Settings) -> Outcome:
+def main(settings: Settings) -> CalibrationOutcome:
     """Calibrate, prove and write."""
-    refuse(settings.out, settings.recording)
+    refuse_folder(settings.out, settings.recording)
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
     for note in notes:
         print(note)
-    outcome = carried_out(recording, arm, settings.robot)
-    written(settings.out, outcome)
+    outcome = calibrate_and_prove(recording, arm, settings.robot)
+    write_calibration(settings.out, outcome)
     print(f"{settings.out / 'report.html'}")
     return outcome
 

@@ -20,13 +20,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bench.recording import Recording
-from scenarios.abilities import abilities
-from scenarios.axis_view import axis_views
-from scenarios.command import run
-from scenarios.contents import contents_of
-from scenarios.diagnosing.steps import slips
-from scenarios.nominal import arm_of, read_for
+from bench.shared.recording import Recording
+from scenarios.pipelines.diagnose import setup_errors
+from scenarios.pipelines.inputs import arm_of, read_for
+from scenarios.pipelines.recording_check import abilities, axis_views, contents_of
+from scenarios.report.command_line import run
 
 AXES = ("axis", "travel [°]", "torque varies by [Nm]", "longest marker's lever [m]")
 
@@ -46,7 +44,7 @@ def main(settings: Settings) -> Recording:
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
     views = axis_views(recording, arm)
     console = Console()
-    for slip in slips(recording, arm):
+    for slip in setup_errors(recording, arm):
         said = f"{slip.text} Until it is mended `diagnose` names no effect."
         console.print(f"Mistake ({slip.where}): {said}\n", markup=False)
     contents = _table(recording.name, "what", "in this recording")

@@ -1,4 +1,4 @@
-"""What becomes of a recording that was damaged on its way?
+"""Diagnoses damaged recordings and counts what becomes of them.
 
 Damages a good recording of a KR10 with hysteresis in many ways and hands each to
 `scenarios.diagnose`. What the files themselves show must be refused with its place
@@ -12,41 +12,38 @@ Expect: what became of each kind, counted; none that crashes, none diagnosed sil
         none half written; exit status 1 otherwise
 """
 
-import io
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bench.errors import BenchError
-from scenarios import diagnose, record
-from scenarios.command import run
-from scenarios.damaging.damage import Damage
-from scenarios.damaging.in_files import in_files
-from scenarios.damaging.in_meaning import in_meaning
-from scenarios.damaging.in_set_up import in_set_up
-from scenarios.damaging.samples import Samples
-from scenarios.reporting.bar import bar
-from scenarios.watching import Watching
+from bench.effects.parse import parse_all
+from bench.experiment import record
+from bench.rig import Rig
+from bench.shared.errors import BenchError
+from bench.shared.format.folder import write
+from bench.shared.plan import parse_path
+from bench.standard_plans import tour
+from scenarios.pipelines import synthetic_recording
+from scenarios.pipelines.synthetic_recording import Watching
+from scenarios.report.command_line import progress_bar, run
+from scenarios.report.route import diagnose_to_folder
+from scenarios.studies.damage import (
+    MISTAKES,
+    WHAT,
+    Damage,
+    Outcome,
+    Samples,
+    damages,
+    own_names,
+)
 
 OTHER = Path(__file__).parents[1] / "mjcf" / "ur10" / "ur10.xml"
-MISTAKES = (
-    *("axis_reversed", "axis_order", "axis_zero", "mirrored", "units", "wrong_model"),
-    *("wrench_sign", "wrench_frame", "wrench_columns", "wrench_rows"),
-    *("tracker_frame", "marker_places", "marker_names"),
-)
-"""Codes of warnings while which no effect is named."""
-WHAT = ("refused", "warned", "misnamed", "diagnosed", "half written", "crashed")
-"""What can become of one."""
-RIGHT = {"file": ("refused",), "physics": ("warned", "refused")}
-"""What has to become of each; an angle of the wrong sign may exceed its limits too."""
 
 
 @dataclass(frozen=True)
@@ -61,26 +58,12 @@ class Settings:
     """Postures of the good recording."""
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What became of one."""
-
-    damage: Damage
-    what: str
-    said: str
-
-    @property
-    def right(self) -> bool:
-        """Whether it had to be so."""
-        return self.what in RIGHT[self.damage.shows]
-
-
 def main(settings: Settings) -> Sequence[Outcome]:
     """Damage, diagnose, count."""
     with TemporaryDirectory(prefix="damaged-") as folder:
         good = good_recording(Path(folder) / "good", settings.poses)
         chosen = damages(good, settings.variants, settings.seed)
-        with bar() as progress:
+        with progress_bar() as progress:
             outcomes = [
                 outcome_of(damage, Path(folder) / str(number))
                 for number, damage in enumerate(
@@ -103,32 +86,15 @@ def main(settings: Settings) -> Sequence[Outcome]:
     return outcomes
 
 
-def own_names(outcomes: Sequence[Outcome]) -> list[str]:
-    """Count the mistakes that have to be said by their own name."""
-    planted = Counter(o.damage.code for o in outcomes if o.damage.code)
-    said = Counter(o.damage.code for o in outcomes if o.what == "warned")
-    return [f"{code}: {said[code]} of {n} said." for code, n in sorted(planted.items())]
-
-
 def good_recording(folder: Path, poses: int) -> Samples:
     """Record a KR10 with hysteresis, watched at the flange."""
     effect = ("hysteresis@a2,width_rad=3e-4",)
     watch = Watching(targets="flange", state_frame=True)
-    with redirect_stdout(io.StringIO()):
-        record.main(
-            record.Settings(
-                out=folder, effect=effect, poses=poses, path="0,10,0", watch=watch
-            )
-        )
+    bare = Rig(synthetic_recording.KR10)
+    rig = replace(bare, effects=parse_all(effect, bare.nominal))
+    plan = tour(rig, poses, parse_path("0,10,0"))
+    write(folder, record(rig, plan, watch.instruments()))
     return Samples.of(folder)
-
-
-def damages(good: Samples, variants: int, seed: int) -> list[Damage]:
-    """Draw damages of both kinds, in proportion to how many there are."""
-    random = np.random.default_rng(seed)
-    every = [*in_files(good, random), *in_meaning(good, random), *in_set_up(good)]
-    order = random.permutation(len(every))[:variants]
-    return [every[k] for k in sorted(order)]
 
 
 def outcome_of(damage: Damage, folder: Path) -> Outcome:
@@ -136,10 +102,9 @@ def outcome_of(damage: Damage, folder: Path) -> Outcome:
     recording, out = folder / "recording", folder / "answer"
     recording.mkdir(parents=True)
     damage.make(recording)
-    robot = OTHER if damage.other_model else record.KR10
+    robot = OTHER if damage.other_model else synthetic_recording.KR10
     try:
-        with redirect_stdout(io.StringIO()):
-            told = diagnose.main(diagnose.Settings(recording, robot, out))
+        told = diagnose_to_folder(recording, robot, out, Console(quiet=True))
     except BenchError as error:
         whole = not out.exists()
         return Outcome(damage, "refused" if whole else "half written", str(error))

@@ -1,4 +1,4 @@
-"""What is the floor?
+"""Measures how far each method is from the noise floor.
 
 No method gets below what the instruments' noise makes of one who knows the truth's form
 and has only its sizes to learn: 48 of them, from the same recording. How far from the
@@ -14,24 +14,30 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
-from bench.truth import default_truth
-from scenarios.command import run
-from scenarios.paper.budget import Transfer, budget
-from scenarios.paper.experiment import carry_out
-from scenarios.paper.floor.oracle import NudgeCell, oracle_error, sizes
-from scenarios.paper.floor.picture import draw
-from scenarios.paper.floor.tables import finding, shown, summary
-from scenarios.paper.material import Material
-from scenarios.paper.transfer.convolution_cell import ConvolutionCell
-from scenarios.paper.transfer.perceptron_cell import PerceptronCell
-from scenarios.paper.transfer.plain_cells import SpringsCell
-from scenarios.paper.transfer.pooled import MEASURES, Draws, pooled
-from scenarios.paper.unseen import unseen
-from scenarios.paper.work.progress import swept
-from scenarios.reporting import page, run_file, table
-from stiffness.deflections import every_plateau
+from bench.study_arm import default_truth
+from scenarios.report import data_files, page
+from scenarios.report.command_line import run
+from scenarios.studies.paper.budget import Transfer, budget
+from scenarios.studies.paper.cells import swept
+from scenarios.studies.paper.experiment import Material, carry_out
+from scenarios.studies.paper.floor import (
+    NudgeCell,
+    draw,
+    finding,
+    floor_rows,
+    oracle_error,
+    shown,
+    sizes,
+    summary,
+)
+from scenarios.studies.paper.fresh_postures import unseen
+from scenarios.studies.paper.transfer import (
+    ConvolutionCell,
+    PerceptronCell,
+    SpringsCell,
+)
+from stiffness.experiment.deflections import every_plateau
 
 
 @dataclass(frozen=True)
@@ -77,8 +83,8 @@ def main(settings: Settings) -> list[dict[str, object]]:
         "VJM + GP": results[plain]["gp_residual/unseen"],
         "oracle": oracle_error(still, moved, noise),
     }
-    rows = _tidy(errors, seed)
-    table.write(out / "floor.csv", rows)
+    rows = floor_rows(errors, seed)
+    data_files.write_table(out / "floor.csv", rows)
     place = experiment.arm.placements(fresh.cases.posture, ["flange"])[:, 0, :3, 3]
     draw(errors, rows, place, out / "floor.png")
     blocks = [
@@ -95,33 +101,8 @@ def main(settings: Settings) -> list[dict[str, object]]:
     ]
     page.write(out, "What is the floor?", summary(rows), blocks)
     command = f"python -m scenarios.floor --seed {seed} --out {out.as_posix()}"
-    run_file.write(out, command, asdict(settings))
+    data_files.write_run_file(out, command, asdict(settings))
     print(f"Report: {out / 'report.html'}")
-    return rows
-
-
-def _mae(error: Float[np.ndarray, "poses 3"]) -> Draws:
-    return pooled(np.abs(error).mean(axis=1)[None], MEASURES["MAE"])
-
-
-def _tidy(errors: dict, seed: int) -> list[dict[str, object]]:
-    draws = {name: _mae(error) for name, error in errors.items()}
-    top, floor, rows = draws["VJM"], draws["oracle"], []
-    for name, d in draws.items():
-        way = d.way(top, floor).interval
-        rows.append(
-            {
-                "method": name,
-                "MAE_mm": d.value,
-                "low_mm": d.interval.low,
-                "high_mm": d.interval.high,
-                "share_of_the_way": way.value,
-                "share_low": way.low,
-                "share_high": way.high,
-                "n": len(errors[name]),
-                "seeds": seed,
-            }
-        )
     return rows
 
 

@@ -16,16 +16,19 @@ from dataclasses import asdict, dataclass, field
 from itertools import product
 from pathlib import Path
 
-from scenarios.command import run
-from scenarios.paper.experiment import carry_out
-from scenarios.paper.few_poses import tables
-from scenarios.paper.few_poses.cells import FewPosesNetworks, FewPosesPlain
-from scenarios.paper.few_poses.networks import Effort, prepared
-from scenarios.paper.few_poses.picture import draw_courses
-from scenarios.paper.material import Material
-from scenarios.paper.unseen import unseen
-from scenarios.paper.work.progress import swept
-from scenarios.reporting import page, run_file, table
+from scenarios.report import data_files, page
+from scenarios.report.command_line import run
+from scenarios.studies.paper import few_poses
+from scenarios.studies.paper.cells import swept
+from scenarios.studies.paper.experiment import Material, carry_out
+from scenarios.studies.paper.few_poses import (
+    Effort,
+    FewPosesNetworks,
+    FewPosesPlain,
+    draw_courses,
+    prepared,
+)
+from scenarios.studies.paper.fresh_postures import unseen
 
 
 @dataclass(frozen=True)
@@ -73,8 +76,8 @@ def main(settings: Settings) -> list[dict[str, object]]:
     found = {count: {} for count in settings.counts}
     for cell in cells:
         found[cell.poses].setdefault(cell.draw, {}).update(results[cell])
-    rows = tables.tidy(found, settings.unseen)
-    table.write(out / "how_many_poses.csv", rows)
+    rows = few_poses.tidy(found, settings.unseen)
+    data_files.write_table(out / "how_many_poses.csv", rows)
     draw_courses(rows, out / "how_many_poses.png")
     blocks = [
         page.Figure(
@@ -82,7 +85,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
             "and range (bars) of the draws, which the legend counts.",
             "how_many_poses.png",
         ),
-        tables.errors(rows),
+        few_poses.errors(rows),
         page.Paragraph(
             "Networks are pre-trained once on the springs of the model file and go on "
             f"for {settings.effort.on.steps} steps with the springs that the few poses "
@@ -95,12 +98,14 @@ def main(settings: Settings) -> list[dict[str, object]]:
             "their range is too narrow as an interval."
         ),
     ]
-    summary = tables.summary(rows)
+    summary = few_poses.summary(rows)
     page.write(out, "How many poses are enough?", summary, blocks)
     command = "python -m scenarios.how_many_poses --counts"
     command += f" {' '.join(map(str, settings.counts))} --splits {settings.splits}"
     command += f" --network-splits {settings.network_splits} --seed {seed}"
-    run_file.write(out, f"{command} --out {out.as_posix()}", asdict(settings))
+    data_files.write_run_file(
+        out, f"{command} --out {out.as_posix()}", asdict(settings)
+    )
     print(f"Report: {out / 'report.html'}")
     return rows
 

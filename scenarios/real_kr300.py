@@ -17,11 +17,12 @@ Expect: 3 ms of delay on all three axes, compliance refused with the reason; on 
 from dataclasses import dataclass
 from pathlib import Path
 
-from bench.files import write
-from scenarios.command import run
-from scenarios.diagnosing.schema import Answer
-from scenarios.reading.kr300_encoders import recording_of
-from scenarios.two_encoders.carried_out import carried_out
+from bench.shared.format.folder import write
+from scenarios.pipelines.compare_encoders import compare_encoders
+from scenarios.pipelines.schema import Answer
+from scenarios.report.command_line import run
+from scenarios.report.sections.dual_encoder import write_outcome
+from scenarios.studies.public_recordings import kr300_recording
 
 MODEL = Path(__file__).parents[1] / "mjcf" / "six_hinges" / "six_hinges.xml"
 
@@ -40,12 +41,13 @@ class Settings:
 
 def main(settings: Settings) -> Answer:
     """Compare the encoders, and write what was found."""
-    recording = recording_of(settings.data)
+    recording = kr300_recording(settings.data)
     if settings.recording is not None:
         write(settings.recording, recording)
-    answer, first = carried_out(recording, MODEL, settings.out)
+    outcome = compare_encoders(recording, MODEL)
+    first = write_outcome(settings.out, outcome)
     print(first)
-    return answer
+    return outcome.answer
 
 
 if __name__ == "__main__":

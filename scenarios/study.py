@@ -1,4 +1,4 @@
-"""Does the paper's line of argument hold on an arm whose truth is known?
+"""Runs the study of the 2024 paper on an arm whose truth is known.
 
 A virtual KR10 with catalogue-sized hardening gears, hysteresis, tilting bearings,
 bending links and a foot that gives way goes through the 151 postures of the paper's
@@ -15,32 +15,28 @@ Expect: Table 2 within 25 % of the paper's MAE and STDE in each direction; FT-ML
         not; report.html, table_02.csv to table_10.csv and study.rrd in the folder
 """
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-from scenarios.command import run
-from scenarios.paper.budget import budget
-from scenarios.paper.experiment import carry_out
-from scenarios.paper.imitation import cells as imitation
-from scenarios.paper.imitation import tables as imitation_tables
-from scenarios.paper.linear_fit import fit as linear_fit
-from scenarios.paper.linear_fit import tables as linear_fit_tables
-from scenarios.paper.linear_fit.fit import LinearFit
-from scenarios.paper.linear_fit.identifiable import refuse_if_blind
-from scenarios.paper.material import Material
-from scenarios.paper.playback import playback, training_curves
-from scenarios.paper.transfer import cells as transfer
-from scenarios.paper.transfer import table_08, table_09, table_10
-from scenarios.paper.transfer.comparison import Contender, contenders
-from scenarios.paper.transfer.own_method import OwnMethod, checked
-from scenarios.paper.unseen import unseen
-from scenarios.paper.words import discussion
-from scenarios.paper.words.summary import summary
-from scenarios.paper.work.cells import Cell, Result
-from scenarios.paper.work.progress import swept
-from scenarios.reporting import page, run_file
+from scenarios.report import data_files, page
+from scenarios.report.command_line import run
+from scenarios.studies.paper import (
+    discussion,
+    imitation,
+    linear_fit,
+    playback,
+    table_08,
+    table_09,
+    table_10,
+    transfer,
+)
+from scenarios.studies.paper import tables_06_07 as imitation_tables
+from scenarios.studies.paper.budget import budget
+from scenarios.studies.paper.cells import Cell, Result, swept
+from scenarios.studies.paper.comparison import contenders
+from scenarios.studies.paper.experiment import Material, carry_out
+from scenarios.studies.paper.fresh_postures import unseen
 
 
 @dataclass(frozen=True)
@@ -65,39 +61,31 @@ class Settings:
     """Stream to a viewer while it runs, instead of saving study.rrd."""
 
 
-@dataclass(frozen=True)
-class Study:
-    """What was found: six springs' fit, and every method on fresh poses."""
-
-    springs: LinearFit
-    methods: Sequence[Contender]
-
-
-def main(settings: Settings) -> Study:
+def main(settings: Settings) -> discussion.Study:
     """Run the study and write everything into the folder."""
     out, seed = settings.out, settings.seed
     spent = budget(settings.budget, seed)
-    own = None if settings.method is None else OwnMethod.named(settings.method)
+    own = None if settings.method is None else transfer.OwnMethod.named(settings.method)
     experiment = carry_out(seed, settings.poses)
     fresh = unseen(experiment.rig, experiment.arm, spent.unseen, seed)
     material = Material.of(experiment, fresh)
-    refuse_if_blind(material, spent.transfer.seeds)
+    linear_fit.refuse_if_blind(material, spent.transfer.seeds)
     if own is not None:
-        checked(own, experiment.arm, experiment.recording)
+        transfer.checked(own, experiment.arm, experiment.recording)
     out.mkdir(parents=True, exist_ok=True)
     found = linear_fit.fit(experiment, seed)
     stream = playback.live(seed) if settings.view else None
 
     def told(cell: Cell, result: Result) -> None:
-        for curve in training_curves.curves(cell, result):
+        for curve in playback.curves(cell, result):
             if stream is not None:
-                training_curves.show(stream, curve)
+                playback.show_curve(stream, curve)
 
     cells = [*transfer.cells(spent, own), *imitation.cells(spent, seed)]
     results = swept(cells, material, out / "cells", settings.jobs, told)
     methods = contenders(spent, results, own)
     blocks = [
-        *linear_fit_tables.report(experiment, found, seed, out),
+        *linear_fit.report(experiment, found, seed, out),
         *imitation_tables.report(spent, results, seed, out),
         *table_08.report(spent, results, out),
         *table_09.report(spent, results, out),
@@ -107,34 +95,29 @@ def main(settings: Settings) -> Study:
     curves = [
         curve
         for cell, result in results.items()
-        for curve in training_curves.curves(cell, result)
+        for curve in playback.curves(cell, result)
     ]
-    learnt = playback.Learnt(_shown(methods), curves)
+    learnt = playback.Learnt(playback.shown_errors(methods), curves)
     if stream is not None:
         playback.show(stream, experiment, found, learnt)
     else:
         playback.save(out / "study.rrd", seed, experiment, found, learnt)
-    page.write(out, "The study on the bench", summary(found, methods, results), blocks)
-    run_file.write(
+    page.write(
         out,
-        run_file.command("scenarios.study", settings),
+        "The study on the bench",
+        discussion.summary(found, methods, results),
+        blocks,
+    )
+    data_files.write_run_file(
+        out,
+        data_files.command_of("scenarios.study", settings),
         asdict(settings),
         rows=len(experiment.recording.time),
         fresh_poses=spent.unseen,
         seeds=list(spent.transfer.seeds),
     )
     print(f"Report:    {out / 'report.html'}\nRecording: rerun {out / 'study.rrd'}")
-    return Study(found, methods)
-
-
-def _shown(methods: Sequence[Contender]) -> dict:
-    """Return the errors that the recording shows: each method on its best plan."""
-    variants = ("pretrained", "aligned", "frozen")
-    return {
-        c.method: c.experiment
-        for c in methods
-        if c.method not in variants and c.plan in ("-", "spanning")
-    }
+    return discussion.Study(found, methods)
 
 
 if __name__ == "__main__":

@@ -9,18 +9,15 @@ import numpy as np
 from bench.effects.effect import Effect
 from bench.experiment import record
 from bench.instruments import ForceSensor, Instruments, Tracker
-from bench.load_path import LoadStep
-from bench.plan import Plan, mixed_pulleys
-from bench.recording import Recording
 from bench.rig import Rig
-from bench.stated import WrenchSpec
-from stiffness.arm import Arm
-from stiffness.diagnosis.hypotheses import HYPOTHESES
-from stiffness.diagnosis.hypotheses.bodies import point_of
-from stiffness.diagnosis.hypotheses.hypothesis import Hypothesis
-from stiffness.diagnosis.signature import Motion, Shift, Signature, Turn
-from stiffness.diagnosis.situation import Situation
-from stiffness.diagnosis.standing_under_load import situation_of
+from bench.shared.instrument_specs import WrenchSpec
+from bench.shared.plan import LoadStep, Plan, mixed_pulleys
+from bench.shared.recording import Recording
+from stiffness.effects import HYPOTHESES
+from stiffness.effects.base import Hypothesis, point_of
+from stiffness.effects.jacobian import Motion, Shift, Signature, Turn
+from stiffness.experiment.static_state import Situation, situation_of
+from stiffness.robot.arm import Arm
 
 KR10 = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 BY_NAME = {hypothesis.effect: hypothesis for hypothesis in HYPOTHESES}

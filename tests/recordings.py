@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.model_facts import ModelFacts
+from bench.shared.models import ModelFacts
 
 DEGREES = np.array(
     [[-170, 170], [-190, 45], [-120, 156], [-185, 185], [-120, 120], [-350, 350]]

@@ -13,18 +13,18 @@ from bench.instruments import Instruments
 from bench.instruments.markers import Markers
 from bench.instruments.tracker import Tracker
 from bench.model_file import load, plain_mjcf
-from bench.recording import Recording
 from bench.rig import Rig
-from bench.table_one import plan
-from stiffness.arm import Arm
+from bench.shared.recording import Recording
+from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.diagnosis.diagnosis import Diagnosis
-from stiffness.diagnosis.hypotheses.bearing_tilt import BearingTilt
-from stiffness.diagnosis.hypotheses.encoder_offset import EncoderOffset
-from stiffness.diagnosis.hypotheses.hardening import Hardening
-from stiffness.diagnosis.hypotheses.hysteresis import Hysteresis
-from stiffness.diagnosis.prepare import Prepared, prepare
-from stiffness.diagnosis.signature import Signature
+from stiffness.diagnosis.nominal_fit import Prepared, prepare
+from stiffness.diagnosis.result import Diagnosis
+from stiffness.effects.bearing_tilt import BearingTilt
+from stiffness.effects.encoder_offset import EncoderOffset
+from stiffness.effects.hardening import Hardening
+from stiffness.effects.hysteresis import Hysteresis
+from stiffness.effects.jacobian import Signature
+from stiffness.robot.arm import Arm
 
 MODEL = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 SOFTER = 1.6  # true stiffness over the model's, so that the silent fit has work to do
@@ -44,7 +44,7 @@ def recording(*effects: str, poses: int = 40, seed: int = 1) -> Recording:
     instruments = Instruments(
         tracker=Tracker(occlusions=0.02), markers=Markers(placement=5e-4)
     )
-    return record(rig, plan(poses=poses), instruments, seed=seed)
+    return record(rig, table_one_plan(poses=poses), instruments, seed=seed)
 
 
 @cache

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.recording import LOADED, UNLOADED, Marker, Payload, Recording
-from bench.stated import TrackerSpec, WrenchSpec
-from stiffness.arm import Arm
-from stiffness.equilibrium import equilibrium
+from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
+from bench.shared.recording import LOADED, UNLOADED, Marker, Payload, Recording
+from stiffness.robot.arm import Arm
+from stiffness.robot.equilibrium import equilibrium
 
 TABLE_3 = np.array([50.90e3, 63.36e3, 50.34e3, 2.27e3, 8.89e3, 1.39e3])
 """Wu et al. 2024, Table 3, in N m/rad."""

@@ -3,12 +3,11 @@
 import numpy as np
 from typing_extensions import override
 
-from scenarios.paper.experiment import Experiment, carry_out
-from scenarios.paper.material import Material
-from scenarios.paper.unseen import unseen
-from stiffness.arm import Arm
+from scenarios.studies.paper.experiment import Experiment, Material, carry_out
+from scenarios.studies.paper.fresh_postures import unseen
 from stiffness.methods.method import Fitted, Method
 from stiffness.methods.vjm import Vjm
+from stiffness.robot.arm import Arm
 
 POSES = 40
 """As few as still show every spring, four fifths of them too."""

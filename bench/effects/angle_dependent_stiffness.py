@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import Command, CommandEffect
+from bench.kinematic_chain import Anatomy
 
 
 @dataclass(frozen=True)

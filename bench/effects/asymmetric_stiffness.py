@@ -16,9 +16,9 @@ from typing import ClassVar
 import mujoco
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.springs import add_parallel
+from bench.kinematic_chain import Anatomy
 
 NEVER = 1e3
 """A wind-up that no axis reaches, in rad."""

@@ -17,10 +17,10 @@ from typing import ClassVar
 import mujoco
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.links import pose_in
 from bench.effects.springs import add_spring
+from bench.kinematic_chain import Anatomy
 
 
 @dataclass(frozen=True)

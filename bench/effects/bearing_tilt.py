@@ -21,9 +21,9 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.springs import add_spring, frame_along
+from bench.kinematic_chain import Anatomy
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bench.anatomy import Anatomy
-from bench.errors import Unusable
+from bench.kinematic_chain import Anatomy
+from bench.shared.errors import Unusable
 
 
 @dataclass(frozen=True)

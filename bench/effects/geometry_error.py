@@ -19,9 +19,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.links import end_of, pose_in, rotation_of
+from bench.kinematic_chain import Anatomy
 
 
 @dataclass(frozen=True)

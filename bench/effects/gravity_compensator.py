@@ -18,9 +18,9 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.springs import add_tendon, frame_along
+from bench.kinematic_chain import Anatomy
 
 ARM = 0.1
 """Distance of both ends of the spring from the axis, in m; chosen."""

@@ -18,9 +18,9 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
-from bench.errors import Unusable
+from bench.kinematic_chain import Anatomy
+from bench.shared.errors import Unusable
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.springs import add_parallel
+from bench.kinematic_chain import Anatomy
 
 KNOTS = np.concatenate([np.linspace(0.1, 1.9, 10), np.geomspace(2.2, 12.0, 8)])
 """Where the slope of the mechanism steps up, over θc; chosen: keeps

@@ -18,9 +18,9 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.springs import add_parallel
+from bench.kinematic_chain import Anatomy
 
 
 @dataclass(frozen=True)

@@ -22,11 +22,11 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.links import end_of, pose_in
 from bench.effects.springs import add_spring, frame_along
-from bench.errors import Unusable
+from bench.kinematic_chain import Anatomy
+from bench.shared.errors import Unusable
 
 
 @dataclass(frozen=True)

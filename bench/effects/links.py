@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from bench.anatomy import Anatomy
+from bench.kinematic_chain import Anatomy
 
 
 def end_of(arm: Anatomy, where: str) -> str:

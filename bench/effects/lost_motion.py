@@ -17,9 +17,9 @@ from typing import ClassVar
 import mujoco
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.springs import add_parallel, add_series
+from bench.kinematic_chain import Anatomy
 
 CONTACT = 300.0
 """Stiffness of the closed play over the axis' own; chosen: practically rigid."""

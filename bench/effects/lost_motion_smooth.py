@@ -17,10 +17,10 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.lost_motion import CONTACT
 from bench.effects.springs import add_parallel, add_series
+from bench.kinematic_chain import Anatomy
 
 KNOTS = np.array([0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.4, 2.8, 3.5])
 """Torques at which the slope steps up, over the closing torque; chosen."""

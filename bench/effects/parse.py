@@ -6,11 +6,11 @@ from dataclasses import fields, replace
 
 import mujoco
 
-from bench.anatomy import anatomy
 from bench.effects import EFFECTS
 from bench.effects.effect import Effect
 from bench.effects.places import misplaced
-from bench.errors import BenchError, UnknownName, Unusable
+from bench.kinematic_chain import anatomy
+from bench.shared.errors import BenchError, UnknownName, Unusable
 
 
 def parse(text: str, model: mujoco.MjModel) -> Effect:

@@ -2,9 +2,9 @@
 
 from collections.abc import Collection
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import Effect
-from bench.errors import UnknownName
+from bench.kinematic_chain import Anatomy
+from bench.shared.errors import UnknownName
 
 CELL = ("rig", "tracker", "wrench_sensor")
 """Places that every cell has."""

@@ -10,8 +10,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bench.anatomy import SPECK, Anatomy
-from bench.errors import Unusable
+from bench.kinematic_chain import SPECK, Anatomy
+from bench.shared.errors import Unusable
 
 ARMATURE = 1e-3
 """Inertia of an added joint, kg m² or kg; chosen: negligible beside the links."""

@@ -22,11 +22,11 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.springs import add_parallel
-from bench.errors import Unusable
+from bench.kinematic_chain import Anatomy
+from bench.shared.errors import Unusable
 
 NEVER = 1e3
 """A wind-up that no axis reaches, in rad."""

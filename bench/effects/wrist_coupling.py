@@ -22,10 +22,10 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.anatomy import Anatomy
 from bench.effects.effect import ModelEffect
 from bench.effects.springs import add_tendon
-from bench.errors import Unusable
+from bench.kinematic_chain import Anatomy
+from bench.shared.errors import Unusable
 
 MOST = 0.45
 """Largest share r; chosen: below 1/2, where the spring would have to be rigid."""

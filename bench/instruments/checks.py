@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bench.errors import Unusable
+from bench.shared.errors import Unusable
 
 
 def refuse(what: str, faults: list[str]) -> None:

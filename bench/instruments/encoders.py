@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from bench.instruments.chance import Streams
 from bench.instruments.checks import not_sizes, refuse
+from bench.instruments.random_streams import Streams
 
 ARRIVAL = 7e-6
 """A plausible scatter of an axis' arrival, one sigma, in rad: the KR10's repeatability

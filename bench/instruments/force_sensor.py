@@ -16,9 +16,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from bench.instruments.chance import Streams
 from bench.instruments.checks import not_sizes, not_vectors, refuse
-from bench.stated import WrenchSpec
+from bench.instruments.random_streams import Streams
+from bench.shared.instrument_specs import WrenchSpec
 
 NO_GAIN = ((0.0,) * 6,) * 6
 TURN = float(np.deg2rad(0.3))

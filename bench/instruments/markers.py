@@ -11,12 +11,12 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bench.anatomy import Anatomy
 from bench.cell import reach
-from bench.errors import UnknownName
-from bench.instruments.chance import Streams
 from bench.instruments.checks import not_sizes, not_vectors, refuse
-from bench.recording import Marker
+from bench.instruments.random_streams import Streams
+from bench.kinematic_chain import Anatomy
+from bench.shared.errors import UnknownName
+from bench.shared.recording import Marker
 
 LETTERS = "abcd"
 ALONG = (0.20, -0.40, 0.45, -0.10)

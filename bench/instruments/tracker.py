@@ -1,4 +1,21 @@
-"""A camera pair on a tripod sees marks, each a little beside where it is.
+"""Tracker: noise, volumetric error, drift and placement of a camera pair.
+
+Over a hand's breadth the error of a tracker hardly changes, over its volume it does.
+
+==========  ==========================================================================
+Equation    f(p) = sd sqrt(2/M) Σ cos(k_m·p + φ_m) per coordinate, k ~ N(0, 1/L²),
+            M features; covariance sd² exp(-d²/(2 L²)) at distance d, |f| ≤ sd sqrt(2 M)
+Source      Rahimi & Recht 2007, "Random features for large-scale kernel machines"
+Valid       inside the measuring volume
+Ignores     growth towards the volume's edges, change over the day
+==========  ==========================================================================
+
+A tracker stands somewhere before the robot, and nobody knows quite where.
+
+base_from_tracker: p_base = R p_tracker + t. The tracker's z axis looks at the middle of
+the arm's postures, its y axis down.
+
+A camera pair on a tripod sees marks, each a little beside where it is.
 
 ==========  ==========================================================================
 Equation    s = tracker_from_base (p + t·base drift); reading = (1 + scale) s
@@ -16,11 +33,112 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from bench.instruments.chance import Streams
 from bench.instruments.checks import not_sizes, not_vectors, refuse
-from bench.instruments.smooth_field import smooth_field
-from bench.instruments.standpoint import inverse, moved, standpoint
-from bench.stated import TrackerSpec
+from bench.instruments.random_streams import Streams
+from bench.shared.instrument_specs import TrackerSpec
+
+# --- Volumetric error -----------------------------------------------------------------
+
+FEATURES = 64
+"""M; chosen: the sum is then near enough to a normal distribution."""
+CORRELATION_LENGTH = 0.5
+"""L in m; chosen: a third of the measuring volume's side."""
+
+
+@dataclass(frozen=True)
+class SmoothField:
+    """A random vector at every point of space, the same whenever one comes back.
+
+    Attributes:
+        wave: Wave vectors k, in rad/m.
+        phase: Phases φ, in rad.
+        sd: One sigma of each coordinate, in m.
+    """
+
+    wave: Float[np.ndarray, "features 3 3"]
+    phase: Float[np.ndarray, "features 3"]
+    sd: float
+
+    def at(self, place: Float[np.ndarray, "*rows 3"]) -> Float[np.ndarray, "*rows 3"]:
+        """Return the field at places, in m."""
+        if self.sd == 0.0:
+            return np.zeros_like(place)
+        total = np.zeros_like(place)
+        for wave, phase in zip(self.wave, self.phase, strict=True):
+            total += np.cos(place @ wave.T + phase)
+        return self.sd * np.sqrt(2.0 / len(self.phase)) * total
+
+
+def smooth_field(
+    sd: float, random: np.random.Generator, length: float = CORRELATION_LENGTH
+) -> SmoothField:
+    """Draw a field.
+
+    Args:
+        sd: One sigma of each coordinate, in m.
+        random: Where the draws come from.
+        length: Over which it changes, in m.
+    """
+    wave = random.standard_normal((FEATURES, 3, 3)) / length
+    phase = random.uniform(0.0, 2.0 * np.pi, (FEATURES, 3))
+    return SmoothField(wave, phase, sd)
+
+
+# --- Placement ------------------------------------------------------------------------
+
+MIDDLE = np.array([0.4, 0.0, 0.7])
+"""What it looks at in the base's frame, in m; chosen: the middle of the postures."""
+DISTANCE = (2.0, 2.5)
+"""How far it stands from there, in m; chosen: inside a volume of 9.1 m³."""
+AZIMUTH = (-np.pi / 3, np.pi / 3)
+"""In which direction from there, about the base's z, in rad; chosen: before the arm."""
+RISE = (0.0, 0.8)
+"""How far above that point, in m; chosen: a tripod."""
+TILT = np.deg2rad(5.0)
+"""One sigma of how it is turned beside its aim about each axis, in rad; chosen."""
+
+
+def standpoint(random: np.random.Generator) -> Float[np.ndarray, "4 4"]:
+    """Draw where a tracker stands: base_from_tracker, in m."""
+    distance, azimuth, rise = (random.uniform(*r) for r in (DISTANCE, AZIMUTH, RISE))
+    level = np.sqrt(distance**2 - rise**2)
+    away = np.array([level * np.cos(azimuth), level * np.sin(azimuth), rise])
+    forward = -away / distance
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    aim = np.column_stack([right, np.cross(forward, right), forward])
+    tilt = Rotation.from_rotvec(TILT * random.standard_normal(3)).as_matrix()
+    transform = np.eye(4)
+    transform[:3, :3] = aim @ tilt
+    transform[:3, 3] = MIDDLE + away
+    return transform
+
+
+def inverse(
+    base_from_tracker: Float[np.ndarray, "4 4"], point: Float[np.ndarray, "*rows 3"]
+) -> Float[np.ndarray, "*rows 3"]:
+    """Return points of the base's frame in the tracker's: Rᵀ (p - t), in m."""
+    return (point - base_from_tracker[:3, 3]) @ base_from_tracker[:3, :3]
+
+
+def moved(
+    point: Float[np.ndarray, "rows markers 3"],
+    rate: tuple[float, ...],
+    hours: Float[np.ndarray, " rows"],
+) -> Float[np.ndarray, "rows markers 3"]:
+    """Return points that wander as one body: exp(hours r) p + hours v, in m.
+
+    Args:
+        point: Where they would be, in m.
+        rate: v in m/h, then the rotation vector r in rad/h.
+        hours: Since the start, row by row.
+    """
+    turn = Rotation.from_rotvec(np.outer(hours, rate[3:])).as_matrix()
+    shift = np.outer(hours, rate[:3])
+    return np.einsum("nij,nmj->nmi", turn, point) + shift[:, None]
+
+
+# --- Tracker --------------------------------------------------------------------------
 
 STILL = (0.0,) * 6
 HOUR = 3600.0

@@ -1,4 +1,4 @@
-"""The drawing is corrected by least squares, and only where the data can see it.
+"""Gauss-Newton fit of the geometry, restricted to identifiable parameters.
 
 ==========  ==========================================================================
 Equation    Gauss-Newton on seen − said; a column is kept when what the kept ones before
@@ -15,10 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from stiffness.calibration.geometry import entries_of
-from stiffness.calibration.readings import Readings
-from stiffness.calibration.stance import Drawn, Stance
-from stiffness.frames import kabsch
+from stiffness.calibration.model import Drawn, Readings, Stance, entries_of
+from stiffness.robot.tracker_frame import kabsch
 
 LEAST = 1e-3
 """What a column must have of its own, rms in m per rad (m per m), and as a share of its

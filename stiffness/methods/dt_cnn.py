@@ -10,7 +10,7 @@ Assumes     postures and wrenches among those of the source plan, and that the a
             what the springs say: measured deflections correct nothing but the springs
 ==========  ==========================================================================
 
-Three ways to transfer, the first is the paper's. `stiffness.networks.cnn` says which
+Three ways to transfer, the first is the paper's. `stiffness.networks.model` says which
 inputs are channels, and what pooling does to a signal of length one.
 
 - `Direct()`: as it is.
@@ -26,19 +26,19 @@ from typing import TypeAlias
 
 from typing_extensions import override
 
-from bench.recording import Recording
-from stiffness.arm import Arm
-from stiffness.deflections import Selection, every_plateau
+from bench.shared.recording import Recording
+from stiffness.experiment.deflections import Selection, every_plateau
 from stiffness.methods.ft_mlp import as_seen, domain_of, tune
 from stiffness.methods.method import Method
 from stiffness.methods.network_fit import NetworkFit
 from stiffness.methods.vjm import Vjm
 from stiffness.networks.alignment import Alignment, align
-from stiffness.networks.cnn import Cnn
 from stiffness.networks.fine_tuning import FineTuning
+from stiffness.networks.model import Cnn
 from stiffness.networks.pretraining import Pretrained, Pretraining, pretrain
-from stiffness.networks.progress import Tell, about
-from stiffness.source_plan import SourcePlan, spanning_plan
+from stiffness.networks.source_domain import SourcePlan, spanning_plan
+from stiffness.networks.training import Tell, about
+from stiffness.robot.arm import Arm
 
 
 @dataclass(frozen=True)

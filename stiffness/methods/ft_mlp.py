@@ -21,18 +21,22 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.recording import Recording
-from stiffness.arm import Arm
-from stiffness.deflections import Deflections, Selection, every_plateau
+from bench.shared.recording import Recording
+from stiffness.experiment.deflections import Deflections, Selection, every_plateau
 from stiffness.methods.method import Method
 from stiffness.methods.network_fit import NetworkFit, beside, wrench_about
 from stiffness.methods.vjm import Vjm, VjmFit
-from stiffness.networks.deflection_network import DeflectionNetwork
 from stiffness.networks.fine_tuning import FineTuned, FineTuning, fine_tune
+from stiffness.networks.model import DeflectionNetwork
 from stiffness.networks.pretraining import Pretrained, Pretraining, pretrain
-from stiffness.networks.progress import Tell, about
-from stiffness.source_domain import SourceDomain, source_domain
-from stiffness.source_plan import SourcePlan, spanning_plan
+from stiffness.networks.source_domain import (
+    SourceDomain,
+    SourcePlan,
+    source_domain,
+    spanning_plan,
+)
+from stiffness.networks.training import Tell, about
+from stiffness.robot.arm import Arm
 
 
 @dataclass(frozen=True)

@@ -21,16 +21,14 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.recording import Recording
-from stiffness.arm import Arm
-from stiffness.deflections import Selection, every_plateau
-from stiffness.gaussian_process import GaussianProcess, most_likely
-from stiffness.load_cases import LoadCases
+from bench.shared.recording import Recording
+from stiffness.experiment.deflections import LoadCases, Selection, every_plateau
 from stiffness.methods.method import Fitted, Method, Parameter
 from stiffness.methods.network_fit import wrench_about
 from stiffness.methods.vjm import Vjm, VjmFit
-from stiffness.networks.encoding import sine_and_cosine
-from stiffness.networks.scaling import Scaling
+from stiffness.networks.features import Scaling, sine_and_cosine
+from stiffness.regression.gaussian_process import GaussianProcess, most_likely
+from stiffness.robot.arm import Arm
 
 
 @dataclass(frozen=True)

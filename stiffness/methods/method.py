@@ -1,13 +1,31 @@
-"""A method is a way to learn how an arm deflects; what it learns is another thing."""
+"""Interface of methods that learn deflections, and a check that one keeps to it.
+
+A method is a way to learn how an arm deflects; what it learns is another thing.
+
+A method that keeps to the contract can be compared with every other.
+
+What a method of your own owes, checked on any recording:
+
+    from stiffness.methods.method import faults
+    assert faults(MyMethod(arm), arm, recording) == []
+
+It predicts three finite numbers for every case, the same each time; a case's answer
+depends on that case alone; learning changes neither the method nor the recording, and
+the order of visits changes nothing but rounding.
+"""
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from copy import deepcopy
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float
 
-from bench.recording import Recording
-from stiffness.load_cases import LoadCases
+from bench.shared.recording import Recording
+from stiffness.experiment.deflections import LoadCases, every_plateau
+from stiffness.robot.arm import Arm
+
+# --- Method ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -68,3 +86,69 @@ class Method(ABC):
             Unusable: Where the recording cannot be used, with all faults.
             NotIdentifiable: Where it does not show what the method must find.
         """
+
+
+# --- Contract -------------------------------------------------------------------------
+
+ROUNDING = 1e-6
+"""Share of the largest deflection that counts as rounding; chosen: single precision."""
+
+
+def faults(method: Method, arm: Arm, recording: Recording) -> list[str]:
+    """Return what a method does that would spoil a comparison; nothing: all is well.
+
+    Args:
+        method: Built from the arm.
+        arm: The nominal arm.
+        recording: Any that the method can learn from.
+
+    Returns:
+        One sentence a fault.
+    """
+    cases = every_plateau(arm, recording).cases
+    before, was = deepcopy(recording), repr(method)
+    try:
+        fitted = method.fit(recording)
+        if not isinstance(fitted, Fitted):
+            kind = type(fitted).__name__
+            return [f"fit returns {kind}, expected an object that derives from Fitted."]
+        answer = np.asarray(fitted.predict(cases))
+    except Exception as error:  # a stranger's method may raise anything
+        return [f"fit and predict raise {error!r} on recording {recording.name!r}."]
+    if answer.shape != (len(cases), 3):
+        return [f"predict returns shape {answer.shape}, expected {(len(cases), 3)}."]
+    if not np.isfinite(answer).all():
+        row = int(np.argwhere(~np.isfinite(answer))[0][0])
+        return [f"predict returns no finite number for case {row}."]
+    found = []
+    if repr(method) != was:
+        found.append("fit changes the method; return what is learnt as a new object.")
+    if not _same(before, recording):
+        found.append("fit or predict changes the recording; work on a copy.")
+    size = ROUNDING * float(np.abs(answer).max() or 1.0)
+    alone = fitted.predict(cases.take(np.array([0])))
+    if not np.allclose(alone[0], answer[0], rtol=0.0, atol=size):
+        found.append("the answer for a case depends on what else is asked.")
+    again = method.fit(before).predict(cases)
+    if not np.array_equal(again, answer):
+        found.append("learning twice from one recording differs; fix the seed.")
+    shuffled = method.fit(_other_way_round(before)).predict(cases)
+    if not np.allclose(shuffled, answer, rtol=0.0, atol=1e3 * size):
+        found.append("the order of the visits changes the answer.")
+    return found
+
+
+def _same(one: Recording, other: Recording) -> bool:
+    pairs = [(getattr(r, f.name) for r in (one, other)) for f in fields(one)]
+    return all(
+        np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+        for a, b in pairs
+        if isinstance(a, np.ndarray)
+    )
+
+
+def _other_way_round(recording: Recording) -> Recording:
+    """Return the visits in reverse order, rows and times of each as they were."""
+    visits = np.unique(recording.visit)[::-1]
+    rows = np.concatenate([np.flatnonzero(recording.visit == v) for v in visits])
+    return recording.take(rows)

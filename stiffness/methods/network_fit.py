@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.arm import Arm
-from stiffness.load_cases import LoadCases
+from stiffness.experiment.deflections import LoadCases
 from stiffness.methods.method import Fitted, Parameter
 from stiffness.methods.vjm import VjmFit
-from stiffness.networks.deflection_network import DeflectionNetwork
+from stiffness.networks.model import DeflectionNetwork
+from stiffness.robot.arm import Arm
 
 SAME_POINT = 1e-6
 """Points closer than this are one, in m; chosen: a turn of 1 mrad moves it 1 nm."""

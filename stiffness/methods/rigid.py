@@ -14,11 +14,10 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.recording import Recording
-from stiffness.arm import Arm
-from stiffness.load_cases import LoadCases
+from bench.shared.recording import Recording
+from stiffness.experiment.deflections import LoadCases, usable
 from stiffness.methods.method import Fitted, Method, Parameter
-from stiffness.pairs import usable
+from stiffness.robot.arm import Arm
 
 
 @dataclass(frozen=True)

@@ -20,15 +20,14 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.errors import UnknownName
-from bench.recording import Recording
-from stiffness.arm import Arm
-from stiffness.deflections import Selection, every_plateau
-from stiffness.equilibrium import equilibrium
-from stiffness.least_squares import LeastSquares
-from stiffness.load_cases import LoadCases
+from bench.shared.errors import UnknownName
+from bench.shared.recording import Recording
+from stiffness.experiment.deflections import LoadCases, Selection, every_plateau
 from stiffness.methods.method import Fitted, Method, Parameter
-from stiffness.spring_fit import fit_springs
+from stiffness.methods.spring_fit import fit_springs
+from stiffness.regression.least_squares import LeastSquares
+from stiffness.robot.arm import Arm
+from stiffness.robot.equilibrium import equilibrium
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,11 @@ import torch
 from jaxtyping import Float
 from torch import nn
 
-from bench.errors import Unusable
-from stiffness.networks.deflection_network import DeflectionNetwork
+from bench.shared.errors import Unusable
+from stiffness.networks.model import DeflectionNetwork
 from stiffness.networks.pretraining import source_rows
-from stiffness.networks.progress import Listeners, Watch
-from stiffness.networks.training import Training, train
-from stiffness.source_domain import SourceDomain
+from stiffness.networks.source_domain import SourceDomain
+from stiffness.networks.training import Listeners, Training, Watch, train
 
 
 @dataclass(frozen=True)

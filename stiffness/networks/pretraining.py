@@ -17,15 +17,19 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.networks.deflection_network import DeflectionNetwork
-from stiffness.networks.encoding import encoding
-from stiffness.networks.mlp import Mlp
-from stiffness.networks.progress import EVERY, Listeners, Progress, Watch
-from stiffness.networks.scaling import Scaling
-from stiffness.networks.shape import Shape, weights_of
-from stiffness.networks.store import begun_or_none, write_progress
-from stiffness.networks.training import Training, train
-from stiffness.source_domain import SourceDomain
+from stiffness.networks.features import Scaling, encoding
+from stiffness.networks.model import DeflectionNetwork, Mlp, Shape, weights_of
+from stiffness.networks.source_domain import SourceDomain
+from stiffness.networks.training import (
+    EVERY,
+    Listeners,
+    Progress,
+    Training,
+    Watch,
+    begun_or_none,
+    train,
+    write_progress,
+)
 
 TRAINING_SHARE = 0.7
 """Of the rows; Wu et al. 2024, section 4.2."""

@@ -1,11 +1,20 @@
-"""Small steps downhill on a few rows at a time bring a network's answers near.
+"""Training by minibatch gradient descent, with progress that can be stored.
+
+A training somewhere on its way can be told of, written down and taken up again.
+
+A training that was written down goes on where it stopped, or is known to be another.
+
+A file is a plain archive of arrays (`numpy.savez`): whose training it is, how many
+steps are done, weights, the optimiser's moments, losses. It holds no code.
+
+Small steps downhill on a few rows at a time bring a network's answers near.
 
 ==========  ==========================================================================
 Equation    loss = mean (y - y_hat)^2; rate(s) rises evenly over the first w steps to
             its peak and then falls as peak (1 + cos(pi (s - w) / (S - w))) / 2
 Source      loss: Wu et al. 2024, Eq. 3; its "dynamic adjustment" of the rate is not
             given: Loshchilov, Hutter 2017, "SGDR"; steps: Kingma, Ba 2015, "Adam"
-Valid       numbers without units (`stiffness.networks.scaling`)
+Valid       numbers without units (`stiffness.networks.features`)
 Ignores     nothing that is known to matter here
 ==========  ==========================================================================
 
@@ -14,18 +23,160 @@ mini-batch. Everything follows from the seed and the number of the step, so a tr
 that was interrupted goes on to the same weights.
 """
 
-from collections.abc import Callable, Iterator
+import os
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import cos, pi
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from zipfile import BadZipFile
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from torch import nn
 
-from bench.errors import Unusable
-from stiffness.networks.progress import Listeners, Progress, take_up, taken_down
-from stiffness.networks.threads import one_thread
+from bench.shared.errors import Unusable
+from stiffness.networks.model import load, one_thread, weights_of
+
+# --- Progress -------------------------------------------------------------------------
+
+EVERY = 500
+"""Steps after which a training is written down; chosen: ten seconds."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """A training somewhere on its way.
+
+    Attributes:
+        step: Steps that are done.
+        weights: By the network's names.
+        moments: The optimiser's, by the same names.
+        loss: Of every step that is done; no unit.
+    """
+
+    step: int
+    weights: Mapping[str, np.ndarray]
+    moments: Mapping[str, np.ndarray]
+    loss: Float[np.ndarray, " steps"]
+
+
+Watch = Callable[[int, float], None]
+"""Is told of every step: how many are done, and the loss."""
+Keep = Callable[[Progress], None]
+"""Is handed the training now and then, to write it down."""
+
+
+@dataclass(frozen=True)
+class Listeners:
+    """Who is told how a training goes.
+
+    Attributes:
+        watch: After every step.
+        keep: After every so many.
+        every: How many.
+    """
+
+    watch: Watch | None = None
+    keep: Keep | None = None
+    every: int = EVERY
+
+
+Tell = Callable[[str, int, float], None]
+"""Is told the phase (`pre-training`, `alignment`, `fine-tuning`), how many steps of it
+are done, and the loss: without unit, in mm while fine-tuning."""
+
+
+def about(tell: Tell | None, phase: str) -> Watch | None:
+    """Return what tells of the steps of one phase."""
+    return None if tell is None else partial(tell, phase)
+
+
+def taken_down(
+    optimizer: torch.optim.Optimizer, network: nn.Module, loss: np.ndarray
+) -> Progress:
+    """Return a copy of where a training stands."""
+    moments = {
+        f"{name}.{moment}": value.numpy().copy()
+        for name, parameter in network.named_parameters()
+        for moment, value in optimizer.state[parameter].items()
+    }
+    return Progress(len(loss), weights_of(network), moments, loss.copy())
+
+
+def take_up(
+    optimizer: torch.optim.Optimizer, network: nn.Module, begun: Progress
+) -> None:
+    """Go back to where a training stood."""
+    load(network, begun.weights)
+    for name, parameter in network.named_parameters():
+        optimizer.state[parameter] = {
+            moment: torch.from_numpy(np.array(begun.moments[f"{name}.{moment}"]))
+            for moment in ("step", "exp_avg", "exp_avg_sq")
+        }
+
+
+# --- Store ----------------------------------------------------------------------------
+
+WEIGHTS, MOMENTS = "weights/", "moments/"
+
+
+def write_progress(file: Path, key: str, progress: Progress) -> None:
+    """Write a training whole, or leave what was there.
+
+    Args:
+        file: Where to; the name should end in `.npz`.
+        key: What tells this training from every other.
+        progress: The training.
+
+    Raises:
+        Unusable: Where the file cannot be written.
+    """
+    arrays = {"key": np.array(key), "loss": progress.loss}
+    arrays |= {WEIGHTS + name: value for name, value in progress.weights.items()}
+    arrays |= {MOMENTS + name: value for name, value in progress.moments.items()}
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with NamedTemporaryFile(dir=file.parent, suffix=".npz", delete=False) as beside:
+            try:
+                np.savez(beside, **arrays)  # pyright: ignore[reportArgumentType]
+                beside.close()
+                os.replace(beside.name, file)
+            except BaseException:
+                Path(beside.name).unlink(missing_ok=True)
+                raise
+    except OSError as error:
+        fault = f"it cannot be written: {error}."
+        raise Unusable(f"Training {str(file)!r}", [fault]) from error
+
+
+def begun_or_none(file: Path, key: str) -> Progress | None:
+    """Read a training of this key; None where there is none or it is of another key.
+
+    Raises:
+        Unusable: Where the file is there but no training.
+    """
+    if not file.exists():
+        return None
+    try:
+        with file.open("rb") as data, np.load(data, allow_pickle=False) as archive:
+            if str(archive["key"]) != key:
+                return None
+            loss = archive["loss"]
+            arrays = {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        fault = "it is no training, or damaged; delete it to begin anew."
+        raise Unusable(f"Training {str(file)!r}", [fault]) from error
+    weights, moments = (
+        {name.removeprefix(p): a for name, a in arrays.items() if name.startswith(p)}
+        for p in (WEIGHTS, MOMENTS)
+    )
+    return Progress(len(loss), weights, moments, loss)
+
+
+# --- Training -------------------------------------------------------------------------
 
 Penalty = Callable[[nn.Module, torch.Tensor], torch.Tensor]
 """What is added to the loss, given the network and the inputs of a mini-batch."""

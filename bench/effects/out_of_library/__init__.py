@@ -1,0 +1,25 @@
+"""Effects outside the library: mechanisms for blind trials that no hypothesis names.
+
+What to use when: to see whether a diagnosis says that it does not know. None of them
+can be asked for by name, and no hypothesis may describe one.
+"""
+
+from bench.effects.effect import Effect
+from bench.effects.out_of_library.axis_crosstalk import AxisCrosstalk
+from bench.effects.out_of_library.foot_lift_off import FootLiftOff
+from bench.effects.out_of_library.loose_bearing import LooseBearing
+from bench.effects.out_of_library.softening import Softening
+from bench.effects.out_of_library.thrust_turn import ThrustTurn
+from bench.effects.out_of_library.warming_gear import WarmingGear
+
+__all__ = ["OUTSIDERS"]
+
+OUTSIDERS: tuple[type[Effect], ...] = (
+    Softening,
+    ThrustTurn,
+    LooseBearing,
+    FootLiftOff,
+    AxisCrosstalk,
+    WarmingGear,
+)
+"""One mechanism each."""

@@ -1,0 +1,66 @@
+"""Loose bearing: tilt in one direction only, after its preload was lost.
+
+==========  ==========================================================================
+Equation    tilt = compliance × moment about u where that is above zero, else none; its
+            even part is compliance |moment| / 2
+Source      unilateral contact (Signorini 1933) of one row of rollers; size chosen, as
+            of `bench.effects.bearing_tilt`
+Valid       small tilts
+Ignores     how the contact's stiffness grows with its load
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+import numpy as np
+from typing_extensions import override
+
+from bench.effects.effect import ModelEffect
+from bench.effects.springs import add_parallel, add_spring, frame_along
+from bench.kinematic_chain import Anatomy
+
+CLOSED = 300.0
+"""Stiffness of the closed side over that of the open one; chosen: practically rigid."""
+NEVER = 1e3
+"""A tilt that no bearing reaches, in rad."""
+
+
+@dataclass(frozen=True)
+class LooseBearing(ModelEffect):
+    """A hinge across the axis with a stop on one side.
+
+    Attributes:
+        u_rad_per_nm: Compliance of the open side.
+        angle_rad: Of u about the axis, from the first direction across it.
+    """
+
+    name: ClassVar[str] = "loose_bearing"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {"u_rad_per_nm": 0.0}
+    u_rad_per_nm: float = 4e-6
+    angle_rad: float = 0.0
+
+    @override
+    def off(self) -> "LooseBearing":
+        return replace(self, u_rad_per_nm=0.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"u_rad_per_nm": self.u_rad_per_nm, "angle_rad": self.angle_rad}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if self.u_rad_per_nm == 0.0:
+            return
+        axis = arm.axis(self.where)
+        own, seat = spec.joint(axis), spec.body(arm.seat(axis))
+        u, v, _ = frame_along(np.asarray(own.axis, float)).T
+        across = np.cos(self.angle_rad) * u + np.sin(self.angle_rad) * v
+        stiffness, name = 1.0 / self.u_rad_per_nm, f"{axis}_loose"
+        pos = np.asarray(own.pos, float)
+        hinge = add_spring(seat, name, across, stiffness, pos=pos)
+        stop = (CLOSED - 1.0) * stiffness
+        add_parallel(spec, f"{name}_stop", hinge.name, stop, slack=(0.0, NEVER))

@@ -1,0 +1,55 @@
+"""Softening of a preloaded joint once the torque exceeds its preload.
+
+==========  ==========================================================================
+Equation    τ = K θ up to |τ| = torque_nm, slope ratio K beyond, both ways alike
+Source      joint diagram of preloaded bolts, VDI 2230: parts that no longer touch leave
+            the bolt alone to carry; sizes chosen
+Valid       static loads
+Ignores     friction between the parts
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import mujoco
+from typing_extensions import override
+
+from bench.effects.effect import ModelEffect
+from bench.effects.springs import add_parallel
+from bench.kinematic_chain import Anatomy
+
+
+@dataclass(frozen=True)
+class Softening(ModelEffect):
+    """A spring of negative stiffness beside the axis' own, from a wind-up on.
+
+    Attributes:
+        ratio: Stiffness beyond the preload over that below.
+        torque_nm: Torque at which the parts part, in N m.
+    """
+
+    name: ClassVar[str] = "softening"
+    places: ClassVar[tuple[str, ...]] = ("axis",)
+    at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.2, "torque_nm": 0.0}
+    ratio: float = 0.8
+    torque_nm: float = 20.0
+
+    @override
+    def off(self) -> "Softening":
+        return replace(self, ratio=1.0)
+
+    @override
+    def parameters(self) -> Mapping[str, float]:
+        return {"ratio": self.ratio, "torque_nm": self.torque_nm}
+
+    @override
+    def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        if self.ratio == 1.0:
+            return
+        axis = arm.axis(self.where)
+        own = float(spec.joint(axis).stiffness[0])
+        wound = self.torque_nm / own
+        lost = (self.ratio - 1.0) * own
+        add_parallel(spec, f"{axis}_softening", axis, lost, slack=(-wound, wound))

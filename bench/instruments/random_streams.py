@@ -1,0 +1,40 @@
+"""Independent random streams, one for each cause of randomness."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from bench.shared.errors import Unusable
+
+CAUSES = (
+    "tracker_frame",
+    "tracker_noise",
+    "tracker_field",
+    "occlusions",
+    "placement",
+    "wrench_noise",
+    "wrench_turn",
+    "arrival",
+    "link_encoders",
+)
+"""In this order for ever; what comes anew goes to the end."""
+
+Streams = Mapping[str, np.random.Generator]
+
+
+def streams(seed: int) -> Streams:
+    """Return a generator of random numbers for each cause.
+
+    A cause draws the same numbers whatever the others do and however large it is: sizes
+    multiply the draws, also a size of zero.
+
+    Args:
+        seed: At least 0; the same seed gives the same numbers.
+
+    Raises:
+        Unusable: Where it is below.
+    """
+    if seed < 0:
+        raise Unusable("Seed", [f"it is {seed}, expected at least 0."])
+    children = np.random.SeedSequence(seed).spawn(len(CAUSES))
+    return dict(zip(CAUSES, map(np.random.default_rng, children), strict=True))

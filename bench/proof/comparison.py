@@ -1,0 +1,118 @@
+"""Mode of comparison: differences within a visit, or means of visits as they are.
+
+An effect that the load brings about shows in how markers move while the load comes and
+goes; there each marker's mean over a visit says nothing and is taken off. An effect of
+geometry shows in the means alone, and so does every effect where no load comes and
+goes; then nothing is taken off.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from bench.proof.simulation import Assumed, Seen, World
+
+SEEN_IN_MEANS = frozenset(
+    {
+        *("gravity_load", "gravity_compensator", "geometry_error", "encoder_offset"),
+        *("transmission_error", "tracker_scale", "tracker_misalignment", "drift"),
+        *("marker_slip", "wrench_bias"),
+    }
+)
+"""Effects that show in where markers stand, hardly in how the load moves them."""
+FAINT = 9.0
+"""Sum of squares, in sigmas of a reading, of what all differences within visits could
+show; chosen: below three sigmas in all, knowing its form would not make it visible."""
+
+
+@dataclass(frozen=True)
+class Gauge:
+    """How readings are compared.
+
+    Attributes:
+        absolute: Whether means of visits count.
+        sigma: One sigma of a marker's coordinate, in m.
+        angle_sigma: The same of an angle, in rad.
+        keep: Rows that may be looked at.
+    """
+
+    absolute: bool
+    sigma: float
+    angle_sigma: float
+    keep: Bool[np.ndarray, " rows"]
+
+
+def means_count(world: World, nominal: Assumed, patched: Assumed) -> bool:
+    """Return whether readings are compared as they are, means of visits included.
+
+    Args:
+        world: The recording.
+        nominal: The arm without what is to be proved.
+        patched: With it; the same arm where nothing is.
+    """
+    if world.recording.displacement != "absolute":
+        return False
+    own = [e for e in patched.rig.effects if e not in nominal.rig.effects]
+    if any(effect.name in SEEN_IN_MEANS for effect in own):
+        return True
+    every = gauge_of(world, True, np.ones(world.replay.rows, dtype=bool))
+    seen = world.see(patched)
+    if own:  # what it does to readings
+        away = residual_of(world, world.see(nominal), every)
+        away = away - residual_of(world, seen, every)
+    elif seen.point.size:  # where markers go
+        away = np.reshape(seen.point, (len(seen.point), -1))
+    else:
+        return False
+    sigma = sigma_of(world, every)[: away.shape[1]]
+    within = centred(away, world.replay.visit, every.keep) / sigma
+    return float(np.nansum(within**2)) < FAINT
+
+
+def gauge_of(world: World, absolute: bool, keep: np.ndarray) -> Gauge:
+    """Return how a recording's readings are compared."""
+    recording = world.recording
+    sigma, frames = 1e-5, 1.0
+    if recording.tracker is not None:
+        sigma = float(np.sqrt(np.mean(recording.tracker.repeatability**2)))
+    if recording.frames is not None:
+        frames = float(np.mean(recording.frames))
+    angle = recording.encoder_repeatability or 1e-6
+    return Gauge(absolute, max(sigma, 1e-9) / np.sqrt(frames), angle, keep)
+
+
+def residual_of(world: World, seen: Seen, gauge: Gauge) -> np.ndarray:
+    """Return residuals of markers, then of angles, (rows, readings); NaN = not seen."""
+    left = np.reshape(seen.residual, (len(seen.residual), -1))
+    if seen.angle is not None:
+        left = np.hstack([left, seen.angle])
+    return left if gauge.absolute else centred(left, world.replay.visit, gauge.keep)
+
+
+def sigma_of(world: World, gauge: Gauge) -> Float[np.ndarray, " readings"]:
+    """Return one sigma of each entry of a row's residual."""
+    sigma = np.full(3 * len(world.recording.markers), gauge.sigma)
+    if world.recording.link_posture is not None:
+        angles = np.full(len(world.order), gauge.angle_sigma)
+        sigma = np.concatenate([sigma, angles])
+    return sigma
+
+
+def centred(
+    values: np.ndarray, visit: np.ndarray, keep: Bool[np.ndarray, " rows"]
+) -> np.ndarray:
+    """Return values less their mean over each visit's rows that are kept.
+
+    Visits of which no row is kept have their own mean taken off.
+    """
+    count = int(visit.max()) + 1
+    kept_in = np.bincount(visit, keep, count) > 0
+    use = keep | ~kept_in[visit]
+    flat = values.reshape(len(values), -1)
+    good = np.isfinite(flat) & use[:, None]
+    starts = np.flatnonzero(np.diff(visit, prepend=-1))
+    total = np.add.reduceat(np.where(good, flat, 0.0), starts, axis=0)
+    number = np.add.reduceat(good.astype(float), starts, axis=0)
+    mean = np.divide(total, number, out=np.full_like(total, np.nan), where=number > 0)
+    return (flat - mean[visit]).reshape(values.shape)

@@ -1,0 +1,234 @@
+"""Explained share of each channel, with intervals over poses and the noise floor.
+
+Below what the instruments state of themselves no model can be proved.
+
+==========  ==========================================================================
+Equation    var = sum of the tracker's variances per frame (1 - 1/n where the mean over
+            n rows of a visit is taken off) + trace(A W A'), A = Σ c_k s_k(p) t_k' how a
+            marker answers to the wrench, W the sensor's covariance
+Source      propagation of errors to first order
+Valid       springs that are nearly linear
+Ignores     errors of a whole visit, such as arrival and the force's direction, which
+            no instrument here states
+==========  ==========================================================================
+
+Before and after are compared pose by pose, for poses differ as draws of a lot.
+
+The gain's interval is a bootstrap over poses (BCa: Efron 1987), because readings of one
+pose share its errors.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.stats import bootstrap
+
+from bench.proof.comparison import Gauge, residual_of
+from bench.proof.nominal_fit import turned_by
+from bench.proof.proof_checks import squares
+from bench.proof.simulation import Assumed, Seen, World
+from bench.rig import RIGID
+
+# --- Noise floor ----------------------------------------------------------------------
+
+
+def floor_of(
+    world: World, assumed: Assumed, seen: Seen, gauge: Gauge
+) -> tuple[Float[np.ndarray, " rows"], float]:
+    """Return the mean square that noise leaves on a marker and on an encoder.
+
+    Returns:
+        Of a marker in every row, 3-D, in m²; of an angle, in rad².
+    """
+    recording = world.recording
+    rows = world.replay.rows
+    frames = np.ones(rows) if recording.frames is None else recording.frames
+    square = np.zeros(rows)
+    if recording.tracker is not None:
+        square = np.sum(np.asarray(recording.tracker.repeatability) ** 2) / frames
+    square = square + _through_the_wrench(world, assumed, seen)
+    share = 1.0
+    if not gauge.absolute:
+        _, counts = np.unique(world.replay.visit, return_counts=True)
+        share = 1.0 - 1.0 / counts[world.replay.visit]
+    angle = recording.encoder_repeatability or 0.0
+    return square * share, float(np.mean(angle**2 * share))
+
+
+def _through_the_wrench(world: World, assumed: Assumed, seen: Seen) -> np.ndarray:
+    spec = world.recording.wrench_sensor
+    rows, markers = seen.point.shape[:2]
+    if spec is None or world.recording.wrench is None or not markers:
+        return np.zeros(rows)
+    rig, states = assumed.rig, seen.states
+    base, turn = world.base
+    sensor = states.position[:, states.bodies.index("load_point")]
+    sensor = (sensor - base) @ turn
+    unit = np.ones((rows, len(rig.springs)))
+    answer = np.zeros((rows, markers, 3, 6))
+    for k in world.order:
+        if rig.springs[k] >= RIGID:
+            continue
+        screw = turned_by(world, rig, seen, int(k), unit)
+        joint = rig.nominal.joint(rig.anatomy.axes[k])
+        b = states.bodies.index(rig.anatomy.links[k])
+        along = states.rotation[:, b] @ joint.axis @ turn
+        at = states.position[:, b] + states.rotation[:, b] @ joint.pos
+        lever = sensor - (at - base) @ turn
+        if rig.anatomy.slides[k]:
+            torque = np.hstack([along, np.zeros_like(along)])
+        else:
+            torque = np.hstack([np.cross(along, lever), along])
+        answer += screw[..., None] * torque[:, None, None] / rig.springs[k]
+    return np.mean(np.sum((answer * spec.sigma) ** 2, axis=(2, 3)), axis=1)
+
+
+# --- Explained share ------------------------------------------------------------------
+
+RESAMPLES = 1999
+"""Of the bootstrap; chosen: the ends of the interval move by less than 2 % of it."""
+
+
+@dataclass(frozen=True)
+class Share:
+    """A share of what noise does not explain, with its 95 % interval."""
+
+    estimate: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Before and after, over the poses held out.
+
+    Attributes:
+        before: Rms without the patch, in m (3-D of a marker) or rad.
+        after: Rms with it.
+        noise: What the stated noise alone would leave.
+        gain: Before less after.
+        low: Of its 95 % interval (BCa over poses: Efron 1987).
+        high: Likewise.
+        pose: Ids of the poses.
+        before_of: Rms of each pose.
+        after_of: Likewise.
+        explained: Share of what noise does not explain; None where nothing is left
+            beyond the noise that a share could be of.
+    """
+
+    before: float
+    after: float
+    noise: float
+    gain: float
+    low: float
+    high: float
+    pose: Int[np.ndarray, " poses"]
+    before_of: Float[np.ndarray, " poses"]
+    after_of: Float[np.ndarray, " poses"]
+    explained: Share | None = None
+
+
+def explained_share(
+    before: Float[np.ndarray, " groups"],
+    after: Float[np.ndarray, " groups"],
+    noise: Float[np.ndarray, " groups"],
+    count: Float[np.ndarray, " groups"],
+) -> Share | None:
+    """Return which share of the mismatch a patch explains on what was kept back.
+
+    (before² - after²) / (before² - noise²), a percentile bootstrap over groups (Efron &
+    Tibshirani 1993, section 13.3). Groups are poses, regions or stretches of time.
+
+    Args:
+        before: Sum of squares of each group without the patch, in any unit.
+        after: With it.
+        noise: As noise alone would leave it.
+        count: Readings of each group.
+
+    Returns:
+        The share; None where the interval of before² - noise² reaches zero.
+    """
+    sums = np.stack([before, after, noise]) / count.sum()
+    groups = len(count)
+    drawn = np.random.default_rng(0).integers(groups, size=(RESAMPLES, groups))
+    again = sums[:, drawn].sum(axis=2)  # the common count of a draw cancels
+    mismatch = again[0] - again[2]
+    one = sums.sum(axis=1)
+    if groups < 2 or np.quantile(mismatch, 0.025) <= 0.0 or one[0] <= one[2]:
+        return None
+    low, high = np.quantile((again[0] - again[1]) / mismatch, [0.025, 0.975])
+    return Share(float((one[0] - one[1]) / (one[0] - one[2])), float(low), float(high))
+
+
+def channels_of(
+    world: World,
+    nominal: Assumed,
+    patched: Assumed,
+    gauge: Gauge,
+    held: Bool[np.ndarray, " rows"],
+) -> tuple[Channel | None, Channel | None]:
+    """Return what markers and encoders say on the rows held out.
+
+    Args:
+        world: The recording.
+        nominal: The arm without the patch, as fitted.
+        patched: With it.
+        gauge: How readings are compared.
+        held: The rows that are judged.
+    """
+    seen = world.see(patched)
+    before = squares(world, residual_of(world, world.see(nominal), gauge))
+    after = squares(world, residual_of(world, seen, gauge))
+    floor = floor_of(world, patched, seen, gauge)
+    if not held.any():
+        return None, None
+    found: list[Channel | None] = []
+    for one, other, noise in zip(before, after, floor, strict=True):
+        quiet = np.broadcast_to(np.reshape(noise, (-1, 1)), one.shape)
+        pose = world.recording.pose
+        found.append(_channel(one[held], other[held], quiet[held], pose[held]))
+    return found[0], found[1]
+
+
+def _channel(before, after, noise, pose) -> Channel | None:
+    good = np.isfinite(before) & np.isfinite(after)
+    if not good.any():
+        return None
+    ids, index = np.unique(pose, return_inverse=True)
+    sums = [
+        np.bincount(index, np.where(good, values, 0.0).sum(axis=1))
+        for values in (before, after, noise, np.ones(good.shape))
+    ]
+    sums = [s[sums[3] > 0] for s in sums]
+    one, other, quiet, count = sums
+
+    def gain(b, a, n, axis=-1):
+        total = n.sum(axis=axis)
+        return np.sqrt(b.sum(axis=axis) / total) - np.sqrt(a.sum(axis=axis) / total)
+
+    low = high = float(gain(one, other, count))
+    if len(count) > 1 and np.any(one != other):
+        interval = bootstrap(
+            (one, other, count),
+            gain,
+            paired=True,
+            n_resamples=RESAMPLES,
+            method="BCa",
+            rng=np.random.default_rng(0),
+        ).confidence_interval
+        low, high = float(interval.low), float(interval.high)
+    total = count.sum()
+    before_rms, after_rms = (float(np.sqrt(s.sum() / total)) for s in (one, other))
+    return Channel(
+        before=before_rms,
+        after=after_rms,
+        noise=float(np.sqrt(quiet.sum() / total)),
+        gain=before_rms - after_rms,
+        low=low,
+        high=high,
+        pose=ids[np.bincount(index, good.sum(axis=1)) > 0],
+        before_of=np.sqrt(one / count),
+        after_of=np.sqrt(other / count),
+        explained=explained_share(one, other, quiet, count),
+    )

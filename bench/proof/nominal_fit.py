@@ -1,0 +1,313 @@
+"""Gauss-Newton fit of compliance, tracker frame and marker positions in MuJoCo.
+
+A little more of what is nominal moves every marker in a way known beforehand.
+
+==========  ==========================================================================
+Equation    δp = (z × (p - o)) θ δ(ln c) on an axis with wind-up θ (z θ on a slide);
+            R_body δplace for a marker; δt + δω × p for the frame
+Source      first order of the kinematics: Siciliano et al. 2009, section 3.1
+Valid       springs that are nearly linear: θ grows with the compliance c
+Ignores     how a wind-up changes the torques of other axes
+==========  ==========================================================================
+
+What is nominal is fitted without a word: springs, tracker's frame, markers' places.
+
+Where an effect shows in differences within visits alone, springs are fitted to these;
+what only means of visits say, such as arrival and geometry, cannot bend them.
+
+What markers show of each axis is how far it turned beyond the simulation.
+
+==========  ==========================================================================
+Equation    turn = (A'A + λ)^-1 A'r row by row, A the axes' screws at the markers
+Source      least squares; λ keeps turns that no marker shows at zero
+Valid       small turns, markers that see the axes
+Ignores     motions across the axes
+==========  ==========================================================================
+"""
+
+from dataclasses import dataclass, replace
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial.transform import Rotation
+
+from bench.proof.comparison import Gauge, centred, residual_of, sigma_of
+from bench.proof.simulation import Assumed, Seen, World
+from bench.rig import RIGID, Rig
+
+# --- Simulated Jacobian ---------------------------------------------------------------
+
+DECADE = float(np.log(10.0))
+"""One sigma of ln c about where the fit starts: a decade either way is nominal."""
+PLACE = 1e-3
+"""One sigma of a stated marker place, in m; the rule of what is nominal."""
+UNKNOWN = 1.0
+"""One sigma of what is not stated, in m or rad."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """What one unit of each silent parameter does to the readings.
+
+    Attributes:
+        matrix: Displacements of markers, then angles, (rows, readings, parameters).
+        prior: One sigma of each parameter.
+        axes: Which axes' springs come first, from 0.
+        framed: Whether the six of the frame follow.
+    """
+
+    matrix: Float[np.ndarray, "rows readings parameters"]
+    prior: Float[np.ndarray, " parameters"]
+    axes: tuple[int, ...]
+    framed: bool
+
+
+def columns_of(world: World, assumed: Assumed, seen: Seen, places: bool) -> Columns:
+    """Return the columns of all that is fitted silently.
+
+    Args:
+        world: The recording.
+        assumed: What the simulation took to be so.
+        seen: What came of it.
+        places: Whether markers' places are among the parameters.
+    """
+    rig = assumed.rig
+    axes = tuple(int(k) for k in world.order if rig.springs[k] < RIGID)
+    rows = len(seen.point)
+    blocks = [turned_by(world, rig, seen, k, wind_up(world, rig, seen)) for k in axes]
+    prior = [DECADE] * len(axes)
+    every = np.ones(rows, dtype=bool)
+    more, sigma = framing(world, assumed, seen, places, every)
+    blocks += more
+    prior += sigma
+    stacked = [np.reshape(block, (rows, -1)) for block in blocks]
+    if seen.angle is not None:
+        angles = [_on_encoders(world, rig, seen, k) for k in axes]
+        angles += [np.zeros(seen.angle.shape)] * (len(stacked) - len(angles))
+        stacked = [np.hstack(pair) for pair in zip(stacked, angles, strict=True)]
+    matrix = np.stack(stacked, axis=2) if stacked else np.zeros((rows, 0, 0))
+    return Columns(matrix, np.array(prior), axes, is_framed(world))
+
+
+def is_framed(world: World) -> bool:
+    """Return whether the tracker's frame is unknown, and fitted."""
+    recording = world.recording
+    return recording.base_from_tracker is None and bool(recording.markers)
+
+
+def framing(
+    world: World,
+    assumed: Assumed,
+    seen: Seen,
+    places: bool,
+    rows: Bool[np.ndarray, " rows"],
+) -> tuple[list[np.ndarray], list[float]]:
+    """Return what frame and places do to markers in some rows, and their priors."""
+    recording, point = world.recording, seen.point[rows]
+    blocks, prior = [], []
+    relative = recording.displacement == "relative"
+    if is_framed(world):
+        about = point
+        if relative and recording.points is not None:
+            about = recording.points[rows] @ assumed.turn.T
+        blocks += [np.full(point.shape, (not relative) * e) for e in np.eye(3)]
+        blocks += [np.cross(e, about) for e in np.eye(3)]
+        prior += [UNKNOWN] * 6
+    if places and not relative:
+        states, base_turn = seen.states, world.base[1]
+        for m, marker in enumerate(recording.markers):
+            b = states.bodies.index(world.body[m])
+            turn = base_turn.T @ states.rotation[rows, b]
+            for i in range(3):
+                block = np.zeros(point.shape)
+                block[:, m] = turn[:, :, i]
+                blocks.append(block)
+            prior += [UNKNOWN if marker.position is None else PLACE] * 3
+    return blocks, prior
+
+
+def turned_by(
+    world: World, rig: Rig, seen: Seen, k: int, angle: Float[np.ndarray, "rows axes"]
+) -> Float[np.ndarray, "rows markers 3"]:
+    """Return how markers move when axis k turns by small angles, in m."""
+    states, model, arm = seen.states, rig.nominal, rig.anatomy
+    base, turn = world.base
+    joint, b = model.joint(arm.axes[k]), states.bodies.index(arm.links[k])
+    at = states.position[:, b] + states.rotation[:, b] @ joint.pos
+    at = (at - base) @ turn
+    along = states.rotation[:, b] @ joint.axis @ turn
+    block = np.broadcast_to(along[:, None], seen.point.shape)
+    if not arm.slides[k]:
+        block = np.cross(along[:, None], seen.point - at[:, None])
+    moves = carried(model, arm.links[k], world.body)
+    return block * angle[:, k, None, None] * moves[:, None]
+
+
+def wind_up(world: World, rig: Rig, seen: Seen) -> Float[np.ndarray, "rows axes"]:
+    """Return by how much every axis of the arm is wound, in rad."""
+    posture = np.zeros(seen.states.axis_angle.shape)
+    posture[:, world.order] = world.recording.posture
+    return seen.states.axis_angle - rig.command(posture).reference
+
+
+def carried(
+    model: mujoco.MjModel, link: str, bodies: tuple[str, ...]
+) -> Bool[np.ndarray, " bodies"]:
+    """Return whether each body hangs on a link or is it."""
+    root = model.body(link).id
+
+    def hangs(b: int) -> bool:
+        while b and b != root:
+            b = int(model.body_parentid[b])
+        return b == root
+
+    return np.array([hangs(model.body(body).id) for body in bodies], dtype=bool)
+
+
+def _on_encoders(world: World, rig: Rig, seen: Seen, k: int) -> np.ndarray:
+    block = np.zeros((len(seen.point), len(world.order)))
+    block[:, world.order.tolist().index(k)] = wind_up(world, rig, seen)[:, k]
+    return block
+
+
+# --- Nominal fit ----------------------------------------------------------------------
+
+SEVERE = 4.5
+"""Sigmas from which a reading counts less (Huber 1964); chosen."""
+
+
+def fitted(world: World, start: Assumed, gauge: Gauge, rounds: int = 3) -> Assumed:
+    """Fit what is nominal by Gauss-Newton in the simulator.
+
+    Args:
+        world: The recording.
+        start: Where to begin.
+        gauge: Which rows are looked at, and how.
+        rounds: Simulations that are spent.
+    """
+    assumed = start
+    for _ in range(rounds):
+        if not gauge.absolute:
+            assumed = framed(world, assumed, gauge)
+        seen = world.see(assumed)
+        columns = columns_of(world, assumed, seen, gauge.absolute)
+        left = residual_of(world, seen, gauge)
+        step = solved(columns.matrix, columns.prior, left, world, gauge)
+        assumed = stepped(assumed, columns, step)
+    return assumed if gauge.absolute else framed(world, assumed, gauge)
+
+
+def framed(world: World, assumed: Assumed, gauge: Gauge) -> Assumed:
+    """Fit frame and places alone, to the first row of every visit."""
+    if world.recording.displacement == "relative" or not world.recording.markers:
+        return assumed
+    seen = world.see(assumed)
+    rows = np.zeros(len(gauge.keep), dtype=bool)
+    rows[np.unique(world.first_rows())] = True
+    rows &= gauge.keep
+    blocks, prior = framing(world, assumed, seen, True, rows)
+    if not blocks:
+        return assumed
+    matrix = np.stack([np.reshape(b, (rows.sum(), -1)) for b in blocks], axis=2)
+    left = np.reshape(seen.residual[rows], (rows.sum(), -1))
+    step = least_squares(matrix, np.array(prior), left, gauge.sigma)
+    columns = Columns(matrix, np.array(prior), (), is_framed(world))
+    return stepped(assumed, columns, step)
+
+
+def solved(
+    matrix: Float[np.ndarray, "rows readings parameters"],
+    prior: Float[np.ndarray, " parameters"],
+    left: Float[np.ndarray, "rows readings"],
+    world: World,
+    gauge: Gauge,
+) -> Float[np.ndarray, " parameters"]:
+    """Return the step of parameters that makes residuals smallest.
+
+    Args:
+        matrix: What one unit of each parameter does.
+        prior: One sigma of each about where it stands.
+        left: Residuals, NaN where nothing was read.
+        world: The recording.
+        gauge: Which rows count, and how.
+    """
+    if not gauge.absolute:
+        matrix = centred(matrix, world.replay.visit, gauge.keep)
+    rows = gauge.keep
+    return least_squares(matrix[rows], prior, left[rows], sigma_of(world, gauge))
+
+
+def least_squares(
+    matrix: Float[np.ndarray, "rows readings parameters"],
+    prior: Float[np.ndarray, " parameters"],
+    left: Float[np.ndarray, "rows readings"],
+    sigma: Float[np.ndarray, " readings"] | float,
+) -> Float[np.ndarray, " parameters"]:
+    """Return the most probable step of parameters; far readings count less."""
+    good = np.isfinite(left) & np.isfinite(matrix).all(axis=2)
+    white = (left / sigma)[good]
+    shown = (matrix / np.broadcast_to(sigma, left.shape)[..., None])[good]
+    step, weight = np.zeros(matrix.shape[2]), np.ones(len(white))
+    for _ in range(2):
+        heavy = shown * weight[:, None]
+        gram = heavy.T @ shown + np.diag(prior**-2.0)
+        scale = 1.0 / np.sqrt(np.diag(gram))
+        ask = scale * (heavy.T @ white)
+        step = scale * np.linalg.solve(gram * scale * scale[:, None], ask)
+        rest = np.abs(white - shown @ step)
+        spread = 1.4826 * np.median(rest) if len(rest) else 1.0
+        weight = np.minimum(1.0, SEVERE * max(spread, 1e-9) / np.maximum(rest, 1e-12))
+    return step
+
+
+def stepped(assumed: Assumed, columns: Columns, step: np.ndarray) -> Assumed:
+    """Return the assumption moved by a step of its silent parameters."""
+    rig, n = assumed.rig, len(columns.axes)
+    if n and np.any(np.abs(step[:n]) > 1e-12):
+        stiffness = rig.springs.copy()
+        growth = np.exp(np.clip(step[:n], -DECADE, DECADE))
+        stiffness[list(columns.axes)] /= growth
+        rig = replace(rig, stiffness=stiffness)
+    turn, shift, place = assumed.turn, assumed.shift, assumed.place
+    if columns.framed:  # a column moves what is predicted, so readings move back
+        move, vector = step[n : n + 3], step[n + 3 : n + 6]
+        back = Rotation.from_rotvec(-vector).as_matrix()
+        turn, shift = back @ turn, back @ shift - move
+    rest = step[n + 6 * columns.framed : n + 6 * columns.framed + place.size]
+    if len(rest):
+        place = place + rest.reshape(-1, 3)
+    return Assumed(rig, turn, shift, place)
+
+
+# --- Joint rotations from residuals ---------------------------------------------------
+
+FAINT = 0.02
+"""Lever in m below which markers do not show a turn; chosen."""
+
+
+def turns_of(
+    world: World,
+    assumed: Assumed,
+    seen: Seen,
+    residual: Float[np.ndarray, "rows markers 3"],
+) -> Float[np.ndarray, "rows axes"]:
+    """Return the turn of every axis of the recording that fits residuals, in rad."""
+    rig = assumed.rig
+    unit = np.ones((len(residual), len(rig.springs)))
+    good = np.isfinite(residual).all(axis=2, keepdims=True)
+    left = np.where(good, residual, 0.0).reshape(len(residual), -1)
+    blocks = [turned_by(world, rig, seen, int(k), unit) for k in world.order]
+    screws = np.stack([np.where(good, b, 0.0).reshape(left.shape) for b in blocks], 2)
+    inner = screws.swapaxes(1, 2) @ screws
+    inner = inner + FAINT**2 * np.eye(inner.shape[1])
+    ask = np.einsum("rna,rn->ra", screws, left)
+    return np.linalg.solve(inner, ask[..., None])[..., 0]
+
+
+def torques_of(
+    world: World, assumed: Assumed, seen: Seen
+) -> Float[np.ndarray, "rows axes"]:
+    """Return the torque about each axis of an arm with nothing but springs, in N m."""
+    rig = assumed.rig
+    return (wind_up(world, rig, seen) * rig.springs)[:, world.order]

@@ -1,0 +1,187 @@
+"""Proof of a patch on poses, loads and places that it was not fitted to.
+
+The patched simulator does again what was done in the poses held out, with the wrenches
+that were read there, and what it leaves is compared with what the nominal arm leaves.
+What is nominal is fitted on the other poses, for both. Both are simulations: columns
+that found an effect are never its proof.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.effects.effect import Effect
+from bench.kinematic_chain import moving
+from bench.patch import Patch, effects_of, named, rig_of, with_arm
+from bench.proof.comparison import Gauge, gauge_of, means_count
+from bench.proof.explained_share import Channel, channels_of
+from bench.proof.nominal_fit import fitted
+from bench.proof.proof_checks import Trial, left_outs, placebos
+from bench.proof.refinement import refined
+from bench.proof.setup import in_model, mounted_on, world_of
+from bench.proof.simulation import Assumed, World
+from bench.rig import RIGID
+from bench.shared.recording import Recording
+
+MOST_ROWS = 3000
+"""Rows that are simulated at most: whole visits (instants of a stream) are left out."""
+FIRST_ROUNDS = 1
+"""Simulations that the silent fit spends before the patch is refined; chosen:
+refining fits the springs too."""
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What the simulator says of a patch.
+
+    Attributes:
+        held_out: Ids of the poses that were judged.
+        absolute: Whether means of visits counted, or differences within them alone.
+        markers: Displacements; None without markers.
+        angles: Encoders after the gears; None without.
+        trials: Where the patch should hold and where it should fail.
+        budget: How far each effect moves the readings beyond what is nominal, rms.
+        patch: With parameters as refined in the simulator on the poses not held out.
+        nominal: The arm without the patch, as fitted.
+        patched: The arm with it.
+        world: The recording, for whoever wants to simulate more.
+        gauge: How readings were compared, and which rows were fitted.
+    """
+
+    held_out: tuple[int, ...]
+    absolute: bool
+    markers: Channel | None
+    angles: Channel | None
+    trials: tuple[Trial, ...]
+    budget: dict[str, float]
+    patch: Patch
+    nominal: Assumed
+    patched: Assumed
+    world: World
+    gauge: Gauge
+
+
+def prove(
+    recording: Recording,
+    arm_file: Path,
+    patch: Patch,
+    held_out: Sequence[int],
+    thorough: bool = True,
+) -> Proof:
+    """Prove a patch in the simulator.
+
+    Args:
+        recording: What was done and seen.
+        arm_file: The nominal arm.
+        patch: What was named, with springs, frame and places as first guesses; one
+            without effects or laws is the nominal arm, and nothing is proved.
+        held_out: Ids of the poses that nothing may be fitted to.
+        thorough: Whether placebos and what is left out are tried too.
+
+    Raises:
+        BenchError: Where the patch cannot be built or finds no rest.
+    """
+    recording = _thinned(recording)
+    patch = replace(patch, axes=moving(recording, arm_file))
+    model = rig_of(Patch(axes=patch.axes), arm_file)
+    patch = in_model(recording, patch, model.anatomy)
+    patch = replace(patch, mounted=mounted_on(recording, model))
+    rig = rig_of(patch, arm_file)
+    own = effects_of(patch)
+    bare = rig_of(replace(patch, effects=(), laws=()), arm_file)
+    world = world_of(recording, bare, own)
+    held = np.isin(recording.pose, held_out)
+    start = _start(recording, patch, rig)
+    unpatched = replace(start, rig=bare)
+    gauge = gauge_of(world, means_count(world, unpatched, start), ~held)
+    nominal = fitted(world, unpatched, gauge, FIRST_ROUNDS + 2)
+    patched, slope = nominal, np.zeros((world.replay.rows, 0, 0))
+    if own:
+        patched = fitted(world, start, gauge, FIRST_ROUNDS)
+        patched, slope, _ = refined(world, patched, gauge)
+    now = tuple(e for e in patched.rig.effects if e not in bare.effects)
+    markers, angles = channels_of(world, nominal, patched, gauge, held)
+    trials: list[Trial] = []
+    if thorough and own:
+        trials += placebos(world, patched, now, gauge, held)
+        used = replace(gauge, keep=np.ones(len(held), dtype=bool))
+        trials += left_outs(world, nominal, patched, slope, used)
+    return Proof(
+        held_out=tuple(int(p) for p in held_out),
+        absolute=gauge.absolute,
+        markers=markers,
+        angles=angles,
+        trials=tuple(trials),
+        budget=_budget(trials, markers or angles),
+        patch=_as_fitted(patch, patched, now, world),
+        nominal=nominal,
+        patched=patched,
+        world=world,
+        gauge=gauge,
+    )
+
+
+def _thinned(recording: Recording) -> Recording:
+    """Return a recording of bearable length: every so many visits, evenly."""
+    rows = len(recording.time)
+    if rows <= MOST_ROWS:
+        return recording
+    every = -(-rows // MOST_ROWS)
+    if recording.rows == "stream":
+        return recording.take(np.arange(0, rows, every))
+    visit = np.unique(recording.visit, return_inverse=True)[1]
+    return recording.take(visit % every == 0)
+
+
+def _start(recording: Recording, patch: Patch, rig) -> Assumed:
+    frame = np.eye(4)
+    if recording.base_from_tracker is not None:
+        frame = recording.base_from_tracker
+    elif patch.base_from_tracker is not None:
+        frame = np.array(patch.base_from_tracker)
+    places = [
+        np.array(patch.markers[m.name])
+        if m.name in patch.markers
+        else (np.zeros(3) if m.position is None else m.position)
+        for m in recording.markers
+    ]
+    place = np.array(places, dtype=float).reshape(-1, 3)
+    return Assumed(rig, frame[:3, :3], frame[:3, 3], place)
+
+
+def _budget(trials: Sequence[Trial], channel: Channel | None) -> dict[str, float]:
+    """Return the root of the square that comes back when an effect is taken out."""
+    found = {
+        t.what.removeprefix("without "): max(t.before**2 - t.after**2, 0.0) ** 0.5
+        for t in trials
+        if t.kind == "taken_out"
+    }
+    if channel is not None:
+        found["instruments, as stated"] = channel.noise
+        rest = channel.after**2 - channel.noise**2
+        found["not explained"] = float(np.sqrt(max(rest, 0.0)))
+    return found
+
+
+def _as_fitted(
+    patch: Patch, patched: Assumed, own: Sequence[Effect], world: World
+) -> Patch:
+    rig = patched.rig
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = patched.turn, patched.shift
+    named_now = tuple(named(e) for e in own if e.name != "tabled_law")
+    springs = {
+        axis: None if k >= RIGID else float(k)
+        for axis, k in zip(rig.anatomy.axes, rig.springs, strict=True)
+    }
+    pairs = zip(world.recording.markers, patched.place, strict=True)
+    fitted_now = replace(
+        patch,
+        stiffness_nm_per_rad=springs,
+        effects=named_now,
+        base_from_tracker=tuple(map(tuple, frame.tolist())),
+        markers={marker.name: tuple(place.tolist()) for marker, place in pairs},
+    )
+    return with_arm(fitted_now, rig)

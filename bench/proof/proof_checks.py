@@ -1,0 +1,193 @@
+"""Checks of a patch: loads and places left out, and placebo effects.
+
+Left out: a direction of pull, the heaviest weight, a region of postures. What is
+nominal and the effect's own parameters are fitted again without those rows, to first
+order of the simulation, and judged on them. Placebos: the same patch on a neighbouring
+axis, and the patch with one effect taken out; what is nominal is fitted again.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.cluster.vq import kmeans2
+
+from bench.effects.effect import Effect
+from bench.effects.places import places_for
+from bench.proof.comparison import Gauge
+from bench.proof.nominal_fit import columns_of
+from bench.proof.refinement import predicted, with_effects
+from bench.proof.simulation import Assumed, World
+from bench.shared.errors import BenchError
+from bench.shared.recording import Recording
+
+HEAVY = 0.95
+"""Share of the largest force from which a load is the heaviest; chosen."""
+DIRECTIONS, REGIONS = 6, 4
+"""Clusters of pulls and of postures, of which one is left out; chosen."""
+ENOUGH = 40
+"""Visits to which a placebo's springs are fitted; chosen: six springs need few."""
+LEAST = 10
+"""Readings rows that a group needs to be judged; chosen."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One comparison on some rows.
+
+    Attributes:
+        kind: `left_out`, `placebo` or `taken_out`.
+        what: In words.
+        before: Rms without the patch, 3-D per marker in m (per angle in rad where
+            nothing else was measured).
+        after: Rms with it.
+        poses: On how many poses.
+    """
+
+    kind: str
+    what: str
+    before: float
+    after: float
+    poses: int
+
+
+def left_outs(
+    world: World, nominal: Assumed, patched: Assumed, slope: np.ndarray, gauge: Gauge
+) -> Iterator[Trial]:
+    """Try the patch on loads and postures that nothing was fitted to.
+
+    Args:
+        world: The recording.
+        nominal: The arm without the patch, as fitted.
+        patched: With it.
+        slope: What the patch's own parameters do.
+        gauge: How readings are compared; all rows that are used.
+    """
+    for what, out in groups(world.recording):
+        used = gauge.keep & out
+        kept = replace(gauge, keep=gauge.keep & ~out)
+        if used.sum() < LEAST or kept.keep.sum() < LEAST:
+            continue
+        sizes = []
+        for assumed, own in ((nominal, None), (patched, slope)):
+            seen = world.see(assumed)
+            columns = columns_of(world, assumed, seen, gauge.absolute)
+            matrix, prior = columns.matrix, columns.prior
+            if own is not None and own.shape[2]:
+                matrix = np.concatenate([matrix, own], axis=2)
+                prior = np.concatenate([prior, np.ones(own.shape[2])])
+            after = predicted(matrix, prior, seen, world, kept)
+            sizes.append(rms(world, after, used))
+        poses = len(np.unique(world.recording.pose[used]))
+        yield Trial("left_out", what, sizes[0], sizes[1], poses)
+
+
+def groups(recording: Recording) -> Iterator[tuple[str, Bool[np.ndarray, " rows"]]]:
+    """Return what may be left out: words, and the rows."""
+    wrench = recording.wrench
+    if wrench is not None and np.any(wrench):
+        size = np.linalg.norm(wrench[:, :3], axis=1)
+        heavy = size >= HEAVY * size.max()
+        yield f"the heaviest load ({size[heavy].mean():.0f} N)", heavy
+        visit = np.unique(recording.visit, return_inverse=True)[1]
+        pull = np.zeros((int(visit.max()) + 1, 3))
+        np.add.at(pull, visit, wrench[:, :3])
+        length = np.linalg.norm(pull, axis=1, keepdims=True)
+        unit = pull / np.maximum(length, 1e-9)
+        if len(unit) >= 2 * DIRECTIONS:
+            commonest = _cluster(unit, DIRECTIONS)
+            yield "one direction of pull", commonest[visit]
+    ids, first, pose = np.unique(recording.pose, True, True)
+    posture = recording.posture[first]
+    if len(ids) >= 2 * REGIONS:
+        region = _cluster(np.hstack([np.cos(posture), np.sin(posture)]), REGIONS)
+        yield "one region of postures", region[pose]
+
+
+def placebos(
+    world: World,
+    patched: Assumed,
+    own: Sequence[Effect],
+    gauge: Gauge,
+    held: np.ndarray,
+) -> Iterator[Trial]:
+    """Put each effect on its neighbours, and take each out.
+
+    Args:
+        world: The recording.
+        patched: The arm with the patch.
+        own: The patch's effects.
+        gauge: How readings are compared, with the rows that are fitted.
+        held: The rows that are judged.
+    """
+    some = some_of(world, held)
+    world, held = world.part(some), held[some]
+    gauge = replace(gauge, keep=gauge.keep[some])
+    after = refitted(world, patched, gauge, held)
+    poses = len(np.unique(world.recording.pose[held]))
+    for effect in own:
+        others = [e for e in patched.rig.effects if e is not effect]
+        size = refitted(world, with_effects(patched, others), gauge, held)
+        word = f"{effect.name} at {effect.where}"
+        yield Trial("taken_out", f"without {word}", size, after, poses)
+        for neighbour in _neighbours(world, patched, effect):
+            try:
+                moved = with_effects(patched, [*others, neighbour])
+                size_there = refitted(world, moved, gauge, held)
+            except BenchError:
+                continue
+            what = f"{effect.name} at {neighbour.where} instead of {effect.where}"
+            yield Trial("placebo", what, size, size_there, poses)
+
+
+def some_of(world: World, held: np.ndarray) -> Bool[np.ndarray, " rows"]:
+    """Return the rows held out and those of some other visits."""
+    others = np.unique(world.replay.visit[~held])
+    every = max(1, -(-len(others) // ENOUGH))
+    return held | np.isin(world.replay.visit, others[::every])
+
+
+def refitted(world: World, assumed: Assumed, gauge: Gauge, held: np.ndarray) -> float:
+    """Return the rms on held rows once what is nominal is fitted again."""
+    seen = world.see(assumed)
+    columns = columns_of(world, assumed, seen, gauge.absolute)
+    after = predicted(columns.matrix, columns.prior, seen, world, gauge)
+    return rms(world, after, held)
+
+
+def rms(world: World, left: np.ndarray, rows: np.ndarray) -> float:
+    """Return the rms of markers, 3-D in m; of angles in rad where there are none."""
+    square = squares(world, left)[0 if world.recording.markers else 1][rows]
+    return float(np.sqrt(np.nanmean(square))) if np.isfinite(square).any() else np.nan
+
+
+def squares(
+    world: World, left: Float[np.ndarray, "rows readings"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return squares of markers (rows, markers) in m² and angles (rows, axes), rad²."""
+    markers = len(world.recording.markers)
+    points = left[:, : 3 * markers].reshape(len(left), markers, 3)
+    return np.sum(points**2, axis=2), left[:, 3 * markers :] ** 2
+
+
+def _cluster(values: np.ndarray, count: int) -> np.ndarray:
+    """Return a mask of the cluster whose size is the middle one."""
+    start = values[np.linspace(0, len(values) - 1, count).astype(int)]
+    _, label = kmeans2(values, start, iter=20, missing="warn")
+    sizes = np.bincount(label, minlength=count)
+    order = np.argsort(sizes)
+    return label == order[len(order) // 2]
+
+
+def _neighbours(world: World, assumed: Assumed, effect: Effect) -> list[Effect]:
+    if not {"axis", "link"} & set(effect.places):
+        return []
+    arm = assumed.rig.anatomy
+    known = places_for(effect.places, arm)
+    if effect.where not in known or "with" in effect.parameters():
+        return []
+    at = known.index(effect.where)
+    count = len(arm.axes)
+    near = [i for i in (at - 1, at + 1) if 0 <= i < min(count, len(known))]
+    return [replace(effect, where=known[i]) for i in near]

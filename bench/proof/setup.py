@@ -1,0 +1,164 @@
+"""Set-up of the simulation: bodies, axes and tools of recording and model matched."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bench.effects.creep import Creep
+from bench.kinematic_chain import Anatomy
+from bench.patch import Mounted, Named, Patch
+from bench.proof.simulation import World, replay_of
+from bench.rig import Rig, States
+from bench.shared.errors import UnknownName
+from bench.shared.recording import Recording
+
+
+def mounted_on(recording: Recording, rig: Rig) -> Mounted:
+    """Return what a recording says is mounted, in the frame of the arm's flange.
+
+    Args:
+        recording: With the manifest's sensor and tool.
+        rig: The arm.
+    """
+    data = mujoco.MjData(rig.nominal)
+    mujoco.mj_kinematics(rig.nominal, data)
+    flange = data.body(rig.anatomy.flange)
+    turn = flange.xmat.reshape(3, 3)
+
+    def in_flange(body: str, place: np.ndarray) -> tuple[float, float, float]:
+        own = data.body(model_body(recording, rig, body))
+        at = (own.xmat.reshape(3, 3) @ place + own.xpos - flange.xpos) @ turn
+        return (float(at[0]), float(at[1]), float(at[2]))
+
+    sensor, tool = recording.wrench_sensor, recording.tool
+    return Mounted(
+        sensor_m=(0.0, 0.0, 0.0)
+        if sensor is None
+        else in_flange(sensor.body, np.asarray(sensor.position, float)),
+        mass_kg=0.0 if tool is None else float(tool.mass),
+        com_m=(0.0, 0.0, 0.0)
+        if tool is None
+        else in_flange("flange", np.asarray(tool.com, float)),
+    )
+
+
+def model_body(recording: Recording, rig: Rig, name: str) -> str:
+    """Return the model's name of a body of a recording.
+
+    Raises:
+        UnknownName: Where the model has none of that name.
+    """
+    found = rig.anatomy.body(recording.bodies.get(name, name))
+    known = [rig.nominal.body(b).name for b in range(rig.nominal.nbody)]
+    if found not in known:
+        if name == "tool":  # what a manifest calls tool, on an arm without one
+            return rig.anatomy.flange
+        raise UnknownName("body of the model", name, known)
+    return found
+
+
+def in_model(recording: Recording, patch: Patch, arm: Anatomy) -> Patch:
+    """Return a patch whose axes count as the model's where a recording's differ."""
+    if not recording.axes:
+        return patch
+
+    def joint(where: str) -> str:
+        known = {
+            f"a{k + 1}": f"a{arm.axes.index(axis) + 1}"
+            for k, axis in enumerate(recording.axes)
+        }
+        return known.get(where, where)
+
+    def renamed(effect: Named) -> Named:
+        partner = effect.parameters.get("with")
+        parameters = dict(effect.parameters)
+        if isinstance(partner, str):
+            parameters["with"] = joint(partner)
+        return replace(effect, where=joint(effect.where), parameters=parameters)
+
+    springs = {joint(a): k for a, k in patch.stiffness_nm_per_rad.items()}
+    return replace(
+        patch,
+        stiffness_nm_per_rad=springs,
+        effects=tuple(map(renamed, patch.effects)),
+        laws=tuple(replace(law, where=joint(law.where)) for law in patch.laws),
+    )
+
+
+def world_of(recording: Recording, nominal: Rig, effects: tuple = ()) -> World:
+    """Lay out a recording for the simulator.
+
+    Args:
+        recording: What was done and seen.
+        nominal: The arm with what is mounted on it, no more.
+        effects: What will be tried; where it creeps, waiting counts.
+    """
+    arm = nominal.anatomy
+    names = recording.axes or arm.axes
+    order = np.array([arm.axes.index(name) for name in names])
+    waits = any(isinstance(effect, Creep) for effect in effects)
+    replay = replay_of(recording, waits)
+    rows = replay.rows
+    world = World(
+        recording=recording,
+        replay=replay,
+        order=order,
+        body=tuple(model_body(recording, nominal, m.body) for m in recording.markers),
+        sensor_axes=np.tile(np.eye(3), (rows, 1, 1)),
+        weight=np.zeros((rows, 6)),
+        base=base_of(nominal),
+    )
+    spec = recording.wrench_sensor
+    if spec is None or recording.wrench is None:
+        return world
+    bare, base_turn = world, world.base[1]
+    for known in (False, True):  # the sensor turns with the arm, by 1e-3
+        wrench = recording.wrench if known else np.zeros((rows, 6))
+        done = replace(recording, wrench=wrench)
+        states = replace(bare, recording=done, _known={}).states(nominal)
+        body = states.bodies.index(model_body(recording, nominal, spec.body))
+        mounting = Rotation.from_quat(spec.quaternion_wxyz, scalar_first=True)
+        axes = base_turn.T @ states.rotation[:, body] @ mounting.as_matrix()
+        bare = replace(bare, sensor_axes=axes)
+        at = states.position[:, body] + states.rotation[:, body] @ spec.position
+        bare = replace(bare, weight=_held(recording, nominal, states, at))
+    return replace(world, sensor_axes=bare.sensor_axes, weight=bare.weight)
+
+
+def base_of(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the base stands in the world and how it is turned."""
+    data = mujoco.MjData(rig.nominal)
+    mujoco.mj_kinematics(rig.nominal, data)
+    base = data.body(rig.anatomy.base)
+    return base.xpos.copy(), base.xmat.reshape(3, 3).copy()
+
+
+def point_in_base(
+    rig: Rig, states: States, body: str, position: np.ndarray
+) -> np.ndarray:
+    """Return where a point of a body was, (rows, 3) in the base's frame, in m.
+
+    Args:
+        rig: The arm.
+        states: Where its bodies were.
+        body: Of the recording or the model.
+        position: In the body's frame, in m.
+    """
+    origin, turn = base_of(rig)
+    return (states.point(rig.anatomy.body(body), position) - origin) @ turn
+
+
+def _held(recording, nominal, states, sensor) -> np.ndarray:
+    """Return the weight beyond the sensor that readings still hold; usually none."""
+    tool, spec = recording.tool, recording.wrench_sensor
+    weight = np.zeros((len(sensor), 6))
+    if tool is None or not tool.mass or not spec.includes_tool_weight:
+        return weight
+    flange = states.bodies.index(nominal.anatomy.flange)
+    at = states.position[:, flange] + states.rotation[:, flange] @ tool.com
+    weight[:, :3] = tool.mass * nominal.nominal.opt.gravity
+    weight[:, 3:] = np.cross(at - sensor, weight[:, :3])
+    turn = base_of(nominal)[1]  # world_from_base
+    return (weight.reshape(-1, 3) @ turn).reshape(weight.shape)

@@ -1,0 +1,1 @@
+"""Shared by both sides: recordings, their format, plans, errors; no physics."""

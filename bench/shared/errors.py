@@ -1,0 +1,66 @@
+"""Errors of users, each with what is allowed and what to do."""
+
+from collections.abc import Callable, Iterable, Sequence
+from difflib import get_close_matches
+from typing import Any
+
+
+class BenchError(Exception):
+    """A mistake that the user can mend; its message says how."""
+
+
+class UnknownName(BenchError):
+    """A joint, body, effect, method or instrument that does not exist."""
+
+    def __init__(self, kind: str, name: str, known: Iterable[str]):
+        """Name what was asked for, the nearest match and everything known."""
+        known = sorted(known)
+        guess = get_close_matches(name, known, n=1)
+        hint = f" Did you mean {guess[0]!r}?" if guess else ""
+        super().__init__(f"No {kind} is called {name!r}.{hint} Known: {known}.")
+
+
+class Unusable(BenchError):
+    """A recording, a model or a setting with faults; the message lists them all."""
+
+    def __init__(self, what: str, faults: Sequence[str]):
+        """Keep the faults, one sentence each, and join them into one message."""
+        self.what, self.faults = what, tuple(faults)
+        count = "1 fault" if len(self.faults) == 1 else f"{len(self.faults)} faults"
+        lines = "\n".join(f"  - {fault}" for fault in self.faults)
+        super().__init__(f"{what} cannot be used, {count}:\n{lines}")
+
+
+class NotIdentifiable(BenchError):
+    """The data carry no information about a parameter that was asked for."""
+
+    def __init__(self, message: str, axes: Sequence[str] = ()):
+        """Keep the axes that the message names, for a caller that may hold them."""
+        self.axes = tuple(axes)
+        super().__init__(message)
+
+
+class LeftOut(UserWarning):
+    """A model states what neither the bench nor a claim makes use of."""
+
+
+def collect(*makers: Callable[[], Any]) -> tuple[Any, ...]:
+    """Return what each makes, or name everything that is wrong with all of them.
+
+    Args:
+        makers: Each makes one thing that the others do not need.
+
+    Raises:
+        Unusable: With the faults of all.
+    """
+    made, faults = [], []
+    for make in makers:
+        try:
+            made.append(make())
+        except Unusable as error:
+            faults += [f"{error.what}: {fault}" for fault in error.faults]
+        except BenchError as error:
+            faults.append(str(error))
+    if faults:
+        raise Unusable("This command", faults)
+    return tuple(made)

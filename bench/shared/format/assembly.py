@@ -1,0 +1,414 @@
+"""Assembly of a recording from columns and manifest, and its writing back as text.
+
+Visits, stages and ages of a load can be read from the order in which rows came.
+
+Columns and manifest become a recording; what is not in them stays unknown.
+
+A recording becomes text that reads back as the same numbers; truth has no column.
+"""
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+from jaxtyping import Float, Int
+
+from bench.shared.errors import Unusable
+from bench.shared.format.columns import COORDINATES, DEGREE, MILLIMETRE, WRENCH, Layout
+from bench.shared.format.manifest import FILE, Manifest
+from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
+from bench.shared.quaternions import matrix_of, quaternion_of, unit_quaternion
+from bench.shared.recording import (
+    LOADED,
+    LOADING,
+    UNLOADED,
+    UNLOADING,
+    Marker,
+    Payload,
+    Recording,
+)
+
+# --- Visits, stages and ages of a load ------------------------------------------------
+
+STEP = 0.05
+"""Share of the largest load below which a measured load has not changed (chosen: well
+above a sensor's noise, well below one of ten steps)."""
+
+
+def visits_of(pose: Int[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
+    """Count the runs of equal pose: a run is one visit (the format's own rule)."""
+    return np.cumsum(np.diff(pose, prepend=pose[:1]) != 0)
+
+
+def load_times_of(
+    time: Float[np.ndarray, " rows"],
+    visit: Int[np.ndarray, " rows"],
+    load_mass: Float[np.ndarray, " rows"] | None,
+) -> Float[np.ndarray, " rows"]:
+    """Return when the load last changed: right after the row before (the format).
+
+    Where the mass on the hook is stated and is the same as in the row before of the
+    same visit, it did not change there: the row is a dwell.
+
+    Args:
+        time: When each row was read, in s.
+        visit: The visit of each row.
+        load_mass: Nominal mass on the hook, in kg.
+    """
+    changed = np.ones(len(time), dtype=bool)
+    if load_mass is not None:
+        changed[1:] = (np.diff(load_mass) != 0) | (np.diff(visit) != 0)
+    before = np.concatenate([time[:1], time[:-1]])
+    last = np.maximum.accumulate(np.where(changed, np.arange(len(time)), 0))
+    return before[last]
+
+
+def stages_of(
+    visit: Int[np.ndarray, " rows"],
+    load: Float[np.ndarray, " rows"] | None,
+    step: float,
+) -> np.ndarray:
+    """Read the stage of each row from the load's course in its visit.
+
+    Near zero is unloaded, near the visit's largest is loaded; between them the last
+    change of more than a step says loading or unloading.
+
+    Args:
+        visit: The visit of each row.
+        load: Size of the load, in any unit; None where there is none but weight.
+        step: What counts as a change, in the load's unit.
+    """
+    stage = np.full(len(visit), UNLOADED, dtype="<U9")
+    if load is None:
+        return stage
+    starts = np.flatnonzero(np.diff(visit, prepend=visit[:1] - 1))
+    for first, end in zip(starts, [*starts[1:], len(visit)], strict=True):
+        stage[first:end] = _stages_of_visit(load[first:end], step)
+    return stage
+
+
+def _stages_of_visit(load: Float[np.ndarray, " rows"], step: float) -> list[str]:
+    largest, turned, rising = float(np.max(load)), 0.0, True
+    stages = []
+    for size in load:
+        if abs(size - turned) > step:
+            turned, rising = size, size > turned
+        if size <= step:
+            stages.append(UNLOADED)
+        elif size >= largest - step:
+            stages.append(LOADED)
+        else:
+            stages.append(LOADING if rising else UNLOADING)
+    return stages
+
+
+# --- Assembly -------------------------------------------------------------------------
+
+
+def assemble(
+    folder: str, manifest: Manifest, layout: Layout, values: Mapping[str, np.ndarray]
+) -> Recording:
+    """Build the recording of a folder whose columns have no faults.
+
+    Args:
+        folder: The folder's name, for a recording that has none.
+        manifest: What was measured, with what, in which frames.
+        layout: Which columns there are.
+        values: The columns in SI.
+
+    Raises:
+        Unusable: Where readings have no stated accuracy.
+    """
+    sensors, names = manifest.sensors, manifest.model_names
+    wrench = _stacked(values, WRENCH)
+    _refuse_unstated(manifest, wrench is not None)
+    pose = values["pose"].astype(np.int64)
+    visit = values["visit"].astype(np.int64) if "visit" in values else visits_of(pose)
+    mass = values.get("load_kg")
+    load, step = _load(manifest, visit, mass, wrench)
+    axes = range(1, layout.axes + 1)
+    ends = ["mm" if slides else "deg" for slides in layout.slides]
+    points = [_stacked(values, [m + c for c in COORDINATES]) for m in manifest.markers]
+    return Recording(
+        name=manifest.name or folder,
+        time=values["time_s"],
+        pose=pose,
+        visit=visit,
+        posture=np.stack(
+            [values[f"a{k}_{end}"] for k, end in zip(axes, ends, strict=True)], axis=1
+        ),
+        load_time=values["load_time_s"]
+        if "load_time_s" in values
+        else load_times_of(values["time_s"], visit, mass),
+        stage=values["stage"].astype("<U9")
+        if "stage" in values
+        else stages_of(visit, load, step),
+        axes=names.axes,
+        bodies=names.bodies,
+        slides=layout.slides if any(layout.slides) else (),
+        wrench=wrench,
+        load_mass=mass,
+        markers=_markers(manifest),
+        points=np.stack([p for p in points if p is not None], axis=1)
+        if points
+        else None,
+        link_posture=_per_axis(values, layout.axes, "link_deg"),
+        axis_torque=_per_axis(values, layout.axes, "tau_nm"),
+        temperature=values.get("temperature_c"),
+        frames=values["frames"].astype(np.int64) if "frames" in values else None,
+        base_from_tracker=_base_from_tracker(manifest),
+        tracker=_tracker(manifest),
+        wrench_sensor=_wrench_sensor(manifest),
+        encoder_repeatability=np.deg2rad(sensors.encoder.repeatability_deg).item()
+        if sensors.encoder
+        else None,
+        torque_accuracy=sensors.torque.accuracy_nm if sensors.torque else None,
+        tool=Payload(manifest.tool.mass_kg, np.array(manifest.tool.com_mm) / 1e3)
+        if manifest.tool
+        else None,
+        robot=names.name,
+        rows=manifest.rows,
+        displacement=manifest.displacement,
+    )
+
+
+def _refuse_unstated(manifest: Manifest, has_wrench: bool) -> None:
+    faults = []
+    if manifest.markers and manifest.sensors.tracker is None:
+        faults.append(f"{FILE}: there are markers but no [sensors.tracker].")
+    if has_wrench and manifest.sensors.wrench is None:
+        faults.append(f"{FILE}: there is a wrench but no [sensors.wrench].")
+    if faults:
+        raise Unusable("Recording", faults)
+
+
+def _stacked(values: Mapping[str, np.ndarray], names) -> np.ndarray | None:
+    if any(name not in values for name in names):
+        return None
+    return np.stack([values[name] for name in names], axis=1)
+
+
+def _per_axis(
+    values: Mapping[str, np.ndarray], axes: int, end: str
+) -> np.ndarray | None:
+    names = [f"a{k}_{end}" for k in range(1, axes + 1)]
+    if not any(name in values for name in names):
+        return None
+    unmeasured = np.full(len(values["pose"]), np.nan)
+    return np.stack([values.get(name, unmeasured) for name in names], axis=1)
+
+
+def _load(
+    manifest: Manifest,
+    visit: np.ndarray,
+    mass: np.ndarray | None,
+    wrench: np.ndarray | None,
+) -> tuple[np.ndarray | None, float]:
+    """Return the size of the load in each row, and what counts as a change of it."""
+    if mass is not None:
+        return mass, 0.0
+    sensor = manifest.sensors.wrench
+    if wrench is None or sensor is None:
+        return None, 0.0
+    force = wrench[:, :3]
+    if sensor.includes_tool_weight:  # a visit begins unloaded where nothing says more
+        _, first, where = np.unique(visit, return_index=True, return_inverse=True)
+        force = force - force[first][where]
+    size = np.linalg.norm(force, axis=1)
+    return size, max(STEP * float(np.max(size)), 3.0 * sensor.accuracy_n)
+
+
+def _markers(manifest: Manifest) -> tuple[Marker, ...]:
+    return tuple(
+        Marker(
+            name,
+            m.body,
+            None if m.position_mm is None else np.array(m.position_mm) / 1e3,
+            m.target,
+        )
+        for name, m in manifest.markers.items()
+    )
+
+
+def _tracker(manifest: Manifest) -> TrackerSpec | None:
+    stated = manifest.sensors.tracker
+    if stated is None:
+        return None
+    sigma = np.broadcast_to(np.array(stated.repeatability_mm) / 1e3, 3).copy()
+    volumetric = stated.volumetric_mm
+    return TrackerSpec(sigma, None if volumetric is None else volumetric / 1e3)
+
+
+def _wrench_sensor(manifest: Manifest) -> WrenchSpec | None:
+    stated = manifest.sensors.wrench
+    if stated is None:
+        return None
+    return WrenchSpec(
+        accuracy_force=stated.accuracy_n,
+        accuracy_torque=stated.accuracy_nm,
+        body=stated.body,
+        position=np.array(stated.position_mm) / 1e3,
+        quaternion_wxyz=unit_quaternion(np.array(stated.quaternion_wxyz)),
+        frame=stated.frame,
+        includes_tool_weight=stated.includes_tool_weight,
+    )
+
+
+def _base_from_tracker(manifest: Manifest) -> np.ndarray | None:
+    stated = manifest.frames.tracker
+    if stated is None:
+        return None
+    transform = np.eye(4)
+    transform[:3, :3] = matrix_of(unit_quaternion(np.array(stated.quaternion_wxyz)))
+    transform[:3, 3] = np.array(stated.position_mm) / 1e3
+    return transform
+
+
+# --- Writing as text ------------------------------------------------------------------
+
+
+def samples_table(recording: Recording, path: Path) -> None:
+    """Write the samples as CSV, in the shortest digits that read back the same."""
+    columns = _columns(recording)
+    with path.open("wb") as file:
+        header = io.StringIO()
+        csv.writer(header, lineterminator="\n").writerow(columns)
+        file.write(header.getvalue().encode())
+        plain = pa_csv.WriteOptions(include_header=False, quoting_style="none")
+        pa_csv.write_csv(pa.table(columns), file, plain)
+
+
+def _columns(recording: Recording) -> dict[str, pa.Array]:
+    r = recording
+    columns: dict[str, np.ndarray] = {
+        "time_s": r.time,
+        "load_time_s": r.load_time,
+        "pose": r.pose,
+        "visit": r.visit,
+        "stage": r.stage.astype(str),
+    }
+    for k, posture in enumerate(r.posture.T, start=1):
+        slides = bool(r.slides) and r.slides[k - 1]
+        unit = MILLIMETRE if slides else DEGREE
+        columns[f"a{k}_mm" if slides else f"a{k}_deg"] = unit.outward(posture)
+    if r.wrench is not None:
+        columns |= dict(zip(WRENCH, r.wrench.T, strict=True))
+    for name, column in (
+        ("load_kg", r.load_mass),
+        ("temperature_c", r.temperature),
+        ("frames", r.frames),
+    ):
+        if column is not None:
+            columns[name] = column
+    for end, unit, rows in (
+        ("link_deg", DEGREE, r.link_posture),
+        ("tau_nm", None, r.axis_torque),
+    ):
+        for k, column in enumerate(() if rows is None else rows.T, start=1):
+            if not np.all(np.isnan(column)):
+                columns[f"a{k}_{end}"] = unit.outward(column) if unit else column
+    if r.points is not None:
+        for m, marker in enumerate(r.markers):
+            for axis, end in enumerate(COORDINATES):
+                point = MILLIMETRE.outward(r.points[:, m, axis])
+                columns[marker.name + end] = point
+    return {name: _array(column) for name, column in columns.items()}
+
+
+def _array(column: np.ndarray) -> pa.Array:
+    """Write what was not seen as a blank."""
+    if column.dtype.kind != "f":
+        return pa.array(column)
+    return pa.array(column, mask=np.isnan(column))
+
+
+def manifest_text(recording: Recording) -> str:
+    """Write the manifest."""
+    r = recording
+    robot = r.robot and not (r.axes or r.bodies)
+    lines = [
+        "format = 1",
+        f"name = {_text(r.name)}",
+        *([f"robot = {_text(r.robot)}"] if robot else []),
+        f"rows = {_text(r.rows)}",
+        f"displacement = {_text(r.displacement)}",
+    ]
+    if r.axes or r.bodies:
+        named = {"name": _text(r.robot)} if r.robot else {}
+        axes = {"axes": f"[{', '.join(map(_text, r.axes))}]"} if r.axes else {}
+        lines += _section("robot", {**named, **axes})
+        if r.bodies:
+            bodies = {_text(k): _text(v) for k, v in r.bodies.items()}
+            lines += _section("robot.bodies", bodies)
+    lines += _sensors(r)
+    if r.tool is not None:
+        entries = {"mass_kg": _number(r.tool.mass), "com_mm": _millimetres(r.tool.com)}
+        lines += _section("tool", entries)
+    if r.base_from_tracker is not None:
+        entries = {
+            "position_mm": _millimetres(r.base_from_tracker[:3, 3]),
+            "quaternion_wxyz": _list(quaternion_of(r.base_from_tracker[:3, :3])),
+        }
+        lines += _section("frames.tracker", entries)
+    for marker in r.markers:
+        entries = {"body": _text(marker.body)}
+        if marker.position is not None:
+            entries["position_mm"] = _millimetres(marker.position)
+        if marker.target is not None:
+            entries["target"] = _text(marker.target)
+        lines += _section(f"markers.{_text(marker.name)}", entries)
+    return "\n".join(lines) + "\n"
+
+
+def _sensors(r: Recording) -> list[str]:
+    lines = []
+    if r.tracker is not None:
+        entries = {"repeatability_mm": _millimetres(r.tracker.repeatability)}
+        if r.tracker.volumetric is not None:
+            entries["volumetric_mm"] = _number(r.tracker.volumetric * 1e3)
+        lines += _section("sensors.tracker", entries)
+    if (sensor := r.wrench_sensor) is not None:
+        entries = {
+            "accuracy_n": _number(sensor.accuracy_force),
+            "accuracy_nm": _number(sensor.accuracy_torque),
+            "body": _text(sensor.body),
+            "position_mm": _millimetres(sensor.position),
+            "quaternion_wxyz": _list(sensor.quaternion_wxyz),
+            "frame": _text(sensor.frame),
+            "includes_tool_weight": str(sensor.includes_tool_weight).lower(),
+        }
+        lines += _section("sensors.wrench", entries)
+    if r.encoder_repeatability is not None:
+        degrees = float(DEGREE.outward(np.array([r.encoder_repeatability]))[0])
+        entries = {"repeatability_deg": _number(degrees)}
+        lines += _section("sensors.encoder", entries)
+    if r.torque_accuracy is not None:
+        entries = {"accuracy_nm": _number(r.torque_accuracy)}
+        lines += _section("sensors.torque", entries)
+    return lines
+
+
+def _section(name: str, entries: dict[str, str]) -> list[str]:
+    return ["", f"[{name}]", *(f"{key} = {value}" for key, value in entries.items())]
+
+
+def _text(value: str) -> str:
+    """Quote as TOML does: as JSON, but for two letters that JSON lets pass."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _number(value: float) -> str:
+    return repr(float(value))
+
+
+def _list(values: np.ndarray) -> str:
+    return f"[{', '.join(_number(v) for v in values)}]"
+
+
+def _millimetres(metres: np.ndarray) -> str:
+    return _list(MILLIMETRE.outward(metres))

@@ -1,0 +1,385 @@
+"""Checks of a recording: manifest against itself, samples against limits, repeats.
+
+What the manifest says of frames, bodies and axes must hold together.
+
+A reading that no bench can have made is a fault of the file, not a finding.
+
+A row that repeats the one above, its time included, is one reading and not two.
+"""
+
+import math
+import re
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bench.shared.format.columns import WRENCH, Layout
+from bench.shared.format.faults import SHOWN, Place, nearest, quoted
+from bench.shared.format.manifest import (
+    FILE,
+    LARGEST,
+    Manifest,
+    MarkerEntry,
+    Quaternion,
+)
+from bench.shared.models import ModelFacts
+from bench.shared.recording import STAGES, Recording
+
+# --- Frames, bodies and axes of the manifest ------------------------------------------
+
+UNIT_WITHIN = 1e-3
+"""How far a quaternion's norm may be from one, by the format."""
+MARKERS_OF_TARGET = 4
+"""A 6D target is written as so many markers, by the format."""
+
+
+def joints_of(
+    manifest: Manifest, model: ModelFacts | None
+) -> tuple[tuple[int, ...] | None, list[str]]:
+    """Return which joint of the model each axis is; None without a model."""
+    if model is None:
+        return None, []
+    axes = manifest.model_names.axes or model.joints
+    index = {name: i for i, name in enumerate(model.joints)}
+    faults = [
+        f"{FILE}, robot.axes: the model has no joint {quoted(name)}."
+        f"{nearest(name, model.joints)} Known: {', '.join(model.joints)}."
+        for name in axes
+        if name not in index
+    ]
+    return tuple(index[name] for name in axes if name in index), faults
+
+
+def faults_of(
+    manifest: Manifest, axes: int | None, model: ModelFacts | None
+) -> list[str]:
+    """Name everything in a manifest that cannot be meant.
+
+    Args:
+        manifest: What was measured, with what, in which frames.
+        axes: How many axes there are; None where unknown.
+        model: Names to check against; None where unknown.
+    """
+    faults = csv_faults(manifest)
+    frame, wrench = manifest.frames.tracker, manifest.sensors.wrench
+    if frame:
+        faults += _turn_faults("frames.tracker", frame.quaternion_wxyz)
+    if wrench:
+        faults += _turn_faults("sensors.wrench", wrench.quaternion_wxyz)
+    faults += _tracker_faults(manifest)
+    names = manifest.model_names
+    if len(set(names.axes)) < len(names.axes):
+        faults.append(f"{FILE}, robot.axes: a joint is named twice.")
+    if model is not None:
+        faults += [
+            f"{FILE}, robot.bodies.{name}: the model has no body {quoted(body)}."
+            f"{nearest(body, model.bodies)} Known: {', '.join(model.bodies)}."
+            for name, body in names.bodies.items()
+            if body not in model.bodies
+        ]
+    known = [
+        "base",
+        *(f"link_{k}" for k in range(1, (axes or 0) + 1)),
+        "flange",
+        "tool",
+    ]
+    known += [b for b in names.bodies if b not in known]
+    known += [b for b in (model.bodies if model else ()) if b not in known]
+    places = {f"markers.{name}": m.body for name, m in manifest.markers.items()}
+    if wrench:
+        places["sensors.wrench"] = wrench.body
+    for place, body in places.items():
+        is_format_like = body.startswith("link_") and axes is not None
+        if body not in known and (model is not None or is_format_like):
+            faults.append(
+                f"{FILE}, {place}.body: no body is called {quoted(body)}."
+                f"{nearest(body, known)} Known: {', '.join(known)}."
+            )
+    return faults + _target_faults(manifest)
+
+
+def csv_faults(manifest: Manifest) -> list[str]:
+    """Name what is wrong with the separator and the decimal mark."""
+    separator, mark, faults = manifest.csv.separator, manifest.csv.mark, []
+    if len(separator) != 1 or not separator.isascii() or separator in '\r\n"\0':
+        say = "one plain character separates cells, such as ',' or ';'"
+        faults.append(f"{FILE}, csv.separator: {quoted(separator)}; {say}.")
+    if mark not in (".", ","):
+        faults.append(f"{FILE}, csv.decimal: {quoted(mark)} is not '.' or ','.")
+    if separator == mark:
+        faults.append(f"{FILE}, csv: separator and decimal mark are both {mark!r}.")
+    if isinstance(manifest.csv.decimal, str) and isinstance(
+        manifest.csv.decimal_mark, str
+    ):
+        faults.append(f"{FILE}, csv: decimal and decimal_mark are the same thing.")
+    return faults
+
+
+def _tracker_faults(manifest: Manifest) -> list[str]:
+    tracker = manifest.sensors.tracker
+    stated = tracker.repeatability_mm if tracker else 1.0
+    if all(0.0 < s <= LARGEST for s in np.ravel(stated)):
+        return []
+    place = f"{FILE}, sensors.tracker.repeatability_mm"
+    say = f"a standard deviation is above 0 and at most {LARGEST:g}"
+    return [f"{place}: {stated} is none; {say}."]
+
+
+def _turn_faults(place: str, quaternion: Quaternion) -> list[str]:
+    norm = math.hypot(*quaternion)
+    if abs(norm - 1.0) <= UNIT_WITHIN:
+        return []
+    return [
+        f"{FILE}, {place}.quaternion_wxyz: its norm is {norm:.6g}, not 1 within "
+        f"{UNIT_WITHIN:g}."
+    ]
+
+
+def _target_faults(manifest: Manifest) -> list[str]:
+    targets: dict[str, list[MarkerEntry]] = defaultdict(list)
+    for marker in manifest.markers.values():
+        if marker.target is not None:
+            targets[marker.target].append(marker)
+    faults = []
+    for name, markers in targets.items():
+        if len(markers) != MARKERS_OF_TARGET:
+            faults.append(
+                f"{FILE}, markers: target {quoted(name)} has {len(markers)} markers; "
+                f"a 6D target is written as {MARKERS_OF_TARGET}."
+            )
+        if len(bodies := sorted({m.body for m in markers})) > 1:
+            faults.append(
+                f"{FILE}, markers: target {quoted(name)} is on {', '.join(bodies)}; "
+                "a target is on one body."
+            )
+    return faults
+
+
+# --- Plausible samples ----------------------------------------------------------------
+
+MAX_FORCE, MAX_TORQUE = 20e3, 5e3
+"""N and N m, by the format."""
+LARGEST_READING = {
+    "time": (1e10, "s"),
+    "angle": (200 * np.pi, "rad"),
+    "length": (1e3, "m"),
+    "mass": (1e5, "kg"),
+    "torque": (1e6, "Nm"),
+    "temperature": (1e3, "°C"),
+    "count": (1e9, ""),
+}
+"""Sizes beyond which a unit is wrong, whatever the arm; chosen: stamps since 1970 in s,
+a hundred turns, a kilometre, and a torque that no motor has."""
+SAME_POSTURE = np.radians(0.05)
+"""How far a pose's angles may differ from row to row; chosen: a hundred times what an
+axis returns to, and far below the difference of two poses."""
+BEYOND_LIMIT = np.radians(0.5)
+"""How far an angle may exceed its limit, by the format."""
+SLIDE_BEYOND_LIMIT = 1e-3
+"""The same for a slide, in m (chosen: the format speaks of angles alone)."""
+
+
+def faults_in(
+    values: Mapping[str, np.ndarray],
+    layout: Layout,
+    place: Place,
+    relative: bool,
+    plateaus: bool,
+    model: tuple[ModelFacts, tuple[int, ...]] | None,
+) -> list[str]:
+    """Name every reading that cannot be.
+
+    Args:
+        values: Columns in SI, by the format's names; NaN where already at fault.
+        layout: Where they stand in the file.
+        place: The file.
+        relative: Whether only differences within a visit mean anything.
+        plateaus: Whether a pose is a posture, not a motion.
+        model: The model, and which of its joints each axis is; None where unknown.
+    """
+
+    def at(name: str, wrong: np.ndarray, say: Callable[[int], str]) -> list[str]:
+        source = layout.held[name].source if name in layout.held else name
+        return place.at(source, np.flatnonzero(wrong), say)
+
+    faults = []
+    if "time_s" in values:
+        time = values["time_s"]
+        back = np.concatenate([[False], np.diff(time) < 0.0])
+        faults += at(
+            "time_s",
+            back,
+            lambda r: f"time runs backwards, {time[r]:g} s after {time[r - 1]:g} s.",
+        )
+        if "load_time_s" in values:
+            late = values["load_time_s"] > time
+            faults += at(
+                "load_time_s", late, lambda r: "later than time_s of the same row."
+            )
+    if "stage" in values:
+        stage = values["stage"]
+        known = ", ".join(STAGES)
+        unknown = ~np.isin(stage, STAGES)
+        faults += at(
+            "stage",
+            unknown,
+            lambda r: f"{quoted(str(stage[r]))} is not one of {known}.",
+        )
+    for name, least in (("frames", 1.0), ("load_kg", 0.0)):
+        if name in values:
+            column, say = values[name], f"{{:g}} is less than {least:g}."
+            faults += at(
+                name, column < least, lambda r, c=column, s=say: s.format(c[r])
+            )
+    faults += _too_strong(values, at)
+    for name, held in layout.held.items():
+        if (
+            name in values
+            and held.column.kind in LARGEST_READING
+            and name not in WRENCH
+        ):
+            most, unit = LARGEST_READING[held.column.kind]
+            say = f"{{:.4g}} {unit} is beyond {most:.4g}; is its unit right?"
+            column = values[name]
+            beyond = np.abs(column) > most
+            faults += at(name, beyond, lambda r, c=column, s=say: s.format(c[r]))
+    if "pose" in values:
+        faults += _odd_visits(values, relative, at)
+    if "pose" in values and plateaus:
+        faults += _other_postures(values, at)
+    if model is not None:
+        faults += _beyond_limits(values, *model, at)
+    return faults
+
+
+At = Callable[[str, np.ndarray, Callable[[int], str]], list[str]]
+
+
+def _too_strong(values: Mapping[str, np.ndarray], at: At) -> list[str]:
+    if not all(name in values for name in WRENCH):
+        return []
+    faults = []
+    kinds = (
+        (WRENCH[:3], MAX_FORCE, "a force", "20 kN"),
+        (WRENCH[3:], MAX_TORQUE, "a torque", "5 kNm"),
+    )
+    for names, limit, kind, shown in kinds:
+        vectors = np.stack([values[name] for name in names], axis=1)
+        sizes = np.linalg.norm(np.nan_to_num(vectors), axis=1)
+        largest = np.argmax(np.abs(np.nan_to_num(vectors)), axis=1)
+        for axis, name in enumerate(names):
+            wrong = (sizes > limit) & (largest == axis)
+            say = f"{kind} of {{:.4g}} is above {shown}; is its unit right?"
+            faults += at(name, wrong, lambda r, n=sizes, s=say: s.format(n[r]))
+    return faults
+
+
+def _odd_visits(values: Mapping[str, np.ndarray], relative: bool, at: At) -> list[str]:
+    pose = values["pose"]
+    visit = values.get("visit", np.cumsum(np.diff(pose, prepend=pose[:1]) != 0))
+    faults = []
+    if "visit" in values:
+        same = np.diff(visit) == 0
+        two = np.concatenate([[False], same & (np.diff(pose) != 0)])
+        back = np.concatenate([[False], np.diff(visit) < 0])
+        faults += at(
+            "pose", two, lambda r: f"visit {visit[r]:.0f} has another pose above."
+        )
+        faults += at(
+            "visit",
+            back,
+            lambda r: f"{visit[r]:.0f} after {visit[r - 1]:.0f}; visits are counted.",
+        )
+    if relative:
+        _, where, counts = np.unique(visit, return_inverse=True, return_counts=True)
+        faults += at(
+            "visit" if "visit" in values else "pose",
+            (counts == 1)[where],
+            lambda r: "one row in its visit, and relative displacements need two.",
+        )
+    return faults
+
+
+def _other_postures(values: Mapping[str, np.ndarray], at: At) -> list[str]:
+    """Say where a pose's id stands for another posture than in its first row."""
+    pose = values["pose"]
+    if not np.isfinite(pose).all():
+        return []
+    _, first, which = np.unique(pose, return_index=True, return_inverse=True)
+    faults = []
+    for name in (n for n in values if re.fullmatch(r"a[0-9]+_deg", n)):
+        away = np.degrees(values[name] - values[name][first[which]])
+        faults += at(
+            name,
+            np.abs(away) > np.degrees(SAME_POSTURE),
+            lambda r, a=away: (
+                f"{a[r]:.3g}° from where pose {pose[r]:.0f} stood first; give another "
+                "posture an id of its own."
+            ),
+        )
+    return faults
+
+
+def _beyond_limits(
+    values: Mapping[str, np.ndarray],
+    model: ModelFacts,
+    joints: tuple[int, ...],
+    at: At,
+) -> list[str]:
+    faults = []
+    for axis, joint in enumerate(joints, start=1):
+        slides = model.slides[joint]
+        name = f"a{axis}_mm" if slides else f"a{axis}_deg"
+        if name not in values:
+            continue
+        allowed = SLIDE_BEYOND_LIMIT if slides else BEYOND_LIMIT
+        unit, factor = ("mm", 1e3) if slides else ("°", float(np.degrees(1.0)))
+        low, high = model.lower[joint], model.upper[joint]
+        column: Float[np.ndarray, " rows"] = values[name]
+        span = (low - allowed, high + allowed)
+        wrong = (column < span[0]) | (column > span[1])
+        mirrored = np.all((-column >= span[0]) & (-column <= span[1]))
+        shown = f"{low * factor:g} to {high * factor:g}{unit}"
+        say = f"{{:.6g}}{unit} is beyond the limits of {model.joints[joint]!r}, {shown}"
+        say += "; with the other sign all rows are inside." if mirrored else "."
+        faults += at(name, wrong, lambda r, c=column * factor, s=say: s.format(c[r]))
+    return faults
+
+
+# --- Repeated rows --------------------------------------------------------------------
+
+READ = ("posture", "wrench", "points", "load_mass", "link_posture", "axis_torque")
+MORE = ("temperature", "frames")
+
+
+def repeats(recording: Recording) -> Int[np.ndarray, " repeats"]:
+    """Return the rows that are the row above once more, in all that was read.
+
+    Replicates are no repeats: they have a time of their own, or noise. In a stream,
+    whose clock may be coarse and whose channels may stand still, nothing is one.
+    """
+    r = recording
+    if r.rows != "plateaus":
+        return np.zeros(0, dtype=int)
+    same = (np.diff(r.time) == 0) & (np.diff(r.visit) == 0)
+    for name in (*READ, *MORE):
+        if (values := getattr(r, name)) is not None:
+            flat = np.reshape(values, (len(r.time), -1))
+            alike = (flat[1:] == flat[:-1]) | (np.isnan(flat[1:]) & np.isnan(flat[:-1]))
+            same &= alike.all(axis=1)
+    return np.flatnonzero(same) + 1
+
+
+def said_of_repeats(place: Place, recording: Recording) -> list[str]:
+    """Say where a whole file has a reading twice, and what to do."""
+    rows = repeats(recording).tolist()
+    said = [
+        f"{place.row(r)}: the row above once more, with the same time and the same "
+        "readings; it would count twice. Delete one, or give each its own time."
+        for r in rows[:SHOWN]
+    ]
+    if len(rows) > SHOWN:
+        said.append(f"{place.file}: and {len(rows) - SHOWN} more rows like these.")
+    return said

@@ -1,0 +1,92 @@
+"""Faults of a file: where they are, quoted, with suggestions, the first few of a kind.
+
+A table can be wrong in many rows at once; a person reads the first few of a kind.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+
+import numpy as np
+
+# --- Faults ---------------------------------------------------------------------------
+
+SHOWN = 5
+"""Rows named one by one before the rest is counted (chosen: fits a screen)."""
+
+LONGEST = 60
+"""Characters of a user's own text that a message repeats (chosen)."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A file of samples, so that a fault can say file, row and column.
+
+    Attributes:
+        file: Its name.
+        has_lines: Whether a row is also a line of text, below one line of header.
+        unread: Rows of the file that are not in the table, ascending, from zero.
+    """
+
+    file: str
+    has_lines: bool
+    unread: tuple[int, ...] = ()
+
+    def row(self, index: int) -> str:
+        """Name a row as a spreadsheet numbers it, the header being line 1."""
+        row = index + bisect_right([u - i for i, u in enumerate(self.unread)], index)
+        where = line_of(row) if self.has_lines else f"row {row + 1}"
+        return f"{self.file}, {where}"
+
+    def at(
+        self, column: str, rows: Iterable[int] | np.ndarray, say: Callable[[int], str]
+    ) -> list[str]:
+        """Say what is wrong in some rows of one column, the first few by name.
+
+        Args:
+            column: The column, as it is called in the file.
+            rows: The rows at fault, counted from zero.
+            say: What is wrong in a row; a clause without its subject.
+        """
+        rows = [int(row) for row in rows]
+        faults = [f"{self.row(r)}, column {column!r}: {say(r)}" for r in rows[:SHOWN]]
+        if len(rows) > SHOWN:
+            more = len(rows) - SHOWN
+            faults.append(
+                f"{self.file}, column {column!r}: and {more} more "
+                f"{'row' if more == 1 else 'rows'} like these."
+            )
+        return faults
+
+
+def line_of(row: int) -> str:
+    """Name the line of a row, counted from zero below one line of header: line 1."""
+    below = f" (row {row + 1} below the header)" if row >= 0 else ""
+    return f"line {row + 2}{below}"
+
+
+def quoted(text: object) -> str:
+    """Repeat a user's text safely: no control characters, never long."""
+    shown = repr(text)
+    return shown if len(shown) <= LONGEST else shown[: LONGEST - 1] + "…"
+
+
+def visible(text: str) -> str:
+    """Return a text that a terminal shows and does not obey."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Ask whether the nearest known name was meant; empty where none is near."""
+    folded = {k.casefold(): k for k in known}
+    guess = get_close_matches(name.casefold(), folded, n=1, cutoff=0.7)
+    return f" Did you mean {folded[guess[0]]!r}?" if guess else ""
+
+
+# --- Sections -------------------------------------------------------------------------
+
+
+def first_line(error: Exception) -> str:
+    """Return what an error says, on one short line."""
+    return quoted(str(error).split("\n")[0])[1:-1] or type(error).__name__

@@ -1,0 +1,241 @@
+"""Manifest recording.toml: robot, sensors, frames, markers, and how it is parsed.
+
+A section is read field by field, so that every fault in it comes to light.
+
+`recording.toml` says what was measured, with what, and in which frames.
+"""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+from msgspec import UNSET, Struct, UnsetType, field
+
+from bench.shared.format.faults import first_line, nearest, quoted
+
+# --- Sections -------------------------------------------------------------------------
+
+
+def fill(kind: Any, value: Any, where: str) -> tuple[Any, list[str]]:
+    """Build a value of a declared type, going on after the first fault.
+
+    Args:
+        kind: A type that msgspec knows; structs and mappings are entered.
+        value: What the file says.
+        where: Its place in the file, for the faults.
+
+    Returns:
+        The value, None where it cannot be built, and the faults. A key that nothing
+        knows is a fault and is left out, so that the rest can still be checked.
+    """
+    choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+    section = next((c for c in choices if _is_section(c)), None)
+    if isinstance(value, Mapping) and section:
+        return _fill_section(section, value, where)
+    if isinstance(value, Mapping) and get_origin(kind) is dict:
+        item = get_args(kind)[1]
+        filled = {k: fill(item, v, _join(where, k)) for k, v in value.items()}
+        faults = [fault for _, found in filled.values() for fault in found]
+        if any(v is None and found for v, found in filled.values()):
+            return None, faults
+        return {k: v for k, (v, _) in filled.items()}, faults
+    numbers = value if isinstance(value, list) else [value]
+    if any(isinstance(n, float) and not math.isfinite(n) for n in numbers):
+        return None, [f"{where}: {quoted(value)} is not a finite number."]
+    try:
+        built = msgspec.convert(value, kind)
+    except (msgspec.ValidationError, OverflowError, RecursionError) as error:
+        return None, [f"{where}: {quoted(value)} — {first_line(error)}."]
+    return built, []
+
+
+def _fill_section(
+    kind: type[Struct], table: Mapping[str, Any], where: str
+) -> tuple[Struct | None, list[str]]:
+    fields = {f.encode_name: f for f in msgspec.structs.fields(kind)}
+    types = get_type_hints(kind, include_extras=True)
+    faults = [
+        f"{_join(where, key)}: nothing is called so.{nearest(key, list(fields))} "
+        f"Known here: {', '.join(fields)}."
+        for key in table
+        if key not in fields
+    ]
+    values, whole = {}, True
+    for key, known in fields.items():
+        if key in table:
+            filled, found = fill(types[known.name], table[key], _join(where, key))
+            values[known.name] = filled
+            faults += found
+            whole = whole and not (filled is None and found)
+        elif known.required:
+            faults.append(f"{_join(where, key)}: missing.")
+            whole = False
+    return (kind(**values) if whole else None), faults
+
+
+def _is_section(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Struct)
+
+
+def _join(where: str, key: str) -> str:
+    plain = key.isascii() and key.replace("_", "").replace("-", "").isalnum()
+    shown = key if plain and len(key) <= 60 else quoted(key)
+    return f"{where}.{shown}" if where else shown
+
+
+# --- Manifest -------------------------------------------------------------------------
+
+FILE = "recording.toml"
+LARGEST = 1e6
+"""Largest number of a manifest, in its units; chosen: a kilometre, a thousand tons."""
+Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
+Vector = tuple[Number, Number, Number]
+Quaternion = tuple[float, float, float, float]
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST)]
+
+
+class Entry(Struct, frozen=True, forbid_unknown_fields=True):
+    """A section of the manifest; what it does not know is a fault."""
+
+
+class Tracker(Entry, frozen=True):
+    """`[sensors.tracker]`."""
+
+    repeatability_mm: float | tuple[float, float, float]
+    # its size is checked in `agreement`: msgspec 0.22 aborts on a union of a bounded
+    # float and a tuple
+    volumetric_mm: NotNegative | None = None
+
+
+class Wrench(Entry, frozen=True):
+    """`[sensors.wrench]`."""
+
+    accuracy_n: NotNegative
+    accuracy_nm: NotNegative
+    body: str = "flange"
+    position_mm: Vector = (0.0, 0.0, 0.0)
+    quaternion_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    frame: Literal["sensor", "base"] = "sensor"
+    includes_tool_weight: bool = False
+
+
+class Encoder(Entry, frozen=True):
+    """`[sensors.encoder]`."""
+
+    repeatability_deg: NotNegative
+
+
+class Torque(Entry, frozen=True):
+    """`[sensors.torque]`."""
+
+    accuracy_nm: NotNegative
+
+
+class Sensors(Entry, frozen=True):
+    """`[sensors]`: what each instrument states of itself."""
+
+    tracker: Tracker | None = None
+    wrench: Wrench | None = None
+    encoder: Encoder | None = None
+    torque: Torque | None = None
+
+
+class Tool(Entry, frozen=True):
+    """`[tool]`: what is mounted beyond the model's last body."""
+
+    mass_kg: NotNegative = 0.0
+    com_mm: Vector = (0.0, 0.0, 0.0)
+
+
+class Robot(Entry, frozen=True):
+    """`[robot]`: the model's names, where they are not those of the format."""
+
+    name: str = ""
+    axes: tuple[str, ...] = ()
+    bodies: dict[str, str] = field(default_factory=dict)
+
+
+class Frame(Entry, frozen=True):
+    """`[frames.tracker]`: p_base = R(quaternion) p_tracker + position."""
+
+    position_mm: Vector
+    quaternion_wxyz: Quaternion
+
+
+class Frames(Entry, frozen=True):
+    """`[frames]`."""
+
+    tracker: Frame | None = None
+
+
+class MarkerEntry(Entry, frozen=True):
+    """`[markers.NAME]`."""
+
+    body: str
+    position_mm: Vector | None = None
+    target: str | None = None
+
+
+class Source(Entry, frozen=True):
+    """`[columns]`: where a column of the format is in a lab's own file."""
+
+    from_: str | None = field(default=None, name="from")
+    unit: str | None = None
+
+
+class Csv(Entry, frozen=True):
+    """`[csv]`: how a lab's own file is written."""
+
+    separator: str = ","
+    decimal: str | UnsetType = UNSET
+    decimal_mark: str | UnsetType = UNSET
+
+    @property
+    def mark(self) -> str:
+        """The decimal mark, under either of its names."""
+        for given in (self.decimal, self.decimal_mark):
+            if isinstance(given, str):
+                return given
+        return "."
+
+
+class Manifest(Entry, frozen=True):
+    """The whole file."""
+
+    format: Literal[1]
+    rows: Literal["plateaus", "stream"]
+    name: str = ""
+    robot: str | Robot = ""
+    displacement: Literal["absolute", "relative"] = "absolute"
+    sensors: Sensors = Sensors()
+    tool: Tool | None = None
+    frames: Frames = Frames()
+    markers: dict[str, MarkerEntry] = field(default_factory=dict)
+    columns: dict[str, str | Source] = field(default_factory=dict)
+    csv: Csv = Csv()
+
+    @property
+    def model_names(self) -> Robot:
+        """The model's names, whether or not there is a `[robot]`."""
+        return self.robot if isinstance(self.robot, Robot) else Robot(name=self.robot)
+
+
+def parse(text: str) -> tuple[Manifest | None, list[str]]:
+    """Read the manifest; None, and all faults, where it cannot be understood."""
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        return None, [f"{FILE} is not TOML: {first_line(error)}.{twice(text)}"]
+    manifest, faults = fill(Manifest, table, "")
+    return manifest, [f"{FILE}, {fault}" for fault in faults]
+
+
+def twice(text: str) -> str:
+    """Return a hint where a robot is both a word and a table; else nothing."""
+    lines = [line.strip() for line in text.splitlines()]
+    if "[robot]" in lines and any(line.startswith("robot ") for line in lines):
+        return ' Inside [robot], the robot\'s own name is `name = "…"`.'
+    return ""

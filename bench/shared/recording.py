@@ -1,0 +1,158 @@
+"""Recording: what was commanded, and what encoders, force sensor and tracker read.
+
+Real and synthetic experiments are the same type. A recording never holds truth.
+In memory everything is SI and radians; `bench.shared.format` converts at the border.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bench.shared.errors import Unusable
+from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
+
+UNLOADED, LOADING, LOADED, UNLOADING = "unloaded", "loading", "loaded", "unloading"
+STAGES = (UNLOADED, LOADING, LOADED, UNLOADING)
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A point on a body that the tracker follows.
+
+    Attributes:
+        name: Its column's prefix.
+        body: The body it is stuck to: `base`, `link_1` …, `flange`, `tool`, or a
+            body of the model.
+        position: Nominal place in the body's frame, in m; None where unknown.
+        target: Name of the 6D target it belongs to; None for a single point.
+    """
+
+    name: str
+    body: str
+    position: Float[np.ndarray, "3"] | None = None
+    target: str | None = None
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A mass that is mounted beyond the model's last body.
+
+    Attributes:
+        mass: In kg.
+        com: Its centre in the flange's frame, in m.
+    """
+
+    mass: float = 0.0
+    com: Float[np.ndarray, "3"] = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One experiment, one row per measured state, in the order of time.
+
+    Attributes:
+        name: What the experiment is called.
+        time: When each row was read, since the start, in s; never decreasing.
+        pose: Id of the posture visited (of the motion, in a stream).
+        visit: Counts visits from 0; the same pose again is another visit.
+        posture: Axis angles the controller reports, in rad (slides in m).
+        load_time: When the load of each row last changed, in s.
+        stage: One of `STAGES` for each row.
+        axes: The model's joints for a1, a2 …; empty: from base to tip.
+        bodies: Names of this format mapped to the model's own.
+        slides: Whether each axis slides; empty: all turn.
+        wrench: What the world exerts on the robot about the sensor's origin, force in
+            N then torque in N m, along `wrench_sensor.frame`; None where not measured.
+        load_mass: Nominal mass on the hook, in kg.
+        markers: The points that were followed.
+        points: Where they were in the tracker's frame, in m; NaN = not seen.
+        link_posture: Angles measured after the gear, in rad; NaN = no such encoder.
+        axis_torque: From motor current, output side, in N m; NaN = not measured.
+        temperature: In °C.
+        frames: How many frames each row averages.
+        base_from_tracker: 4 x 4 transform, m; None where unknown.
+        tracker: Stated noise of `points`.
+        wrench_sensor: Stated noise and mounting of `wrench`.
+        encoder_repeatability: One sigma of a link-side angle, in rad.
+        torque_accuracy: One sigma of `axis_torque`, in N m.
+        tool: What is mounted beyond the model, sensor included; None where nothing.
+        robot: Informative name of the robot.
+        rows: Whether a row is a plateau or an instant of a stream.
+        displacement: `relative`: only differences within a visit mean anything.
+
+    Raises:
+        Unusable: Where arrays disagree in shape, naming each.
+    """
+
+    name: str
+    time: Float[np.ndarray, " rows"]
+    pose: Int[np.ndarray, " rows"]
+    visit: Int[np.ndarray, " rows"]
+    posture: Float[np.ndarray, "rows axes"]
+    load_time: Float[np.ndarray, " rows"]
+    stage: np.ndarray
+    axes: tuple[str, ...] = ()
+    bodies: Mapping[str, str] = field(default_factory=dict)
+    slides: tuple[bool, ...] = ()
+    wrench: Float[np.ndarray, "rows 6"] | None = None
+    load_mass: Float[np.ndarray, " rows"] | None = None
+    markers: tuple[Marker, ...] = ()
+    points: Float[np.ndarray, "rows markers 3"] | None = None
+    link_posture: Float[np.ndarray, "rows axes"] | None = None
+    axis_torque: Float[np.ndarray, "rows axes"] | None = None
+    temperature: Float[np.ndarray, " rows"] | None = None
+    frames: Int[np.ndarray, " rows"] | None = None
+    base_from_tracker: Float[np.ndarray, "4 4"] | None = None
+    tracker: TrackerSpec | None = None
+    wrench_sensor: WrenchSpec | None = None
+    encoder_repeatability: float | None = None
+    torque_accuracy: float | None = None
+    tool: Payload | None = None
+    robot: str = ""
+    rows: Literal["plateaus", "stream"] = "plateaus"
+    displacement: Literal["absolute", "relative"] = "absolute"
+
+    def __post_init__(self):
+        """Check that all arrays speak of the same rows, axes and markers."""
+        rows = len(self.time)
+        axes = self.posture.shape[1] if self.posture.ndim == 2 else -1
+        expected: dict[str, tuple[int, ...]] = {
+            "pose": (rows,),
+            "visit": (rows,),
+            "posture": (rows, axes),
+            "load_time": (rows,),
+            "stage": (rows,),
+            "wrench": (rows, 6),
+            "load_mass": (rows,),
+            "points": (rows, len(self.markers), 3),
+            "link_posture": (rows, axes),
+            "axis_torque": (rows, axes),
+            "temperature": (rows,),
+            "frames": (rows,),
+        }
+        faults = []
+        for name, shape in expected.items():
+            value = getattr(self, name)
+            if value is not None and np.shape(value) != shape:
+                faults.append(f"{name} has shape {np.shape(value)}, expected {shape}.")
+        if self.markers and self.points is None:
+            faults.append("there are markers but no points.")
+        if faults:
+            raise Unusable(f"Recording {self.name!r}", faults)
+
+    def take(self, rows: np.ndarray) -> "Recording":
+        """Return the same recording with only these rows (indices or a mask)."""
+        per_row = {
+            "time", "pose", "visit", "posture", "load_time", "stage", "wrench",
+            "load_mass", "points", "link_posture", "axis_torque", "temperature",
+            "frames",
+        }  # fmt: skip
+        kept = {
+            name: getattr(self, name)[rows]
+            for name in per_row
+            if getattr(self, name) is not None
+        }
+        return replace(self, **kept)

@@ -1,1 +1,0 @@
-"""What `scenarios.calibrate` says, proves and draws."""

@@ -1,1 +1,0 @@
-"""What the floor is: one who knows the truth's form, and the way to it."""

@@ -1,1 +1,0 @@
-"""The study is shown in the viewer: arm, errors, the worst poses, training."""

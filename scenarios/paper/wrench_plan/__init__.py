@@ -1,1 +1,0 @@
-"""What the wrench plan costs: methods are judged under loads they never met."""

@@ -1,0 +1,252 @@
+"""Calibrates an arm on absolute positions, proves it, and states the result.
+
+A calibration is put into the fixed form of diagnosis.json.
+
+==========  ==========================================================================
+Equation    probability of a name = Phi(z), z = its loss when taken out over the loss'
+            standard error over regions left out; share = its loss over all losses
+Source      paired differences over clusters, taken as normal
+Valid       ten regions or more
+Ignores     that losses of confounded names overlap
+==========  ==========================================================================
+
+A calibration is carried out, proved and written, all or nothing.
+"""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from scipy.stats import norm
+
+from bench.shared.recording import Recording
+from scenarios.pipelines.calibration_proof import (
+    ALPHA,
+    CalibrationProof,
+    ResidualSummary,
+    proved,
+    rms,
+    summarise_residual,
+)
+from scenarios.pipelines.schema import (
+    Answer,
+    At,
+    Called,
+    Detected,
+    Findings,
+    Interval,
+    Left,
+    Placed,
+    Proved,
+    verdict_of,
+)
+from stiffness.calibration.columns import Key
+from stiffness.calibration.model import readings_of, regions_of
+from stiffness.calibration.result import Calibrated, calibrated
+from stiffness.robot.arm import Arm
+
+# --- The entry in schema 1 ------------------------------------------------------------
+
+MM = 1e3
+DEPENDS = {
+    "joint_compliance": ("torque",),
+    "bearing_tilt": ("torque",),
+    "transmission_error": ("angle",),
+    "hysteresis": ("direction", "history"),
+    "drift": ("time",),
+}
+LIKE = {"hysteresis": "lost_motion"}
+"""What looks the same in an arm that only stands: the side it came from."""
+
+
+def answer_of(
+    name: str,
+    found: Calibrated,
+    proof: CalibrationProof,
+    remains: ResidualSummary,
+    seconds: float,
+    rejected: float = 1.0,
+) -> Answer:
+    """Put everything together.
+
+    Args:
+        name: Of the recording.
+        found: The calibration.
+        proof: What the simulator says of it.
+        remains: What is left.
+        seconds: That it took.
+        rejected: p-value of the nominal arm, where another test has looked at it.
+    """
+    first, last = found.at_first, found.at_last
+    p_value = min(1.0, rejected, 2.0 * min(first.p_value, proof.p_value))
+    something = p_value < ALPHA or proof.gain[1] > 0.0
+    names = found.named if proof.gain[1] > 0.0 else ()
+    low, high = MM * proof.gain[1], MM * proof.gain[2]
+    entry = Proved(
+        simulator="mujoco",
+        held_out_poses=proof.poses,
+        before_rms_mm=MM * rms(proof.before),
+        after_rms_mm=MM * rms(proof.after),
+        noise_rms_mm=MM * last.noise,
+        gain_mm=Interval(MM * proof.gain[0], low, high),
+    )
+    share = proof.explained
+    explained = share and Interval(share.estimate, share.low, share.high)
+    passes = remains.p_value >= ALPHA
+    verdict = verdict_of(
+        Findings(something, bool(names), passes, True, entry, explained)
+    )
+    left = None
+    if verdict in ("partly_explained", "unexplained"):
+        left = Left(remains.where, remains.signature, {}, MM * rms(proof.after))
+    return Answer(
+        schema=1,
+        recording=name,
+        verdict=verdict,
+        detection=Detected(
+            p_value, MM * first.rms, MM * last.noise, MM * last.smallest
+        ),
+        located=_located(found, names),
+        explained_share=explained,
+        named=tuple(_called(found, key) for key in names),
+        rivals=(),
+        unexplained=left,
+        confounded=tuple(
+            (At(e.effect, e.where), other)
+            for e in map(_called, [found] * len(names), names)
+            for other in e.equivalents
+        ),
+        warnings=(),
+        proof_requested=True,
+        proof=entry,
+        next_experiments=(),
+        seconds=round(seconds, 1),
+    )
+
+
+def _located(found: Calibrated, names: tuple[Key, ...]) -> tuple[Placed, ...]:
+    budget = found.selected.budget
+    total = sum(max(loss, 0.0) for loss, _ in budget.values())
+    places: dict[str, list[Key]] = {}
+    for key in names:
+        places.setdefault(key[1], []).append(key)
+    placed = []
+    for where, own in places.items():
+        share = sum(budget[k][0] for k in own) / max(total, 1e-30)
+        p = min(float(norm.sf(budget[k][0] / budget[k][1])) for k in own)
+        depends = dict.fromkeys(d for k in own for d in DEPENDS.get(k[0], ()))
+        placed.append(Placed(where, p, float(share), tuple(depends), _zone(found, own)))
+    return tuple(sorted(placed, key=lambda p: -p.share))
+
+
+def _zone(found: Calibrated, own: list[Key]) -> str:
+    where = own[0][1]
+    if not (where[:1] == "a" and where[1:].isdigit()):
+        return "everywhere"
+    k = int(where[1:]) - 1
+    angle = np.degrees(found.readings.posture[:, k])
+    low, high = np.quantile(angle, [0.01, 0.99])
+    if where in found.tables:
+        grid = np.radians(np.linspace(low, high, 721))
+        worst = np.degrees(grid[np.argmax(np.abs(found.tables[where].at(grid)))])
+        return f"from {low:.0f}° to {high:.0f}°, most at {worst:.0f}°"
+    return f"from {low:.0f}° to {high:.0f}°"
+
+
+def _called(found: Calibrated, key: Key) -> Called:
+    loss, error = found.selected.budget[key]
+    effect, where = key
+    parameters = {
+        name: Interval(e.value, e.low, e.high)
+        for name, e in found.estimates.get(key, {}).items()
+    }
+    if effect == "transmission_error":
+        wave = found.waves[where]
+        size, half = wave.size, wave.half
+        turn = half / size if size > half else None  # else any phase does
+        n, q = float(wave.order), wave.phase
+        parameters["amplitude_rad"] = Interval(size, max(size - half, 0.0), size + half)
+        parameters["order"] = Interval(n, n, n)
+        parameters["phase_rad"] = (
+            Interval(q, None, None) if turn is None else Interval(q, q - turn, q + turn)
+        )
+    equivalents = [At(*other) for other in found.selected.alike.get(key, ())]
+    if effect in LIKE:
+        equivalents.append(At(LIKE[effect], where))
+    elif effect == "drift":
+        equivalents.append(At("drift", "tracker"))
+    elif effect == "encoder_offset":
+        carrier = found.readings.arm.chain.parent[int(where[1:]) - 1]
+        if carrier >= 0:
+            equivalents.append(At("geometry_error", f"link_{carrier + 1}"))
+    sure = float(np.clip(norm.cdf(loss / error), 0.0, 0.9999))
+    return Called(effect, where, sure, tuple(dict.fromkeys(equivalents)), parameters)
+
+
+# --- The report -----------------------------------------------------------------------
+
+
+def first_sentence(answer: Answer, proof: CalibrationProof) -> str:
+    """Return what was found, in one sentence."""
+    low, high = MM * proof.gain[1], MM * proof.gain[2]
+    names = len(answer.named)
+    before, after = MM * rms(proof.before), MM * rms(proof.after)
+    falls = (
+        f"error falls from {before:.3f} to {after:.3f} mm rms (gain {low:.3f} to "
+        f"{high:.3f} mm over regions) with {names} effect{'s' * (names > 1)} named"
+    )
+    stays = f"error as drawn is {before:.3f} mm rms, and no effect earned a name"
+    return (
+        f"On {proof.poses} poses in regions that nothing was fitted to, the "
+        f"simulator's {falls if names else stays}; "
+        f"verdict: {answer.verdict.replace('_', ' ')}."
+    )
+
+
+# --- The files ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class CalibrationOutcome:
+    """All that came out."""
+
+    found: Calibrated
+    proof: CalibrationProof
+    remains: ResidualSummary
+    answer: Answer
+    model: Path
+
+
+def calibrate_and_prove(
+    recording: Recording,
+    arm: Arm,
+    model: Path,
+    draw: int = 0,
+    quiet: bool = False,
+    rejected: float = 1.0,
+) -> CalibrationOutcome:
+    """Calibrate and prove.
+
+    Args:
+        recording: Absolute positions, of which the unloaded rows count.
+        arm: The nominal arm, with the recording's names.
+        model: Its file, for the simulator.
+        draw: Which regions are kept back; see `regions_of`.
+        quiet: Whether to say nothing on the way.
+        rejected: p-value of the nominal arm, where another test has looked at it.
+
+    Raises:
+        Unusable: Where the recording cannot be calibrated on.
+    """
+    started = time.perf_counter()
+    console = Console(quiet=quiet)
+    readings = readings_of(recording, arm)
+    found = calibrated(readings, regions_of(readings, draw), console.print)
+    proof = proved(found, recording, model)
+    remains = summarise_residual(found, proof)
+    seconds = time.perf_counter() - started
+    answer = answer_of(recording.name, found, proof, remains, seconds, rejected)
+    console.print(first_sentence(answer, proof))
+    return CalibrationOutcome(found, proof, remains, answer, model)

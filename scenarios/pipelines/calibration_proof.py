@@ -1,0 +1,289 @@
+"""Held-out poses in the simulator before and after calibration, and what is left.
+
+The simulator stands in the poses kept back, as drawn and as calibrated.
+
+Frames are fitted on the other poses, for both. Friction's side is played as what it
+does: an axis that stops short of where it was sent, on the side it came from.
+
+What calibration leaves has a look of its own, and is said even without a name.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from bench.experiment import faulty
+from bench.instruments import Instruments
+from bench.patch import Patch, rig_of
+from bench.proof.explained_share import Share, explained_share
+from bench.proof.setup import mounted_on, point_in_base
+from bench.proof.simulation import reading_of
+from bench.shared.recording import Recording
+from scenarios.pipelines.effect_parameters import label
+from scenarios.pipelines.patching import FROM_SIDES, patch_of_calibration
+from stiffness.calibration.model import Drawn, Stance
+from stiffness.calibration.result import Calibrated, growing
+from stiffness.robot.tracker_frame import kabsch
+
+# --- Proof on held-out poses ----------------------------------------------------------
+
+HOUR = 3600.0
+RESAMPLES = 1999
+SETTLED = 1e-3
+"""How long a plateau stands, in s; nothing creeps here."""
+AT_ONCE = 2000
+"""Rows that are simulated together."""
+
+
+@dataclass(frozen=True)
+class CalibrationProof:
+    """What the simulator leaves on the rows kept back.
+
+    Attributes:
+        poses: How many were kept back.
+        before: Residual as drawn, in m.
+        after: Residual as calibrated, in m.
+        gain: Rms before less after, in m, and its 95 % interval over regions.
+        p_value: Share of draws of regions without any gain; 1: nothing was put in.
+        patch: What was put in.
+        explained: Share of what noise does not explain; None where there is none.
+    """
+
+    poses: int
+    before: Float[np.ndarray, "rows 3"]
+    after: Float[np.ndarray, "rows 3"]
+    gain: tuple[float, float, float]
+    p_value: float
+    patch: Patch
+    explained: Share | None = None
+
+
+def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationProof:
+    """Simulate the arm as drawn and as calibrated on everything that was seen."""
+    held = found.held
+    carried = mounted_on(recording, rig_of(Patch(), model))
+    patch = replace(patch_of_calibration(found), mounted=carried)
+    nominal = Patch(stiffness_nm_per_rad=dict(found.springs[0]), mounted=carried)
+    before = _left(found, model, nominal, found.before, 0.0)[held]
+    moving = tuple(e for e in patch.effects if e.effect not in FROM_SIDES)
+    after = _left(
+        found, model, replace(patch, effects=moving), found.drawn, _arrival(found)
+    )[held]
+    region = found.regions.region[held]
+    poses = len(np.unique(found.readings.pose[held]))
+    if not patch.effects:
+        return CalibrationProof(poses, before, before, (0.0, 0.0, 0.0), 1.0, patch)
+    gain, p_value = _gain(before, after, region)
+    index = np.unique(region, return_inverse=True)[1]
+    count = np.bincount(index).astype(float)
+    first, last = (np.bincount(index, np.sum(r**2, axis=1)) for r in (before, after))
+    share = explained_share(first, last, found.at_last.noise**2 * count, count)
+    return CalibrationProof(poses, before, after, gain, p_value, patch, share)
+
+
+def rms(residual: Float[np.ndarray, "rows 3"]) -> float:
+    """Return the root of the mean square of the distance, in m."""
+    return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
+
+
+def _left(
+    found: Calibrated,
+    model: Path,
+    patch: Patch,
+    drawn: Drawn,
+    arrival: Float[np.ndarray, "rows axes"] | float,
+) -> Float[np.ndarray, "rows 3"]:
+    """Return seen less simulated along the base's axes, in m."""
+    readings = found.readings
+    rig = rig_of(patch, model)
+    order = [rig.anatomy.axes.index(name) for name in readings.arm.axes]
+    posture = np.zeros((len(readings.seen), len(rig.anatomy.axes)))
+    posture[:, order] = readings.posture + arrival
+    point = np.empty_like(readings.seen)
+    for start in range(0, len(posture), AT_ONCE):
+        rows = np.arange(start, min(start + AT_ONCE, len(posture)))
+        still = np.zeros((len(rows), 1, 6))
+        states = rig.respond(posture[rows], still, np.full((len(rows), 1), SETTLED))
+        for m, body in enumerate(readings.bodies):
+            own = readings.marker[rows] == m
+            at = point_in_base(rig, states, body, drawn.places[m])
+            point[rows[own]] = at[own]
+    tracker = faulty(Instruments(), rig).tracker
+    eye, none = np.eye(3), np.zeros(3)
+    seconds = (readings.hours - readings.hours.min()) * HOUR
+    point = reading_of(tracker, (eye, none), point[:, None], seconds)[:, 0]
+    return _framed(readings.seen, point, ~found.held)
+
+
+def _framed(
+    seen: Float[np.ndarray, "rows 3"],
+    point: Float[np.ndarray, "rows 3"],
+    fitted: Bool[np.ndarray, " rows"],
+) -> Float[np.ndarray, "rows 3"]:
+    frame = kabsch(seen[fitted], point[fitted])
+    return seen @ frame[:3, :3].T + frame[:3, 3] - point
+
+
+def _arrival(found: Calibrated) -> Float[np.ndarray, "rows axes"]:
+    short = np.zeros_like(found.readings.posture)
+    for (effect, where), numbers in found.estimates.items():
+        if effect in FROM_SIDES:
+            k = int(where[1:]) - 1
+            width = numbers["width_rad"].value
+            short[:, k] = -width / 2 * found.readings.side[:, k]
+    return short
+
+
+def _gain(before, after, region) -> tuple[tuple[float, float, float], float]:
+    """Return gain, interval and p-value over regions drawn anew, whole ones."""
+    names, index = np.unique(region, return_inverse=True)
+    count = np.bincount(index)
+    squares = [np.bincount(index, np.sum(r**2, axis=1)) for r in (before, after)]
+    drawn = np.random.default_rng(0).integers(len(names), size=(RESAMPLES, len(names)))
+    size = [np.sqrt(s[drawn].sum(axis=1) / count[drawn].sum(axis=1)) for s in squares]
+    gain = size[0] - size[1]
+    low, high = np.quantile(gain, [0.025, 0.975])
+    p_value = float((1 + np.sum(gain <= 0.0)) / (1 + RESAMPLES))
+    return (rms(before) - rms(after), float(low), float(high)), p_value
+
+
+# --- Summary of the residual ----------------------------------------------------------
+
+FAR = np.radians(1.0)
+"""An angle further than this from any that was fitted is new to a table; chosen: a
+quarter of the shortest wave that matters."""
+ALPHA = 0.005
+"""Below this p-value something is left."""
+
+
+@dataclass(frozen=True)
+class ResidualSummary:
+    """What is left on the poses kept back.
+
+    Attributes:
+        where: The place that it hangs on most.
+        signature: How it looks, in words.
+        p_value: Of its being noise: alike in neighbours, or more than was stated.
+        new_angle: Rows where some axis stands at an angle that was not fitted.
+        by_region: Of each region kept back: its number, rms in m, poses, share of new
+            angles.
+    """
+
+    where: str
+    signature: str
+    p_value: float
+    new_angle: Bool[np.ndarray, " rows"]
+    by_region: tuple[tuple[int, float, int, float], ...]
+
+
+def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSummary:
+    """Look at what is left."""
+    held, readings = found.held, found.readings
+    new, by_axis = _new_angles(found)
+    left, region = proof.after, found.regions.region[held]
+    rows = tuple(
+        (
+            int(r),
+            rms(left[region == r]),
+            int(np.sum(region == r)),
+            float(new[region == r].mean()),
+        )
+        for r in found.regions.held
+    )
+    last = found.at_last
+    common = np.sqrt(max(last.share, 0.0)) * last.rms
+    words = []
+    if last.p_value < ALPHA:
+        words.append(
+            f"neighbouring poses have {1e3 * common:.3f} mm rms in common and differ "
+            f"by {1e3 * last.noise:.3f} mm: smooth in posture, not noise"
+        )
+    floor, beyond = _beyond_stated(found, left, region)
+    if beyond < ALPHA:
+        words.append(
+            f"{1e3 * rms(left):.3f} mm are left where the stated noise leaves "
+            f"{1e3 * floor:.3f} mm: something more, or more noise than is stated"
+        )
+    if new.any() and not new.all():
+        words.append(
+            f"{1e3 * rms(left[new]):.3f} mm where an axis stands at an angle that no "
+            f"fitted pose had ({100 * new.mean():.0f} % of poses), "
+            f"{1e3 * rms(left[~new]):.3f} mm elsewhere"
+        )
+    odd = [
+        s
+        for s in found.selected.steps
+        if s.verdict == "out of bounds" and s.gain > 2.0 * s.error
+    ]
+    words += [
+        f"{s.key[0]} at {s.key[1]} would help ({s.gain / s.error:.1f} standard errors) "
+        f"with a {label(s.parameters[0])} beyond what such a mechanism can have: "
+        "not named"
+        for s in odd
+    ]
+    stance = Stance.of(readings, found.drawn)
+    if grown := growing(stance, found.residual):
+        words.append(
+            f"{100 * grown.share:.0f} % of it grows with time as if {grown.where} "
+            "changed its form, which no effect of the list does"
+        )
+    words = words or ["nothing beyond the noise shows on the poses kept back"]
+    where = odd[0].key[1] if odd else _strongest(found, by_axis, readings.posture[held])
+    where = grown.where if grown else where
+    p_value = 0.0 if grown else min(last.p_value, beyond)
+    return ResidualSummary(where, "; ".join(words) + ".", p_value, new, rows)
+
+
+def _beyond_stated(found: Calibrated, left, region) -> tuple[float, float]:
+    """Return what the stated noise leaves, in m, and the p-value of no more than that.
+
+    The noise of what was fitted counts twice: poses kept back lie at the edge.
+    """
+    if not np.isfinite(found.readings.stated):
+        return np.nan, 1.0
+    square = 3.0 * found.readings.stated**2 * (1.0 + 2.0 * found.used)
+    names, index = np.unique(region, return_inverse=True)
+    count = np.bincount(index)
+    sums = np.bincount(index, np.sum(left**2, axis=1))
+    drawn = np.random.default_rng(0).integers(len(names), size=(RESAMPLES, len(names)))
+    mean = sums[drawn].sum(axis=1) / count[drawn].sum(axis=1)
+    p_value = (1 + np.sum(mean <= square)) / (1 + RESAMPLES)
+    return float(np.sqrt(square)), float(p_value)
+
+
+def _new_angles(found: Calibrated) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    held = found.held
+    posture = found.readings.posture
+    by_axis = {}
+    for axis in found.tables:
+        k = int(axis[1:]) - 1
+        known = np.sort(posture[~held, k])
+        angle = posture[held, k]
+        at = np.clip(np.searchsorted(known, angle), 1, len(known) - 1)
+        near = np.minimum(np.abs(angle - known[at - 1]), np.abs(angle - known[at]))
+        by_axis[axis] = near > FAR
+    some = np.zeros(int(held.sum()), dtype=bool)
+    for new in by_axis.values():
+        some |= new
+    return some, by_axis
+
+
+def _strongest(
+    found: Calibrated,
+    by_axis: dict[str, np.ndarray],
+    posture: Float[np.ndarray, "rows axes"],
+) -> str:
+    """Return the axis whose angle sorts what is left best."""
+    size = np.sum(found.residual[found.held] ** 2, axis=1)
+    best, most = "flange", 0.0
+    for k in range(posture.shape[1]):
+        if np.ptp(posture[:, k]) == 0.0:
+            continue
+        edge = np.quantile(posture[:, k], np.linspace(0, 1, 13)[1:-1])
+        part = np.searchsorted(edge, posture[:, k])
+        means = np.array([size[part == b].mean() for b in np.unique(part)])
+        if means.std() > most:
+            best, most = f"a{k + 1}", float(means.std())
+    return best

@@ -1,0 +1,479 @@
+"""Compares the encoders before and after each gear, and states what lies between.
+
+What is believed between encoders gets the vocabulary's names and parameters.
+
+What no name explains is measured: how much, where, what it goes with, how long.
+
+What a reader should know of a comparison of encoders, or mend,.
+
+What lies between two encoders is put into the fixed form of diagnosis.json.
+
+Where second encoders alone watched a moving arm, they are what is compared.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from msgspec.structs import replace
+from scipy.stats import norm
+
+from bench.patch import Patch
+from bench.proof.explained_share import explained_share
+from bench.shared.recording import Recording
+from scenarios.pipelines.encoder_axes import Axis, compared, whole_rms
+from scenarios.pipelines.patching import patch_of_encoders
+from scenarios.pipelines.schema import (
+    Answer,
+    At,
+    Called,
+    Detected,
+    Findings,
+    Interval,
+    Left,
+    Placed,
+    Proved,
+    Remark,
+    verdict_of,
+)
+from stiffness.dual_encoder.fit import Trial
+from stiffness.dual_encoder.motions import axes_read_twice
+from stiffness.dual_encoder.residuals import SHOWS, followed, lasting
+from stiffness.dual_encoder.selection import BORROWED, orders_alike
+from stiffness.dual_encoder.terms import FRICTION, WOUND, Term
+from stiffness.regression.testing import SMALLEST
+
+# --- Names and parameters -------------------------------------------------------------
+
+ALPHA = 0.005
+"""Below this p-value there is something."""
+SUREST = 0.9999
+DEPENDS = {
+    "channel_delay": ("time", "direction"),
+    "transmission_error": ("angle",),
+    "joint_compliance": ("torque",),
+    "hysteresis": ("torque", "history"),
+    "lost_motion": ("direction",),
+}
+
+
+def called(axis: Axis) -> list[Called]:
+    """Return what was named of an axis; contacts that slip are one hysteresis."""
+    found, names = axis.found, []
+    if found.late is not None:
+        known = {"delay_s": _interval(found.delay, found.late_half)}
+        if found.at_least:
+            known = {"delay_s": replace(known["delay_s"], high=None)}
+        names.append(_name("channel_delay", axis, found.late, known))
+    names += [*_spring(axis), *_widths(axis), *_waves(axis)]
+    return names
+
+
+def depends_on(axis: Axis) -> tuple[str, ...]:
+    """Return what an axis' difference depends on."""
+    kinds = [n.effect for n in called(axis)]
+    return tuple(dict.fromkeys(d for kind in kinds for d in DEPENDS[kind]))
+
+
+def score(axis: Axis) -> float:
+    """Return how many standard errors the surest name gains; 0: none was believed."""
+    late = [] if axis.found.late is None else [axis.found.late]
+    named = [t for t in axis.found.believed if t.term.effect != FRICTION]
+    if axis.is_nominal_spring:
+        named = [t for t in named if t.term.effect != WOUND]
+    return max(map(_z, [*late, *named]), default=0.0)
+
+
+def contradicts(axis: Axis) -> bool:
+    """Return whether a spring that the model has is not there, or far off."""
+    return (
+        axis.model_give > 0.0
+        and axis.give is not None
+        and not axis.is_nominal_spring
+        and axis.beyond_before < ALPHA
+    )
+
+
+def columns_of(axis: Axis) -> Iterator[tuple[Term, Trial, np.ndarray, np.ndarray]]:
+    """Yield every term with its trial, its coefficients and half their intervals."""
+    found, i = axis.found, 0
+    for term, trial in zip(found.terms, found.believed, strict=True):
+        width = len(term.parameters)
+        yield term, trial, found.x[i : i + width], found.half[i : i + width]
+        i += width
+
+
+def _spring(axis: Axis) -> Iterator[Called]:
+    wound = [c for c in columns_of(axis) if c[0].effect == WOUND]
+    for term, trial, x, half in wound:
+        if not axis.is_nominal_spring:
+            known = {term.parameters[0]: _interval(float(x[0]), float(half[0]))}
+            yield _name(WOUND, axis, trial, known)
+    if not wound and contradicts(axis) and axis.give is not None:
+        give, half = axis.give
+        sure = min(1.0 - axis.beyond_before, SUREST)
+        high = max(give + half, 0.0)
+        known = Interval(max(give, 0.0), max(give - half, 0.0), high)
+        yield Called(WOUND, axis.name, sure, (), {"compliance_rad_per_nm": known})
+
+
+def _widths(axis: Axis) -> Iterator[Called]:
+    for effect in ("hysteresis", "lost_motion"):
+        own = [c for c in columns_of(axis) if c[0].effect == effect]
+        if own:
+            width = sum(float(x[0]) for _, _, x, _ in own)
+            half = float(np.hypot.reduce([h[0] for *_, h in own]))
+            surest = max((trial for _, trial, _, _ in own), key=_z)
+            yield _name(effect, axis, surest, {"width_rad": _interval(width, half)})
+
+
+def _waves(axis: Axis) -> list[Called]:
+    """Return all waves of a gear, the largest first."""
+    waves = []
+    for term, trial, x, half in columns_of(axis):
+        if term.order:
+            size, spread = float(np.hypot(*x)), float(half.max())
+            low, high = orders_alike(axis.found, axis.fitted, term)
+            phase = float(np.arctan2(x[0], x[1]))
+            known = {
+                "amplitude_rad": _interval(size, spread),
+                "order": Interval(term.order, low, high),
+                "phase_rad": _interval(phase, spread / size),
+            }
+            waves.append((size, _name(term.effect, axis, trial, known)))
+    return [name for _, name in sorted(waves, key=lambda w: -w[0])]
+
+
+def _name(effect: str, axis: Axis, trial: Trial, known: dict[str, Interval]) -> Called:
+    sure = float(np.clip(norm.cdf(_z(trial)), 0.0, SUREST))
+    return Called(effect, axis.name, sure, (), known)
+
+
+def _interval(value: float, half: float) -> Interval:
+    return Interval(value, value - half, value + half)
+
+
+def _z(trial: Trial) -> float:
+    return trial.gain / max(trial.error, np.finfo(float).tiny)
+
+
+# --- What no name explains ------------------------------------------------------------
+
+URAD = 1e6
+
+
+def unexplained(axes: Sequence[Axis]) -> Left:
+    """Say what is left of the axis that is left most."""
+    worst = max(axes, key=lambda a: whole_rms(a.after))
+    left = [worst.found.left(m) for m in worst.fitted]
+    shares = followed(left, worst.fitted, worst.after, worst.judged)
+    goes = [f"{100 * s:.0f} % with {x}" for x, s in shares.items() if s >= SHOWS]
+    how = f"as in the other motions it goes {' and '.join(goes)}"
+    if not goes:
+        how = f"it goes with {', '.join(shares)} otherwise than in the other motions"
+    whose = "stated" if worst.stated else "of noise from row to row"
+    text = (
+        f"{URAD * whole_rms(worst.after):.1f} µrad rms of the judged motion beside "
+        f"{URAD * worst.noise:.1f} µrad {whose}; {how}; it keeps its sign for "
+        f"{lasting(worst.after, worst.judged):.2f} s"
+    )
+    return Left(worst.name, f"{text}.{_help(worst)}", {}, None)
+
+
+def _help(a: Axis) -> str:
+    if a.judged.measured:
+        return ""
+    return f" A column {a.name}_tau_nm would help, or masses as they are."
+
+
+# --- Notices --------------------------------------------------------------------------
+
+MOST = 0.5
+"""Share that a wind-up must explain before its sign is doubted; chosen."""
+
+
+def notices(axes: Sequence[Axis], named: Sequence[Called]) -> Iterator[Remark]:
+    """Yield what is known of torques and springs, of orders, and what was refused."""
+    for a in axes:
+        if _torque(a):
+            yield Remark("torque", a.name, _torque(a))
+    yield from _doubts(axes, named)
+    yield from _refused(axes)
+
+
+def _doubts(axes: Sequence[Axis], named: Sequence[Called]) -> Iterator[Remark]:
+    for a in axes:
+        if contradicts(a) and a.give is not None:
+            text = (
+                f"the model's spring at {a.name} has {1.0 / a.model_give:.3g} N m/rad, "
+                f"the recording winds up by {1e6 * max(a.give[0], 0.0):.3g} ± "
+                f"{1e6 * a.give[1]:.2g} µrad/(N m) where that makes "
+                f"{1e6 * a.model_give:.3g}."
+            )
+            yield Remark("spring", a.name, text)
+        if any(t.term.effect == WOUND and _backwards(t) for t in a.found.refused):
+            text = (
+                f"{a.name} would wind up against its torque: turn the sign of the "
+                f"column {a.name}_tau_nm, which is positive where the motor drives the "
+                "axis the way its angle grows."
+            )
+            yield Remark("torque_sign", a.name, text)
+    if any(a.found.at_least for a in axes):
+        text = (
+            "the delay is the least that no axis contradicts: friction that grows with "
+            "speed in the torque of every motor that winds up its gear may hide more."
+        )
+        yield Remark("delay", axes[0].name, text)
+    for n in named:
+        order = n.parameters.get("order")
+        if order is not None and _wide(order):
+            text = (
+                f"orders {order.low:g} to {order.high:g} do as well as "
+                f"{order.estimate:g}: {n.where} passes too little of a wave to tell."
+            )
+            yield Remark("order", n.where, text)
+
+
+def _backwards(trial: Trial) -> bool:
+    """Return whether a spring that pushes would explain most of what is there."""
+    return trial.coefficients[0] < 0.0 and trial.gain > MOST
+
+
+def _wide(order: Interval) -> bool:
+    assert isinstance(order.low, float) and isinstance(order.high, float)
+    return order.high - order.low > 1.0
+
+
+def _refused(axes: Sequence[Axis]) -> Iterator[Remark]:
+    for a in axes:
+        for t in a.found.refused:
+            if not t.term.order:
+                text = f"{t.term.effect} is not named: {t.reason}."
+                yield Remark("refused", a.name, text)
+
+
+def _torque(a: Axis) -> str:
+    if not _known(a):
+        return (
+            f"no torque of {a.name} is known: a column {a.name}_tau_nm, or masses in "
+            "the model, would tell its wind-up from other causes."
+        )
+    if not a.judged.measured:
+        return (
+            f"the torque of {a.name} was not read: it is worked out from the model's "
+            "masses, so a load that they do not hold is not in it."
+        )
+    return ""
+
+
+def _known(a: Axis) -> bool:
+    torque = a.judged.torque
+    return torque is not None and bool((torque != torque[0]).any())
+
+
+# --- The entry in schema 1 ------------------------------------------------------------
+
+
+def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
+    """Put all axes together."""
+    p = min(1.0, len(axes) * min(map(_p_value, axes)))
+    named = tuple(c for a in axes for c in called(a)) if p < ALPHA else ()
+    more = len(axes) * min(a.beyond_after for a in axes) < ALPHA
+    before = np.concatenate([a.before for a in axes])
+    after = np.concatenate([a.after for a in axes])
+    entry = Proved(
+        simulator="mujoco",
+        held_out_poses=1,
+        before_rms_urad=URAD * whole_rms(before),
+        after_rms_urad=URAD * whole_rms(after),
+        noise_rms_urad=_noise(axes),
+        gain_urad=_gain(axes),
+    )
+    share = _explained(axes)
+    verdict = verdict_of(Findings(p < ALPHA, bool(named), not more, True, entry, share))
+    open_ = verdict not in ("no_mismatch", "explained")
+    return Answer(
+        schema=1,
+        recording=name,
+        verdict=verdict,
+        detection=Detected(p, None, None, None),
+        located=_located(axes) if p < ALPHA else (),
+        explained_share=share,
+        named=named,
+        rivals=(),
+        unexplained=unexplained(axes) if open_ else None,
+        confounded=tuple(dict.fromkeys(_confounded(axes))),
+        warnings=tuple(notices(axes, named)),
+        proof_requested=True,
+        proof=entry,
+        next_experiments=(),
+        seconds=round(seconds, 1),
+    )
+
+
+def _p_value(axis: Axis) -> float:
+    """Return that of the axis being as simulated: by its noise and by its names."""
+    named = float(norm.sf(score(axis))) if score(axis) > 0.0 else 1.0
+    return min(axis.beyond_before, named)
+
+
+def _located(axes: Sequence[Axis]) -> tuple[Placed, ...]:
+    total = sum(float(a.before @ a.before) for a in axes)
+    return tuple(
+        Placed(
+            a.name,
+            _p_value(a),
+            float((a.before @ a.before - a.after @ a.after) / total),
+            depends_on(a),
+            "while the axis moves",
+        )
+        for a in sorted(axes, key=lambda a: -float(a.before @ a.before))
+        if called(a) or _p_value(a) < ALPHA
+    )
+
+
+def _confounded(axes: Sequence[Axis]) -> Iterator[tuple[At, At]]:
+    for a in axes:
+        for t in a.found.refused:
+            if t.reason.startswith(BORROWED):
+                yield At("joint_compliance", a.name), At("channel_delay", a.name)
+
+
+def _noise(axes: Sequence[Axis]) -> float | None:
+    if not all(a.stated for a in axes):
+        return None
+    return URAD * float(np.sqrt(np.mean([a.noise**2 for a in axes])))
+
+
+def _explained(axes: Sequence[Axis]) -> Interval | None:
+    """Return the share of what noise does not explain; None without stated noise."""
+    if not all(a.stated for a in axes):
+        return None
+    both, rows = _squares(axes)
+    counts = [len(np.bincount(a.judged.stretches())) for a in axes]
+    noise = rows * np.repeat([a.noise**2 for a in axes], counts)
+    share = explained_share(both[0], both[1], noise, rows.astype(float))
+    return None if share is None else Interval(share.estimate, share.low, share.high)
+
+
+def _squares(axes: Sequence[Axis]) -> tuple[np.ndarray, np.ndarray]:
+    """Return sums of squares before and after, and rows, of every stretch of time."""
+    squares, count = [], []
+    for a in axes:
+        cut = a.judged.stretches()
+        squares.append([np.bincount(cut, r**2) for r in (a.before, a.after)])
+        count.append(np.bincount(cut))
+    return np.concatenate(squares, axis=1), np.concatenate(count)
+
+
+def _gain(axes: Sequence[Axis]) -> Interval:
+    """Return the gain and its interval; stretches of time are drawn anew."""
+    both, rows = _squares(axes)
+    drawn = np.random.default_rng(0).integers(len(rows), size=(1999, len(rows)))
+    size = np.sqrt(both[:, drawn].sum(axis=2) / rows[drawn].sum(axis=1))
+    low, high = np.quantile(size[0] - size[1], [0.025, 0.975])
+    gain = np.sqrt(both.sum(axis=1) / rows.sum()) @ [1.0, -1.0]
+    return Interval(URAD * float(gain), URAD * float(low), URAD * float(high))
+
+
+# --- The comparison -------------------------------------------------------------------
+
+OFF = 0.2
+"""How far the slope of one encoder over the other may be from 1; chosen: no gear winds
+up by a fifth of its way."""
+
+
+def calls_for_comparison(recording: Recording) -> bool:
+    """Return whether a stream has second encoders and no target that was tracked."""
+    return (
+        recording.rows == "stream"
+        and not recording.markers
+        and bool(axes_read_twice(recording))
+    )
+
+
+@dataclass(frozen=True)
+class ComparisonOutcome:
+    """All that came out of comparing encoders.
+
+    Attributes:
+        axes: What was found of each axis; empty where the set-up is mistaken.
+        answer: What goes to diagnosis.json.
+        patch: What goes into the simulator; None where nothing was named.
+    """
+
+    axes: tuple[Axis, ...]
+    answer: Answer
+    patch: Patch | None
+
+
+def compare_encoders(recording: Recording, model: Path) -> ComparisonOutcome:
+    """Compare the encoders on both sides of each gear.
+
+    Args:
+        recording: A stream, every axis' motions told apart by `pose`.
+        model: The arm's file, for the simulator.
+
+    Raises:
+        Unusable: Where an axis was not read twice in three motions, or none was.
+    """
+    started = time.perf_counter()
+    mistakes = tuple(_mistakes(recording))
+    if mistakes:
+        answer = _unnamed(recording, mistakes, time.perf_counter() - started)
+        return ComparisonOutcome((), answer, None)
+    axes = compared(recording, model)
+    answer = answer_of(recording.name, axes, time.perf_counter() - started)
+    patch = patch_of_encoders(axes, recording, model) if answer.named else None
+    return ComparisonOutcome(tuple(axes), answer, patch)
+
+
+def _mistakes(recording: Recording) -> Iterator[Remark]:
+    """Say which second encoders do not follow the first ones one to one."""
+    assert recording.link_posture is not None
+    for k in axes_read_twice(recording):
+        slope = _slope(recording.posture[:, k], recording.link_posture[:, k])
+        name = f"a{k + 1}"
+        if slope is None or abs(slope - 1.0) < OFF:
+            continue
+        if abs(slope + 1.0) < OFF:
+            text = f"the second encoder of {name} looks reversed."
+            yield Remark("axis_reversed", name, text)
+        else:
+            text = (
+                f"the second encoder of {name} turns {slope:.3g} times as far as the "
+                "first: another unit, another axis, or not referred to the axis?"
+            )
+            yield Remark("units", name, text)
+
+
+def _slope(before: np.ndarray, after: np.ndarray) -> float | None:
+    seen = np.isfinite(after)
+    if seen.sum() < 2 or np.ptp(before[seen]) < np.radians(1.0):
+        return None
+    return float(np.polyfit(before[seen], after[seen], 1)[0])
+
+
+def _unnamed(
+    recording: Recording, mistakes: tuple[Remark, ...], seconds: float
+) -> Answer:
+    text = "a mistake of the set-up, to be mended first"
+    return Answer(
+        schema=1,
+        recording=recording.name,
+        verdict="unexplained",
+        detection=Detected(SMALLEST, None, None, None),
+        located=(),
+        explained_share=None,
+        named=(),
+        rivals=(),
+        unexplained=Left(mistakes[0].where, text, {}, None),
+        confounded=(),
+        warnings=mistakes,
+        proof_requested=True,
+        proof=None,
+        next_experiments=(),
+        seconds=round(seconds, 1),
+    )

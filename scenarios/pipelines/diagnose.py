@@ -1,0 +1,447 @@
+"""Diagnoses a recording, proves what was named in the simulator, and states both.
+
+First the engine is asked, then the simulator; neither may break on odd numbers.
+
+Without a load, what is wrong is mostly many small errors of geometry.
+
+The diagnosis names a few effects; an arm that nobody calibrated has dozens. Where
+it finds a difference and cannot explain it, calibration is asked.
+
+A diagnosis and its proof are put into the fixed form of diagnosis.json.
+
+Everything that the story, the report and the playback speak of, in one place.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from jaxtyping import Float
+from rich.console import Console
+
+from bench.proof.comparison import residual_of
+from bench.proof.explained_share import Channel
+from bench.proof.nominal_fit import torques_of, turns_of
+from bench.proof.proof import Channel as ProofChannel
+from bench.proof.proof import Proof, prove
+from bench.shared.errors import BenchError
+from bench.shared.recording import Recording
+from scenarios.pipelines.calibrate import CalibrationOutcome, calibrate_and_prove
+from scenarios.pipelines.patching import patch_of_diagnosis
+from scenarios.pipelines.schema import (
+    DISAGREES,
+    Answer,
+    At,
+    Called,
+    Detected,
+    Findings,
+    Interval,
+    Left,
+    Next,
+    Other,
+    Placed,
+    Proved,
+    Remark,
+    number,
+    verdict_of,
+)
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.result import Diagnosis, Name, NamedEffect, Warned
+from stiffness.diagnosis.setup_check import mistakes_of_set_up
+from stiffness.robot.arm import Arm
+
+# --- Engine and simulator -------------------------------------------------------------
+
+ODD_NUMBERS = (ArithmeticError, AssertionError, LookupError, TypeError, ValueError)
+"""What arithmetic raises on numbers that no sensor gives; LinAlgError is among them."""
+
+
+def asked(recording: Recording, arm: Arm) -> Diagnosis:
+    """Ask the engine.
+
+    Raises:
+        BenchError: Where the recording has nothing to compare, or its numbers break the
+            engine's arithmetic.
+    """
+    try:
+        return diagnose(recording, arm)
+    except ODD_NUMBERS as error:
+        raise _odd(recording, error) from error
+
+
+def setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
+    """Ask for the mistakes of the set-up alone.
+
+    Raises:
+        BenchError: Where the recording's numbers break the engine's arithmetic.
+    """
+    try:
+        return mistakes_of_set_up(recording, arm)
+    except ODD_NUMBERS as error:
+        raise _odd(recording, error) from error
+
+
+def proved(
+    found: Diagnosis, recording: Recording, arm: Arm, robot: Path
+) -> tuple[Proof | None, str]:
+    """Put what was named into the simulator.
+
+    Returns:
+        The simulated arms, nominal and patched; and why nothing was proved, empty where
+        something was.
+    """
+    if found.nominal is None:
+        return None, "a mistake of the set-up has to be mended first."
+    patch = patch_of_diagnosis(found, recording, arm)
+    why = ""
+    if not (patch.effects or patch.laws):
+        why = "nothing was named." if not found.named else (
+            "the simulator has no mechanism for what was named."
+        )  # fmt: skip
+    elif not found.held_out:
+        why = "too few poses to keep any back."
+    try:
+        return prove(recording, robot, patch, found.held_out), why
+    except (BenchError, *ODD_NUMBERS) as error:
+        why = why or f"the simulator cannot do it ({error})."
+    try:  # pictures need the nominal arm alone
+        bare = replace(patch, effects=(), laws=())
+        return prove(recording, robot, bare, found.held_out), why
+    except (BenchError, *ODD_NUMBERS):
+        return None, why
+
+
+def _odd(recording: Recording, error: Exception) -> BenchError:
+    return BenchError(
+        f"Recording {recording.name!r} cannot be diagnosed: its numbers lead to "
+        f"{type(error).__name__} ({error}). Look for values that no sensor gives."
+    )
+
+
+# --- Where calibration is called for --------------------------------------------------
+
+
+def calls_for_calibration(recording: Recording, found: Diagnosis) -> bool:
+    """Return whether positions without a load differ and a few names do not do."""
+    return (
+        recording.wrench is None
+        and recording.displacement == "absolute"
+        and recording.rows == "plateaus"
+        and found.nominal is not None
+        and found.verdict in ("unexplained", "partly_explained")
+    )
+
+
+def try_calibration(
+    recording: Recording, arm: Arm, robot: Path, console: Console, rejected: float
+) -> CalibrationOutcome | None:
+    """Calibrate, or say why that cannot be and return None.
+
+    Args:
+        recording: Absolute positions without a load.
+        arm: The nominal arm, with the recording's names.
+        robot: Its model's file.
+        console: Where it is told.
+        rejected: p-value of the nominal arm in the test that found the difference.
+    """
+    console.print("No few effects explain it: calibrating on positions.")
+    try:
+        return calibrate_and_prove(recording, arm, robot, rejected=rejected)
+    except (BenchError, *ODD_NUMBERS) as error:
+        console.print(f"It cannot be calibrated on: {error}", markup=False)
+        return None
+
+
+# --- The entry in schema 1 ------------------------------------------------------------
+
+MM, URAD, UM = 1e3, 1e6, 1e6
+USUAL_M, HEAVIEST_KG = 0.1, 100.0
+"""How far from its body's origin an added mass sits usually, and how heavy it is at
+most; chosen: wider than any arm's."""
+
+
+def answer_of(
+    diagnosis: Diagnosis,
+    simulated: Proof | None,
+    unproved: str,
+    experiments: Sequence[Next],
+    seconds: float,
+    proof_requested: bool = True,
+) -> Answer:
+    """Put a diagnosis and its proof into the fixed form.
+
+    Args:
+        diagnosis: What the readings say.
+        simulated: Nominal and patched arm in the simulator; None where it could not.
+        unproved: Why nothing was proved; empty where something was.
+        experiments: What to measure next.
+        seconds: That it took.
+        proof_requested: Whether a proof was asked for.
+    """
+    d, open_ = diagnosis, diagnosis.unexplained
+    found = d.detection
+    proof = None if unproved else simulated
+    entry, share = proof_entry(proof), explained_share_of(proof)
+    remarks = (*d.warnings, *disagreements(d, simulated))
+    return Answer(
+        schema=1,
+        recording=d.recording,
+        verdict=verdict_of(
+            Findings(
+                differs=d.verdict != "no_mismatch",
+                named=bool(d.named),
+                residual_passes=d.verdict == "explained",
+                proof_requested=proof_requested,
+                proof=entry,
+                explained_share=share,
+            )
+        ),
+        detection=Detected(
+            float(found.p_value),
+            number(found.residual_rms, MM),
+            number(found.noise_rms, MM),
+            number(found.smallest_effect, MM),
+        ),
+        located=tuple(
+            Placed(x.where, x.p_value, x.share, tuple(x.depends_on), x.zone)
+            for x in d.located
+        ),
+        explained_share=share,
+        named=tuple(map(_called, d.named)),
+        rivals=tuple(
+            Other(float(r.probability), tuple(map(_at, r.effects))) for r in d.rivals
+        ),
+        unexplained=None
+        if open_ is None
+        else Left(
+            open_.where,
+            open_.signature,
+            {k: tuple(map(float, v)) for k, v in open_.law.items()},
+            number(_rest(proof, found.residual_rms), MM),
+        ),
+        confounded=tuple((_at(a), _at(b)) for a, b in d.confounded),
+        warnings=tuple(Remark(w.code, w.where, w.text) for w in remarks),
+        proof_requested=proof_requested,
+        proof=entry,
+        next_experiments=tuple(experiments),
+        seconds=round(float(seconds), 3),
+    )
+
+
+def disagreements(diagnosis: Diagnosis, simulated: Proof | None) -> Iterator[Warned]:
+    """Say where the simulator's nominal arm is not the one that was fitted."""
+    if simulated is None or simulated.markers is None:
+        return
+    found = diagnosis.detection
+    fitted = found.held_out_rms if simulated.absolute else found.held_out_within_rms
+    before = simulated.markers.before
+    if before > DISAGREES * fitted:
+        yield Warned(
+            "simulator_disagrees",
+            "arm",
+            f"on the poses kept back the simulator's nominal arm misses by "
+            f"{UM * before:.1f} µm, the arm that was fitted to the readings by "
+            f"{UM * fitted:.1f} µm. They are not the same arm: look at frames, tool "
+            "and springs of the model, and do not rely on the proof or on model.xml.",
+        )
+
+
+def explained_share_of(proof: Proof | None) -> Interval | None:
+    """Return the share that the proof's first channel explains, as it is written."""
+    channel = None if proof is None else proof.markers or proof.angles
+    share = None if channel is None else channel.explained
+    return None if share is None else Interval(share.estimate, share.low, share.high)
+
+
+def proof_entry(proof: Proof | None) -> Proved | None:
+    """Return the proof's entry; None where nothing was proved."""
+    if proof is None or (proof.markers is None and proof.angles is None):
+        return None
+    entry: dict[str, object] = {}
+    channels = ((proof.markers, MM, "mm"), (proof.angles, URAD, "urad"))
+    for channel, unit, name in channels:
+        if channel is not None:
+            entry |= _of_channel(channel, unit, name)
+    return msgspec.convert(
+        {"simulator": "mujoco", "held_out_poses": len(proof.held_out), **entry}, Proved
+    )
+
+
+def _rest(proof: Proof | None, nominal: float) -> float:
+    """Return what the best arm that there is leaves of the readings, in m."""
+    return nominal if proof is None or proof.markers is None else proof.markers.after
+
+
+def _of_channel(c: Channel, unit: float, name: str) -> dict[str, object]:
+    gain = {"estimate": c.gain * unit, "low": c.low * unit, "high": c.high * unit}
+    return {
+        f"before_rms_{name}": c.before * unit,
+        f"after_rms_{name}": c.after * unit,
+        f"noise_rms_{name}": c.noise * unit,
+        f"gain_{name}": gain,
+    }
+
+
+def _called(named: NamedEffect) -> Called:
+    parameters = {
+        name: Interval(number(p.estimate), number(p.low), number(p.high))
+        for name, p in named.parameters.items()
+    }
+    if "with" in parameters:  # a number of an axis, but a name in the vocabulary
+        partner = f"a{round(named.parameters['with'].estimate)}"
+        parameters["with"] = Interval(partner, partner, partner)
+    words = {k: v for k, v in named.settings.items() if isinstance(v, str)}
+    parameters |= {k: Interval(v, v, v) for k, v in words.items()}
+    if named.name.effect == "gravity_load":
+        parameters = _with_mass(parameters)
+    return Called(
+        named.name.effect,
+        named.name.where,
+        float(np.clip(named.probability, 0.0, 1.0)),
+        tuple(map(_at, named.equivalents)),
+        parameters,
+    )
+
+
+def _with_mass(parameters: dict[str, Interval]) -> dict[str, Interval]:
+    """Add mass and centre to first moments that show no mass: one of many pairs.
+
+    A turn about a level axis feels mass x distance alone. The pair given has its centre
+    at a usual distance, or as far as the heaviest mass asks for; neither has ends, for
+    the data do not hold them, and the moments, which are known, stay beside them.
+    """
+    moment = {
+        name: p.estimate
+        for name, p in parameters.items()
+        if name.startswith("moment_") and isinstance(p.estimate, float)
+    }
+    size = math.hypot(*moment.values())
+    if "mass_kg" in parameters or not size:
+        return parameters
+    mass = min(size / USUAL_M, HEAVIEST_KG)
+    found = {"mass_kg": Interval(mass, None, None)}
+    for name, value in moment.items():
+        centre = name.replace("moment", "com").replace("_kg_m", "_m")
+        found[centre] = Interval(value / mass, None, None)
+    return parameters | found
+
+
+def _at(name: Name) -> At:
+    return At(name.effect, name.where)
+
+
+# --- The finding with its proof -------------------------------------------------------
+
+MICRO = 1e6
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A diagnosis with its proof.
+
+    Attributes:
+        recording: What was looked at.
+        diagnosis: What was found.
+        simulated: The nominal arm and the patched one in the simulator; None where the
+            recording cannot be simulated.
+        unproved: Why nothing was proved; empty where something was.
+        replicates: Scatter of replicates along x, y, z of the tracker in m, and degrees
+            of freedom; None without replicates.
+        answer: What goes to diagnosis.json.
+    """
+
+    recording: Recording
+    diagnosis: Diagnosis
+    simulated: Proof | None
+    unproved: str
+    replicates: tuple[Float[np.ndarray, "3"], int] | None
+    answer: Answer
+
+    @property
+    def proof(self) -> Proof | None:
+        """The proof, where something was put into the simulator."""
+        return None if self.unproved else self.simulated
+
+
+@dataclass(frozen=True)
+class Curves:
+    """What each axis turned beyond the nominal arm, against its torque.
+
+    Attributes:
+        axes: Their names.
+        torque: Of nominal springs, in N m.
+        before: Turn that markers show beyond the nominal arm, in rad.
+        law: The same of the patched arm, simulated and without noise.
+        held: Rows that nothing was fitted to.
+        visit: Of each row.
+        slides: Whether each axis slides (then N, and m).
+    """
+
+    axes: tuple[str, ...]
+    torque: Float[np.ndarray, "rows axes"]
+    before: Float[np.ndarray, "rows axes"]
+    law: Float[np.ndarray, "rows axes"]
+    held: np.ndarray
+    visit: np.ndarray
+    slides: tuple[bool, ...]
+
+
+def curves_of(simulated: Proof) -> Curves:
+    """Return the residual per axis against torque, and the named law in it."""
+    world, gauge = simulated.world, simulated.gauge
+    seen, patched = world.see(simulated.nominal), world.see(simulated.patched)
+    markers = len(world.recording.markers)
+    shape = (world.replay.rows, markers, 3)
+    before = residual_of(world, seen, gauge)[:, : 3 * markers].reshape(shape)
+    after = residual_of(world, patched, gauge)[:, : 3 * markers].reshape(shape)
+    assumed = simulated.nominal
+    arm = assumed.rig.anatomy
+    return Curves(
+        axes=tuple(f"a{k + 1}" for k in range(len(world.order))),
+        torque=torques_of(world, assumed, seen),
+        before=turns_of(world, assumed, seen, before),
+        law=turns_of(world, assumed, seen, before - after),
+        held=np.isin(world.recording.pose, simulated.held_out),
+        visit=world.replay.visit,
+        slides=tuple(arm.slides[k] for k in world.order),
+    )
+
+
+@dataclass(frozen=True)
+class Course:
+    """What an axis did during one visit, from where the law begins.
+
+    Attributes:
+        torque: In N m.
+        measured: Turn beyond the nominal arm, in rad.
+        law: The same, simulated.
+    """
+
+    torque: Float[np.ndarray, " rows"]
+    measured: Float[np.ndarray, " rows"]
+    law: Float[np.ndarray, " rows"]
+
+
+def courses_of(curves: Curves, name: str, count: int = 3) -> list[Course]:
+    """Return the visits in which an axis' torque varies most, widest first."""
+    k = curves.axes.index(name)
+    torque, measured, law = curves.torque[:, k], curves.before[:, k], curves.law[:, k]
+    stays = [np.flatnonzero(curves.visit == v) for v in np.unique(curves.visit)]
+    stays.sort(key=lambda rows: -np.ptp(torque[rows]))
+    found = []
+    for rows in stays[:count]:  # means say nothing, so both have the same one
+        offset = measured[rows].mean() - law[rows].mean() + law[rows[0]]
+        found.append(
+            Course(torque[rows], measured[rows] - offset, law[rows] - law[rows[0]])
+        )
+    return found
+
+
+def channel_of(proof: Proof) -> tuple[ProofChannel | None, str]:
+    """Return the channel that is spoken of, and its unit times a million."""
+    if proof.markers is not None:
+        return proof.markers, "µm"
+    return proof.angles, "µrad"

@@ -1,0 +1,94 @@
+"""Reads the nominal arm from its model file, and a recording against that arm.
+
+A stream of one pose is one reading: a diagnosis counts poses, not instants.
+
+One model file is the arm of a claim and the names that a recording must use.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.model_file import load, plain_mjcf
+from bench.shared.format.checks import SAME_POSTURE, said_of_repeats
+from bench.shared.format.faults import Place, visible
+from bench.shared.format.folder import read
+from bench.shared.format.table import CSV_FILE, PARQUET_FILE
+from bench.shared.models import ModelFacts
+from bench.shared.recording import Recording
+from stiffness.dual_encoder.motions import FEWEST
+from stiffness.robot.arm import Arm
+
+# --- Streams of a single pose ---------------------------------------------------------
+
+SLIDE = 1e-4
+"""Way from which a slide has moved, in m; chosen: a tenth of what a limit allows."""
+
+
+def said_of_one_pose(recording: Recording) -> tuple[str, ...]:
+    """Say what to do with a stream that is all one pose though the arm moves."""
+    r = recording
+    way = np.ptp(r.posture, axis=0)
+    least = np.where(np.resize(r.slides or (False,), way.shape), SLIDE, SAME_POSTURE)
+    if r.rows != "stream" or len(np.unique(r.pose)) > 1 or np.all(way <= least):
+        return ()
+    encoders = r.link_posture is not None and not r.markers
+    number = "give each motion a number of its own as its `pose`"
+    if encoders:
+        what = f"{number}, {FEWEST} motions or more."
+    else:
+        what = (
+            "where the arm stopped, add [rests] to the mapping (speed_deg_per_s = 0.05,"
+            f" hold_s = 1.0) and import it again; where it never stopped, {number}."
+        )
+    return (
+        f"all {len(r.time)} instants of this stream are one pose, though the arm moves,"
+        f" and a diagnosis counts poses: {what}",
+    )
+
+
+# --- Arm and recording ----------------------------------------------------------------
+
+
+def arm_of(path: Path) -> Arm:
+    """Read the nominal arm from an MJCF or URDF file.
+
+    Raises:
+        BenchError: Where it cannot be read, saying why.
+    """
+    return Arm.from_mjcf_text(plain_mjcf(load(path)))
+
+
+def facts_of(arm: Arm) -> ModelFacts:
+    """Return the names and limits that a recording of this arm is checked against."""
+    return ModelFacts(
+        joints=arm.axes,
+        slides=tuple(bool(slides) for slides in arm.slides),
+        lower=arm.limits[:, 0],
+        upper=arm.limits[:, 1],
+        bodies=tuple(arm.chain.places),
+    )
+
+
+def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
+    """Read a recording of an arm.
+
+    Returns:
+        The recording, its names without what a terminal would obey; the arm with the
+        recording's own names; and notes.
+
+    Raises:
+        Unusable: With every fault of the recording.
+    """
+    recording, notes = read(folder, facts_of(arm))
+    shown = replace(
+        recording,
+        name=visible(recording.name),
+        robot=visible(recording.robot),
+        markers=tuple(replace(m, name=visible(m.name)) for m in recording.markers),
+    )
+    in_text = (folder / CSV_FILE).exists()
+    place = Place(CSV_FILE if in_text else PARQUET_FILE, in_text)
+    told = (*said_of_repeats(place, recording), *said_of_one_pose(recording))
+    return shown, arm.for_recording(recording), (*notes, *told)

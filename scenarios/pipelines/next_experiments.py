@@ -1,0 +1,104 @@
+"""Proposes the measurements that tell competing models apart best.
+
+A rival that would do as well is fitted in the simulator like the name itself; then
+both do what could be done next, and their readings are compared.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from bench.effects import EFFECTS
+from bench.patch import Named, can_build, effect_of
+from bench.proof.model_discrimination import Experiment, candidates, expected
+from bench.proof.proof import Proof
+from bench.proof.proof_checks import some_of
+from bench.proof.refinement import refined, with_effects
+from bench.proof.simulation import Assumed
+from bench.shared.errors import BenchError
+from scenarios.pipelines.schema import Next
+from stiffness.diagnosis.result import Diagnosis, Name
+
+MOST_PAIRS, PER_PAIR = 2, 3
+"""Rivals that are looked at, and experiments proposed for each; chosen for time."""
+TELLING = 1.0
+"""Log Bayes factor below which an experiment tells nothing; chosen."""
+
+
+def proposed(diagnosis: Diagnosis, proof: Proof | None) -> tuple[Next, ...]:
+    """Return the measurements that tell live rivals apart best, best first.
+
+    Args:
+        diagnosis: With equivalents and confounded pairs.
+        proof: The patched arm; without it nothing can be proposed.
+    """
+    if proof is None or not proof.world.recording.markers:
+        return ()
+    found: list[Next] = []
+    for own, rival in list(_pairs(diagnosis))[:MOST_PAIRS]:
+        try:
+            found += _between(proof, own, rival)
+        except (
+            BenchError,
+            ArithmeticError,
+            ValueError,
+        ):  # a rival that cannot be built
+            continue
+    return tuple(sorted(found, key=lambda n: -n.expected_log_bayes_factor))
+
+
+def _pairs(diagnosis: Diagnosis) -> Iterator[tuple[Name, Name]]:
+    """Return names and what they might be instead, most alike first."""
+    named = {n.name for n in diagnosis.named}
+    seen = set()
+    pairs = [(n.name, rival) for n in diagnosis.named for rival in n.equivalents]
+    pairs += [(a, b) if a in named else (b, a) for a, b in diagnosis.confounded]
+    for own, rival in pairs:
+        fresh = (own, rival) not in seen and rival not in named and own in named
+        seen.add((own, rival))
+        if fresh and can_build(own.effect) and can_build(rival.effect):
+            yield own, rival
+
+
+def _between(proof: Proof, own: Name, rival: Name) -> list[Next]:
+    some = some_of(proof.world, np.zeros(proof.world.replay.rows, dtype=bool))
+    world = proof.world.part(some)
+    gauge = replace(proof.gauge, keep=proof.gauge.keep[some])
+    effects = proof.patched.rig.effects
+    others = [e for e in effects if (e.name, e.where) != (own.effect, own.where)]
+    start = effect_of(Named(rival.effect, rival.where, usual_size(rival)))
+    other, _, _ = refined(world, with_effects(proof.patched, [*others, start]), gauge)
+    experiments = candidates(world, proof.patched)
+    factor = expected(world, proof.patched, other, experiments, gauge.sigma)
+    why = f"tells {own.effect} from {rival.effect} on {own.where}"
+    if own.where != rival.where:
+        why = f"tells {own.effect} on {own.where} from {rival.effect} on {rival.where}"
+    listed, poses = [], set()
+    for i in np.argsort(-factor):
+        pose = experiments[i].posture.tobytes()
+        if factor[i] < TELLING or pose in poses or len(listed) == PER_PAIR:
+            continue
+        poses.add(pose)
+        listed.append(_said(experiments[i], why, float(factor[i]), proof.patched))
+    return listed
+
+
+def usual_size(name: Name) -> dict[str, float | str | None]:
+    """Return the parameters of an effect of catalogue size, to begin with."""
+    kind = next(kind for kind in EFFECTS if kind.name == name.effect)
+    return {
+        k: v if isinstance(v, str) or np.isfinite(v) else None
+        for k, v in kind(where=name.where).parameters().items()
+    }
+
+
+def _said(experiment: Experiment, why: str, factor: float, arm: Assumed) -> Next:
+    slides = arm.rig.anatomy.slides
+    pose = [
+        1e3 * x if s else float(np.degrees(x))
+        for x, s in zip(experiment.posture, slides, strict=True)
+    ]
+    return Next(
+        why, tuple(round(x, 3) for x in pose), experiment.path, round(factor, 2)
+    )

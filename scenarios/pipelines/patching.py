@@ -1,0 +1,219 @@
+"""Translates what was found into a patch: effects, springs and laws of the simulator.
+
+What was named on paper is handed to the simulator as a patch.
+
+A hypothesis and a mechanism write the same physics in different forms. Where a name's
+shape bends the form, it becomes the mechanism's own setting as a first guess, which the
+simulator then refines:
+
+- hysteresis: a stop that slips at r = slip_nm and is w wide has, as springs that slip
+  beside one of stiffness K, (1 + stiffening) = 1 / (1 - w K / 2r);
+- lost motion: the play closes at the same torque.
+
+What calibration found is put into the simulator as mechanisms.
+
+What was named between encoders goes into a patch, but for delays.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.kinematic_chain import moving
+from bench.patch import (
+    FILE,
+    MODEL_FILE,
+    Law,
+    Named,
+    Patch,
+    Value,
+    can_build,
+    mjcf_of,
+    rig_of,
+    text_of,
+    with_arm,
+)
+from bench.proof.setup import in_model, mounted_on
+from bench.shared.recording import Recording
+from scenarios.pipelines.encoder_axes import Axis, waves_of
+from stiffness.calibration.final_fit import Table
+from stiffness.calibration.model import entries_of
+from stiffness.calibration.result import Calibrated
+from stiffness.diagnosis.result import Diagnosis, NamedEffect
+from stiffness.dual_encoder.terms import WOUND
+from stiffness.robot.arm import Arm
+
+# --- From a diagnosis -----------------------------------------------------------------
+
+SOFTEST, STIFFEST = 0.05, 10.0
+"""Bounds of a stiffening's first guess; chosen."""
+
+
+def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> Patch:
+    """Return what a diagnosis puts into the simulator, to be refined there.
+
+    Args:
+        diagnosis: What was named, and what was fitted silently.
+        recording: Whose marks were fitted.
+        arm: The nominal arm.
+    """
+    nominal = diagnosis.nominal
+    if nominal is None:
+        return Patch()
+    axes = [f"a{k + 1}" for k in range(len(arm.axes))]
+    springs = {
+        axis: None if c <= 0.0 else float(1.0 / c)
+        for axis, c in zip(axes, nominal.compliance, strict=True)
+    }
+    frame = np.asarray(nominal.base_from_tracker, float)
+    return Patch(
+        stiffness_nm_per_rad=springs,
+        effects=tuple(
+            patch_entry(effect, springs)
+            for effect in diagnosis.named
+            if can_build(effect.name.effect)
+        ),
+        laws=laws_of(diagnosis),
+        base_from_tracker=tuple((r[0], r[1], r[2], r[3]) for r in frame.tolist()),
+        markers={
+            marker.name: (float(x), float(y), float(z))
+            for marker, (x, y, z) in zip(recording.markers, nominal.places, strict=True)
+        },
+    )
+
+
+def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> Named:
+    """Return one named effect for the patch."""
+    parameters: dict[str, Value] = {
+        name: float(p.estimate) if np.isfinite(p.estimate) else None
+        for name, p in effect.parameters.items()
+    }
+    where, settings = effect.name.where, {}
+    if "with" in parameters and isinstance(parameters["with"], float):
+        parameters["with"] = f"a{round(parameters['with'])}"
+    if effect.name.effect == "hysteresis" and effect.shape:
+        settings["stiffening"] = stiffening(
+            effect.parameters["width_rad"].estimate, springs.get(where), effect.shape[0]
+        )
+    if effect.name.effect == "lost_motion" and effect.shape:
+        settings["closing_nm"] = max(float(effect.shape[0]), 1e-6)
+    return Named(effect.name.effect, where, parameters, settings)
+
+
+def stiffening(width_rad: float, stiffness: float | None, slip_nm: float) -> float:
+    """Return how much stiffer a gear is before anything slips: 1/(1 - w K/2r) - 1."""
+    if stiffness is None:
+        return 1.0
+    share = width_rad * stiffness / (2.0 * max(slip_nm, 1e-9))
+    if share >= 1.0:
+        return STIFFEST
+    return float(np.clip(1.0 / (1.0 - share) - 1.0, SOFTEST, STIFFEST))
+
+
+def laws_of(diagnosis: Diagnosis) -> tuple[Law, ...]:
+    """Return the table of what has no name, where one was learnt."""
+    left = diagnosis.unexplained
+    if left is None or not left.law.get("torque_nm"):
+        return ()
+    return (
+        Law(
+            left.where,
+            tuple(map(float, left.law["torque_nm"])),
+            tuple(map(float, left.law["loading_rad"])),
+            tuple(map(float, left.law["unloading_rad"])),
+        ),
+    )
+
+
+# --- From a calibration ---------------------------------------------------------------
+
+FAINT = 1e-7
+"""Amplitude in rad below which a wave is left away; chosen: 0.1 µm at a metre."""
+FROM_SIDES = ("hysteresis",)
+"""Effects that depend on where an axis came from; `proof` plays them as arrivals."""
+
+
+def patch_of_calibration(found: Calibrated) -> Patch:
+    """Return everything that was found; waves below a tenth of a µrad left away."""
+    effects: list[Named] = []
+    drawing: dict[tuple[str, str], dict[str, float | str | None]] = {}
+    values = found.drawn.values
+    for entry, value in zip(entries_of(found.readings.arm.chain), values, strict=True):
+        if value != 0.0:
+            own = drawing.setdefault((entry.effect, entry.where), {})
+            own[entry.parameter] = float(value)
+    effects += [Named(effect, where, own) for (effect, where), own in drawing.items()]
+    for (effect, where), numbers in found.estimates.items():
+        if (effect, where) not in drawing:
+            known = {name: e.value for name, e in numbers.items()}
+            effects.append(Named(effect, where, dict(known)))
+    for axis, table in found.tables.items():
+        effects += _harmonics(axis, table)
+    names, places = found.readings.names, found.drawn.places
+    return Patch(
+        stiffness_nm_per_rad=dict(found.springs[1]),
+        effects=tuple(effects),
+        base_from_tracker=_rows(found.drawn.base_from_tracker),
+        markers={n: _triple(p) for n, p in zip(names, places, strict=True)},
+    )
+
+
+def _harmonics(axis: str, table: Table) -> list[Named]:
+    found = []
+    for order, c, s in zip(table.order, table.cos, table.sin, strict=True):
+        size = math.hypot(c, s)
+        if size >= FAINT:
+            wave = {"amplitude_rad": size, "order": float(order)}
+            phase = {"phase_rad": math.atan2(c, s)}
+            found.append(Named("transmission_error", axis, {**wave, **phase}))
+    return found
+
+
+def _rows(frame: np.ndarray) -> tuple:
+    return tuple(tuple(float(x) for x in row) for row in frame)
+
+
+def _triple(place: np.ndarray) -> tuple[float, float, float]:
+    x, y, z = (float(v) for v in place)
+    return x, y, z
+
+
+# --- Harmonics of a gear --------------------------------------------------------------
+
+
+def patch_of_axes(axes: Sequence[Axis]) -> Patch:
+    """Return the gears' mechanisms: springs, contacts, play and waves."""
+    springs: dict[str, float | None] = {}
+    effects: list[Named] = []
+    for a in axes:
+        effects += waves_of(a.name, a.found)
+        give = a.found.value(WOUND, "compliance_rad_per_nm")
+        if give > 0.0:
+            springs[a.name] = 1.0 / give
+        elif a.model_give and a.give is not None and not a.is_nominal_spring:
+            springs[a.name] = None
+        for effect in ("hysteresis", "lost_motion"):
+            width = a.found.value(effect, "width_rad")
+            if width > 0.0:
+                effects.append(Named(effect, a.name, {"width_rad": width}))
+    return Patch(stiffness_nm_per_rad=springs, effects=tuple(effects))
+
+
+def patch_of_encoders(axes: Sequence[Axis], recording: Recording, model: Path) -> Patch:
+    """Return the patch of a recording's arm, with the arm in it."""
+    patch = replace(patch_of_axes(axes), axes=moving(recording, model))
+    bare = rig_of(Patch(axes=patch.axes), model)
+    patch = in_model(recording, patch, bare.anatomy)
+    patch = replace(patch, mounted=mounted_on(recording, bare))
+    return with_arm(patch, bare)
+
+
+def write_patch(folder: Path, patch: Patch) -> None:
+    """Write patch.json and model.xml, where a gear has a mechanism at all."""
+    if patch.effects or patch.stiffness_nm_per_rad:
+        (folder / FILE).write_text(text_of(patch), encoding="utf-8")
+        text = mjcf_of(rig_of(patch))
+        (folder / MODEL_FILE).write_text(text, encoding="utf-8")

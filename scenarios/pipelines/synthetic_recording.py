@@ -1,0 +1,242 @@
+"""Instruments of a synthetic recording, and the file of what was true of its arm.
+
+How well an experiment is watched is a matter of flags in data sheets' units.
+
+The truth of a synthetic experiment is kept apart from what was seen of it.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from tempfile import mkstemp
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from bench.effects.effect import Effect
+from bench.effects.parse import parse_all
+from bench.instruments import Encoders, ForceSensor, Instruments, Markers, Tracker
+from bench.instruments.tracker import STILL
+from bench.kinematic_chain import axes_to
+from bench.model_file import load
+from bench.rig import RIGID, Rig
+from bench.shared.errors import Unusable, collect
+from bench.standard_plans import is_kr10
+from bench.study_arm import default_truth
+
+# --- The usual arm and its stiffness --------------------------------------------------
+
+KR10 = Path(__file__).parents[2] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
+
+
+def concealing_rig(
+    robot: Path,
+    hand: str,
+    effects: Sequence[str],
+    default: bool,
+    scale: tuple[float, ...],
+) -> Rig:
+    """Return an arm with what is concealed in it.
+
+    Args:
+        robot: Its model file.
+        hand: Body that the ropes pull, where a torso carries several arms; or empty.
+        effects: As flags give them, NAME@WHERE[,param=value…].
+        default: Whether the study's KR10 is meant, with springs and effects of its own.
+        scale: True stiffness over the model's, one for all axes or one each.
+
+    Raises:
+        Unusable: Where something cannot be built, with all faults.
+    """
+    rig = Rig(robot, axes=axes_to(load(robot), hand) if hand else ())
+    axes = len(rig.anatomy.axes)
+    stiffness, known = rig.nominal.jnt_stiffness, ()
+    parsed, _ = collect(
+        lambda: parse_all(effects, rig.nominal),
+        lambda: check_stiffness_scale(scale, axes),
+    )
+    if default:
+        if not is_kr10(rig):
+            raise Unusable("Truth", ["--truth default is that of a KR10 R1100-2."])
+        truth = default_truth()
+        known, stiffness = truth.effects, truth.stiffness
+    rig = replace(rig, effects=(*known, *parsed), stiffness=stiffness * np.array(scale))
+    _ = rig.model  # compiled here: what cannot be built is a fault of the settings
+    return rig
+
+
+def check_stiffness_scale(scale: tuple[float, ...], axes: int) -> None:
+    """Refuse scales that are not one number, or one for each axis, above zero."""
+    positive = all(np.isfinite(factor) and factor > 0.0 for factor in scale)
+    if len(scale) not in (1, axes) or not positive:
+        say = f"expected one number or {axes}, all above 0"
+        raise Unusable("Flags", [f"--stiffness-scale is {scale}, {say}."])
+
+
+# --- Instruments ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Watching:
+    """What watches."""
+
+    targets: Literal["all", "flange"] = "all"
+    """Bodies with markers: base, links and flange, or the flange alone."""
+    noise_mm: tuple[float, ...] = (0.010,)
+    """Tracker noise, one sigma, or one each for x, y, z; 0: silent."""
+    volumetric_mm: float = 0.0
+    """Slowly varying error of the tracker, one sigma."""
+    occlusions: float = 0.0
+    """Fraction of marker readings that are missing."""
+    placement_mm: float = 0.0
+    """How far markers sit from their nominal places, one sigma."""
+    state_frame: bool = False
+    """Say in the manifest where the tracker stands."""
+    wrench_noise: float = 1.0
+    """Noise of the force sensor, in units of what it states; 0: silent."""
+    direction_deg: float = 0.0
+    """Error of the force's direction that a visit shares, one sigma about each axis."""
+    size_percent: float = 0.0
+    """Error of the force's size that a visit shares, one sigma."""
+    arrival_urad: float = 0.0
+    """Scatter of what the motors reach around what they report, one sigma."""
+    link_encoders: bool = False
+    """Measure the angles after the gears too."""
+
+    def instruments(self) -> Instruments:
+        """Return the instruments.
+
+        Raises:
+            Unusable: Where a flag cannot be.
+        """
+        sigma = self.noise_mm
+        if len(sigma) not in (1, 3) or (any(sigma) and not min(sigma) > 0.0):
+            fault = f"--noise-mm is {sigma}, expected 0, or one or three above 0."
+            raise Unusable("Flags", [fault])
+        tracker = Tracker(
+            noise=float(any(sigma)),
+            field=self.volumetric_mm / 1e3,
+            occlusions=self.occlusions,
+            frame_error=STILL if self.state_frame else None,
+        )
+        if any(sigma):
+            stated = np.broadcast_to(np.array(sigma) / 1e3, 3)
+            tracker = replace(tracker, repeatability=tuple(stated.tolist()))
+        return Instruments(
+            tracker=tracker,
+            force_sensor=ForceSensor(
+                noise=self.wrench_noise,
+                turn=float(np.deg2rad(self.direction_deg)),
+                size=self.size_percent / 100,
+            ),
+            encoders=Encoders(
+                arrival=self.arrival_urad / 1e6, link_side=self.link_encoders
+            ),
+            markers=Markers(self.targets, placement=self.placement_mm / 1e3),
+        )
+
+
+# --- The truth file -------------------------------------------------------------------
+
+
+def truth_text(rig: Rig, name: str, seed: int, instruments: Instruments) -> str:
+    """Write what is true of a rig as JSON, in SI.
+
+    Args:
+        rig: The arm.
+        name: Of the recording.
+        seed: Of the recording.
+        instruments: What watched, before the faults among the effects.
+
+    Returns:
+        `schema`, `recording`, `robot`, `seed`, `effects`, and `stiffness` of each axis
+        in N m/rad, null where it is rigid. An effect has `effect`, `where`,
+        `parameters` under the names of the diagnosis' vocabulary, its `mechanism`,
+        since one name can have several, and everything that was `set`; the fields of
+        `instruments` are those of `bench.instruments`.
+    """
+    springs = zip(rig.anatomy.axes, rig.springs, strict=True)
+    truth = {
+        "schema": 1,
+        "recording": name,
+        "robot": Path(rig.arm_file).stem,
+        "seed": seed,
+        "effects": [_entry(effect) for effect in rig.effects],
+        "stiffness": {
+            axis: None if stiffness >= RIGID else float(stiffness)
+            for axis, stiffness in springs
+        },
+        "instruments": msgspec.to_builtins(instruments),
+    }
+    return msgspec.json.format(msgspec.json.encode(truth), indent=2).decode() + "\n"
+
+
+def refuse_truth_inside(folder: Path, truth_file: Path | None) -> None:
+    """Refuse a truth file inside a recording's folder.
+
+    Raises:
+        Unusable: Where it lies there, also through links.
+    """
+    if truth_file is None:
+        return
+    if os.path.lexists(truth_file) and not truth_file.is_file():
+        fault = "it is there and is no file; give another name."
+        raise Unusable("Truth file", [f"--truth-file {str(truth_file)!r}: {fault}"])
+    inside = truth_file.resolve().is_relative_to(folder.resolve())
+    if inside or folder.resolve().is_relative_to(truth_file.resolve()):
+        fault = (
+            f"it lies inside {str(folder)!r}, or that inside it; put it elsewhere, for "
+            "a recording holds no truth."
+        )
+        raise Unusable("Truth file", [f"--truth-file {str(truth_file)!r}: {fault}"])
+
+
+def written_with_truth(truth_file: Path, truth: str, write: Callable[[], None]) -> None:
+    """Write the truth and, while it waits beside its place, what belongs to it.
+
+    Args:
+        truth_file: Where the truth goes; one that is there is replaced.
+        truth: What it says.
+        write: Writes the rest, or raises.
+
+    Raises:
+        Unusable: Where the truth cannot be written; then nothing is.
+    """
+    waiting = None
+    try:
+        truth_file.parent.mkdir(parents=True, exist_ok=True)
+        if truth_file.is_dir():
+            raise IsADirectoryError(f"{str(truth_file)!r} is a folder")
+        handle, waiting = mkstemp(prefix=".truth-", dir=truth_file.parent)
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(truth)
+        write()
+        os.replace(waiting, truth_file)
+    except OSError as error:
+        fault = f"it cannot be written: {error}."
+        raise Unusable(f"Truth file {str(truth_file)!r}", [fault]) from error
+    finally:
+        if waiting is not None:
+            Path(waiting).unlink(missing_ok=True)
+
+
+def _entry(effect: Effect) -> dict[str, object]:
+    return {
+        "effect": effect.name,
+        "where": effect.where,
+        "parameters": _plain(effect.parameters()),
+        "mechanism": type(effect).__name__,
+        "set": _plain(
+            {
+                f.name: getattr(effect, f.name)
+                for f in fields(effect)
+                if f.name != "where"
+            }
+        ),
+    }
+
+
+def _plain(values) -> dict[str, object]:
+    return {k: v.item() if isinstance(v, np.generic) else v for k, v in values.items()}

@@ -1,0 +1,109 @@
+"""Runs a command: its flags, faults and progress bar, and its exit status.
+
+A command ends with 0 done, 2 the user's mistake, or 130 interrupted; never a trace.
+
+Every scenario ends with `run(main, Settings)`; its docstring is its manual.
+
+A user who made several mistakes hears of all of them at once.
+
+How far a scenario is shows on a terminal alone, and vanishes when it is done.
+"""
+
+import os
+import re
+import sys
+import warnings
+from collections.abc import Callable
+from io import TextIOWrapper
+from typing import Any, TypeVar
+
+import tyro
+from rich.console import Console
+from rich.progress import Progress, ProgressColumn
+
+from bench.shared.errors import BenchError, LeftOut, Unusable
+from bench.shared.format.faults import visible
+from scenarios import INTERRUPTED, SAYS
+
+# --- Flags and exit status ------------------------------------------------------------
+
+USER_MISTAKE = 2
+_usual = warnings.showwarning
+_said: set[str] = set()
+
+Settings = TypeVar("Settings")
+
+
+def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
+    """Read the command line, run a scenario, and end as the user expects.
+
+    Args:
+        main: What the scenario does.
+        settings: A frozen dataclass; its fields are the flags.
+    """
+    module = sys.modules[main.__module__]
+    warnings.showwarning = _noted
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    name = f"python -m {module.__spec__.name}" if module.__spec__ else None
+    manual = re.sub(r"\n(?=(Takes|Expect):)", "\n\n", module.__doc__ or "")
+    try:
+        main(tyro.cli(settings, prog=name, description=manual))
+        sys.stdout.flush()
+    except BenchError as error:
+        print("\n".join(map(visible, str(error).split("\n"))), file=sys.stderr)
+        sys.exit(USER_MISTAKE)
+    except KeyboardInterrupt:
+        print(SAYS, file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    except BrokenPipeError:  # the reader of our output left, as `head` does
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, MemoryError) as error:  # a folder, a disk, a memory: not a bug
+        print(f"It cannot be done here: {error}.", file=sys.stderr)
+        sys.exit(USER_MISTAKE)
+
+
+def _noted(message: Warning | str, category: type[Warning], *where: Any) -> None:
+    if not issubclass(category, LeftOut):
+        _usual(message, category, *where)
+    elif str(message) not in _said:  # a model is read more than once
+        _said.add(str(message))
+        print(f"Note: {message}", file=sys.stderr)
+
+
+# --- All faults at once ---------------------------------------------------------------
+
+
+def at_least(least: int, **flags: int) -> None:
+    """Refuse flags below the least that they can be.
+
+    Raises:
+        Unusable: Naming all of them.
+    """
+    faults = [
+        f"--{name} is {value}, expected at least {least}."
+        for name, value in flags.items()
+        if value < least
+    ]
+    if faults:
+        raise Unusable("Flags", faults)
+
+
+# --- Progress -------------------------------------------------------------------------
+
+
+def progress_bar(*columns: ProgressColumn) -> Progress:
+    """Return a bar for one command; where nobody watches it writes nothing at all.
+
+    Args:
+        columns: What it shows; none: the usual.
+    """
+    console = Console(stderr=True)
+    return Progress(
+        *columns,
+        console=console,
+        transient=True,
+        redirect_stdout=sys.stdout.isatty(),
+        disable=not console.is_terminal,
+    )

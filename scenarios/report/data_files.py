@@ -1,0 +1,73 @@
+"""Data files beside a report: tidy tables as CSV, and run.json.
+
+A tidy table has one number a row and says everything about it in its columns.
+
+A result that nobody can make again is an anecdote: run.json says how it was made.
+"""
+
+import csv
+import json
+import math
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+# --- Tidy tables ----------------------------------------------------------------------
+
+
+def write_table(file: Path, rows: Sequence[dict[str, object]]) -> None:
+    """Write rows of the same columns as csv; floats keep seven digits, NaN is blank."""
+    with file.open("w", newline="", encoding="utf-8") as out:
+        writer = csv.DictWriter(out, fieldnames=list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({name: _cell(value) for name, value in row.items()})
+
+
+def read_table(file: Path) -> list[dict[str, str]]:
+    """Read such a table back, as text."""
+    with file.open(newline="", encoding="utf-8") as source:
+        return list(csv.DictReader(source))
+
+
+def _cell(value: object) -> object:
+    if not isinstance(value, float):
+        return value
+    return "" if math.isnan(value) else f"{value:.7g}"
+
+
+# --- How a result was made ------------------------------------------------------------
+
+LIBRARIES = ("mujoco", "pin", "numpy", "scipy", "torch", "rerun-sdk")
+
+
+def command_of(module: str, settings: Any) -> str:
+    """Return the command that makes a result again, all its flags written out."""
+    given = {f.name: getattr(settings, f.name) for f in fields(settings)}
+    out = given.pop("out").as_posix()
+    flags = [
+        f"--{name.replace('_', '-')}" + ("" if value is True else f" {value}")
+        for name, value in given.items()
+        if value is not None and value is not False
+    ]
+    return " ".join([f"python -m {module}", *flags, f"--out {out}"])
+
+
+def write_run_file(
+    folder: Path, command: str, settings: Mapping[str, object], **facts
+) -> None:
+    """Write run.json: command, settings, versions and facts of one run."""
+    content = {
+        "command": command,
+        "settings": settings,
+        "python": sys.version.split()[0],
+        "platform": platform.machine(),
+        "libraries": {name: version(name) for name in LIBRARIES},
+        **facts,
+    }
+    text = json.dumps(content, indent=2, default=str)
+    (folder / "run.json").write_text(text + "\n", encoding="utf-8")

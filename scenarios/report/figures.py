@@ -1,0 +1,422 @@
+"""Figures of a diagnosis, a calibration and a comparison of encoders.
+
+Few pictures say most: axes, the law that was named, poses kept back, bodies.
+
+The law that was named is drawn through what the marks show of its axis.
+
+Before and after, the uneven gears, and what is left where.
+
+What goes apart between two encoders is drawn over time, torque and speed.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from bench.proof.comparison import residual_of
+from bench.proof.explained_share import Channel
+from bench.proof.proof import Proof
+from bench.proof.proof_checks import squares
+from scenarios.pipelines.calibration_proof import CalibrationProof, rms
+from scenarios.pipelines.diagnose import MICRO, Curves, courses_of
+from scenarios.pipelines.encoder_axes import Axis, whole_rms
+from scenarios.report.style import BLUE, GREY, ORANGE, plain_log, save
+from stiffness.calibration.model import Stance
+from stiffness.calibration.result import Calibrated
+from stiffness.dual_encoder.motions import Motion
+
+# --- A diagnosis ----------------------------------------------------------------------
+
+ACROSS = 3
+MOST_POINTS = 4000
+
+
+def of_axes(curves: Curves, named: frozenset[str], file: Path) -> None:
+    """Draw what each axis turns beyond the nominal arm against its torque.
+
+    Args:
+        curves: Of all axes.
+        named: Axes to which something was ascribed.
+        file: Where the picture goes.
+    """
+    count = len(curves.axes)
+    down = -(-count // ACROSS)
+    figure = Figure(figsize=(10.5, 2.9 * down), layout="constrained")
+    axes = np.atleast_1d(
+        figure.subplots(down, min(ACROSS, count), squeeze=False)
+    ).ravel()
+    rows = np.arange(len(curves.torque))
+    if len(rows) > MOST_POINTS:
+        rows = rows[:: -(-len(rows) // MOST_POINTS)]
+    limit = _limit(curves)
+    for k, name in enumerate(curves.axes):
+        _one(axes[k], curves, k, rows, name in named, limit[k])
+    for empty in axes[count:]:
+        empty.set_visible(False)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside upper center", ncols=len(labels), markerscale=3
+    )
+    save(figure, file)
+
+
+def of_poses(channel: Channel, unit: str, file: Path) -> None:
+    """Draw before and after of every pose kept back, the worst first."""
+    order = np.argsort(-channel.before_of)
+    figure = Figure(figsize=(10.5, 3.2), layout="constrained")
+    axes = figure.subplots()
+    at = np.arange(len(order))
+    before, after = MICRO * channel.before_of[order], MICRO * channel.after_of[order]
+    axes.vlines(at, after, before, color="#d8d8d8", lw=2.5, zorder=1)
+    axes.plot(at, before, "o", color=GREY, ms=6, label="nominal arm, fitted")
+    axes.plot(at, after, "o", color=ORANGE, ms=6, label="with the patch")
+    axes.axhline(
+        MICRO * channel.noise, color=BLUE, lw=1.2, ls="--", label="stated noise"
+    )
+    axes.set_xticks(at, [str(p) for p in channel.pose[order]], fontsize=7)
+    axes.set_xlabel("pose kept back")
+    axes.set_ylabel(f"rms error [{unit}]")
+    axes.set_ylim(bottom=0)
+    axes.grid(visible=False, axis="x")
+    figure.legend(loc="outside upper center", ncols=3)
+    save(figure, file)
+
+
+def of_bodies(simulated: Proof, proved: bool, file: Path) -> None:
+    """Draw the error by body, before and after."""
+    before, after = by_body(simulated)
+    figure = Figure(figsize=(10.5, 2.8), layout="constrained")
+    axes = figure.subplots()
+    at = np.arange(len(before))
+    wide = 0.38 if proved else 0.6
+    axes.bar(
+        at - 0.2 * proved,
+        [MICRO * v for v in before.values()],
+        wide,
+        color=GREY,
+        label="nominal arm, fitted",
+    )
+    if proved:
+        axes.bar(
+            at + 0.2,
+            [MICRO * v for v in after.values()],
+            wide,
+            color=ORANGE,
+            label="with the patch",
+        )
+    axes.set_xticks(at, list(before))
+    axes.set_ylabel("rms error [µm]")
+    axes.grid(visible=False, axis="x")
+    figure.legend(loc="outside upper center", ncols=2)
+    save(figure, file)
+
+
+def by_body(simulated: Proof) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the rms of each body's marks over all rows, before and after, in m."""
+    world, gauge = simulated.world, simulated.gauge
+    found = []
+    names = [marker.body for marker in world.recording.markers]
+    for assumed in (simulated.nominal, simulated.patched):
+        left = residual_of(world, world.see(assumed), gauge)
+        square = squares(world, left)[0]
+        found.append(
+            {
+                body: float(np.sqrt(np.nanmean(square[:, [n == body for n in names]])))
+                for body in dict.fromkeys(names)
+            }
+        )
+    return found[0], found[1]
+
+
+def _one(
+    axes: Axes, curves: Curves, k: int, rows: np.ndarray, named: bool, limit: float
+) -> None:
+    unit, torque = ("µm", "force [N]") if curves.slides[k] else ("µrad", "torque [N m]")
+    axes.plot(
+        curves.torque[rows, k],
+        MICRO * curves.before[rows, k],
+        ".",
+        color=GREY,
+        ms=2.5,
+        alpha=0.45,
+        label="measured, beyond the nominal arm",
+        rasterized=True,
+    )
+    axes.plot(
+        curves.torque[rows, k],
+        MICRO * curves.law[rows, k],
+        ".",
+        color=ORANGE,
+        ms=2.5 if named else 1.2,
+        alpha=0.9 if named else 0.35,
+        label="patch, simulated",
+        rasterized=True,
+    )
+    axes.set_title(
+        f"{curves.axes[k]}{', named' if named else ''}",
+        loc="left",
+        fontsize=10,
+        fontweight="bold" if named else "normal",
+        color=ORANGE if named else "#1c1c1c",
+    )
+    axes.set_ylim(-limit, limit)
+    axes.set_xlabel(torque)
+    axes.set_ylabel(f"turn [{unit}]")
+
+
+def _limit(curves: Curves) -> np.ndarray:
+    """Return the half height of each axis' plot: all but stray points."""
+    stray = np.quantile(np.abs(curves.before), 0.995, axis=0)
+    law = np.max(np.abs(curves.law), axis=0)
+    return 1.15 * MICRO * np.maximum(np.maximum(stray, law), 1e-7)
+
+
+# --- A named law ----------------------------------------------------------------------
+
+WORDS = ("patch, simulated", "measured", "where a visit begins")
+STRAY = 1.5
+"""How far beyond all but a few readings one is still shown; chosen."""
+LOOPS = 3
+"""Visits whose course is drawn as a line; chosen: more is a tangle."""
+
+
+def of_law(curves: Curves, name: str, file: Path) -> None:
+    """Draw the course of an axis' turn in a few visits, and all of it against the law.
+
+    Args:
+        curves: Of all axes.
+        name: The axis.
+        file: Where the picture goes.
+    """
+    k = curves.axes.index(name)
+    unit, load = ("µm", "force [N]") if curves.slides[k] else ("µrad", "torque [N m]")
+    measured, law = curves.before[:, k], curves.law[:, k]
+    figure = Figure(figsize=(10.5, 4.0), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for i, course in enumerate(courses_of(curves, name, LOOPS)):
+        words = WORDS if i == 0 else (None,) * 3
+        shown, seen = MICRO * course.law, MICRO * course.measured
+        left.plot(course.torque, shown, "-", color=ORANGE, lw=1.6, label=words[0])
+        left.plot(course.torque, seen, "o", color=GREY, ms=5, label=words[1])
+        begins = (course.torque[:1], shown[:1], "o")
+        left.plot(*begins, color=ORANGE, ms=7, label=words[2])
+    left.set_xlabel(load)
+    left.set_ylabel(f"turn beyond the nominal arm [{unit}]")
+    left.set_title(f"{name}: the {LOOPS} visits with the widest load", loc="left")
+    left.legend()
+    sizes = np.abs(measured)
+    seen = min(np.max(sizes), STRAY * np.quantile(sizes, 0.995))
+    lim = 1.1 * MICRO * max(np.max(np.abs(law)), seen)
+    right.plot([-lim, lim], [-lim, lim], color=ORANGE, lw=1.2)
+    for rows, colour, word in (
+        (~curves.held, GREY, "fitted poses"),
+        (curves.held, BLUE, "poses kept back"),
+    ):
+        right.plot(
+            MICRO * law[rows],
+            MICRO * measured[rows],
+            ".",
+            color=colour,
+            ms=4,
+            label=word,
+        )
+    right.set_xlim(-lim, lim)
+    right.set_ylim(-lim, lim)
+    right.set_xlabel(f"patch, simulated [{unit}]")
+    right.set_ylabel(f"measured [{unit}]")
+    right.set_title("all rows, each visit's mean taken off", loc="left")
+    right.legend(markerscale=2)
+    save(figure, file)
+
+
+# --- A calibration --------------------------------------------------------------------
+
+MM = 1e3
+NAMES = ("as drawn", "as calibrated")
+
+
+def calibration_before_after(
+    found: Calibrated, proof: CalibrationProof, file: Path
+) -> None:
+    """Draw where the poses kept back stand and how far off the simulator is there."""
+    at = Stance.of(found.readings, found.drawn).point[found.held]
+    figure = Figure(figsize=(11, 4), layout="constrained")
+    *places, shares = figure.subplots(1, 3, width_ratios=(1, 1, 1.15))
+    sizes = [MM * np.linalg.norm(r, axis=1) for r in (proof.before, proof.after)]
+    colours = LogNorm(*np.quantile(np.concatenate(sizes), [0.02, 0.98]))
+    look = {"norm": colours, "cmap": "inferno_r", "rasterized": True}
+    look["s"] = np.clip(2000 / len(at), 5, 30)
+    drawn = []
+    for ax, size, name in zip(places, sizes, NAMES, strict=True):
+        order = np.argsort(size)
+        x, z = MM * at[order, 0], MM * at[order, 2]
+        drawn.append(ax.scatter(x, z, c=size[order], **look))
+        ax.set_title(f"{name}: {np.sqrt(np.mean(size**2)):.3f} mm rms", size=10)
+        ax.set(xlabel="x [mm]")
+        ax.set_aspect("equal", adjustable="datalim")
+        ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
+    places[0].set_ylabel("z [mm]")
+    places[1].tick_params(labelleft=False)
+    bar = figure.colorbar(drawn[-1], ax=places, shrink=0.9)
+    bar.ax.set_title("error [mm]", size=9)
+    plain_log(bar.ax.yaxis)
+    for size, name, colour, lw in zip(
+        sizes, NAMES, (GREY, ORANGE), (3.5, 2), strict=True
+    ):
+        share = np.linspace(0, 100, len(size))
+        shares.plot(np.sort(size), share, color=colour, lw=lw, label=name)
+    noise = MM * found.at_last.noise
+    shares.axvline(noise, color=BLUE, ls="--", lw=1, label="neighbours differ")
+    shares.set(xscale="log", xlabel="error [mm]", ylabel="poses below [%]")
+    shares.set(ylim=(0, 101))
+    plain_log(shares.xaxis)
+    above = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": 3}
+    shares.legend(**above, fontsize=8, columnspacing=1.2, handlelength=1.5)
+    save(figure, file)
+
+
+def gears(found: Calibrated, file: Path) -> None:
+    """Draw each uneven gear over the angles that were fitted, and the readings."""
+    count = len(found.tables)
+    figure = Figure(figsize=(11, 1.9 * count), layout="constrained")
+    plots = figure.subplots(count, 1, squeeze=False)[:, 0]
+    keep = ~found.held
+    lever = Stance.of(found.readings, found.drawn).lever[:, keep]
+    posture, left = found.readings.posture[keep], found.residual[keep]
+    for ax, (axis, table) in zip(plots, sorted(found.tables.items()), strict=True):
+        k = int(axis[1:]) - 1
+        turn = np.sum(lever[k] ** 2, axis=1)
+        clear = turn > np.quantile(turn, 0.3)
+        own = np.sum(lever[k] * left, axis=1)[clear] / turn[clear]
+        angle = posture[clear, k]
+        grid = np.linspace(posture[:, k].min(), posture[:, k].max(), 4000)
+        known = np.sort(posture[:, k])
+        at = np.clip(np.searchsorted(known, grid), 1, len(known) - 1)
+        far = np.minimum(np.abs(grid - known[at - 1]), np.abs(grid - known[at]))
+        law = np.where(far < np.radians(1.0), 1e6 * table.at(grid), np.nan)
+        dots = 1e6 * (table.at(angle) + own)
+        ax.plot(np.degrees(angle), dots, ".", color=GREY, ms=1, rasterized=True)
+        ax.plot(np.degrees(grid), law, color=ORANGE, lw=1.2)
+        span = 1.3 * np.nanmax(np.abs(law))
+        ax.set(ylim=(-span, span), ylabel=f"{axis} [µrad]")
+    plots[-1].set_xlabel("angle of the axis [°]")
+    save(figure, file)
+
+
+def residual_map(
+    found: Calibrated, proof: CalibrationProof, new: np.ndarray, file: Path
+) -> None:
+    """Draw what is left over place, angles and time."""
+    held = found.held
+    posture, hours = found.readings.posture[held], found.readings.hours
+    hours = (hours - hours.min())[held]
+    axes = [k for k in range(posture.shape[1]) if np.ptp(posture[:, k]) > 0.0]
+    size = MM * np.linalg.norm(proof.after, axis=1)
+    columns = 4
+    rows = -(-(len(axes) + 1) // columns)
+    figure = Figure(figsize=(12, 2.6 * rows), layout="constrained")
+    plots = figure.subplots(rows, columns, squeeze=False).ravel()
+    top = 1.2 * np.quantile(size, 0.995)
+    for ax in plots[len(axes) + 1 :]:
+        ax.axis("off")
+    things = [(np.degrees(posture[:, k]), f"a{k + 1} [°]") for k in axes]
+    for ax, (x, label) in zip(plots, [*things, (hours, "time [h]")], strict=False):
+        ax.plot(x[~new], size[~new], ".", color=GREY, ms=2, rasterized=True)
+        ax.plot(x[new], size[new], ".", color=ORANGE, ms=2, rasterized=True)
+        ax.set(xlabel=label, ylim=(0, top))
+    for ax in plots[::columns]:
+        ax.set_ylabel("left [mm]")
+    figure.suptitle(
+        f"{MM * rms(proof.after):.3f} mm rms on poses kept back; orange: at an angle "
+        "that no fitted pose had",
+        size=10,
+    )
+    save(figure, file)
+
+
+# --- A comparison of encoders ---------------------------------------------------------
+
+URAD = 1e6
+
+
+def encoders_before_after(axes: Sequence[Axis], file: Path) -> None:
+    """Draw what a rigid gear leaves of the judged motion, and what the patch does."""
+    figure = Figure(figsize=(11, 2.1 * len(axes)), layout="constrained")
+    plots = figure.subplots(len(axes), 1, squeeze=False, sharex=True)[:, 0]
+    drawn = []
+    for ax, a in zip(plots, axes, strict=True):
+        time = a.judged.time - a.judged.time[0]
+        drawn = ax.plot(time, URAD * a.before, color=GREY, lw=1)
+        drawn += ax.plot(time, URAD * a.after, color=ORANGE, lw=0.8)
+        sizes = [URAD * whole_rms(x) for x in (a.before, a.after)]
+        ax.set_ylabel(f"{a.name} [µrad]")
+        ax.set_title(f"{sizes[0]:.0f} → {sizes[1]:.0f} µrad rms", size=9, loc="right")
+    plots[-1].set_xlabel("time [s]")
+    _legend(figure, drawn, ("as modelled", "with what was named"))
+    save(figure, file)
+
+
+def looks_like(axes: Sequence[Axis], file: Path) -> None:
+    """Draw what goes apart over the motor's torque, where it was read, and speed."""
+    figure = Figure(figsize=(11, 2.6 * len(axes)), layout="constrained")
+    plots = figure.subplots(len(axes), 1 + _with_torque(axes), squeeze=False)
+    for row, a in zip(plots, axes, strict=True):
+        left, right = row[0], row[-1]
+        for m in (*a.fitted, a.judged):
+            colour = ORANGE if m is a.judged else GREY
+            look = {"color": colour, "ms": 1.5, "rasterized": True}
+            if m.torque is not None and _read(m):
+                left.plot(m.torque / 1e3, URAD * m.apart, ".", **look)
+            right.plot(m.speed, URAD * m.apart, ".", **look)
+        left.set_ylabel(f"{a.name}: after − before [µrad]")
+    two = [Line2D([], [], marker=".", ls="", color=c) for c in (GREY, ORANGE)]
+    _legend(figure, two, ("motions that were fitted", "judged motion"))
+    plots[-1][0].set_xlabel("torque of the motor [kN m]")
+    plots[-1][-1].set_xlabel("speed [rad/s]")
+    save(figure, file)
+
+
+def followed(axes: Sequence[Axis]) -> str:
+    """Say what the picture shows, and how closely the difference follows it."""
+    told = []
+    for a in axes:
+        motions = (*a.fitted, a.judged)
+        speed = f"speed {_alike(motions, [m.speed for m in motions]):+.2f}"
+        torque = [m.torque for m in motions if m.torque is not None and _read(m)]
+        if len(torque) == len(motions):
+            speed = f"torque {_alike(motions, torque):+.2f}, {speed}"
+        told.append(f"{a.name}: {speed}")
+    over = "over the motor's torque (left) and speed (right)"
+    if not _with_torque(axes):
+        over = "over speed"
+    return (
+        f"The second encoder less the first {over}, judged motion in orange. "
+        f"Correlation with {'; '.join(told)}."
+    )
+
+
+def _legend(figure: Figure, drawn: Sequence[Line2D], said: Sequence[str]) -> None:
+    figure.legend(drawn, said, loc="outside upper left", ncols=len(said), fontsize=9)
+
+
+def _alike(motions: Sequence[Motion], other: Sequence[np.ndarray]) -> float:
+    """Return the correlation with what goes apart, each motion's mean taken off."""
+    apart = np.concatenate([m.apart for m in motions])
+    beside = np.concatenate([x - x.mean() for x in other])
+    size = np.linalg.norm(apart) * np.linalg.norm(beside)
+    return float(apart @ beside / size) if size > 0.0 else 0.0
+
+
+def _with_torque(axes: Sequence[Axis]) -> bool:
+    return any(_read(m) for a in axes for m in (*a.fitted, a.judged))
+
+
+def _read(motion: Motion) -> bool:
+    torque = motion.torque
+    return motion.measured and torque is not None and bool(np.ptp(torque) > 0.0)

@@ -1,0 +1,62 @@
+"""Writes an output folder whole or leaves it as it was.
+
+Everything is made beside the folder and moved there at the end, file by file; what an
+earlier answer left and this one has not is taken away.
+"""
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import mkdtemp
+
+from bench.shared.errors import Unusable
+
+FILES = (
+    "diagnosis.json", "report.html", "picture.png", "diagnosis.rrd", "model.xml",
+    "patch.json",
+)  # fmt: skip
+
+
+def refuse_folder(folder: Path, recording: Path) -> None:
+    """Refuse a place that cannot hold an answer, before anything is worked out.
+
+    Raises:
+        Unusable: Where it is a file, or the recording's own folder.
+    """
+    what, faults = f"Folder {str(folder)!r}", []
+    if folder.exists() and not folder.is_dir():
+        faults.append("it is not a folder; give another --out.")
+    if folder.resolve() == recording.resolve():
+        faults.append("it is the recording itself; give another --out.")
+    if faults:
+        raise Unusable(what, faults)
+
+
+def write_folder(folder: Path, make: Callable[[Path], None]) -> None:
+    """Make an answer beside a folder and move it there whole.
+
+    Args:
+        folder: Where it goes; made if it is not there.
+        make: Writes the files into the folder that it is given.
+
+    Raises:
+        Unusable: Where nothing can be written; then nothing is.
+    """
+    waiting: Path | None = None
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        waiting = Path(mkdtemp(prefix=".diagnosis-", dir=folder.parent))
+        make(waiting)
+        folder.mkdir(exist_ok=True)
+        for name in FILES:
+            if (waiting / name).exists():
+                os.replace(waiting / name, folder / name)
+            else:
+                (folder / name).unlink(missing_ok=True)
+    except OSError as error:
+        fault = f"it cannot be written: {error}."
+        raise Unusable(f"Folder {str(folder)!r}", [fault]) from error
+    finally:
+        if waiting is not None:
+            shutil.rmtree(waiting, ignore_errors=True)

@@ -1,0 +1,97 @@
+"""A report as headings, paragraphs, tables and figures, in Markdown and HTML.
+
+`report.md` is for the repository, `report.html` is one file to hand over: its pictures
+are inside it.
+"""
+
+import base64
+import html
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, select_autoescape
+
+TEMPLATES = Path(__file__).parent
+NUMBER = re.compile(r"[<>≤≥+−-]? ?\d|–$")
+"""How a cell begins that holds a number, or says that there is none."""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """The title of a section."""
+
+    text: str
+    kind: str = "heading"
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Running text; no markup."""
+
+    text: str
+    kind: str = "paragraph"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of cells that are already text, with a caption that states the finding."""
+
+    caption: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    kind: str = "table"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A picture in the report's folder, with a caption that states the finding."""
+
+    caption: str
+    file: str
+    kind: str = "figure"
+
+
+Block = Heading | Paragraph | Table | Figure
+
+
+def write(folder: Path, title: str, summary: str, blocks: Sequence[Block]) -> None:
+    """Write report.md and report.html.
+
+    Args:
+        folder: Where the figures are and the report goes.
+        title: Of the report.
+        summary: What was found, in one or two sentences.
+        blocks: The rest, in order.
+    """
+    environment = Environment(
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=select_autoescape(["html.j2"]),
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["plain"] = _plain
+    environment.globals["side"] = _side
+    environment.globals["picture"] = lambda file: _embedded(folder / file)
+    for name in ("report.md", "report.html"):
+        page = environment.get_template(f"{name}.j2")
+        text = page.render(title=title, summary=summary, blocks=blocks)
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+def _plain(text: str) -> str:
+    """Return Markdown that shows a text as it stands, on one line."""
+    line = html.escape(" ".join(text.split()), quote=False)
+    return re.sub(r"([\\`*\[\]|])", r"\\\1", line)
+
+
+def _side(table: Table, column: int) -> str:
+    """Return where cells of a column stand: numbers at the right, words at the left."""
+    cells = [row[column] for row in table.rows if row[column].strip()]
+    return "right" if cells and all(map(NUMBER.match, cells)) else "left"
+
+
+def _embedded(picture: Path) -> str:
+    data = base64.b64encode(picture.read_bytes()).decode("ascii")
+    return f"data:image/png;base64,{data}"

@@ -1,0 +1,403 @@
+"""Rerun playbacks of a diagnosis, a calibration and a comparison of encoders.
+
+Wind-up curves stand beside the arm: what was measured, and the law drawn through.
+
+The arm stands as it stood, each body as warm as its marks are wrong.
+
+Posture by posture one sees where the arm differs, and what the patch leaves of it.
+
+On the timeline `pose` the arm stands as in the recording under its largest load, each
+body coloured by how far its marks are from the nominal simulation; arrows show what is
+missing before and after the patch, magnified; beside it the wind-up curves.
+
+Pose by pose one sees where the target was missed, before and after.
+
+On the timeline `pose` the links stand as calibrated; arrows show what the simulator
+misses on the poses kept back, magnified.
+
+What goes apart between encoders is played back over time, before and after.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from jaxtyping import Float
+
+from bench.meshes import shapes
+from bench.proof.comparison import residual_of
+from bench.proof.proof import Proof
+from scenarios.pipelines.calibration_proof import CalibrationProof
+from scenarios.pipelines.diagnose import MICRO, Curves, Finding, courses_of, curves_of
+from scenarios.pipelines.encoder_axes import Axis
+from scenarios.report import summary
+from stiffness.calibration.model import Stance
+from stiffness.calibration.result import Calibrated
+
+# --- Curves of an axis ----------------------------------------------------------------
+
+WIDTH, HEIGHT = 100.0, 60.0
+"""Of a curve's plot, in its own units; chosen."""
+ACROSS, DOWN = (-58.0, 54.0), (-38.0, 46.0)
+"""What of it is shown; chosen: a margin for words."""
+GREY, ORANGE = (120, 120, 120), (240, 100, 0)
+
+
+def curves(stream: rr.RecordingStream, finding: Finding, curves: Curves) -> None:
+    """Log the curves of the axes that matter."""
+    for k in shown(finding, curves):
+        name = curves.axes[k]
+        courses = courses_of(curves, name)
+        torque = np.concatenate([c.torque for c in courses])
+        turn = np.concatenate([v for c in courses for v in (c.measured, c.law)])
+        middle, wide = np.mean([torque.min(), torque.max()]), np.ptp(torque) / 2
+        centre, high = np.mean([turn.min(), turn.max()]), np.ptp(turn) / 2
+
+        def placed(x: np.ndarray, y: np.ndarray, at=(middle, wide, centre, high)):
+            across = WIDTH / 2 * (x - at[0]) / max(at[1], 1e-9)
+            up = -HEIGHT / 2 * (y - at[2]) / max(at[3], 1e-9)
+            return np.column_stack([across, up]).astype(np.float32)
+
+        measured = np.concatenate([placed(c.torque, c.measured) for c in courses])
+        points = rr.Points2D(measured, colors=[GREY], radii=0.9)
+        stream.log(f"/curves/{name}/measured", points, static=True)
+        if finding.proof is not None:
+            strips = [placed(c.torque, c.law) for c in courses]
+            lines = rr.LineStrips2D(strips, colors=[ORANGE], radii=0.35)
+            stream.log(f"/curves/{name}/patch", lines, static=True)
+        left, foot = -WIDTH / 2 - 4, HEIGHT / 2 + 4
+        frame = [[[left, -HEIGHT / 2], [left, foot], [WIDTH / 2, foot]]]
+        lines = rr.LineStrips2D(frame, colors=[(150, 150, 150)], radii=0.15)
+        stream.log(f"/curves/{name}/axes", lines, static=True)
+        texts = [
+            f"torque {torque.min():.0f} to {torque.max():.0f} N m",
+            f"turn over {MICRO * 2 * high:.0f} µrad",
+        ]
+        labels = rr.Points2D(
+            [[0.0, foot + 5], [left + 14, -HEIGHT / 2]],
+            labels=texts,
+            colors=[(20, 20, 20)],
+            radii=0.01,
+        )
+        stream.log(f"/curves/{name}/labels", labels, static=True)
+
+
+def shown(finding: Finding, curves: Curves) -> list[int]:
+    """Return which axes' curves are shown: those that were named or located, or two."""
+    places = [n.where for n in finding.answer.named]
+    places += [x.where for x in finding.answer.located]
+    found = [k for k, name in enumerate(curves.axes) if name in places]
+    return (found or list(range(min(2, len(curves.axes)))))[:3]
+
+
+# --- The arm --------------------------------------------------------------------------
+
+COLD, WARM, HOT = (196, 200, 204), (240, 100, 0), (150, 20, 30)
+
+
+def bodies(
+    stream: rr.RecordingStream,
+    simulated: Proof,
+    rows: np.ndarray,
+    heat: dict[str, np.ndarray],
+    times: list[rr.TimeColumn],
+) -> None:
+    """Log the bodies, where they stand and how warm they are.
+
+    Args:
+        stream: Where to.
+        simulated: What is shown.
+        rows: One of each visit.
+        heat: Of each body with marks, 0 to 1.
+        times: Of the rows.
+    """
+    states = simulated.world.see(simulated.patched).states
+    base, turn = simulated.world.base
+    placed = set()
+    for i, shape in enumerate(shapes(simulated.patched.rig.nominal)):
+        if shape.body not in states.bodies:
+            continue
+        path, b = f"/cell/arm/{shape.body}", states.bodies.index(shape.body)
+        if shape.body not in placed:
+            placed.add(shape.body)
+            stream.send_columns(
+                path,
+                indexes=times,
+                columns=rr.Transform3D.columns(
+                    translation=((states.position[rows, b] - base) @ turn).astype(
+                        np.float32
+                    ),
+                    mat3x3=(turn.T @ states.rotation[rows, b]).astype(np.float32),
+                ),
+            )
+        flat = shape.vertex[shape.face].reshape(-1, 3).astype(np.float32)
+        normal = np.cross(flat[1::3] - flat[::3], flat[2::3] - flat[::3])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        mesh = rr.Mesh3D(
+            vertex_positions=flat,
+            vertex_normals=np.repeat(normal, 3, axis=0).astype(np.float32),
+        )
+        stream.log(f"{path}/shape_{i}", mesh, static=True)
+        if shape.body in heat:
+            colours = _colours(heat[shape.body])
+            columns = rr.Mesh3D.columns(albedo_factor=colours)
+            stream.send_columns(f"{path}/shape_{i}", indexes=times, columns=columns)
+        else:
+            plain = rr.Mesh3D.from_fields(
+                albedo_factor=rr.components.AlbedoFactor((*COLD, 255))
+            )
+            stream.log(f"{path}/shape_{i}", plain, static=True)
+
+
+def heat_of(simulated: Proof, left: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the error of every body visit by visit, 0 at the noise, 1 at the worst."""
+    world = simulated.world
+    visit, noise = world.replay.visit, simulated.gauge.sigma * np.sqrt(3.0)
+    square = np.sum(left**2, axis=2)
+    found = {}
+    for body in dict.fromkeys(world.body):
+        own = square[:, [name == body for name in world.body]]
+        total = np.bincount(visit, np.nansum(own, axis=1))
+        number = np.bincount(visit, np.isfinite(own).sum(axis=1))
+        found[body] = np.sqrt(total / np.maximum(number, 1))
+    worst = max(np.quantile(np.concatenate(list(found.values())), 0.98), 2.0 * noise)
+    return {
+        body: np.clip((values - noise) / (worst - noise), 0.0, 1.0)
+        for body, values in found.items()
+    }
+
+
+def _colours(heat: Float[np.ndarray, " rows"]) -> np.ndarray:
+    stops = np.array([COLD, WARM, HOT], dtype=float)
+    rgb = np.stack([np.interp(heat, [0.0, 0.6, 1.0], stops[:, c]) for c in range(3)], 1)
+    packed = rgb.round().astype(np.uint32)
+    return (packed[:, 0] << 24) | (packed[:, 1] << 16) | (packed[:, 2] << 8) | 255
+
+
+# --- A diagnosis ----------------------------------------------------------------------
+
+POSE = "pose"
+LONGEST = 0.15
+"""Length of an arrow that few exceed, in m; chosen."""
+
+
+def show_diagnosis(finding: Finding, file: Path | None) -> None:
+    """Save the playback, or stream it to a viewer where no file is given."""
+    stream = rr.RecordingStream("stiffness_diagnosis", recording_id=_id(finding))
+    if file is None:
+        stream.spawn(default_blueprint=_diagnosis_blueprint(finding))
+    else:
+        stream.save(str(file), default_blueprint=_diagnosis_blueprint(finding))
+    words = "\n\n".join(summary.sentences(finding))
+    document = rr.TextDocument(words, media_type=rr.MediaType.MARKDOWN)
+    stream.log("/read_me", document, static=True)
+    simulated = finding.simulated
+    if simulated is not None and finding.recording.markers:
+        _arm(stream, simulated, finding.proof is not None)
+        curves(stream, finding, curves_of(simulated))
+    stream.flush()
+    stream.disconnect()
+
+
+def _arm(stream: rr.RecordingStream, simulated: Proof, proved: bool) -> None:
+    world, gauge = simulated.world, simulated.gauge
+    seen = world.see(simulated.nominal)
+    rows = _most_loaded(simulated)
+    count = len(rows)
+    times = [rr.TimeColumn(POSE, sequence=np.arange(count))]
+    shape = (world.replay.rows, len(world.body), 3)
+    size = int(np.prod(shape[1:]))
+    left = [
+        residual_of(world, world.see(a), gauge)[:, :size].reshape(shape)
+        for a in (simulated.nominal, simulated.patched)
+    ]
+    stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    heat = heat_of(simulated, left[0])
+    bodies(stream, simulated, rows, heat, times)
+    usual = np.nanquantile(np.linalg.norm(left[0][rows], axis=2), 0.98)
+    magnified = _round(LONGEST / max(float(usual), 1e-9))
+    markers = shape[1]
+    for path, values, colour in zip(
+        ("/cell/before", "/cell/after"), left, (GREY, ORANGE), strict=True
+    ):
+        if path.endswith("after") and not proved:
+            continue
+        vectors = magnified * np.nan_to_num(values[rows])
+        columns = rr.Arrows3D.columns(
+            origins=seen.point[rows].reshape(-1, 3).astype(np.float32),
+            vectors=vectors.reshape(-1, 3).astype(np.float32),
+        ).partition([markers] * count)
+        stream.send_columns(path, indexes=times, columns=columns)
+        style = rr.Arrows3D.from_fields(colors=[colour], radii=0.004)
+        stream.log(path, style, static=True)
+    visit = world.replay.visit
+    for name, values, colour in zip(
+        ("before", "after"), left, (GREY, ORANGE), strict=True
+    ):
+        square = np.sum(values**2, axis=2)
+        sums = [np.bincount(visit, np.nansum(square, axis=1)),
+                np.bincount(visit, np.isfinite(square).sum(axis=1))]  # fmt: skip
+        rms = MICRO * np.sqrt(sums[0] / np.maximum(sums[1], 1))
+        stream.send_columns(
+            f"/error/{name}", indexes=times, columns=rr.Scalars.columns(scalars=rms)
+        )
+        lines = rr.SeriesLines(names=f"{name} [µm]", colors=[colour])
+        stream.log(f"/error/{name}", lines, static=True)
+    note = (
+        f"Arrows: what the simulation misses, magnified {magnified:.0f} times. Grey: "
+        "nominal arm. Orange: with the patch."
+    )
+    stream.log("/note", rr.TextDocument(note), static=True)
+
+
+def _most_loaded(simulated: Proof) -> np.ndarray:
+    """Return the row of each visit at which the load is largest."""
+    recording, visit = simulated.world.recording, simulated.world.replay.visit
+    load = np.zeros(len(visit))
+    if recording.wrench is not None:
+        load = np.linalg.norm(recording.wrench[:, :3], axis=1)
+    order = np.lexsort((load, visit))
+    return order[np.flatnonzero(np.diff(visit[order], append=-1))]
+
+
+def _diagnosis_blueprint(finding: Finding) -> rrb.Blueprint:
+    camera = rrb.EyeControls3D(
+        position=(1.7, -1.6, 1.25), look_target=(0.35, 0.0, 0.6), eye_up=(0, 0, 1)
+    )
+    simulated = finding.simulated
+    views: list = [rrb.TextDocumentView(origin="/read_me", name="what was found")]
+    if simulated is not None and finding.recording.markers:
+        found = curves_of(simulated)
+        for k in shown(finding, found):
+            name = found.axes[k]
+            view = rrb.Spatial2DView(
+                origin=f"/curves/{name}",
+                name=f"{name}: turn beyond the nominal arm against torque, 3 visits",
+                background=[250, 250, 250],
+                visual_bounds=rrb.VisualBounds2D(x_range=ACROSS, y_range=DOWN),
+            )
+            views.append(view)
+        views.append(rrb.TimeSeriesView(origin="/error", name="rms error [µm]"))
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(
+                rrb.Spatial3DView(
+                    origin="/cell",
+                    name="the arm, coloured by what the nominal simulation misses",
+                    eye_controls=camera,
+                    background=[250, 250, 250],
+                    line_grid=False,
+                ),
+                rrb.TextDocumentView(origin="/note", name="what is drawn"),
+                row_shares=[9, 1],
+            ),
+            rrb.Vertical(*views),
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(timeline=POSE, state="collapsed", fps=4.0),
+        collapse_panels=True,
+    )
+
+
+def _round(value: float) -> float:
+    """Return the nearest of 1, 2 and 5 times a power of ten, from below."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(max(n for n in (1, 2, 5) if n * power <= value) * power)
+
+
+def _id(finding: Finding) -> str:
+    return f"{finding.answer.recording or 'recording'}-diagnosis"
+
+
+# --- A calibration --------------------------------------------------------------------
+
+MM = 1e3
+
+
+def save_calibration(
+    found: Calibrated, proof: CalibrationProof, words: str, file: Path
+) -> None:
+    """Write the playback.
+
+    Args:
+        found: The calibration.
+        proof: What the simulator misses.
+        words: What was found, in plain words.
+        file: Where to.
+    """
+    stream = rr.RecordingStream("stiffness_calibration", recording_id="calibration")
+    stream.save(str(file), default_blueprint=_calibration_blueprint())
+    stance = Stance.of(found.readings, found.drawn)
+    held = np.flatnonzero(found.held)
+    times = [rr.TimeColumn(POSE, sequence=np.arange(len(held)))]
+    stream.log("/cell", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    point = stance.point[held]
+    origin = stance.standing.origin[:, held].swapaxes(0, 1)  # (rows, axes, 3)
+    arm = np.concatenate([origin, point[:, None]], axis=1).astype(np.float32)
+    strips = rr.LineStrips3D.columns(strips=arm).partition([1] * len(held))
+    stream.send_columns("/cell/arm", indexes=times, columns=strips)
+    usual = float(np.quantile(np.linalg.norm(proof.before, axis=1), 0.98))
+    magnified = 10.0 ** np.floor(np.log10(LONGEST / max(usual, 1e-9)))
+    both = (("before", proof.before, GREY), ("after", proof.after, ORANGE))
+    for name, left, colour in both:
+        arrows = rr.Arrows3D.columns(
+            origins=point.astype(np.float32),
+            vectors=(magnified * left).astype(np.float32),
+        ).partition([1] * len(held))
+        stream.send_columns(f"/cell/{name}", indexes=times, columns=arrows)
+        style = rr.Arrows3D.from_fields(colors=[colour], radii=0.004)
+        stream.log(f"/cell/{name}", style, static=True)
+        size = MM * np.linalg.norm(left, axis=1)
+        stream.send_columns(
+            f"/error/{name}", indexes=times, columns=rr.Scalars.columns(scalars=size)
+        )
+        lines = rr.SeriesLines(names=f"{name} [mm]", colors=[colour])
+        stream.log(f"/error/{name}", lines, static=True)
+    note = (
+        f"{words}\n\nArrows: what the simulator misses on poses kept back, magnified "
+        f"{magnified:.0f} times. Grey: as drawn. Orange: as calibrated."
+    )
+    stream.log("/read_me", rr.TextDocument(note), static=True)
+    stream.flush()
+    stream.disconnect()
+
+
+def _calibration_blueprint() -> rrb.Blueprint:
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Spatial3DView(origin="/cell", name="poses kept back"),
+            rrb.Vertical(
+                rrb.TextDocumentView(origin="/read_me", name="what was found"),
+                rrb.TimeSeriesView(origin="/error", name="error [mm]"),
+            ),
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(timeline=POSE, state="collapsed", fps=4.0),
+        collapse_panels=True,
+    )
+
+
+# --- A comparison of encoders ---------------------------------------------------------
+
+PLAYBACK = "diagnosis.rrd"
+TIME = "time"
+URAD = 1e6
+
+
+def save_comparison(axes: Sequence[Axis], file: Path) -> None:
+    """Save curves of the judged motion, in µrad, and of its angle and torque."""
+    stream = rr.RecordingStream("two_encoders")
+    stream.save(str(file))
+    for a in axes:
+        times = [rr.TimeColumn(TIME, duration=a.judged.time)]
+        curves = {"nominal": URAD * a.before, "named": URAD * a.after}
+        curves["angle_deg"] = np.degrees(a.judged.angle)
+        if a.judged.torque is not None:
+            curves["torque_nm"] = a.judged.torque
+        for name, values in curves.items():
+            columns = rr.Scalars.columns(scalars=values)
+            stream.send_columns(f"/{a.name}/{name}", indexes=times, columns=columns)
+    stream.flush()
+    stream.disconnect()

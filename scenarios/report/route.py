@@ -1,0 +1,78 @@
+"""Diagnoses a recording by the engine that fits it, and writes the answer to a folder.
+
+A stream with second encoders and no tracker is a comparison of encoders; positions
+without a load that few effects do not explain are calibrated on; all else is diagnosed
+and proved in the simulator.
+"""
+
+import time
+from pathlib import Path
+
+from rich.console import Console
+
+from scenarios.pipelines import diagnose, next_experiments
+from scenarios.pipelines.compare_encoders import calls_for_comparison, compare_encoders
+from scenarios.pipelines.diagnose import Finding, asked, proved
+from scenarios.pipelines.inputs import arm_of, read_for
+from scenarios.pipelines.recording_check import replicate_noise
+from scenarios.pipelines.schema import Answer
+from scenarios.report import playback
+from scenarios.report.output_folder import refuse_folder, write_folder
+from scenarios.report.sections import calibration
+from scenarios.report.sections.diagnosis import write_diagnosis
+from scenarios.report.sections.dual_encoder import write_outcome
+from scenarios.report.summary import tell
+from stiffness.regression.splits import sample_of
+
+
+def diagnose_to_folder(
+    recording_folder: Path, robot: Path, out: Path, console: Console, view: bool = False
+) -> Answer:
+    """Diagnose a recording, prove what was found, and write the answer.
+
+    Args:
+        recording_folder: Where the recording is.
+        robot: Model of the robot, MJCF or URDF.
+        out: Folder for the answer.
+        console: Where the story is told.
+        view: Whether to open the viewer too.
+
+    Raises:
+        BenchError: Where recording or model cannot be used, or nothing can be written.
+    """
+    started = time.perf_counter()
+    refuse_folder(out, recording_folder)
+    with console.status("reading"):
+        recording, arm, notes = read_for(recording_folder, arm_of(robot))
+    if calls_for_comparison(recording):
+        compared = compare_encoders(recording, robot)
+        first = write_outcome(out, compared)
+        for line in (first, *notes, out / "report.html"):
+            console.print(f"{line}", markup=False, highlight=False)
+        return compared.answer
+    with console.status("comparing with the model"):
+        whole = recording
+        recording, sampled = sample_of(whole)
+        notes = (*notes, sampled) if sampled else notes
+        found = asked(recording, arm)
+    if diagnose.calls_for_calibration(recording, found):
+        rejected = found.detection.p_value
+        outcome = diagnose.try_calibration(whole, arm, robot, console, rejected)
+        if outcome is not None:
+            calibration.write_calibration(out, outcome)
+            console.print(f"{out / 'report.html'}", markup=False)
+            return outcome.answer
+    with console.status("proving it in the simulator"):
+        simulated, unproved = proved(found, recording, arm, robot)
+        steps = next_experiments.proposed(found, simulated if not unproved else None)
+    told = diagnose.answer_of(
+        found, simulated, unproved, steps, time.perf_counter() - started
+    )
+    noise = replicate_noise(recording) if recording.markers else None
+    finding = Finding(recording, found, simulated, unproved, noise, told)
+    with console.status("writing"):
+        write_folder(out, lambda folder: write_diagnosis(folder, finding))
+    tell(console, finding, notes, out)
+    if view:
+        playback.show_diagnosis(finding, None)
+    return told

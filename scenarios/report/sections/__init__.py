@@ -1,0 +1,1 @@
+"""Sections of the reports, one module for each kind of result."""

@@ -1,0 +1,197 @@
+"""The report of a calibration, and its files.
+
+The report of a calibration, for an engineer to hand to a colleague.
+"""
+
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+
+from bench.patch import FILE, MODEL_FILE, mjcf_of, rig_of, text_of, with_arm
+from bench.shared.errors import Unusable
+from scenarios.pipelines import calibrate
+from scenarios.pipelines import schema as form
+from scenarios.pipelines.calibrate import MM, CalibrationOutcome
+from scenarios.pipelines.calibration_proof import CalibrationProof, ResidualSummary
+from scenarios.pipelines.effect_parameters import label, size, span
+from scenarios.pipelines.schema import Answer
+from scenarios.report import figures, page, playback
+from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from stiffness.calibration.result import Calibrated
+
+# --- The report -----------------------------------------------------------------------
+
+
+def blocks_of(
+    found: Calibrated,
+    proof: CalibrationProof,
+    remains: ResidualSummary,
+    answer: Answer,
+    folder: Path,
+) -> list[Block]:
+    """Draw the pictures and return the report."""
+    figures.calibration_before_after(found, proof, folder / "before_after.png")
+    if found.tables:
+        figures.gears(found, folder / "gears.png")
+    figures.residual_map(found, proof, remains.new_angle, folder / "residual_map.png")
+    return list(_blocks(found, proof, remains, answer))
+
+
+def _blocks(
+    found: Calibrated, proof: CalibrationProof, remains: ResidualSummary, answer: Answer
+) -> Iterator[Block]:
+    regions = found.regions
+    yield Figure(
+        "The simulator on the poses kept back, before and after; frame and target's "
+        "place fitted on the other poses for both. Places are the target's in the "
+        "base's axes; dashed: how far readings of neighbouring poses differ, which no "
+        "smooth law takes off.",
+        "before_after.png",
+    )
+    yield Heading("What was left out")
+    yield from _named(found, answer)
+    if found.tables:
+        yield Figure(
+            "Uneven gears: how far each axis stands beside its reported angle (orange) "
+            "where a fitted pose is within 1°. Dots: readings, everything else taken "
+            "off.",
+            "gears.png",
+        )
+    yield Heading("How it was chosen")
+    yield Paragraph(
+        f"Targets' places were cut into {len(np.unique(regions.region))} regions "
+        f"before anything was fitted; {len(regions.held)} of them were kept back for "
+        "the proof. Among the others, effects entered one at a time, the one that "
+        "gained most on regions left out first, each only if its gain was more than "
+        f"two standard errors over {regions.count} folds of regions. How large an "
+        "uneven gear's waves may be is learnt from the data, octave by octave."
+    )
+    yield Table(
+        "What was tried. Rms on regions left out of the fit, where it was believed; "
+        "the gain there over its standard error. Out of bounds: the best fit is a size "
+        "that the effect cannot have.",
+        ("effect", "where", "parameter", "rms [mm]", "gain / its error", "verdict"),
+        [
+            (
+                s.key[0],
+                s.key[1],
+                "".join(map(label, s.parameters[:1])) if len(s.parameters) < 3 else "",
+                f"{MM * s.rms:.4f}" if s.verdict == "believed" else "",
+                f"{s.gain / max(s.error, 1e-30):.1f}",
+                s.verdict,
+            )
+            for s in found.selected.steps
+        ],
+    )
+    fitted = [k for k in found.estimates if k not in found.named]
+    if fitted:
+        yield Table(
+            "Fitted with the drawing, but not worth a name by itself: taken out alone, "
+            "it is not missed by two standard errors.",
+            ("effect", "where", "parameters"),
+            [
+                (
+                    e,
+                    w,
+                    "; ".join(f"{label(n)} {size(n, x.value)}" for n, x in v.items()),
+                )
+                for (e, w), v in found.estimates.items()
+                if (e, w) in fitted
+            ],
+        )
+    yield Heading("What remains")
+    yield Paragraph(remains.signature[0].upper() + remains.signature[1:])
+    yield Table(
+        "Regions kept back, one by one.",
+        ("region", "poses", "rms [mm]", "at new angles [%]"),
+        [(str(r), str(n), f"{MM * e:.3f}", f"{100 * s:.0f}") for r, e, n, s in
+         remains.by_region],
+    )  # fmt: skip
+    yield Figure(
+        "What is left on the poses kept back over the axes' angles and over time.",
+        "residual_map.png",
+    )
+    yield Heading("What to bear in mind")
+    yield Paragraph(
+        "Corrections of the drawing are those that these postures show; what the "
+        "tracker's frame, the target's place or another entry does as well stays as "
+        "drawn. An uneven gear's slow waves, offsets and compliance resemble each "
+        "other where an axis moves little. The side an axis came from is taken from "
+        "the poses recorded; moves between them are not known. The simulator proves "
+        "everything as mechanisms but that side, which is played as axes that stop "
+        "short."
+    )
+
+
+def _named(found: Calibrated, answer: Answer) -> Iterator[Block]:
+    """Show each name with its size and what it is worth."""
+    if not answer.named:
+        yield Paragraph("Nothing: no effect earned a name.")
+        return
+    yield Table(
+        "Named effects with 95 % intervals over regions, and what is lost on regions "
+        "left out when one alone is taken out: the factor by which the mean square "
+        "error grows, and the loss over its standard error.",
+        ("effect", "where", "parameters", "grows by ×", "loss / its error"),
+        [
+            (
+                n.effect,
+                n.where,
+                "; ".join(f"{label(k)} {span(k, v)}" for k, v in n.parameters.items()),
+                f"{np.exp(found.selected.budget[n.effect, n.where][0]):.2f}",
+                f"{_z(found, n.effect, n.where):.1f}",
+            )
+            for n in answer.named
+        ],
+    )
+
+
+def _z(found: Calibrated, effect: str, where: str) -> float:
+    loss, error = found.selected.budget[effect, where]
+    return loss / error
+
+
+# --- The files ------------------------------------------------------------------------
+
+
+def write_calibration(
+    folder: Path, outcome: CalibrationOutcome, more: Sequence[Block] = ()
+) -> None:
+    """Write diagnosis.json, patch.json, model.xml, pictures and the report.
+
+    Args:
+        folder: Where to.
+        outcome: All that came out.
+        more: What the report goes on with.
+
+    Raises:
+        Unusable: Where nothing can be written; then nothing is.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        waiting = Path(mkdtemp(prefix=".calibration-", dir=folder.parent))
+    except OSError as error:
+        fault = f"it cannot be written: {error}."
+        raise Unusable(f"Folder {str(folder)!r}", [fault]) from error
+    try:
+        o = outcome
+        blocks = blocks_of(o.found, o.proof, o.remains, o.answer, waiting)
+        first = calibrate.first_sentence(o.answer, o.proof)
+        title = f"Calibration: {o.answer.recording}"
+        page.write(waiting, title, first, [*blocks, *more])
+        text = form.text_of(o.answer)
+        (waiting / "diagnosis.json").write_text(text, encoding="utf-8")
+        rig = rig_of(o.proof.patch, o.model)
+        patch = with_arm(o.proof.patch, rig)
+        (waiting / FILE).write_text(text_of(patch), encoding="utf-8")
+        (waiting / MODEL_FILE).write_text(mjcf_of(rig), encoding="utf-8")
+        playback.save_calibration(o.found, o.proof, first, waiting / "diagnosis.rrd")
+        folder.mkdir(exist_ok=True)
+        for file in sorted(waiting.iterdir()):
+            os.replace(file, folder / file.name)
+    finally:
+        shutil.rmtree(waiting, ignore_errors=True)

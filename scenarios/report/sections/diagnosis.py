@@ -1,0 +1,342 @@
+"""The report of a diagnosis: what was found, its proof, the data, and its files.
+
+What a finding is worth depends on the data: noise, springs, outliers, twins.
+
+The proof is told with everything that might speak against it.
+
+A report that an engineer can hand to a colleague, and to a sceptic.
+"""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from bench.patch import FILE, MODEL_FILE, mjcf_of, text_of
+from bench.proof.proof_checks import Trial
+from scenarios.pipelines import schema
+from scenarios.pipelines.diagnose import MICRO, Finding, channel_of, curves_of
+from scenarios.pipelines.effect_parameters import chance, label, size, span, usual
+from scenarios.report import figures, page, playback, summary
+from scenarios.report.figures import of_law
+from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from stiffness.diagnosis.diagnose import SCATTER
+
+# --- The data -------------------------------------------------------------------------
+
+MISSTATED = 1.3
+"""Ratio of replicates' scatter to stated noise from which it is said; chosen."""
+
+
+def data(finding: Finding) -> Iterator[Block]:
+    """Say how good the data are."""
+    answer, recording = finding.answer, finding.recording
+    yield Heading("How good the data are")
+    yield from _noise(finding)
+    if finding.diagnosis.nominal is not None:
+        rows = list(
+            summary.rows(finding.diagnosis.nominal, finding.recording.slides or ())
+        )
+        header = [
+            "axis",
+            "stiffness [kN m/rad]",
+            "one sigma",
+            "model's [kN m/rad]",
+            "ratio",
+        ]
+        yield Table("Springs that were fitted silently.", header, rows)
+    if finding.diagnosis.doubtful:
+        worst = sorted(finding.diagnosis.doubtful, key=lambda x: -x[2])[:10]
+        rows = [[str(row), name, f"{sigma:.0f}"] for row, name, sigma in worst]
+        count = len(finding.diagnosis.doubtful)
+        caption = f"Readings far beyond the noise: {count}; they counted less."
+        yield Table(caption, ["row", "mark", "sigmas"], rows)
+    if answer.confounded:
+        rows = [
+            [f"{a.effect} at {a.where}", f"{b.effect} at {b.where}"]
+            for a, b in answer.confounded
+        ]
+        caption = "Pairs that these data hardly tell apart."
+        yield Table(caption, ["one", "the other"], rows)
+    if answer.next_experiments:
+        rows = [
+            [
+                " ".join(f"{x:.0f}" for x in n.pose_deg),
+                " ".join(f"{x:g}" for x in n.load_path_kg),
+                n.why,
+                f"{n.expected_log_bayes_factor:.1f}",
+            ]
+            for n in answer.next_experiments
+        ]
+        header = ["pose [°]", "load [kg]", "why", "tells (log Bayes factor)"]
+        yield Table("What to measure next.", header, rows)
+    rows_, poses = len(recording.time), len(np.unique(recording.pose))
+    yield Paragraph(
+        f"{rows_} rows in {poses} poses; {len(finding.diagnosis.held_out)} poses were "
+        f"kept back before anything was fitted. It took {answer.seconds:.1f} s."
+    )
+
+
+def _noise(finding: Finding) -> Iterator[Block]:
+    tracker = finding.recording.tracker
+    if tracker is None:
+        return
+    stated = ", ".join(f"{MICRO * s:.1f}" for s in tracker.repeatability)
+    text = f"The tracker states {stated} µm along its axes."
+    if finding.replicates is None:
+        yield Paragraph(f"{text} No pose was visited twice to test that.")
+        return
+    seen, freedom = finding.replicates
+    shown = ", ".join(f"{MICRO * s:.1f}" for s in seen)
+    frames = finding.recording.frames
+    share = 1.0 if frames is None else float(np.mean(1.0 / frames)) ** 0.5
+    ratio = float(np.max(seen / (share * tracker.repeatability)))
+    warning = ""
+    if ratio > MISSTATED:
+        warning = (
+            f" Warning: that is up to {ratio:.1f} times as much; arrival of the axes "
+            "is in it, or the tracker is worse than it says."
+        )
+    yield Paragraph(
+        f"{text} Replicates of poses scatter by {shown} µm ({freedom} degrees of "
+        f"freedom).{warning}"
+    )
+
+
+# --- The proof ------------------------------------------------------------------------
+
+
+def proof(finding: Finding, folder: Path) -> Iterator[Block]:
+    """Say before and after, and where the error comes from."""
+    proof = finding.proof
+    if proof is None:
+        return
+    channel, unit = channel_of(proof)
+    if channel is None:
+        return
+    yield Heading("Before and after")
+    means = (
+        "Readings are compared as they are."
+        if proof.absolute
+        else "Readings are compared as differences within each visit."
+    )
+    yield Paragraph(
+        "The effect was put into the MuJoCo model as a mechanism, and what was done in "
+        "the poses kept back was done again with the wrenches that were read there. "
+        f"Springs, frames and marks were fitted on the other poses, for both. {means}"
+    )
+    header = ["channel", "before", "after", "stated noise", "gain", "95 % interval"]
+    rows = []
+    for name, one, word in (
+        ("marks", proof.markers, "µm"),
+        ("encoders after the gear", proof.angles, "µrad"),
+    ):
+        if one is not None:
+            values = [f"{MICRO * x:.1f} {word}" for x in
+                      (one.before, one.after, one.noise, one.gain)]  # fmt: skip
+            span = f"{MICRO * one.low:.1f} to {MICRO * one.high:.1f}"
+            rows.append([name, *values, span])
+    caption = (
+        f"Rms over {len(proof.held_out)} poses kept back; interval of the gain by "
+        "BCa bootstrap over poses."
+    )
+    yield Table(caption, header, rows)
+    figures.of_poses(channel, unit, folder / "poses.png")
+    yield Figure("Pose by pose, the worst first.", "poses.png")
+    budget = [[k, f"{MICRO * v:.1f} {unit}"] for k, v in proof.budget.items()]
+    yield Table(
+        "Error budget of the poses kept back: what comes back when an effect is taken "
+        "out, rms; squares add up where effects do not overlap.",
+        ["source", "rms"],
+        budget,
+    )
+
+
+def doubts(finding: Finding) -> Iterator[Block]:
+    """Say where the patch holds and where it fails, as it should."""
+    proof = finding.proof
+    trials = () if proof is None else proof.trials
+    unit = "" if proof is None else channel_of(proof)[1]
+    left = [t for t in trials if t.kind == "left_out"]
+    fakes = [t for t in trials if t.kind in ("placebo", "taken_out")]
+    if left or fakes:
+        yield Heading("For the sceptic")
+    if left:
+        yield Table(
+            "Left out of the fit of springs and patch, and judged by it: rms error.",
+            ["left out", f"before [{unit}]", f"after [{unit}]", "poses"],
+            [_trial(t) for t in left],
+        )
+    if fakes:
+        yield Table(
+            "Placebos: rms error without and with each effect, all others in place. As "
+            "named it should help, at a neighbour it should not.",
+            ["effect", f"without it [{unit}]", f"with it [{unit}]", "poses"],
+            [_trial(t) for t in fakes],
+        )
+
+
+def _trial(trial: Trial) -> list[str]:
+    before, after = MICRO * trial.before, MICRO * trial.after
+    what = trial.what
+    if trial.kind == "taken_out":
+        what = f"{what.removeprefix('without ')}, as named"
+    return [what, f"{before:.1f}", f"{after:.1f}", str(trial.poses)]
+
+
+# --- The whole report -----------------------------------------------------------------
+
+VERDICTS = {
+    "no_mismatch": "Simulation and recording agree",
+    "unproved": "A cause is named, but not proved",
+    "explained": "The difference is explained",
+    "partly_explained": "The difference is explained in part",
+    "unexplained": "The difference has no name",
+}
+
+
+def title_of(finding: Finding) -> str:
+    """Return the headline."""
+    answer = finding.answer
+    said = VERDICTS[answer.verdict]
+    calm = answer.verdict == "no_mismatch"
+    if calm and any(warning.code == SCATTER for warning in answer.warnings):
+        said = "No law was found in what differs"
+    return f"{said}: {answer.recording or 'a recording'}"
+
+
+def blocks_of(finding: Finding, folder: Path) -> list[Block]:
+    """Return the report, its pictures drawn into a folder."""
+    blocks: list[Block] = [Paragraph(s) for s in list(summary.sentences(finding))[1:]]
+    blocks += _what(finding)
+    blocks += _pictures(finding, folder)
+    blocks += proof(finding, folder)
+    blocks += doubts(finding)
+    blocks += data(finding)
+    return blocks
+
+
+def _what(finding: Finding) -> Iterator[Block]:
+    answer = finding.answer
+    if answer.located:
+        yield Heading("Where")
+        rows = [
+            [
+                x.where,
+                f"{x.share:.0%}",
+                f"{x.p_value:.2g}",
+                ", ".join(x.depends_on),
+                x.zone,
+            ]
+            for x in answer.located
+        ]
+        header = [
+            "place",
+            "share of what differs",
+            "p-value",
+            "depends on",
+            "strongest",
+        ]
+        yield Table("Where arm and model differ, strongest first.", header, rows)
+    if not answer.named:
+        return
+    yield Heading("What, and how sure")
+    header = [
+        "effect",
+        "parameter",
+        "estimate, 95 %",
+        "in catalogues",
+        "it is",
+        "source",
+    ]
+    rows = []
+    for called in answer.named:
+        for name, interval in called.parameters.items():
+            known = usual(called.effect, name)
+            inside = ""
+            if known is not None and isinstance(interval.estimate, float):
+                fits = known.low <= interval.estimate <= known.high
+                inside = "usual" if fits else "unusual"
+            around = ""
+            if known is not None:
+                around = f"{size(name, known.low)} to {size(name, known.high)}"
+            where = f"{called.effect} at {called.where}"
+            source = "" if known is None else known.source
+            shown = span(name, interval)
+            rows.append([where, label(name), shown, around, inside, source])
+    yield Table("Each parameter beside what catalogues say.", header, rows)
+    rows = [
+        [
+            f"{n.effect} at {n.where}",
+            chance(n.probability),
+            ", ".join(f"{e.effect} at {e.where}" for e in n.equivalents) or "none",
+        ]
+        for n in answer.named
+    ]
+    yield Table(
+        "How sure, and what would do as well.",
+        ["effect", "probability with its equivalents", "equivalents"],
+        rows,
+    )
+    if answer.rivals:
+        rows = [
+            [
+                " + ".join(f"{e.effect} at {e.where}" for e in r.effects),
+                chance(r.probability),
+            ]
+            for r in answer.rivals
+        ]
+        yield Table("Rivals that were tried.", ["set", "probability"], rows)
+
+
+def _pictures(finding: Finding, folder: Path) -> Iterator[Block]:
+    simulated = finding.simulated
+    if simulated is None or not finding.recording.markers:
+        return
+    proved = finding.proof is not None
+    yield Heading("What the marks show")
+    named = frozenset(n.where for n in finding.answer.named)
+    law = finding.diagnosis.unexplained
+    if law is not None and law.law:
+        named |= {law.where}
+    curves = curves_of(simulated)
+    figures.of_axes(curves, named, folder / "axes.png")
+    patch = " Orange: the patched simulation, without noise." if proved else ""
+    means = "" if simulated.absolute else " Each visit's mean is taken off."
+    yield Figure(
+        "Turn of every axis beyond the fitted nominal arm, against its torque; gravity "
+        f"included.{means} Grey: all readings.{patch}",
+        "axes.png",
+    )
+    for name in sorted(named & set(curves.axes)) if proved else ():
+        file = f"law_{name}.png"
+        of_law(curves, name, folder / file)
+        yield Figure(
+            f"Turn about {name}'s own axis: what was put in, beside what marks show.",
+            file,
+        )
+    figures.of_bodies(simulated, proved, folder / "bodies.png")
+    yield Figure("Error of the marks by body, all rows.", "bodies.png")
+
+
+# --- The files ------------------------------------------------------------------------
+
+
+def write_diagnosis(folder: Path, finding: Finding) -> None:
+    """Write the answer, the patch, the report and the playback into a folder."""
+    text = schema.text_of(finding.answer)
+    (folder / "diagnosis.json").write_text(text, encoding="utf-8")
+    simulated = finding.simulated
+    if simulated is not None and (simulated.patch.effects or simulated.patch.laws):
+        patch, rig = simulated.patch, simulated.patched.rig
+        (folder / FILE).write_text(text_of(patch), encoding="utf-8")
+        (folder / MODEL_FILE).write_text(mjcf_of(rig), encoding="utf-8")
+    blocks = blocks_of(finding, folder)
+    first = next(summary.sentences(finding))
+    page.write(folder, title_of(finding), first, blocks)
+    for picture in (*sorted(folder.glob("law_*.png")), folder / "axes.png"):
+        if picture.exists():
+            shutil.copy(picture, folder / "picture.png")
+            break
+    playback.show_diagnosis(finding, folder / "diagnosis.rrd")

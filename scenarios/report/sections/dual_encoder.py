@@ -1,0 +1,254 @@
+"""The report of a comparison of encoders: rejected terms, tables, and its files.
+
+What was tried between two encoders and not believed is told with its reason.
+
+The report of axes that are read on both sides of their gears.
+
+An answer is written whole: made beside its folder and moved there file by file.
+"""
+
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from tempfile import mkdtemp
+
+import numpy as np
+
+from bench.patch import Patch
+from scenarios.pipelines import schema as form
+from scenarios.pipelines.compare_encoders import ComparisonOutcome
+from scenarios.pipelines.effect_parameters import label, size, span
+from scenarios.pipelines.encoder_axes import WINDOW, Axis, rms, whole_rms
+from scenarios.pipelines.patching import write_patch
+from scenarios.pipelines.schema import Answer
+from scenarios.report import page
+from scenarios.report.figures import encoders_before_after, followed, looks_like
+from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from scenarios.report.playback import PLAYBACK, save_comparison
+from stiffness.dual_encoder.fit import Trial, columns, fitted
+from stiffness.dual_encoder.selection import BORROWED
+from stiffness.dual_encoder.terms import FRICTION
+
+# --- Rejected terms -------------------------------------------------------------------
+
+URAD = 1e6
+
+
+def rejected_terms(axes: Sequence[Axis]) -> list[Block]:
+    """Return the report's section."""
+    return [
+        Heading("What was refused, and why"),
+        Table(
+            "Tried after what was believed; each must make motions that it was not "
+            "fitted to better, every one, and not live on the delay of its axis. The "
+            "last column was worked out after all was decided: what would be left of "
+            "the judged motion, to first order.",
+            (
+                *("axis", "effect", "would be", "gain / its error"),
+                *("reason", "would leave [µrad rms]"),
+            ),
+            [
+                (
+                    a.name,
+                    _named(t),
+                    _would_be(t),
+                    f"{t.gain / max(t.error, 1e-30):.1f}",
+                    _why(t),
+                    f"{URAD * _with(a, t):.1f}",
+                )
+                for a in axes
+                for t in a.found.refused
+            ],
+        ),
+        *_borrowing(axes),
+    ]
+
+
+def _borrowing(axes: Sequence[Axis]) -> list[Block]:
+    """Explain a compliance that was refused since it lives on the delay."""
+    refused = [
+        t for a in axes for t in a.found.refused if t.reason.startswith(BORROWED)
+    ]
+    if not any(t.term.effect == "joint_compliance" for t in refused):
+        return []
+    text = (
+        "Torque is the motor's, friction included, and friction goes with speed: "
+        "that is how a compliance borrows from a delay. With friction's constant "
+        "part taken off, its part that grows with speed still looks like a delay: "
+        "where one instrument reads all second encoders, their common delay tells."
+    )
+    return [Paragraph(text)]
+
+
+def _named(trial: Trial) -> str:
+    term = trial.term
+    if term.order:
+        return f"{term.effect}, order {term.order:g}"
+    if term.effect == "hysteresis":
+        return f"{term.effect}, slips at {term.shape[0]:.3g} N m"
+    if term.effect == FRICTION:
+        grows = "constant" if term.shape else "with speed"
+        return f"friction in the motor's torque, {grows}"
+    kinds = ["constant" if x.shape else "with speed" for x in trial.beside]
+    friction = f", beside friction ({' and '.join(kinds)}) in the motor's torque"
+    return term.effect + (friction if kinds else "")
+
+
+def _kind(trial: Trial) -> str:
+    """Return what the size of a term is called."""
+    return "amplitude" if trial.term.order else label(trial.term.parameters[0])
+
+
+def _would_be(trial: Trial) -> str:
+    """Return the size at which a term was refused; a wave's is its amplitude."""
+    known = trial.coefficients[: len(trial.term.parameters)]
+    value = float(np.linalg.norm(known)) if trial.term.order else known[0]
+    return f"{_kind(trial)} {size(trial.term.parameters[0], value)}"
+
+
+def _why(trial: Trial) -> str:
+    """Return why a term was refused, parameters called as people do."""
+    first, _, rest = trial.reason.partition(" ")
+    return f"its {label(first)} {rest}" if "_" in first else trial.reason
+
+
+def _with(axis: Axis, trial: Trial) -> float:
+    """Return what a refused term would leave of the judged motion, in rad."""
+    found = axis.found
+    terms = (*found.terms, trial.term, *trial.beside)
+    x, _ = fitted(terms, [found.then(m) for m in axis.fitted])
+    then = found.then(axis.judged)
+    return whole_rms(then.apart - columns(terms, then) @ x)
+
+
+# --- The report -----------------------------------------------------------------------
+
+
+def first_sentence(axes: Sequence[Axis], answer: Answer) -> str:
+    """Return what was found, in one sentence."""
+    left = ", ".join(map(_sizes, axes))
+    if len(axes) > 1:
+        left += f"; most on {max(axes, key=lambda a: whole_rms(a.after)).name}"
+    where: dict[str, dict[str, None]] = {}
+    for n in answer.named:
+        where.setdefault(n.effect, {})[n.where] = None
+    names = [f"{effect} at {', '.join(at)}" for effect, at in where.items()]
+    named = " and ".join(names) or "nothing"
+    wrong = [w.where for w in answer.warnings if w.code == "spring"]
+    more = f"; the model's springs at {', '.join(wrong)} do not show" if wrong else ""
+    return (
+        "On a motion that nothing was fitted to, µrad rms that are left of what the "
+        f"second encoders tell: {left}. Named: {named}{more}."
+    )
+
+
+def _sizes(axis: Axis) -> str:
+    before, after = (f"{URAD * whole_rms(x):.0f}" for x in (axis.before, axis.after))
+    if np.array_equal(axis.before, axis.after):
+        return f"{before} on {axis.name}"
+    return f"{after} instead of {before} on {axis.name}"
+
+
+def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]:
+    """Draw the pictures and return the report."""
+    encoders_before_after(axes, folder / "before_after.png")
+    looks_like(axes, folder / "looks_like.png")
+    return [
+        Figure(
+            "How far the second encoder of each axis is from what is simulated, on the "
+            "judged motion: as modelled (grey) and with what was named (orange).",
+            "before_after.png",
+        ),
+        Table(
+            f"Rms on the judged motion in µrad, of all rows and of means over "
+            f"{WINDOW:g} s; one constant an axis and motion is free.",
+            (
+                "axis",
+                "as modelled",
+                "with what was named",
+                f"as modelled, {WINDOW:g} s",
+                f"with what was named, {WINDOW:g} s",
+            ),
+            [
+                (
+                    a.name,
+                    f"{URAD * whole_rms(a.before):.1f}",
+                    f"{URAD * whole_rms(a.after):.1f}",
+                    f"{URAD * rms(a.before, a.judged.time):.1f}",
+                    f"{URAD * rms(a.after, a.judged.time):.1f}",
+                )
+                for a in axes
+            ],
+        ),
+        Heading("What was named"),
+        Table(
+            "Named, with 95 % intervals over stretches of time of the fitted motions.",
+            ("axis", "effect", "parameters"),
+            [
+                (
+                    n.where,
+                    n.effect,
+                    "; ".join(
+                        f"{label(k)} {span(k, v)}" for k, v in n.parameters.items()
+                    ),
+                )
+                for n in answer.named
+            ],
+        ),
+        Figure(followed(axes), "looks_like.png"),
+        *rejected_terms(axes),
+    ]
+
+
+# --- The files ------------------------------------------------------------------------
+
+
+def write_outcome(folder: Path, outcome: ComparisonOutcome) -> str:
+    """Write the answer to a folder and return what was found in one sentence."""
+    answer = outcome.answer
+    if not outcome.axes:
+        write_refusal(folder, answer)
+        return " ".join(w.text for w in answer.warnings)
+    write_comparison(folder, outcome.axes, answer, outcome.patch)
+    return first_sentence(outcome.axes, answer)
+
+
+def write_comparison(
+    folder: Path, axes: Sequence[Axis], answer: Answer, patch: Patch | None = None
+) -> None:
+    """Write diagnosis.json, pictures, the report, a playback and the patch, if any."""
+
+    def blocks(waiting: Path) -> list[Block]:
+        if patch is not None:
+            write_patch(waiting, patch)
+        save_comparison(axes, waiting / PLAYBACK)
+        return blocks_of(axes, answer, waiting)
+
+    _whole(folder, answer, first_sentence(axes, answer), blocks)
+
+
+def write_refusal(folder: Path, answer: Answer) -> None:
+    """Write diagnosis.json and a report that says what has to be mended."""
+    mistakes = [Paragraph(w.text) for w in answer.warnings]
+    _whole(folder, answer, "Nothing is named: the set-up is wrong.", lambda _: mistakes)
+
+
+def _whole(
+    folder: Path,
+    answer: Answer,
+    first: str,
+    blocks: Callable[[Path], Sequence[Block]],
+) -> None:
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    waiting = Path(mkdtemp(prefix=".two-encoders-", dir=folder.parent))
+    try:
+        title = f"Two encoders an axis: {answer.recording}"
+        page.write(waiting, title, first, blocks(waiting))
+        text = form.text_of(answer)
+        (waiting / "diagnosis.json").write_text(text, encoding="utf-8")
+        folder.mkdir(exist_ok=True)
+        for file in sorted(waiting.iterdir()):
+            os.replace(file, folder / file.name)
+    finally:
+        shutil.rmtree(waiting, ignore_errors=True)

@@ -1,0 +1,244 @@
+"""A diagnosis in sentences, for the terminal, the report and the playback.
+
+Springs are fitted silently, and where they are not the model's it is said.
+
+A finding is told in plain sentences: is something there, where, what, proved?
+
+In the terminal the story is told in sentences, and what was named in a table.
+"""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from bench.proof.proof import Channel, Proof
+from scenarios.pipelines.diagnose import MICRO, Finding, channel_of
+from scenarios.pipelines.effect_parameters import chance, label, span
+from scenarios.pipelines.schema import Called, Placed
+from stiffness.diagnosis.diagnose import SCATTER
+from stiffness.diagnosis.result import Nominal
+
+# --- Fitted springs -------------------------------------------------------------------
+
+ANOTHER = 0.1
+"""Share by which a stiffness is another than the model's; chosen: catalogues are no
+better."""
+SIGMAS = 3.0
+"""Standard errors that it has to be away as well; chosen."""
+
+
+def rows(nominal: Nominal, slides: tuple[bool, ...]) -> Iterator[list[str]]:
+    """Yield axis, stiffness, its standard error, the model's, and their ratio.
+
+    Stiffness is in kN m/rad; of an axis that slides in N/m, which is said.
+
+    Args:
+        nominal: What was fitted silently.
+        slides: Whether each axis slides; none where empty.
+    """
+    every = zip(nominal.compliance, nominal.sigma, nominal.modelled, strict=True)
+    for k, (c, s, m) in enumerate(every):
+        unit, word = (1.0, " N/m") if slides and slides[k] else (1e-3, "")
+        stiffness, model = (
+            f"{unit / x:.4g}{word}" if x > 0.0 else "rigid" for x in (c, m)
+        )
+        known = f"{s / c:.1%}" if c > 0.0 and s > 0.0 else ""
+        if f"a{k + 1}" in nominal.blind:
+            known = "not seen"
+        ratio = f"{m / c:.2f}" if c > 0.0 and m > 0.0 and known != "not seen" else ""
+        yield [f"a{k + 1}", stiffness, known, model, ratio]
+
+
+def sentence(nominal: Nominal) -> str:
+    """Say which springs are clearly not the model's; empty where all are."""
+    told = []
+    every = zip(nominal.compliance, nominal.sigma, nominal.modelled, strict=True)
+    for k, (c, s, m) in enumerate(every):
+        if min(c, s, m) <= 0.0 or f"a{k + 1}" in nominal.blind:
+            continue
+        if abs(c - m) > max(ANOTHER * c, SIGMAS * s):
+            told.append(f"a{k + 1} {m / c:.3g} ± {s * m / c**2:.1g}")
+    if not told:
+        return ""
+    return (
+        "Springs were fitted silently. Over the model's stiffness, ± one sigma of "
+        f"noise: {', '.join(told)}."
+    )
+
+
+# --- The narrative --------------------------------------------------------------------
+
+
+def sentences(finding: Finding) -> Iterator[str]:
+    """Tell a finding, one sentence after the other."""
+    d, a = finding.diagnosis, finding.answer
+    if a.verdict == "unproved":
+        yield _unproved(finding)
+    for warning in a.warnings:
+        yield f"Note ({warning.where}): {warning.text}"
+    yield _detected(finding)
+    if d.nominal is not None and (told := sentence(d.nominal)):
+        yield told
+    if a.verdict == "no_mismatch":
+        return
+    if a.located:
+        yield _where(a.located)
+    for called in a.named:
+        yield _named(called)
+    if not a.named:
+        yield "What: no name of the list explains it; none is given."
+    if a.unexplained is not None:
+        yield _open(finding)
+    if a.confounded:
+        pairs = [f"{x.effect} at {x.where} with {y.effect} at {y.where}"
+                 for x, y in a.confounded[:3]]  # fmt: skip
+        yield f"These data hardly tell apart: {_list(pairs)}."
+    if finding.proof is not None:
+        yield _proved(finding.proof)
+    elif finding.unproved and a.verdict != "unproved":
+        yield f"Nothing was proved: {finding.unproved}"
+    for step in a.next_experiments[:1]:
+        path = " ".join(f"{x:g}" for x in step.load_path_kg)
+        pose = " ".join(f"{x:.0f}" for x in step.pose_deg)
+        yield f"Next: pose [{pose}]°, load {path} kg; it {step.why}."
+
+
+def _where(located: Sequence[Placed]) -> str:
+    first = located[0]
+    on = f", and depends on {_list(first.depends_on)}" if first.depends_on else ""
+    zone = f", strongest at {first.zone}" if first.zone else ""
+    if first.zone == "everywhere":
+        zone = ", everywhere alike"
+    rest = [x.where for x in located[1:]]
+    also = f" Also: {_list(rest)}." if rest else ""
+    return f"Where: {first.where} ({first.share:.0%} of what differs){on}{zone}.{also}"
+
+
+def _detected(finding: Finding) -> str:
+    found = finding.answer.detection
+    p = f"p = {found.p_value:.2g}"
+    if found.residual_rms_mm is None or found.noise_rms_mm is None:
+        return "The set-up does not fit the model; nothing further was tried."
+    missed, noise = 1e3 * found.residual_rms_mm, 1e3 * found.noise_rms_mm
+    sizes = (
+        f"readings miss the fitted nominal arm by {missed:.1f} µm, noise alone leaves "
+        f"{noise:.1f} µm"
+    )
+    if finding.answer.verdict == "no_mismatch":
+        if any(warning.code == SCATTER for warning in finding.answer.warnings):
+            return f"No law was found in what differs ({p}): {sizes}."
+        least = found.smallest_effect_that_would_show_mm
+        shown = "" if least is None else (
+            " A named effect of which the nominal fit leaves "
+            f"{1e3 * least:.2g} µm rms would have shown."
+        )  # fmt: skip
+        return f"Simulation and recording agree ({p}): {sizes}.{shown}"
+    return f"Simulation and recording differ ({p}): {sizes}."
+
+
+def _named(called: Called) -> str:
+    sizes = [f"{label(n)} {span(n, p)}" for n, p in called.parameters.items()]
+    shown = f": {', '.join(sizes)}" if sizes else ""
+    text = (
+        f"What: {called.effect} at {called.where}, probability "
+        f"{chance(called.probability)}{shown}."
+    )
+    if called.equivalents:
+        others = [f"{e.effect} at {e.where}" for e in called.equivalents[:3]]
+        text += f" As well by these data: {_list(others)}."
+    return text
+
+
+def _open(finding: Finding) -> str:
+    left = finding.answer.unexplained
+    assert left is not None
+    if left.residual_rms_mm is None:
+        return f"Open: {left.signature}"
+    law = "A law was learnt as a table." if left.law else "No law holds elsewhere."
+    look = f" ({left.signature})" if left.signature else ""
+    return f"Open: something at {left.where or 'no one place'}{look}. {law}"
+
+
+def _proved(proof: Proof) -> str:
+    channel, unit = channel_of(proof)
+    if channel is None:
+        return "Proof: nothing was seen on the poses kept back."
+    before, after, noise = (
+        f"{MICRO * x:.1f} {unit}"
+        for x in (channel.before, channel.after, channel.noise)
+    )
+    doubt = ""
+    if channel.high < 0.0:
+        doubt = " On the poses kept back the patch makes it worse."
+    elif channel.low <= 0.0:
+        doubt = " The gain's interval holds zero: they do not prove it."
+    return (
+        f"Proof: on {len(proof.held_out)} poses that were kept back, the patched "
+        f"simulator misses by {after} instead of {before}; stated noise alone leaves "
+        f"{noise}. Gain {_gain(channel, unit)}.{_share(channel)}{doubt}"
+    )
+
+
+def _unproved(finding: Finding) -> str:
+    """Say first that what follows was named but is not proved, and why."""
+    proof = finding.proof
+    channel, unit = (None, "") if proof is None else channel_of(proof)
+    if proof is None or channel is None:
+        why = finding.unproved or "nothing was seen on the poses kept back."
+        return f"Not proved: what is named below was not confirmed, for {why}"
+    worse = "makes it worse" if channel.high < 0.0 else "does not surely help"
+    return (
+        f"Not proved: on {len(proof.held_out)} poses that were kept back, what is "
+        f"named below {worse}: gain {_gain(channel, unit)}."
+    )
+
+
+def _gain(channel: Channel, unit: str) -> str:
+    gain, low, high = (MICRO * x for x in (channel.gain, channel.low, channel.high))
+    return f"{gain:.1f} {unit} ({low:.1f} to {high:.1f})"
+
+
+def _share(channel: Channel) -> str:
+    share = channel.explained
+    if share is None:
+        return ""
+    return (
+        f" Of what noise does not explain, {share.estimate:.1%} are explained "
+        f"({share.low:.1%} to {share.high:.1%})."
+    )
+
+
+def _list(words) -> str:
+    words = list(words)
+    if len(words) < 2:
+        return "".join(words)
+    return ", ".join(words[:-1]) + " and " + words[-1]
+
+
+# --- The terminal ---------------------------------------------------------------------
+
+
+def tell(console: Console, finding: Finding, notes: tuple[str, ...], out: Path) -> None:
+    """Print the story, the table, and where the report is."""
+    for sentence in sentences(finding):
+        console.print(sentence, markup=False, highlight=False)
+    told = finding.answer
+    if told.named:
+        table = Table(title="Named", title_justify="left")
+        columns = ["effect", "where", "probability", "parameters"]
+        if any(n.equivalents for n in told.named):
+            columns.append("would do as well")
+        for column in columns:
+            table.add_column(column)
+        for n in told.named:
+            sizes = [f"{label(k)} {span(k, p)}" for k, p in n.parameters.items()]
+            others = ", ".join(f"{e.effect}@{e.where}" for e in n.equivalents[:3])
+            cells = (n.effect, n.where, chance(n.probability), "\n".join(sizes), others)
+            table.add_row(*map(escape, cells[: len(columns)]))
+        console.print(table)
+    for note in notes:
+        console.print(f"Note: {note}", markup=False, highlight=False)
+    console.print(f"{out / 'report.html'}", markup=False, highlight=False)

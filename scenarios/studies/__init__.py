@@ -1,0 +1,1 @@
+"""Questions asked many times: blind trials, the paper, benchmarks, real arms."""

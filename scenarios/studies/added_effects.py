@@ -1,0 +1,260 @@
+"""Effects of known size added to the readings of a UR10 and a KR300, and found again.
+
+What is added to the KR300's second encoders, and what is found of it.
+
+What is added to the UR10's target, as MuJoCo moves it, and what is found of it.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from bench.experiment import faulty
+from bench.instruments import Instruments
+from bench.patch import Named, Patch, rig_of
+from bench.proof.setup import point_in_base
+from bench.proof.simulation import reading_of
+from bench.shared.recording import Recording
+from stiffness.calibration.model import Readings, Regions, regions_of
+from stiffness.calibration.result import Calibrated, calibrated
+from stiffness.dual_encoder.delays import across
+from stiffness.dual_encoder.fit import Between
+from stiffness.dual_encoder.motions import Motion, motions_of
+from stiffness.dual_encoder.terms import FRICTION, LATE, Term
+
+# --- The KR300's second encoders ------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Added:
+    """An effect that is put into one axis.
+
+    Attributes:
+        effect: Its name.
+        axis: Counted from 0.
+        parameter: Reported in SI.
+        size: What is added.
+        change: From a motion to what it adds to the second encoder, in rad.
+    """
+
+    effect: str
+    axis: int
+    parameter: str
+    size: float
+    change: Callable[[Motion], Float[np.ndarray, " rows"]]
+
+
+KR300_ORDER = 61.0
+"""Of the wave that is added; chosen: no multiple of what was found."""
+KR300_ADDED = tuple(
+    Added(effect, axis, parameter, size, change)
+    for axis in range(3)
+    for effect, parameter, size, change in (
+        ("channel_delay", "delay_s", 2e-3, lambda m: _late(m, 2e-3)),
+        (
+            "joint_compliance", "compliance_rad_per_nm", 5e-7,
+            lambda m: -5e-7 * np.asarray(m.torque),
+        ),
+        (
+            "lost_motion", "width_rad", 4e-4,
+            lambda m: -2e-4 * np.sign(np.where(np.abs(m.speed) < 1e-3, 0.0, m.speed)),
+        ),
+        (
+            "transmission_error", "amplitude_rad", 1.5e-4,
+            lambda m: 1.5e-4 * np.sin(KR300_ORDER * m.angle + 0.5),
+        ),
+    )
+)  # fmt: skip
+"""Every effect on every axis that is read twice."""
+
+
+def kr300_rows(recording: Recording) -> Iterator[dict[str, object]]:
+    """Yield a row of the table for each effect that is added."""
+    fit = {k: own[:-1] for k, own in motions_of(recording).items()}
+    plain = across(fit)
+    for added in KR300_ADDED:
+        changed = tuple(
+            replace(m, apart=_centred(m.apart + added.change(m)))
+            for m in fit[added.axis]
+        )
+        found = across({**fit, added.axis: changed})
+        yield _row(added, plain[added.axis], found[added.axis])
+
+
+def _row(added: Added, before: Between, after: Between) -> dict[str, object]:
+    known = _kr300_size(before, added)[0]
+    named, (value, half) = _is_there(after, added), _kr300_size(after, added)
+    news = _effects(after) - _effects(before)
+    return {
+        "recording": "real_kr300",
+        "effect": added.effect,
+        "where": f"a{added.axis + 1}",
+        "parameter": added.parameter,
+        "added": added.size,
+        "named": named,
+        "found_more": value - known if named else 0.0,
+        "low": value - half - known if named else 0.0,
+        "high": value + half - known if named else 0.0,
+        "before": known,
+        "also_named": " ".join(sorted(news - {added.effect})),
+    }
+
+
+def _effects(found: Between) -> set[str]:
+    late = {LATE.effect} if found.late is not None else set()
+    return {t.effect for t in found.terms} - {FRICTION} | late
+
+
+def _is_there(found: Between, added: Added) -> bool:
+    late = added.effect == LATE.effect and found.late is not None
+    return late or any(_same(term, added) for term in found.terms)
+
+
+def _same(term: Term, added: Added) -> bool:
+    near = not term.order or abs(term.order - KR300_ORDER) <= 1.0
+    return term.effect == added.effect and near
+
+
+def _kr300_size(found: Between, added: Added) -> tuple[float, float]:
+    """Return the coefficient and half its interval; zeros where it is not there."""
+    if added.effect == LATE.effect:
+        return found.delay, found.late_half
+    i = 0
+    for term in found.terms:
+        x = found.x[i : i + len(term.parameters)]
+        own = found.half[i : i + len(x)]
+        half = float(own.max() if term.order else own[0])
+        i += len(x)
+        if _same(term, added):
+            return float(np.hypot(*x)) if term.order else float(x[0]), half
+    return 0.0, 0.0
+
+
+def _late(motion: Motion, delay: float) -> Float[np.ndarray, " rows"]:
+    angle = motion.angle + motion.apart
+    return np.interp(motion.time - delay, motion.time, angle) - angle
+
+
+def _centred(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    return values - values.mean()
+
+
+# --- The UR10's target ----------------------------------------------------------------
+
+EVERY, HIGHEST = 2, 129
+"""One of so many poses is taken, and tables end at this order; chosen: three times as
+quick, and what is added is slower than that."""
+PLACE = np.array([0.0, 0.0, 0.093])
+UR10_ORDER = 11.0
+"""Of the wave that is added; chosen: not the largest of what was found."""
+UR10_ADDED = (
+    ("joint_compliance", "a2", "compliance_rad_per_nm", 1e-5, {}),
+    ("drift", "base", "z_m_per_h", 3e-6, {}),
+    ("bearing_tilt", "a2", "u_rad_per_nm", 4e-5, {}),
+    ("bearing_tilt", "a1", "u_rad_per_nm", 1e-6, {}),
+    ("hysteresis", "a3", "width_rad", 2e-4, {}),
+    ("encoder_offset", "a3", "offset_rad", 5e-4, {}),
+    ("transmission_error", "a1", "amplitude_rad", 1.5e-4,
+     {"order": UR10_ORDER, "phase_rad": 0.5}),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Base:
+    """The readings as they are, and what was found in them."""
+
+    readings: Readings
+    regions: Regions
+    found: Calibrated
+
+
+def base_of(readings: Readings) -> Base:
+    """Calibrate on the readings as they are."""
+    part = readings.take(np.arange(0, len(readings.seen), EVERY))
+    regions = regions_of(part)
+    return Base(part, regions, calibrated(part, regions, highest=HIGHEST))
+
+
+def ur10_rows(base: Base, model: Path) -> Iterator[dict[str, object]]:
+    """Yield a row of the table for each effect that is added."""
+    for effect, where, parameter, size, more in UR10_ADDED:
+        named = Named(effect, where, {parameter: size, **more})
+        moved = _moved(base.readings, model, named)
+        turn = base.found.before.base_from_tracker[:3, :3]
+        changed = replace(base.readings, seen=base.readings.seen + moved @ turn)
+        found = calibrated(changed, base.regions, highest=HIGHEST)
+        value, low, high = _ur10_size(found, base.found, named, parameter)
+        news = set(found.named) - set(base.found.named) - {(effect, where)}
+        yield {
+            "recording": "real_ur10",
+            "effect": effect,
+            "where": where,
+            "parameter": parameter,
+            "added": size,
+            "named": (effect, where) in found.named,
+            "found_more": value,
+            "low": low,
+            "high": high,
+            "before": _estimate(base.found, effect, where, parameter)[0],
+            "also_named": " ".join("@".join(key) for key in sorted(news)),
+        }
+
+
+def _estimate(
+    found: Calibrated, effect: str, where: str, parameter: str
+) -> tuple[float, float]:
+    """Return a number and half its interval; none where it was not fitted."""
+    own = found.estimates.get((effect, where), {}).get(parameter)
+    return (0.0, 0.0) if own is None else (own.value, (own.high - own.low) / 2)
+
+
+def _ur10_size(
+    found: Calibrated, base: Calibrated, named: Named, parameter: str
+) -> tuple[float, float, float]:
+    """Return how much more is found, and its interval."""
+    if named.effect == "transmission_error":
+        if named.where not in found.tables:
+            return 0.0, 0.0, 0.0
+        k = int(named.where[1:]) - 1
+        angle = found.readings.posture[:, k]
+        more = found.tables[named.where].at(angle) - base.tables[named.where].at(angle)
+        phase = UR10_ORDER * angle
+        ones = np.ones_like(angle)
+        a = np.stack([np.sin(phase), np.cos(phase), ones, angle], axis=1)
+        x = np.linalg.lstsq(a, more, rcond=None)[0]
+        size, half = float(np.hypot(x[0], x[1])), found.waves[named.where].half
+        return size, size - half, size + half
+    value, half = _estimate(found, named.effect, named.where, parameter)
+    known = _estimate(base, named.effect, named.where, parameter)[0]
+    return value - known, value - half - known, value + half - known
+
+
+def _moved(
+    readings: Readings, model: Path, named: Named
+) -> Float[np.ndarray, "rows 3"]:
+    """Return how an effect moves the target, along the base's axes, in m."""
+    short = np.zeros_like(readings.posture)
+    if named.effect == "hysteresis":
+        k = int(named.where[1:]) - 1
+        width = named.parameters["width_rad"]
+        assert isinstance(width, float)
+        short[:, k] = -width / 2 * readings.side[:, k]
+        named = Named("encoder_offset", named.where, {"offset_rad": 0.0})
+    with_it = _points(readings, model, Patch(effects=(named,)), short)
+    return with_it - _points(readings, model, Patch(), np.zeros_like(short))
+
+
+def _points(
+    readings: Readings, model: Path, patch: Patch, short: Float[np.ndarray, "rows axes"]
+) -> Float[np.ndarray, "rows 3"]:
+    rig = rig_of(patch, model)
+    count = len(readings.seen)
+    still = np.zeros((count, 1, 6))
+    states = rig.respond(readings.posture + short, still, np.full((count, 1), 1e-3))
+    point = point_in_base(rig, states, "flange", PLACE)[:, None]
+    tracker = faulty(Instruments(), rig).tracker
+    seconds = (readings.hours - readings.hours.min()) * 3600.0
+    return reading_of(tracker, (np.eye(3), np.zeros(3)), point, seconds)[:, 0]

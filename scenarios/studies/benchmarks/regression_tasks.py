@@ -1,0 +1,215 @@
+"""Benchmark tasks of a method: rows of the source domain, and the fit of six springs.
+
+Small deflections at many postures are one product of arrays, or a loop over them.
+
+Six springs can be found by equations of their own, or by anybody's optimiser.
+
+The other ways have MuJoCo find where the arm rests, for all cases at once, and differ
+in who turns the knobs. They are handed the deflections ready made and start within a
+factor of two; ours starts from the recording, and from rigid.
+"""
+
+import io
+import os
+from collections.abc import Callable
+from contextlib import redirect_stdout
+
+import mujoco
+import numpy as np
+import pinocchio as pin
+from jaxtyping import Float
+from mujoco import batch, minimize, sysid
+from scipy.optimize import least_squares
+
+from bench.experiment import record
+from bench.instruments import Instruments
+from bench.rig import Rig
+from bench.shared.plan import LoadStep
+from bench.standard_plans import table_one_plan as table_one
+from scenarios.studies.benchmarks.race import Race, Way
+from scenarios.studies.benchmarks.recording_tasks import KR10, PAPERS
+from scenarios.studies.paper.published_values import TABLE_03_NM_PER_RAD
+from stiffness.experiment.deflections import Deflections, one_per_pose
+from stiffness.methods.vjm import Vjm, VjmFit
+from stiffness.networks.source_domain import (
+    SourcePlan,
+    source_domain,
+    spanning_plan,
+    table_4_postures,
+)
+from stiffness.robot.arm import Arm
+
+# --- Rows of the source domain --------------------------------------------------------
+
+POINT, ORIGIN = np.array([0.01, 0.0, 0.06]), np.array([0.0, 0.0, 0.0254])
+"""In the flange's frame, in m; chosen: a tool's tip and a sensor's face."""
+
+
+def source_race(postures: int | None = None) -> Race:
+    """Return the race over the source domain.
+
+    Args:
+        postures: How many of Table 4's 21,280; None: all.
+    """
+    plan = spanning_plan(table_4_postures()[:postures])
+    arm, compliance = Arm.from_mjcf(KR10), 1.0 / np.array(TABLE_03_NM_PER_RAD)
+    model = pin.buildModelFromMJCF(str(KR10))
+    return Race(
+        task=f"source domain: {plan.rows:,} rows by fitted springs",
+        ways=(
+            Way(
+                "stiffness.networks.source_domain",
+                lambda: source_domain(arm, compliance, plan, POINT, ORIGIN).deflection,
+            ),
+            Way(
+                "Pinocchio loop",
+                lambda: pinocchio_loop(model, compliance, plan),
+            ),
+        ),
+        differs=lambda ours, other: f"{1e3 * np.abs(ours - other).max():.1g} mm",
+        bar=0.5 if postures is None else None,
+        rounds=2,
+    )
+
+
+def pinocchio_loop(
+    model: pin.Model, compliance: Float[np.ndarray, " axes"], plan: SourcePlan
+) -> Float[np.ndarray, "rows 3"]:
+    """Ask posture by posture for two Jacobians, and all its wrenches at once."""
+    model = pin.Model(model)
+    flange = model.frames[model.getFrameId("flange")]
+    ids = []
+    for name, place in (("point", POINT), ("origin", ORIGIN)):
+        placement = flange.placement * pin.SE3(np.eye(3), place)
+        kind = pin.FrameType.OP_FRAME
+        ids.append(model.addFrame(pin.Frame(name, flange.parentJoint, placement, kind)))
+    data, along_base = model.createData(), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    moved = []
+    for posture, wrench in zip(plan.posture, plan.wrench_in_base, strict=True):
+        pin.computeJointJacobians(model, data, posture)
+        pin.updateFramePlacements(model, data)
+        point, origin = (pin.getFrameJacobian(model, data, i, along_base) for i in ids)
+        moved.append((wrench @ origin * compliance) @ point[:3].T)
+    return np.concatenate(moved)
+
+
+# --- The fit of six springs -----------------------------------------------------------
+
+START = np.log(np.array([35e3, 90e3, 35e3, 3.5e3, 6e3, 2e3]))
+"""Log of N m/rad; chosen: within a factor of two of Table 3."""
+LARGE, STEPS = 100.0, 6
+"""Time step of the `discrete` integrator in s, and steps: each is one of Newton's, and
+after five nothing changes."""
+
+Residual = Callable[[Float[np.ndarray, " axes"]], Float[np.ndarray, " coordinates"]]
+
+
+def springs_race(poses: int) -> Race:
+    """Return the race over a recording of linear springs, one loaded row a pose."""
+    rig, path = Rig(KR10), (LoadStep(0.0), LoadStep(10.0))
+    recording = record(rig, table_one(poses, path), Instruments(), seed=0)
+    arm = Arm.from_mjcf(KR10).for_recording(recording)
+    vjm = Vjm(arm, select=one_per_pose)
+    residual = _residual(one_per_pose(arm, recording))
+    ways = [
+        Way("stiffness.methods.vjm", lambda: vjm.fit(recording)),
+        Way(
+            "scipy.least_squares, MuJoCo Batch",
+            lambda: np.exp(least_squares(residual, START).x),
+        ),
+        Way("mujoco.minimize, MuJoCo Batch", lambda: _minimised(residual)),
+    ]
+    skipped = ()
+    if hasattr(sysid, "optimize"):
+        ways.append(Way("mujoco.sysid, MuJoCo Batch", lambda: _identified(residual)))
+    else:
+        skipped = (
+            "mujoco.sysid: its extra packages are not installed "
+            "(pip install 'mujoco[sysid]'); its optimiser is mujoco.minimize.",
+        )
+    return Race(
+        task=f"fit: six springs to {poses} rows",
+        ways=tuple(ways),
+        differs=_differs,
+        bar=0.020 if poses == PAPERS else None,
+        rounds=3,
+        skipped=skipped,
+    )
+
+
+def _differs(ours: VjmFit, other: np.ndarray) -> str:
+    apart = [
+        abs(p.value - k) / p.sigma for p, k in zip(ours.stiffness, other, strict=True)
+    ]
+    return f"{max(apart):.1g} sigma of a spring"
+
+
+def _residual(data: Deflections) -> Residual:
+    """Return what six log stiffnesses leave, in sigma of the tracker."""
+    cases, model = data.cases, _model(data)
+    count = len(cases)
+    runs = batch.Batch(model, nsim=2 * count, nthread=os.cpu_count() or 1)
+    posture = np.concatenate([cases.posture, cases.posture])
+    slack, stiffness = runs.expand("qpos_spring"), runs.expand("jnt_stiffness")
+    slack[:] = posture
+    load, qpos, qvel = (runs.bind(n) for n in ("ctrl", "qpos", "qvel"))
+    load[:count] = data.wrench_in_flange
+    place, turn = runs.bind("xpos"), runs.bind("xmat")
+    flange, sigma = model.body("flange").id, data.sigma
+
+    def residual(log_stiffness: np.ndarray) -> np.ndarray:
+        stiffness[:] = np.exp(log_stiffness)
+        qpos[:] = posture
+        qvel[:] = 0.0
+        runs.step(nstep=STEPS)
+        runs.forward()
+        turned = turn[:, flange].reshape(2, count, 3, 3)
+        ends = place[:, flange].reshape(2, count, 3)
+        ends = ends + np.einsum("encd,nd->enc", turned, cases.point_in_flange)
+        return ((ends[0] - ends[1] - data.deflection) / sigma).ravel()
+
+    return residual
+
+
+def _model(data: Deflections) -> mujoco.MjModel:
+    """Return the arm with what it carries; without ropes, a step costs half."""
+    spec, tool = mujoco.MjSpec.from_file(str(KR10)), data.cases.payload
+    flange = spec.body("flange")
+    flange.add_site(name="face", pos=data.cases.origin_in_flange)
+    for along in np.eye(6):  # a load that turns with the sensor that measured it
+        site = mujoco.mjtTrn.mjTRN_SITE
+        spec.add_actuator(target="face", trntype=site).gear = along
+    if tool is not None:
+        held = flange.add_body(name="held", pos=tool.com)
+        held.mass, held.inertia = tool.mass, np.full(3, 1e-4 * tool.mass)
+        held.explicitinertial = True
+    off = mujoco.mjtDisableBit
+    spec.option.disableflags |= off.mjDSBL_CONTACT | off.mjDSBL_LIMIT
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
+    spec.option.timestep = LARGE
+    return spec.compile()
+
+
+def _minimised(residual: Residual) -> Float[np.ndarray, " axes"]:
+    """Let MuJoCo's Gauss-Newton turn the knobs; it asks for many columns at once."""
+    silent = minimize.Verbosity.SILENT
+    found, _ = minimize.least_squares(START, _columns(residual), verbose=silent)
+    return np.exp(found.ravel())
+
+
+def _columns(residual: Residual) -> Residual:
+    return lambda x: np.stack([residual(column) for column in np.atleast_2d(x.T)], 1)
+
+
+def _identified(residual: Residual) -> Float[np.ndarray, " axes"]:
+    """Let the toolbox for identification turn the knobs, with its own defaults."""
+    wide = np.log(10.0)
+    springs = sysid.Parameter("springs", START, START - wide, START + wide)
+    every = _columns(residual)
+    with redirect_stdout(io.StringIO()):
+        found, _ = sysid.optimize(
+            initial_params=sysid.ParameterDict({"springs": springs}),
+            residual_fn=lambda x, _: ([every(x)], None, None),
+            verbose=False,
+        )
+    return np.exp(found.as_vector())

@@ -1,0 +1,182 @@
+"""Draws blind trials and the errors of their instruments from seeds.
+
+Instruments of a trial are as imperfect as they state, and no more.
+
+Every trial has the usual nuisance: an unknown frame, markers beside their places, noise
+and hidden readings. One kind of trial has the worst that a good cell has, in turn.
+
+A trial is drawn from the sweep's seed, its kind and its number, and nothing else.
+
+So trial 7 of a kind is the same however many are asked for, and whatever was run
+before.
+"""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from bench.effects import EFFECTS, OTHER_LAWS
+from bench.effects.creep import Creep
+from bench.effects.effect import Effect
+from bench.effects.hysteresis import Hysteresis
+from bench.effects.joint_compliance import JointCompliance
+from bench.effects.lost_motion import LostMotion
+from bench.effects.out_of_library import OUTSIDERS
+from bench.effects.pulley_friction import PulleyFriction
+from bench.instruments import Encoders, ForceSensor, Instruments, Markers, Tracker
+from bench.instruments.encoders import ARRIVAL
+from bench.instruments.force_sensor import SIZE, TURN
+from scenarios.studies.blind_trials.arms import THE_KR10, Arm
+from scenarios.studies.blind_trials.strata import STRATA, Stratum
+
+# --- Instruments ----------------------------------------------------------------------
+
+PLACEMENT, OCCLUSIONS = 5e-4, 0.02
+"""Markers are off by so many m, one sigma; such a share of readings is hidden."""
+FIELD = 1.5e-5
+"""Correlated error of the tracker in m, in the stratum that has one."""
+DEPTH = (1e-5, 1e-5, 2.5e-5)
+"""Tracker's noise in m where it is worst in depth."""
+
+
+def instruments_of(stratum: Stratum, number: int) -> Instruments:
+    """Return instruments with the usual nuisance, or one of the worst in turn."""
+    usual = Instruments(
+        tracker=Tracker(occlusions=OCCLUSIONS),
+        markers=Markers(
+            "flange" if stratum.targets == "flange" else "all", placement=PLACEMENT
+        ),
+    )
+    if stratum.name != "null_nuisance":
+        return usual
+    tracker = usual.tracker
+    worst = (
+        replace(usual, force_sensor=ForceSensor(turn=TURN, size=SIZE)),
+        replace(usual, tracker=replace(tracker, repeatability=DEPTH)),
+        replace(usual, tracker=replace(tracker, field=FIELD)),
+        replace(usual, encoders=Encoders(arrival=ARRIVAL)),
+        replace(
+            usual,
+            tracker=replace(tracker, repeatability=DEPTH, field=FIELD),
+            force_sensor=ForceSensor(turn=TURN, size=SIZE),
+            encoders=Encoders(arrival=ARRIVAL),
+        ),
+    )
+    return worst[number % len(worst)]
+
+
+# --- Trials ---------------------------------------------------------------------------
+
+SPREAD = 3.0
+"""True stiffness over the model's: up to this factor either way, by the bars' rule."""
+MEMORY = (LostMotion, Hysteresis, Creep)
+ALONE = (JointCompliance, PulleyFriction)
+"""Effects that need a model or a sensor of their own and are tried by themselves."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What was drawn before anything was simulated.
+
+    Attributes:
+        stratum: What kind of trial it is.
+        robot: Model file of the arm.
+        number: Which of its kind, from 0.
+        name: What it is called where nobody may know what it is.
+        seed: Of the instruments.
+        stiffness: True stiffness over the model's, axis by axis.
+        instruments: What watches.
+        chance: Where further draws come from.
+    """
+
+    stratum: Stratum
+    robot: Path
+    number: int
+    name: str
+    seed: int
+    stiffness: Float[np.ndarray, " axes"]
+    instruments: Instruments
+    chance: np.random.SeedSequence
+
+    @property
+    def label(self) -> str:
+        """What it is called where everybody may know."""
+        return f"{self.stratum.name} {self.number}"
+
+
+def trials_of(
+    seed: int, strata: Sequence[str], first: int, beyond: int, arm: Arm = THE_KR10
+) -> Iterator[Trial]:
+    """Draw trials, one of each kind in turn.
+
+    Args:
+        seed: Of the sweep.
+        strata: Names of the kinds.
+        first: Number of the first of each kind.
+        beyond: Number after the last.
+        arm: Which is tried.
+    """
+    for number in range(first, beyond):
+        for name in strata:
+            yield trial_of(seed, name, number, arm)
+
+
+def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> Trial:
+    """Draw one trial.
+
+    Args:
+        seed: Of the sweep.
+        stratum: Name of its kind.
+        number: Which of its kind.
+        arm: Which is tried.
+    """
+    kind = list(STRATA).index(stratum)
+    chance = np.random.SeedSequence(seed, spawn_key=(kind, number))
+    nuisance, further = chance.spawn(2)
+    draw = np.random.default_rng(nuisance)
+    concealed = hashlib.sha256(f"{seed}/{stratum}/{number}".encode()).hexdigest()
+    return Trial(
+        stratum=STRATA[stratum],
+        robot=arm.file,
+        number=number,
+        name=concealed[:12],
+        seed=int(draw.integers(2**31)),
+        stiffness=SPREAD ** draw.uniform(-1.0, 1.0, arm.axes),
+        instruments=instruments_of(STRATA[stratum], number),
+        chance=further,
+    )
+
+
+def kinds_of(
+    trial: Trial, draw: np.random.Generator, attempt: int
+) -> list[type[Effect]]:
+    """Return the effects of a trial: names take turns, so that all come equally often.
+
+    Args:
+        trial: Which trial.
+        draw: For what is left to chance.
+        attempt: Counts from 0; a name that cannot be shown gives way to the next.
+    """
+    name, number = trial.stratum.name, trial.number
+    turn = number + attempt // 4
+    if not trial.stratum.least:
+        return []
+    if name == "two_400":
+        known = [kind for kind in EFFECTS if kind not in ALONE]
+        first = known[turn % len(known)]
+        others = [kind for kind in known if kind is not first]
+        return [first, others[int(draw.integers(len(others)))]]
+    pool: tuple[type[Effect], ...] = EFFECTS
+    if name == "outside":
+        pool = OUTSIDERS
+    elif name == "second_law":
+        pool = OTHER_LAWS
+    elif name.startswith("memory"):
+        pool = MEMORY
+    elif name == "removed":
+        pool = tuple(kind for kind in EFFECTS if kind not in ALONE)
+    return [pool[turn % len(pool)]]

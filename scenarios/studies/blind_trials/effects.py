@@ -1,0 +1,258 @@
+"""Draws the form and the site of the effects of a blind trial.
+
+A coupling joins neighbouring axes: the wrist's gears, or the first axes' frames.
+
+An effect of a trial has a form that was drawn.
+
+Forms are what is not size: a knee, a time constant, an order, a direction. They are
+drawn around those of a catalogue, so that no single value can be learnt.
+
+Where an effect is concealed is drawn from all the places where it can sit.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
+from jaxtyping import Float
+
+from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
+from bench.effects.asymmetric_stiffness import AsymmetricStiffness
+from bench.effects.base_compliance import BaseCompliance
+from bench.effects.bearing_tilt import BearingTilt
+from bench.effects.creep import Creep
+from bench.effects.drift import Drift
+from bench.effects.effect import Effect
+from bench.effects.geometry_error import GeometryError
+from bench.effects.gravity_compensator import GravityCompensator
+from bench.effects.gravity_load import GravityLoad
+from bench.effects.hardening import Hardening
+from bench.effects.hardening_smooth import SmoothHardening
+from bench.effects.link_bending import LinkBending
+from bench.effects.lost_motion_smooth import SmoothLostMotion
+from bench.effects.marker_slip import MarkerSlip
+from bench.effects.out_of_library.axis_crosstalk import AxisCrosstalk
+from bench.effects.out_of_library.foot_lift_off import FootLiftOff
+from bench.effects.out_of_library.loose_bearing import LooseBearing
+from bench.effects.out_of_library.softening import Softening
+from bench.effects.out_of_library.warming_gear import WarmingGear
+from bench.effects.places import places_for
+from bench.effects.tracker_misalignment import TrackerMisalignment
+from bench.effects.transmission_error import TransmissionError
+from bench.effects.wrench_bias import WrenchBias
+from bench.effects.wrench_gain import WrenchGain
+from bench.effects.wrench_misalignment import WrenchMisalignment
+from bench.effects.wrist_coupling import WristCoupling
+from bench.kinematic_chain import Anatomy
+from bench.rig import Rig
+from bench.standard_plans import is_kr10
+from bench.study_arm import GEARS
+
+# --- Couplings ------------------------------------------------------------------------
+
+
+def partners_of(kind: type[Effect], turning: Sequence[str]) -> dict[str, Sequence[str]]:
+    """Return which axes a coupling can join, by where it sits; empty for no coupling.
+
+    Args:
+        kind: Of effect.
+        turning: The arm's axes that turn, from the base on.
+    """
+    if kind is WristCoupling:
+        first, second, third = turning[-3:]
+    elif kind is AxisCrosstalk:
+        first, second, third = turning[:3]
+    else:
+        return {}
+    return {second: (first,), third: (first, second)}
+
+
+def coupled(
+    effect: Effect, draw: np.random.Generator, partners: Sequence[str]
+) -> Effect:
+    """Draw which axis turns another, and which way."""
+    partner = str(draw.choice(partners))
+    sign = float(draw.choice([-1.0, 1.0]))
+    size = sign * effect.parameters()["compliance_rad_per_nm"]  # type: ignore[operator]
+    return replace(effect, with_axis=partner, compliance_rad_per_nm=size)
+
+
+# --- Forms ----------------------------------------------------------------------------
+
+KNEED = (Hardening, SmoothHardening, Softening, SmoothLostMotion)
+"""Effects whose form is a torque of the axis' own size."""
+WOUND_UP = 5e-4
+"""Wind-up of a gear in rad where it begins to harden: 4 to 6e-4 by the catalogue."""
+CLOSED = 0.2
+"""Torque that closes a play over that of the knee; chosen: some hundredths of the
+largest, where makers measure lost motion."""
+SHIFT, TURN = ("x_m", "y_m", "z_m"), ("rx_rad", "ry_rad", "rz_rad")
+
+
+def as_it_is(effect: Effect, draw: np.random.Generator) -> Effect:
+    """Return an effect that has no form."""
+    return effect
+
+
+def _about(draw: np.random.Generator, size: float, factor: float = 1.5) -> float:
+    """Draw log-uniformly within a factor of a size."""
+    return float(size * factor ** draw.uniform(-1.0, 1.0))
+
+
+def _phase(draw: np.random.Generator) -> float:
+    return float(draw.uniform(-pi, pi))
+
+
+def _parts(*sizes: tuple[float, tuple[str, ...]], least: float = -1.0) -> Callable:
+    """Draw the components of vectors between least and 1 of their sizes."""
+
+    def form(effect: Effect, draw: np.random.Generator) -> Effect:
+        values = {
+            name: size * float(draw.uniform(least, 1.0))
+            for size, names in sizes
+            for name in names
+        }
+        return replace(effect, **values)
+
+    return form
+
+
+def knees_of(rig: Rig) -> dict[str, float]:
+    """Return the torque at which each axis' gear begins to harden.
+
+    A KR10's by its catalogue gears; any other arm's where the gear is wound up as far
+    as those are there.
+    """
+    if is_kr10(rig):
+        return {axis: torques[0] for axis, (_, torques) in GEARS.items()}
+    stiffness = rig.nominal.jnt_stiffness
+    return {f"a{n}": WOUND_UP * float(k) for n, k in enumerate(stiffness, start=1)}
+
+
+def bent(effect: Effect, draw: np.random.Generator, knee: float) -> Effect:
+    """Put a knee about where a gear has it; let a play close at a fifth of that."""
+    if isinstance(effect, SmoothLostMotion):
+        return replace(effect, closing_nm=_about(draw, CLOSED * knee))
+    return replace(effect, torque_nm=_about(draw, knee))  # type: ignore[call-arg]
+
+
+FORMS: dict[type[Effect], Callable[[Effect, np.random.Generator], Effect]] = {
+    AsymmetricStiffness: lambda e, d: replace(e, ratio=1.2 ** float(d.choice([-1, 1]))),
+    Creep: lambda e, d: replace(e, time_s=_about(d, 25.0, 2.0)),
+    AngleDependentStiffness: lambda e, d: replace(
+        e, order=float(d.integers(1, 4)), phase_rad=_phase(d)
+    ),
+    TransmissionError: lambda e, d: replace(
+        e, order=float(d.integers(1, 4)), phase_rad=_phase(d)
+    ),
+    BearingTilt: lambda e, d: replace(
+        e,
+        u_rad_per_nm=2e-6 * float(d.uniform(0.2, 1.0)),
+        v_rad_per_nm=2e-6 * float(d.uniform(0.2, 1.0)),
+        centre_m=float(d.uniform(-0.05, 0.05)),
+    ),
+    BaseCompliance: _parts(
+        (5e-7, ("rx_rad_per_nm", "ry_rad_per_nm")),
+        (1e-8, ("x_m_per_n", "y_m_per_n", "z_m_per_n")),
+        least=0.2,
+    ),
+    GravityLoad: lambda e, d: replace(
+        e, **{f"com_{i}_m": float(d.uniform(-0.15, 0.15)) for i in "xyz"}
+    ),
+    GravityCompensator: lambda e, d: replace(e, phase_rad=_phase(d)),
+    GeometryError: _parts((3e-4, SHIFT), (5e-4, TURN)),
+    WrenchBias: _parts(
+        (0.5, ("fx_n", "fy_n", "fz_n")), (0.05, ("tx_nm", "ty_nm", "tz_nm"))
+    ),
+    WrenchGain: _parts((0.01, ("fx", "fy", "fz", "tx", "ty", "tz"))),
+    WrenchMisalignment: _parts((0.0087, TURN)),
+    TrackerMisalignment: _parts((5e-4, SHIFT), (1e-3, TURN)),
+    Drift: _parts(
+        (3e-5, ("x_m_per_h", "y_m_per_h", "z_m_per_h")),
+        (3e-5, ("rx_rad_per_h", "ry_rad_per_h", "rz_rad_per_h")),
+    ),
+    MarkerSlip: _parts((5e-5, SHIFT)),
+    LooseBearing: lambda e, d: replace(e, angle_rad=_phase(d)),
+    FootLiftOff: lambda e, d: replace(
+        e, angle_rad=_phase(d), preload_nm=_about(d, 5.0, 3.0)
+    ),
+    WarmingGear: lambda e, d: replace(e, visits=_about(d, 50.0, 2.0)),
+}
+"""How forms are drawn; effects that are left out have none."""
+
+
+# --- Sites ----------------------------------------------------------------------------
+
+BETWEEN_AXES = (GeometryError, GravityLoad, LinkBending)
+"""Effects of links: the vocabulary's end with an axis. What is beyond the last one are
+markers' places and a sensor's mounting, and weights that it calls the tool's."""
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Where effects can sit.
+
+    Attributes:
+        arm: The names of the arm's parts.
+        markers: The names of the marks that are followed.
+        lasts: How long the experiment lasts, in s.
+        knees: Torque in N m at which each axis' gear begins to harden.
+        turning: The axes that turn far in this experiment.
+    """
+
+    arm: Anatomy
+    markers: Sequence[str]
+    lasts: float
+    knees: Mapping[str, float]
+    turning: Sequence[str]
+
+
+PERIODIC = (AngleDependentStiffness, GravityCompensator, TransmissionError)
+"""What comes again turn after turn; an axis that does not turn shows nothing of it."""
+TURNS = 1.0
+"""Angle in rad that an axis goes through to be called turning; chosen: a sixth of a
+period of the slowest."""
+
+
+def drawn(kind: type[Effect], draw: np.random.Generator, ground: Ground) -> Effect:
+    """Draw a place and a form for an effect of about a catalogue's size.
+
+    Args:
+        kind: Which effect.
+        draw: Where the draws come from.
+        ground: Where it can sit.
+    """
+    arm = ground.arm
+    every = places_for(kind.places, arm)
+    known = [place for place in every if ":" not in place]
+    if "marker" in kind.places:
+        known += [f"marker:{name}" for name in ground.markers]
+    if kind in BETWEEN_AXES:
+        known.remove(arm.links[-1])
+    hinges = [a for a, slides in zip(arm.axes, arm.slides, strict=True) if not slides]
+    if kind in PERIODIC:
+        known = [place for place in known if place in ground.turning]
+    partners = partners_of(kind, hinges)
+    effect = kind(where=str(draw.choice(list(partners or known))))
+    if partners:
+        return coupled(effect, draw, partners[effect.where])
+    if kind in KNEED:
+        return bent(effect, draw, ground.knees[effect.where])
+    effect = FORMS.get(kind, as_it_is)(effect, draw)
+    if isinstance(effect, MarkerSlip):
+        effect = replace(effect, time_s=ground.lasts * float(draw.uniform(0.25, 0.75)))
+    return effect
+
+
+def turning(arm: Anatomy, posture: Float[np.ndarray, "visits axes"]) -> tuple[str, ...]:
+    """Return the hinges that go through more than a small part of a turn.
+
+    Args:
+        arm: The names of the arm's parts.
+        posture: Where the experiment goes, in rad.
+    """
+    far = np.ptp(posture, axis=0) >= TURNS
+    return tuple(
+        a for a, s, f in zip(arm.axes, arm.slides, far, strict=True) if f and not s
+    )

@@ -1,0 +1,229 @@
+"""Generates a blind trial: a recording for the diagnosis, and its truth.
+
+Sizes are found on silent instruments, where an effect alone makes the difference.
+
+A trial is carried out on the bench: a recording for the accused, a truth for later.
+
+Places and forms are drawn until one can show what is asked; sizes follow from weighing
+what the effect does to silent instruments.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+
+from bench.effects.effect import Effect
+from bench.effects.joint_compliance import JointCompliance
+from bench.effects.pulley_friction import PulleyFriction
+from bench.effects.tracker_misalignment import TrackerMisalignment
+from bench.experiment import record
+from bench.instruments import Encoders, Instruments
+from bench.instruments.random_streams import streams
+from bench.instruments.tracker import STILL
+from bench.model_file import load, plain_mjcf
+from bench.rig import Rig
+from bench.shared.errors import BenchError
+from bench.shared.plan import DEFAULT_PATH, Plan, parse_path
+from bench.shared.recording import Recording
+from bench.standard_plans import tour
+from scenarios.pipelines.synthetic_recording import truth_text
+from scenarios.studies.blind_trials.draw import Trial, kinds_of
+from scenarios.studies.blind_trials.effects import Ground, drawn, knees_of, turning
+from scenarios.studies.blind_trials.magnitudes import OutOfReach, as_large_as
+from scenarios.studies.blind_trials.oracle import as_strange_as, explained
+from scenarios.studies.blind_trials.visibility import Weight, scale_of
+
+# --- Magnitudes on ideal instruments --------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Bench:
+    """An arm of a trial without its effects, and how large effects on it are."""
+
+    trial: Trial
+    rig: Rig
+    plan: Plan
+    stated: bool
+    hook: bool
+
+    def seen(self, effects: tuple[Effect, ...], instruments: Instruments) -> Recording:
+        """Record the arm with effects."""
+        rig = replace(self.rig, effects=effects)
+        seen = record(rig, self.plan, instruments, self.trial.seed, self.trial.name)
+        if not self.hook:
+            return seen
+        quiet = silent(self.trial.instruments)
+        weight = record(self.rig, self.plan, quiet, self.trial.seed).wrench
+        return replace(seen, wrench=weight)  # taken from what hangs on the hook
+
+
+def sized(
+    bench: Bench, effects: Sequence[Effect], draw: np.random.Generator
+) -> tuple[tuple[Effect, ...], tuple[Weight, ...]]:
+    """Make every effect as large as its stratum asks."""
+    if not effects:
+        return (), ()
+    trial = bench.trial
+    quiet = silent(trial.instruments)
+    scale = scale_of(
+        bench.rig,
+        bench.seen((), quiet),
+        trial.instruments.tracker.repeatability,
+        bench.stated,
+    )
+
+    def weigh(effect: Effect) -> Weight:
+        return scale.weigh(bench.seen((effect,), quiet))
+
+    watching = replace(trial.instruments.tracker, occlusions=0.0)  # as it is weighed
+
+    def captured(effect: Effect) -> float:
+        seen = bench.seen((effect,), replace(trial.instruments, tracker=watching))
+        return explained(seen, Path(bench.rig.arm_file), (effect.name,))
+
+    found, weights = [], []
+    for effect, least in zip(effects, trial.stratum.least, strict=True):
+        if trial.stratum.known:
+            larger, weight = as_large_as(effect, least, weigh)
+        else:
+            larger, weight = as_strange_as(effect, least, weigh, captured, draw)
+        found.append(larger)
+        weights.append(weight)
+    return tuple(found), tuple(weights)
+
+
+def silent(instruments: Instruments) -> Instruments:
+    """Return instruments that make no error, with encoders after the gears."""
+    tracker = replace(
+        instruments.tracker,
+        noise=0.0,
+        field=0.0,
+        occlusions=0.0,
+        frame_error=instruments.tracker.frame_error or STILL,
+    )
+    sensor = replace(
+        instruments.force_sensor, noise=0.0, turn=0.0, size=0.0, resolution=(0.0, 0.0)
+    )
+    encoders = Encoders(link_side=True, noise=0.0)
+    return replace(instruments, tracker=tracker, force_sensor=sensor, encoders=encoders)
+
+
+# --- Recording and truth --------------------------------------------------------------
+
+REVISITS = 12
+"""Visits that are done twice; chosen, so that the noise can be seen in replicates."""
+ATTEMPTS = 40
+"""Places and forms that are tried before a trial is given up."""
+
+
+@dataclass(frozen=True)
+class Made:
+    """A trial that was carried out.
+
+    Attributes:
+        recording: What the accused will see.
+        model: The model file that it is compared with.
+        without: Names that the diagnosis must do without.
+        rig: What is true.
+        truth: The same and how it was drawn, for JSON.
+    """
+
+    recording: Recording
+    model: Path
+    without: tuple[str, ...]
+    rig: Rig
+    truth: dict[str, Any]
+
+
+def make(trial: Trial, folder: Path, poses: int) -> Made:
+    """Carry out a trial.
+
+    Args:
+        trial: Which one.
+        folder: Where model files go that differ from the arm's own.
+        poses: How many postures of the table.
+
+    Raises:
+        BenchError: Where nothing that was drawn can show what is asked.
+    """
+    draw = np.random.default_rng(trial.chance)
+    faults = []
+    for attempt in range(ATTEMPTS):
+        kinds = kinds_of(trial, draw, attempt)
+        try:
+            return _carried_out(trial, kinds, draw, folder, poses, attempt)
+        except BenchError as error:  # out of reach, or no rest under so much
+            faults.append(str(error).partition("\n")[0])
+    raise BenchError(f"Trial {trial.label} cannot be made: {'; '.join(faults[-3:])}")
+
+
+def _carried_out(
+    trial: Trial,
+    kinds: Sequence[type[Effect]],
+    draw: np.random.Generator,
+    folder: Path,
+    poses: int,
+    attempt: int,
+) -> Made:
+    nominal = Rig(trial.robot)
+    path = parse_path(trial.stratum.path) if trial.stratum.path else DEFAULT_PATH
+    plan = tour(nominal, poses, path, min(REVISITS, poses), trial.seed)
+    arm, model = nominal.anatomy, nominal.nominal
+    stuck = trial.instruments.markers.stick(model, arm, streams(trial.seed))
+    marks = [s.marker.name for s in stuck]
+    ground = Ground(
+        arm,
+        marks,
+        float(plan.time[-1]),
+        knees_of(nominal),
+        turning(arm, plan.posture),
+    )
+    effects = [drawn(kind, draw, ground) for kind in kinds]
+    if len({(e.name, e.where) for e in effects}) < len(effects):
+        raise OutOfReach("The same effect was drawn twice.")
+    rigid = [e.where for e in effects if isinstance(e, JointCompliance)]
+    given = _given(trial, rigid, folder)
+    rig = Rig(given)
+    rig = replace(rig, stiffness=rig.nominal.jnt_stiffness * trial.stiffness)
+    bench = Bench(
+        trial,
+        rig,
+        plan,
+        stated=any(isinstance(e, TrackerMisalignment) for e in effects),
+        hook=any(isinstance(e, PulleyFriction) for e in effects),
+    )
+    effects, weights = sized(bench, effects, draw)
+    without = tuple(e.name for e in effects) if trial.stratum.name == "removed" else ()
+    recording = bench.seen(effects, trial.instruments)
+    true = replace(rig, effects=effects)
+    text = truth_text(true, trial.name, trial.seed, trial.instruments)
+    truth = json.loads(text) | {
+        "stratum": trial.stratum.name,
+        "number": trial.number,
+        "chi2": [w.chi2 for w in weights],
+        "weights": [asdict(w) for w in weights],
+        "stiffness_over_model": trial.stiffness.tolist(),
+        "path": trial.stratum.path,
+        "without": list(without),
+        "drawn_again": attempt,
+    }
+    return Made(recording, given, without, true, truth)
+
+
+def _given(trial: Trial, rigid: Sequence[str], folder: Path) -> Path:
+    """Return the model of a trial's arm, written anew where it calls axes rigid."""
+    if not rigid:
+        return trial.robot
+    file = folder / f"{trial.name}.xml"
+    root = ElementTree.fromstring(plain_mjcf(load(trial.robot)))
+    for joint in root.iter("joint"):
+        if joint.get("name") in rigid:
+            joint.set("stiffness", "0")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
+    return file

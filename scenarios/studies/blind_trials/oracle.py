@@ -1,0 +1,171 @@
+"""Oracles: how far an effect is from the library, and the gain of knowing the truth.
+
+What the best names of the library leave of an effect is what makes it strange.
+
+The library here is the diagnosis' own, for it is its names that must not be given; its
+search runs over all sets of up to three names. It runs on an effect so large that what
+chance adds, some fifty at most, is little. How large the effect is at all is weighed
+elsewhere, without the diagnosis.
+
+Nobody can gain more on held-out poses than whoever knows what is true.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.effects.effect import Effect
+from bench.patch import Patch, can_build, named
+from bench.proof.proof import prove
+from bench.rig import RIGID, Rig
+from bench.shared.errors import BenchError
+from bench.shared.recording import Recording
+from scenarios.pipelines.inputs import arm_of, read_for
+from scenarios.studies.blind_trials.magnitudes import OutOfReach, as_large_as
+from scenarios.studies.blind_trials.visibility import Weight
+from stiffness.diagnosis.model_fit import Case, Member, other_forms, refined
+from stiffness.diagnosis.nominal_fit import Prepared, blocks, prepare
+from stiffness.diagnosis.relinearisation import case_of
+from stiffness.diagnosis.selection import Ranked, ranked, white_candidates
+from stiffness.diagnosis.sufficient_statistics import evidence_of
+from stiffness.effects import HYPOTHESES
+from stiffness.experiment.visits import visits_of
+from stiffness.regression.elimination import projected
+from stiffness.regression.splits import split_of
+
+# --- Distance from the library --------------------------------------------------------
+
+PROBE = 20_000.0
+"""χ² of the effect that the library is tried on; chosen: its noise is 2 √χ², 1.4 %."""
+LEAST_SHARE = 0.04
+"""Share that the library must leave to be told from that noise; chosen: three times."""
+LARGEST = 40_000.0
+"""χ² beyond which an effect is taken to be explained by the library; chosen."""
+LEFT = 1.3
+"""Least that is left over what is asked, for few sets are refined."""
+SIZES, FRONT = (1, 2, 3), 3
+"""Sizes of sets, and how many front runners of each are refined; chosen for time."""
+SPAN = 4.0
+"""Largest that is left over the least; chosen."""
+
+
+def explained(recording: Recording, model: Path, without: Sequence[str]) -> float:
+    """Return the χ² that the best set of up to three names of the library explains.
+
+    Args:
+        recording: With the effect.
+        model: Of the nominal arm.
+        without: Names that are left out.
+    """
+    arm = arm_of(model).for_recording(recording)
+    names = [h for h in HYPOTHESES if h.effect not in without]
+    case = case_of(_returning(prepare(recording, arm)), names)
+    white = white_candidates(case.library, case.evidence)
+    sets = ranked(case.library, white, len(np.unique(recording.pose)))
+    size = np.array([len(members) for members in sets.sets])
+    best = [np.flatnonzero(size == s)[np.argsort(-sets.gain[size == s])] for s in SIZES]
+    return max(_at_its_best(case, sets, int(k)) for of in best for k in of[:FRONT])
+
+
+def _at_its_best(case: Case, sets: Ranked, number: int) -> float:
+    """Return what a set explains of all poses, refined and in its laws' other forms."""
+    candidates = [case.library.candidates[k] for k in sets.sets[number]]
+    members = [
+        Member(c.hypothesis, c.where, c.shapes[s])
+        for c, s in zip(candidates, sets.shape[number], strict=True)
+    ]
+    every = replace(case.split, fold=np.ones_like(case.split.fold), count=1)
+    members = refined(case.data, case.situation, case.nominal, members, every)
+    laws = [m.signature(case.situation) for m in members]
+    columns = [*case.nominal, *laws, *other_forms(case, members)]
+    found = evidence_of(case.data, columns, np.zeros(len(every.fold), dtype=int))
+    gram, score = found.gram[0], found.score.sum(axis=0)
+    known = case.library.nominal
+    before = score[:known] @ projected(gram[:known, :known], score[:known])
+    gain = float(score @ projected(gram, score) - before)
+    return max(gain, float(sets.gain[number]))
+
+
+def _returning(prepared: Prepared) -> Prepared:
+    """Let axes return exactly, as they do where effects are weighed.
+
+    Otherwise the spread of an effect over visits passes for bad returns, and what the
+    library explains of it would be too little.
+    """
+    situation, exact = prepared.situation, np.zeros(len(prepared.arrival))
+    visits = visits_of(situation.visit, situation.pose)
+    data, _ = blocks(situation, visits, prepared.readings, exact)
+    return replace(prepared, data=data, arrival=exact)
+
+
+def as_strange_as(
+    effect: Effect,
+    least: float,
+    weigh: Callable[[Effect], Weight],
+    captured: Callable[[Effect], float],
+    draw: np.random.Generator,
+) -> tuple[Effect, Weight]:
+    """Find a size of which the library's best names leave at least a given χ².
+
+    Args:
+        effect: Of a catalogue's size.
+        least: The χ² that has to be left.
+        weigh: Simulates an effect and weighs what it changes.
+        captured: Simulates an effect and returns what the library explains of it.
+        draw: How much more than the least is left.
+
+    Raises:
+        OutOfReach: Where the library explains nearly all of it, or no size will do.
+    """
+    probe, weight = as_large_as(effect, PROBE, weigh)
+    share = 1.0 - captured(probe) / (weight.within + weight.between)
+    wanted = LEFT * least * SPAN ** draw.uniform(0.0, 1.0)
+    if share < LEAST_SHARE or share * LARGEST < wanted:
+        raise OutOfReach(f"The library explains {effect.name} at {effect.where}.")
+    larger, weight = as_large_as(probe, wanted / share, weigh)
+    return larger, replace(weight, left=share * weight.chi2)
+
+
+# --- Gain of knowing the truth --------------------------------------------------------
+
+MM = 1e3
+
+
+def oracle_gain_mm(folder: Path, model: Path, rig: Rig) -> float | None:
+    """Return what the true mechanism gains on the poses that are held out, in mm.
+
+    It is proved as a diagnosis' patch is: frame and places start where the diagnosis
+    has them, springs and parameters where they truly are.
+
+    Args:
+        folder: Of the recording.
+        model: The nominal arm.
+        rig: What is true.
+
+    Returns:
+        The gain; None where the simulator has no such mechanism or finds no rest.
+    """
+    if not rig.effects or not all(can_build(e.name) for e in rig.effects):
+        return None
+    recording, arm, _ = read_for(folder, arm_of(model))
+    frames = prepare(recording, arm).frames
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = frames.turn, frames.shift
+    held_out = np.unique(recording.pose)[split_of(recording).held_out]
+    springs = zip(rig.anatomy.axes, rig.springs, strict=True)
+    patch = Patch(
+        stiffness_nm_per_rad={a: None if k >= RIGID else float(k) for a, k in springs},
+        effects=tuple(named(effect) for effect in rig.effects),
+        base_from_tracker=tuple((a, b, c, d) for a, b, c, d in transform.tolist()),
+        markers={
+            marker.name: (float(x), float(y), float(z))
+            for marker, (x, y, z) in zip(recording.markers, frames.place, strict=True)
+        },
+    )
+    try:
+        proof = prove(recording, model, patch, held_out.tolist(), thorough=False)
+    except (BenchError, ArithmeticError, ValueError):
+        return None
+    return None if proof.markers is None else MM * proof.markers.gain

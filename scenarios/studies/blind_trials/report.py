@@ -1,0 +1,278 @@
+"""The report of blind trials: failures, limits, rates by stratum, and figures.
+
+The tables of a sweep's page: failures, bars, kinds of trials, probabilities.
+
+Two pictures of a sweep: what was said of what, and how sure against how right.
+
+A sweep's report begins with what went wrong.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+
+from scenarios.report import data_files, page
+from scenarios.report.style import BLUE, GREY, ORANGE, RED, save
+from scenarios.studies.blind_trials.rates import (
+    MARKS,
+    MEANINGS,
+    Rate,
+    bars,
+    by_stratum,
+    calibration,
+    confusion,
+    failures,
+    wrong,
+)
+from scenarios.studies.blind_trials.score import Score
+from scenarios.studies.blind_trials.strata import STRATA
+
+# --- Tables ---------------------------------------------------------------------------
+
+SHOWN = 60
+"""Failures that the page lists; all are in summary.json and trials.csv."""
+
+
+def tables_of(scores: Sequence[Score], rates: Sequence[Rate]) -> list[page.Block]:
+    """Return failures first, bars, and what each kind of trial got."""
+    bad = failures(scores)
+    listed = [
+        (s.label, ", ".join(s.truth) or "nothing", said(s), ", ".join(wrong(s)))
+        for s in bad[:SHOWN]
+    ]
+    more = f", the first {SHOWN} of {len(bad)}" if len(bad) > SHOWN else ""
+    strata = [
+        [
+            *(name := str(row["stratum"]), STRATA[name].said),
+            *(str(row[k]) for k in ("trials", *MARKS, "failed")),
+        ]
+        for row in by_stratum(scores)
+    ]
+    against = page.Table(
+        f"Every trial that speaks against a bar{more}.",
+        ("trial", "truth", "answer", "against"),
+        listed,
+    )
+    return [
+        page.Heading("Failures first"),
+        against if listed else page.Paragraph("No trial speaks against a bar."),
+        page.Heading("Bars"),
+        page.Table(
+            "Shares of trials with Clopper and Pearson's 95 % interval; kinds and "
+            "marks are explained below.",
+            ("what", "bar", "trials", "share", "interval", "met"),
+            [_cells(r) for r in rates],
+        ),
+        page.Heading("Kinds of trials"),
+        page.Table(
+            f"How many trials of each kind got each mark. {MEANINGS}",
+            (
+                "kind",
+                "what is there",
+                "trials",
+                *(m.replace("_", " ") for m in MARKS),
+                "failed",
+            ),
+            strata,
+        ),
+    ]
+
+
+def of_probabilities(rows: Sequence[dict[str, Any]]) -> list[page.Block]:
+    """Return how often what was stated with a probability was true."""
+    often = "How often a name is true against the probability that was stated for it"
+    return [
+        page.Figure(f"{often}, with 95 % intervals.", "calibration.png"),
+        page.Table(
+            f"{often}, with Clopper and Pearson's interval.",
+            ("stated", "on average", "statements", "true", "interval"),
+            [
+                (
+                    *(f"{r['from']:g} to {r['to']:g}", f"{r['stated']:.3f}"),
+                    *(str(r["statements"]), f"{r['true']:.1%}"),
+                    f"{r['low']:.1%} to {r['high']:.1%}",
+                )
+                for r in rows
+            ],
+        ),
+    ]
+
+
+def said(s: Score) -> str:
+    """Return an answer in a few words."""
+    return s.failed or f"{s.verdict}: {', '.join(s.named) or 'no name'}"
+
+
+def _cells(r: Rate) -> tuple[str, ...]:
+    if r.value is None or r.low is None or r.high is None:
+        return (r.what, r.bar, "0", "–", "–", "not tried")
+    interval = f"{r.low:.1%} to {r.high:.1%}"
+    met = "yes" if r.met else "no"
+    return (r.what, r.bar, str(r.trials), f"{r.value:.1%}", interval, met)
+
+
+# --- Figures --------------------------------------------------------------------------
+
+Rows = Sequence[dict[str, object]]
+
+LIGHT = 0.5
+"""Share from which a cell is too dark for black digits; chosen."""
+NOTHING, NO_NAME = "nothing", ("unexplained", "failed")
+"""What is no effect's name; it stands behind the names."""
+
+
+def draw_confusion(rows: Rows) -> Figure:
+    """Draw how often each truth was answered by each name: right, none or another."""
+    truths, answers = ({str(r[k]) for r in rows} for k in ("truth", "answer"))
+    down = sorted(truths, key=lambda name: (name == NOTHING, name not in answers, name))
+    shared = [name for name in down if name in answers]
+    others = sorted(answers - truths - {NOTHING, *NO_NAME})
+    last = [n for n in (NOTHING, *NO_NAME) if n in answers and n not in shared]
+    across = [*shared, *others, *last]
+    count = np.zeros((len(down), len(across)), dtype=int)
+    for r in rows:
+        at = down.index(str(r["truth"])), across.index(str(r["answer"]))
+        count[at] += int(str(r["trials"]))
+    share = count / count.sum(axis=1, keepdims=True)
+    picture = np.ones((*count.shape, 3))
+    for i, j in zip(*np.nonzero(count), strict=True):
+        kind = GREY if across[j] in NO_NAME else RED
+        full = np.array(to_rgb(ORANGE if across[j] == down[i] else kind))
+        picture[i, j] = 1.0 - (0.25 + 0.75 * share[i, j]) * (1.0 - full)
+    size = (2.7 + 0.3 * len(across), 2.2 + 0.28 * len(down))
+    figure = Figure(figsize=size, layout="constrained")
+    axes = figure.subplots()
+    axes.imshow(picture, aspect="auto")
+    for i, j in zip(*np.nonzero(count), strict=True):
+        ink = "white" if share[i, j] > LIGHT else "black"
+        axes.text(j, i, str(count[i, j]), color=ink, ha="center", va="center", size=8)
+    words = [[name.replace("_", " ") for name in names] for names in (across, down)]
+    axes.set_xticks(range(len(across)), words[0], rotation=90, fontsize=8)
+    axes.set_yticks(range(len(down)), words[1], fontsize=8)
+    axes.set_xticks(np.arange(0.5, len(across)), minor=True)
+    axes.set_yticks(np.arange(0.5, len(down)), minor=True)
+    axes.grid(visible=False)
+    axes.grid(visible=True, which="minor")
+    axes.tick_params(which="minor", length=0)
+    axes.set_xlabel("what was said")
+    axes.set_ylabel("what is true")
+    return figure
+
+
+def draw_calibration(rows: Rows) -> Figure:
+    """Draw how often statements are true against their probability."""
+    stated, true, low, high = (
+        np.array([float(str(r[k])) for r in rows])
+        for k in ("stated", "true", "low", "high")
+    )
+    figure = Figure(figsize=(4.8, 4.4), layout="constrained")
+    axes = figure.subplots()
+    axes.plot([0, 1], [0, 1], color=GREY, lw=1, label="true as often as stated")
+    reach = np.maximum([true - low, high - true], 0.0)
+    look = {"fmt": "o", "color": ORANGE, "ecolor": BLUE, "capsize": 3}
+    axes.errorbar(stated, true, reach, **look, label="names, 95 % interval")
+    axes.set_xlabel("stated probability")
+    axes.set_ylabel("share that is true")
+    axes.legend(loc="upper left")
+    return figure
+
+
+# --- The report -----------------------------------------------------------------------
+
+
+def write(out: Path, scores: Sequence[Score], facts: dict[str, object]) -> None:
+    """Write summary.json, tables, pictures and the page.
+
+    Args:
+        out: The folder.
+        scores: Of all trials that are finished; at least one.
+        facts: How they came about.
+    """
+    rates, calibrated = bars(scores), calibration(scores)
+    matrix = confusion(scores)
+    summary = facts | {
+        "trials": len(scores),
+        "failures": [_entry(s) for s in failures(scores)],
+        "bars": [asdict(r) for r in rates],
+        "strata": by_stratum(scores),
+        "calibration": calibrated,
+    }
+    text = json.dumps(summary, indent=2, ensure_ascii=False)
+    (out / "summary.json").write_text(text + "\n", encoding="utf-8")
+    data_files.write_table(out / "trials.csv", [_row(s) for s in scores])
+    blocks = tables_of(scores, rates)
+    if matrix:
+        data_files.write_table(out / "confusion.csv", matrix)
+        save(draw_confusion(matrix), out / "confusion.png")
+        blocks.append(
+            page.Figure(
+                "What is true (rows) and what was said (columns): trials with one "
+                "effect or none, of several names the first. Orange: the true name; "
+                "grey: no name; red: another name first, which may declare the true "
+                "one. Darker: more of the row.",
+                "confusion.png",
+            )
+        )
+    if calibrated:
+        data_files.write_table(out / "calibration.csv", calibrated)
+        save(draw_calibration(calibrated), out / "calibration.png")
+        blocks += of_probabilities(calibrated)
+    page.write(out, "Blind trials", _headline(scores, rates), blocks)
+
+
+def _headline(scores: Sequence[Score], rates: Sequence[Rate]) -> str:
+    counted = [r for r in rates if r.met is not None]
+    met = sum(bool(r.met) for r in counted)
+    return (
+        f"{len(scores)} concealed trials; {met} of {len(counted)} bars are met, "
+        f"{len(failures(scores))} trials speak against one."
+    )
+
+
+def _entry(s: Score) -> dict[str, object]:
+    return {
+        "trial": s.label,
+        "name": s.name,
+        "truth": s.truth,
+        "chi2": s.chi2,
+        "answer": said(s),
+        "against": wrong(s),
+    }
+
+
+def _row(s: Score) -> dict[str, object]:
+    marks = {mark: int(getattr(s, mark)) for mark in MARKS}
+    return {
+        "trial": s.label,
+        "stratum": s.stratum,
+        "truth": " ".join(s.truth),
+        "chi2": " ".join(f"{c:.0f}" for c in s.chi2),
+        "verdict": s.verdict,
+        "named": " ".join(s.named),
+        **marks,
+        "intervals": len(s.intervals),
+        "intervals_hold": sum(i.holds for i in s.intervals),
+        "seconds": s.seconds,
+    }
+
+
+# --- The terminal ---------------------------------------------------------------------
+
+
+def print_summary(scores: list[Score], out: Path) -> None:
+    """Print the trials that failed, and where the report is."""
+    for one in failures(scores):
+        print(f"{one.label}: {', '.join(one.truth) or 'nothing'} -> "
+              f"{one.failed or one.verdict} {', '.join(one.named)}")  # fmt: skip
+    for r in bars(scores):
+        if r.value is not None:
+            met = "met" if r.met else "MISSED"
+            span = f"{r.low:.3f} to {r.high:.3f}"
+            print(f"{met:6} {r.what}: {r.successes}/{r.trials} ({span}), bar {r.bar}")
+    print(out / "report.html")

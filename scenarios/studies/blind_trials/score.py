@@ -1,0 +1,253 @@
+"""Scores an answer against the truth: names, sites, and coverage of intervals.
+
+An interval is good if it holds the true parameter as often as it says.
+
+Only parameters of names that were given as they are true count, and only where the
+mechanism has the parameter: another law of the same name has another meaning of it.
+
+An answer is marked against the truth by rules that were written down before.
+
+Names are `effect@where`. A name with its first three equivalents is what the answer
+declares; what is right *with equivalents* has the truth among them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import pi
+
+from bench.effects import OTHER_LAWS
+
+# --- Coverage of intervals ------------------------------------------------------------
+
+OTHER = {kind.__name__ for kind in OTHER_LAWS}
+SIGNED = {"torque_nm", "amplitude_rad", "ratio"}
+"""Sizes of waves: turned round, the phase moves by half a turn."""
+
+
+@dataclass(frozen=True)
+class Covered:
+    """A parameter, its interval, and whether it holds the truth.
+
+    Attributes:
+        parameter: `effect.parameter`.
+        true: Its true value, in SI.
+        low: Lower end.
+        high: Upper end.
+        holds: Whether the true value lies between them.
+    """
+
+    parameter: str
+    true: float
+    low: float
+    high: float
+    holds: bool
+
+
+def covered_by(named: Sequence[Mapping], effect: Mapping) -> list[Covered]:
+    """Return the intervals that an answer states for one true effect.
+
+    Args:
+        named: Names that were given.
+        effect: What is true.
+    """
+    same = [
+        one["parameters"]
+        for one in named
+        if (one["effect"], one["where"]) == (effect["effect"], effect["where"])
+    ]
+    if not same or effect["mechanism"] in OTHER:
+        return []
+    true = _true(effect)
+    stated = {name: p for name, p in same[0].items() if _is_interval(p)}
+    if "phase_rad" in true:
+        true = _turned(true, stated)
+    found = []
+    for name, p in stated.items():
+        if name in true:
+            value, low, high = true[name], p["low"], p["high"]
+            found.append(
+                Covered(
+                    f"{effect['effect']}.{name}", value, low, high, low <= value <= high
+                )
+            )
+    return found
+
+
+def _is_interval(parameter: Mapping) -> bool:
+    """Return whether both ends are numbers and differ: an order has no interval."""
+    ends = (parameter["low"], parameter["high"])
+    return all(isinstance(e, int | float) for e in ends) and ends[0] < ends[1]
+
+
+def _true(effect: Mapping) -> dict[str, float]:
+    numbers = effect["parameters"].items()
+    true = {k: float(v) for k, v in numbers if isinstance(v, int | float)}
+    if "mass_kg" in true:  # where a mass does not show, its moment does
+        for axis in "xyz":
+            true[f"moment_{axis}_kg_m"] = true["mass_kg"] * true[f"com_{axis}_m"]
+    return true
+
+
+def _turned(true: dict[str, float], stated: Mapping) -> dict[str, float]:
+    """Write a wave with the sign and the turn of the phase that was stated."""
+    true = dict(true)
+    for name in SIGNED & true.keys() & stated.keys():
+        if true[name] * (stated[name]["low"] + stated[name]["high"]) < 0.0:
+            true[name], true["phase_rad"] = -true[name], true["phase_rad"] + pi
+    if "phase_rad" in stated:
+        middle = (stated["phase_rad"]["low"] + stated["phase_rad"]["high"]) / 2
+        turns = round((middle - true["phase_rad"]) / (2 * pi))
+        true["phase_rad"] += 2 * pi * turns
+    return true
+
+
+# --- Scores ---------------------------------------------------------------------------
+
+COUNTED = 3
+"""Equivalents that count, by the rule of the answer's format."""
+MEMORY = ("lost_motion", "hysteresis", "creep")
+
+
+@dataclass(frozen=True)
+class Score:
+    """How one trial went. Marks that make no sense for its kind are False.
+
+    Attributes:
+        stratum: Its kind.
+        label: Its kind and number.
+        name: Of its files.
+        truth: Names that are true.
+        chi2: Sizes of the true effects.
+        verdict: Of the answer; `failed` where there is none.
+        named: Names that were given.
+        failed: Why there is no answer; empty where there is one.
+        detected: Whether a difference was reported.
+        place_first: Whether the first place of `located` is the place of a true effect.
+        right: Whether every true name was given or declared as an equivalent.
+        exact: Whether the names given are the true ones, no more and no fewer.
+        whole_set: Whether each name given stands for a true one of its own, and none
+            is missing.
+        wrong_name: Whether a name was given that is neither true nor declares it.
+        abstains: Whether a difference was reported and no name given.
+        told_apart: Whether the name given is the true one, and no other kind of memory
+            is declared as its equivalent.
+        declared: Whether the true name is given or declared, or nothing is named.
+        stated: Every probability that was stated, and whether it was about the truth.
+        intervals: Of the parameters of names rightly given.
+        gain: Held-out gain over that of the true effect; None without a proof.
+        seconds: How long the answer took.
+    """
+
+    stratum: str
+    label: str
+    name: str
+    truth: tuple[str, ...]
+    chi2: tuple[float, ...]
+    verdict: str
+    named: tuple[str, ...]
+    failed: str
+    detected: bool
+    place_first: bool
+    right: bool
+    exact: bool
+    whole_set: bool
+    wrong_name: bool
+    abstains: bool
+    told_apart: bool
+    declared: bool
+    stated: tuple[tuple[float, bool], ...]
+    intervals: tuple[Covered, ...]
+    gain: float | None
+    seconds: float
+
+
+def score(label: str, name: str, answer: Mapping, truth: Mapping) -> Score:
+    """Mark one answer.
+
+    Args:
+        label: Kind and number of the trial.
+        name: Of its files.
+        answer: diagnosis.json, or `{"failed": …}`.
+        truth: What was sealed.
+    """
+    true = {_name(effect) for effect in truth["effects"]}
+    places = {effect["where"] for effect in truth["effects"]}
+    given = answer.get("named", [])
+    names = [_name(one) for one in given]
+    declared = [_declared(one) for one in given]
+    verdict = answer.get("verdict", "failed")
+    detected = verdict not in ("no_mismatch", "failed")
+    located = answer.get("located", [])
+    covering = [bool(true & options) for options in declared]
+    right = bool(true) and all(any(t in d for d in declared) for t in true)
+    memory = {f"{kind}@{where}" for kind in MEMORY for where in places} - true
+    return Score(
+        stratum=truth["stratum"],
+        label=label,
+        name=name,
+        truth=tuple(sorted(true)),
+        chi2=tuple(truth["chi2"]),
+        verdict=verdict,
+        named=tuple(names),
+        failed=answer.get("failed", ""),
+        detected=detected,
+        place_first=bool(located) and located[0]["where"] in places,
+        right=right,
+        exact=bool(true) and set(names) == true,
+        whole_set=right and len(names) == len(true) and _one_each(true, declared),
+        wrong_name=not all(covering),
+        abstains=detected and not names,
+        told_apart=bool(true)
+        and true <= set(names)
+        and not memory & set().union(*declared),
+        declared=right or (detected and not names),
+        stated=_stated(answer, true, covering),
+        intervals=tuple(
+            one for effect in truth["effects"] for one in covered_by(given, effect)
+        ),
+        gain=_gain(answer, truth),
+        seconds=float(answer.get("seconds", 0.0)),
+    )
+
+
+def _name(entry: Mapping) -> str:
+    return f"{entry['effect']}@{entry['where']}"
+
+
+def _declared(entry: Mapping) -> set[str]:
+    """Return a name with the equivalents that count."""
+    return {_name(entry), *map(_name, entry.get("equivalents", [])[:COUNTED])}
+
+
+def _one_each(true: set[str], declared: Sequence[set[str]]) -> bool:
+    """Return whether names can be handed out so that each stands for one true one."""
+    if not true:
+        return True
+    one = next(iter(true))
+    return any(
+        one in options and _one_each(true - {one}, [*declared[:k], *declared[k + 1 :]])
+        for k, options in enumerate(declared)
+    )
+
+
+def _stated(
+    answer: Mapping, true: set[str], covering: Sequence[bool]
+) -> tuple[tuple[float, bool], ...]:
+    """Return stated probabilities with what came of them: names, then rival sets."""
+    named = [
+        (float(one["probability"]), hit)
+        for one, hit in zip(answer.get("named", []), covering, strict=True)
+    ]
+    rivals = [
+        (float(rival["probability"]), {_name(e) for e in rival["effects"]} == true)
+        for rival in answer.get("rivals", [])
+    ]
+    return (*named, *rivals)
+
+
+def _gain(answer: Mapping, truth: Mapping) -> float | None:
+    """Return the held-out gain over that of the true effect in the simulator."""
+    proof, oracle = answer.get("proof"), truth.get("oracle_gain_mm")
+    if not proof or "gain_mm" not in proof or not oracle:
+        return None
+    return float(proof["gain_mm"]["estimate"]) / float(oracle)

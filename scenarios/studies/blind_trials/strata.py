@@ -1,0 +1,102 @@
+"""Strata of the blind trials and their limits, written down before any trial.
+
+The bars are those of the project's plan: shares of trials, not to be moved. The last is
+our own: it holds the diagnosis to the smallest effect that it says would have shown.
+"""
+
+from dataclasses import dataclass
+
+__all__ = ["BARS", "STRATA", "Bar", "Stratum"]
+
+
+@dataclass(frozen=True)
+class Stratum:
+    """One kind of trial.
+
+    Attributes:
+        name: Short, as in tables and flags.
+        what: In a sentence.
+        least: Projected χ² that each effect has at least; empty where there is none.
+        targets: Which bodies carry markers.
+        path: What hangs on the hook, as `bench.shared.plan.parse_path` reads it; empty:
+            the default path, with a dwell and a reversal.
+        known: Whether the vocabulary has its effects.
+    """
+
+    name: str
+    what: str
+    least: tuple[float, ...] = ()
+    targets: str = "all"
+    path: str = ""
+    known: bool = True
+
+    @property
+    def said(self) -> str:
+        """What is there, and how large it is at least."""
+        least = " and ".join(f"{size:.0f}" for size in self.least)
+        return f"{self.what}, χ² {least} or more" if least else self.what
+
+
+STRATA = {
+    stratum.name: stratum
+    for stratum in (
+        Stratum("null", "nothing there"),
+        Stratum("null_nuisance", "nothing there, but instruments at their worst"),
+        Stratum("one_100", "one effect, barely to be seen", (100.0,)),
+        Stratum("one_400", "one effect", (400.0,)),
+        Stratum("flange_400", "one effect, a flange target alone", (400.0,), "flange"),
+        Stratum("two_400", "two effects", (400.0, 400.0)),
+        Stratum("outside", "a mechanism without a name", (100.0,), known=False),
+        Stratum("removed", "an effect whose name was taken out", (100.0,), known=False),
+        Stratum("memory", "play, hysteresis or creep, dwell and reversal", (400.0,)),
+        Stratum(
+            "memory_blind",
+            "the same, loaded once without a dwell or a reversal",
+            (400.0,),
+            path="0,2.5,5,7.5,10",
+        ),
+        Stratum("second_law", "a name in the form of another law", (400.0,)),
+        Stratum("one_45", "one effect that should just show", (45.0,)),
+    )
+}
+"""In this order for ever, for seeds count them; what comes anew goes to the end."""
+
+
+@dataclass(frozen=True)
+class Bar:
+    """How well one thing has to go.
+
+    Attributes:
+        strata: Whose trials are counted together.
+        mark: Which mark of a score is counted.
+        share: The share that is asked for.
+        at_most: Whether less is better.
+        of: A mark that a trial needs to be counted at all; empty: all count.
+    """
+
+    strata: tuple[str, ...]
+    mark: str
+    share: float
+    at_most: bool = False
+    of: str = ""
+
+
+BARS = (
+    Bar(("null", "null_nuisance"), "detected", 0.01, at_most=True),
+    Bar(("one_100",), "detected", 0.95),
+    Bar(("one_100",), "place_first", 0.90),
+    Bar(("one_100",), "right", 0.90),
+    Bar(("one_400",), "detected", 0.99),
+    Bar(("one_400",), "place_first", 0.97),
+    Bar(("one_400",), "right", 0.97),
+    Bar(("one_400",), "exact", 0.80),
+    Bar(("flange_400",), "right", 0.80),
+    Bar(("two_400",), "whole_set", 0.80),
+    Bar(("outside", "removed"), "wrong_name", 0.10, at_most=True),
+    Bar(("outside", "removed"), "abstains", 0.80, of="detected"),
+    Bar(("memory",), "told_apart", 0.90),
+    Bar(("memory_blind",), "declared", 0.90),
+    Bar(("second_law",), "right", 0.97),
+    Bar(("one_45",), "detected", 0.90),
+)
+"""Coverage of intervals, gain and time are no shares of trials: see `rates`."""

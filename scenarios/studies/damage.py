@@ -1,0 +1,374 @@
+"""Recordings damaged in their files, their physics or their set-up.
+
+A recording's two files as text, and a folder written anew from them.
+
+A damage is a folder that was a good recording.
+
+Damages that the files themselves show: each has to be refused, its place named.
+
+Damages that only the physics shows: each has to be said, and no effect named.
+
+Columns that were exchanged, rows that slipped, units of a scale: each has a name.
+"""
+
+import csv
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pa_parquet
+
+from bench.shared.format.manifest import FILE
+from bench.shared.format.table import CSV_FILE, PARQUET_FILE
+from scenarios.pipelines.schema import Remark
+
+# --- The files of a recording ---------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What stands in the files of a recording.
+
+    Attributes:
+        manifest: Text of recording.toml.
+        header: Names of the columns.
+        rows: Cells below them.
+    """
+
+    manifest: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    @classmethod
+    def of(cls, folder: Path) -> "Samples":
+        """Read them as text."""
+        with (folder / CSV_FILE).open(newline="", encoding="utf-8") as file:
+            header, *rows = (tuple(row) for row in csv.reader(file))
+        text = (folder / FILE).read_text(encoding="utf-8")
+        return cls(text, header, tuple(rows))
+
+    def write(self, folder: Path) -> None:
+        """Write them into a folder that is there."""
+        (folder / FILE).write_text(self.manifest, encoding="utf-8")
+        with (folder / CSV_FILE).open("w", newline="", encoding="utf-8") as file:
+            csv.writer(file, lineterminator="\n").writerows([self.header, *self.rows])
+
+    def column(self, name: str) -> list[str]:
+        """Return a column's cells."""
+        k = self.header.index(name)
+        return [row[k] for row in self.rows]
+
+    def having(self, **columns: list[str]) -> "Samples":
+        """Return the same with other cells in some columns."""
+        at = {self.header.index(name): cells for name, cells in columns.items()}
+        rows = [
+            tuple(at[k][r] if k in at else cell for k, cell in enumerate(row))
+            for r, row in enumerate(self.rows)
+        ]
+        return replace(self, rows=tuple(rows))
+
+    def scaled(self, factor: float, *names: str) -> "Samples":
+        """Return the same with numbers in some columns times a factor."""
+        return self.having(
+            **{
+                name: [repr(float(c) * factor) if c else "" for c in self.column(name)]
+                for name in names
+            }
+        )
+
+    def cell(self, row: int, name: str, text: str) -> "Samples":
+        """Return the same with another text in one cell."""
+        cells = self.column(name)
+        cells[row] = text
+        return self.having(**{name: cells})
+
+    def without(self, *names: str) -> "Samples":
+        """Return the same without some columns."""
+        keep = [k for k, name in enumerate(self.header) if name not in names]
+        return replace(
+            self,
+            header=tuple(self.header[k] for k in keep),
+            rows=tuple(tuple(row[k] for k in keep) for row in self.rows),
+        )
+
+
+# --- A damage -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Damage:
+    """One way to spoil a recording.
+
+    Attributes:
+        name: What was done.
+        shows: Whether the `file` itself shows it, or only the `physics`.
+        make: Writes it into a folder.
+        other_model: Whether the model of another arm is given.
+        code: Of the warning that alone recognises it; empty: any mistake of the set-up.
+        word: Has to be in that warning.
+    """
+
+    name: str
+    shows: Literal["file", "physics"]
+    make: Callable[[Path], None]
+    other_model: bool = False
+    code: str = ""
+    word: str = ""
+
+    def recognised(self, told: Iterable[Remark]) -> bool:
+        """Say whether one of the warnings is of this damage."""
+        return not self.code or any(
+            w.code == self.code and self.word in w.text for w in told
+        )
+
+
+def rewritten(name: str, shows: Literal["file", "physics"], samples: Samples) -> Damage:
+    """Return a damage that is other text in the same two files."""
+    return Damage(name, shows, samples.write)
+
+
+# --- Damage that the files show -------------------------------------------------------
+
+CELLS = (
+    *("left", "NaN", "inf", "-inf", "1e999", "12 N", "0x1F", "7,5", "--3", "#REF!"),
+    *("None", "1.2.3"),
+)
+OPTIONAL = ("load_time_s", "visit", "stage", "load_kg")
+
+
+def in_files(good: Samples, random: np.random.Generator) -> Iterator[Damage]:
+    """List damages that a reader can see."""
+    for name in good.header:
+        if name not in OPTIONAL:
+            yield rewritten(f"{name} is missing", "file", good.without(name))
+    numbers = [n for n in good.header if n not in ("stage", *OPTIONAL)]
+    for text in CELLS:
+        for name in random.choice(numbers, 7, replace=False):
+            row = int(random.integers(len(good.rows)))
+            spoiled = good.cell(row, str(name), text)
+            yield rewritten(f"{text!r} in {name}, row {row + 1}", "file", spoiled)
+    for name in ("time_s", "pose", "a1_deg", "fz_n", "a6_deg"):
+        row = int(random.integers(len(good.rows)))
+        yield rewritten(f"{name} blank", "file", good.cell(row, name, ""))
+    for name, text in (
+        *(("a2_deg", "1e6"), ("a5_deg", "-1e300"), ("fx_n", "1e9"), ("tz_nm", "-1e12")),
+        *(("pose", "1.5"), ("time_s", "-1e6"), ("pose", "1e30"), ("stage", "resting")),
+    ):
+        row = 1 + int(random.integers(len(good.rows) - 1))
+        yield rewritten(f"{text} in {name}", "file", good.cell(row, name, text))
+    yield rewritten("time reversed", "file", replace(good, rows=good.rows[::-1]))
+    for number in range(6):
+        order = random.permutation(len(good.rows))
+        shuffled = replace(good, rows=tuple(good.rows[k] for k in order))
+        yield rewritten(f"rows shuffled {number}", "file", shuffled)
+    turned = [n for n in good.header if n.startswith("a") and n.endswith("_deg")]
+    yield rewritten("angles times 57.3", "file", good.scaled(180 / np.pi, *turned))
+    forces = [n for n in good.header if n.endswith("_n")]
+    yield rewritten("forces times 1e6", "file", good.scaled(1e6, *forces))
+    twice = replace(good, header=(*good.header[:-1], good.header[-2]))
+    yield rewritten("a column twice", "file", twice)
+    yield rewritten("no rows", "file", replace(good, rows=()))
+    ragged = replace(good, rows=(*good.rows[:5], good.rows[5][:-2], *good.rows[6:]))
+    yield rewritten("a row too short", "file", ragged)
+    yield from _manifests(good)
+    yield from _bytes(good, random)
+
+
+def _manifests(good: Samples) -> Iterator[Damage]:
+    for old, new in (
+        *(("format = 1", "format = 2"), ("format = 1", ""), ("plateaus", "rests")),
+        *(("absolute", "perhaps"), ("repeatability_mm = [", "repeatability_mm = [-")),
+        *(("accuracy_n = ", 'accuracy_n = "a" #'), ('"flange"', '"flansch"')),
+        *(("[sensors.tracker]", "[sensors.trakcer]"), ("[markers.", "[marker.")),
+        *(("quaternion_wxyz = [1.0", "quaternion_wxyz = [3.0"), ("]", "")),
+    ):
+        spoiled = replace(good, manifest=good.manifest.replace(old, new, 1))
+        yield rewritten(f"manifest: {old} becomes {new}", "file", spoiled)
+
+
+def _bytes(good: Samples, random: np.random.Generator) -> Iterator[Damage]:
+    def overwritten(file: str, content: bytes) -> Damage:
+        def make(folder: Path) -> None:
+            good.write(folder)
+            (folder / file).write_bytes(content)
+
+        return Damage(f"{file} is {content[:8]!r}…", "file", make)
+
+    def cut(share: float) -> Damage:
+        def make(folder: Path) -> None:
+            good.write(folder)
+            columns = zip(*good.rows, strict=True)
+            table = pa.table(dict(zip(good.header, map(list, columns), strict=True)))
+            pa_parquet.write_table(table, folder / PARQUET_FILE)
+            (folder / CSV_FILE).unlink()
+            whole = (folder / PARQUET_FILE).read_bytes()
+            (folder / PARQUET_FILE).write_bytes(whole[: int(share * len(whole))])
+
+        return Damage(f"parquet cut at {share:.0%}", "file", make)
+
+    def removed(file: str) -> Damage:
+        def make(folder: Path) -> None:
+            good.write(folder)
+            (folder / file).unlink()
+
+        return Damage(f"no {file}", "file", make)
+
+    for file in (CSV_FILE, FILE):
+        yield removed(file)
+        for content in (b"", b"PK\x03\x04", b"\xff\xfea\0", random.bytes(500)):
+            yield overwritten(file, content)
+    for share in (0.0, 0.02, 0.3, 0.6, 0.9, 0.999):
+        yield cut(share)
+
+
+# --- Damage that only the physics shows -----------------------------------------------
+
+
+def in_meaning(good: Samples, random: np.random.Generator) -> Iterator[Damage]:
+    """List damages of files that are whole."""
+    axes = [n for n in good.header if n.startswith("a") and n.endswith("_deg")]
+    moved = [n for n in axes if _travel(good, n) > 10.0]
+    for name in moved:
+        yield _told(f"{name} reversed", good.scaled(-1.0, name))
+    for one, other in combinations(moved, 2):
+        swapped = {one: good.column(other), other: good.column(one)}
+        yield _told(f"{one} and {other} swapped", good.having(**swapped))
+    for one, other in combinations(moved, 2):
+        yield _told(f"{one} and {other} reversed", good.scaled(-1.0, one, other))
+    yield _told("angles in radians", good.scaled(np.pi / 180, *axes))
+    seen = [n for n in good.header if n.endswith(("_x_mm", "_y_mm", "_z_mm"))]
+    for factor in (1e-3, 1e3):
+        yield _told(f"markers times {factor:g}", good.scaled(factor, *seen))
+    for end in ("_x_mm", "_y_mm", "_z_mm"):
+        some = [n for n in seen if n.endswith(end)]
+        yield _told(f"{end} of the markers mirrored", good.scaled(-1.0, *some))
+    for one, other in combinations(("_x_mm", "_y_mm", "_z_mm"), 2):
+        names = [n[:-5] for n in seen if n.endswith("_x_mm")]
+        cells = {m + one: good.column(m + other) for m in names}
+        cells |= {m + other: good.column(m + one) for m in names}
+        yield _told(f"{one} and {other} of the markers swapped", good.having(**cells))
+    wrench = [n for n in good.header if n.endswith(("_n", "_nm")) and n[0] in "ft"]
+    yield _told("wrench reversed", good.scaled(-1.0, *wrench))
+    for factor in (1e-3, 9.81):
+        yield _told(f"wrench times {factor:g}", good.scaled(factor, *wrench))
+    torques = [n for n in wrench if n.endswith("_nm")]
+    yield _told("torques times 1000", good.scaled(1e3, *torques))
+    for number in range(3):
+        order = random.permutation(len(good.rows))
+        cells = {n: [good.column(n)[k] for k in order] for n in seen}
+        yield _told(f"markers of other rows {number}", good.having(**cells))
+    yield replace(_told("another arm's model", good), other_model=True)
+
+
+def _told(name: str, samples: Samples) -> Damage:
+    return rewritten(name, "physics", samples)
+
+
+def _travel(good: Samples, name: str) -> float:
+    values = [float(cell) for cell in good.column(name)]
+    return max(values) - min(values)
+
+
+# --- Mistakes of the set-up -----------------------------------------------------------
+
+FORCES, MOMENTS = ("fx_n", "fy_n", "fz_n"), ("tx_nm", "ty_nm", "tz_nm")
+ENDS = ("_x_mm", "_y_mm", "_z_mm")
+SCALES = (("kgf", 9.80665), ("lbf", 4.4482216))
+"""N in what scales show (ISO 80000-4)."""
+
+
+def in_set_up(good: Samples) -> Iterator[Damage]:
+    """List mistakes that have to be said by their own name."""
+    yield from _markers(good)
+    for one, other in combinations(range(3), 2):
+        for name, parts in (("forces", (FORCES,)), ("wrench", (FORCES, MOMENTS))):
+            pairs = [(part[one], part[other]) for part in parts]
+            cells = {a: good.column(b) for a, b in pairs}
+            cells |= {b: good.column(a) for a, b in pairs}
+            what = " and ".join(f"{a}, {b}" for a, b in pairs)
+            yield _named(f"{name}: {what} swapped", "wrench_columns", good, cells)
+    for by in (1, 2):
+        both = (FORCES, MOMENTS)
+        cells = {p[k]: good.column(p[(k + by) % 3]) for p in both for k in range(3)}
+        yield _named(f"wrench's axes turned by {by}", "wrench_columns", good, cells)
+    cells = dict(zip(FORCES, map(good.column, MOMENTS), strict=True))
+    cells |= dict(zip(MOMENTS, map(good.column, FORCES), strict=True))
+    yield _named("moments before forces", "wrench_columns", good, cells)
+    for by, whose in ((1, "before"), (-1, "after")):
+        cells = {n: _rolled(good.column(n), by) for n in (*FORCES, *MOMENTS)}
+        yield _named(f"wrench of the row {whose}", "wrench_rows", good, cells)
+    for unit, size in SCALES:
+        scaled = rewritten(
+            f"forces in {unit}", "physics", good.scaled(1.0 / size, *FORCES)
+        )
+        yield replace(scaled, code="units", word=unit)
+
+
+def _markers(good: Samples) -> Iterator[Damage]:
+    names = [n[:-5] for n in good.header if n.endswith(ENDS[0])]
+    half = len(good.rows) // 2
+    for one, other in combinations(names, 2):
+        for much, start in (("", 0), (" from the middle on", half)):
+            cells = {}
+            for end in ENDS:
+                a, b = good.column(one + end), good.column(other + end)
+                cells[one + end] = a[:start] + b[start:]
+                cells[other + end] = b[:start] + a[start:]
+            what = f"{one} and {other} swapped{much}"
+            yield _named(what, "marker_names", good, cells)
+
+
+def _rolled(cells: list[str], by: int) -> list[str]:
+    return cells[-by:] + cells[:-by]
+
+
+def _named(name: str, code: str, good: Samples, cells: dict[str, list[str]]) -> Damage:
+    return replace(rewritten(name, "physics", good.having(**cells)), code=code)
+
+
+# --- Draws and outcomes ---------------------------------------------------------------
+
+MISTAKES = (
+    *("axis_reversed", "axis_order", "axis_zero", "mirrored", "units", "wrong_model"),
+    *("wrench_sign", "wrench_frame", "wrench_columns", "wrench_rows"),
+    *("tracker_frame", "marker_places", "marker_names"),
+)
+"""Codes of warnings while which no effect is named."""
+WHAT = ("refused", "warned", "misnamed", "diagnosed", "half written", "crashed")
+"""What can become of one."""
+RIGHT = {"file": ("refused",), "physics": ("warned", "refused")}
+"""What has to become of each; an angle of the wrong sign may exceed its limits too."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one."""
+
+    damage: Damage
+    what: str
+    said: str
+
+    @property
+    def right(self) -> bool:
+        """Whether it had to be so."""
+        return self.what in RIGHT[self.damage.shows]
+
+
+def own_names(outcomes: Sequence[Outcome]) -> list[str]:
+    """Count the mistakes that have to be said by their own name."""
+    planted = Counter(o.damage.code for o in outcomes if o.damage.code)
+    said = Counter(o.damage.code for o in outcomes if o.what == "warned")
+    return [f"{code}: {said[code]} of {n} said." for code, n in sorted(planted.items())]
+
+
+def damages(good: Samples, variants: int, seed: int) -> list[Damage]:
+    """Draw damages of both kinds, in proportion to how many there are."""
+    random = np.random.default_rng(seed)
+    every = [*in_files(good, random), *in_meaning(good, random), *in_set_up(good)]
+    order = random.permutation(len(every))[:variants]
+    return [every[k] for k in sorted(order)]

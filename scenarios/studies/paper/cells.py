@@ -1,0 +1,163 @@
+"""Cells of a study: pieces of work that are cached and worked in parallel.
+
+A sweep is many cells; one that is finished is kept and never worked again.
+
+A cell's file is a plain archive of arrays, named by the cell, its settings, the data
+and the library's version. Interrupted sweeps go on where they stopped, with the same
+numbers: a cell follows from its settings and the data alone.
+
+Long work shows how far it is and how long it will take.
+"""
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from hashlib import sha256
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import cast
+from zipfile import BadZipFile
+
+import numpy as np
+import torch
+from joblib import Parallel, delayed, parallel_config
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from scenarios.report.command_line import progress_bar
+from scenarios.studies.paper.experiment import Material
+
+# --- Cells and their cache ------------------------------------------------------------
+
+Result = Mapping[str, np.ndarray]
+"""What a cell found, by names such as `best/unseen`."""
+
+
+class Cell(ABC):
+    """One piece of work; a frozen dataclass, whose repr says all of its settings."""
+
+    @property
+    @abstractmethod
+    def cost(self) -> float:
+        """About how many seconds of one core it takes; for the progress bar."""
+
+    @abstractmethod
+    def work(self, material: Material, scratch: Path) -> Result:
+        """Do it.
+
+        Args:
+            material: The data.
+            scratch: Where a long training may be written down on its way.
+        """
+
+
+def results(
+    cells: Sequence[Cell],
+    material: Material,
+    folder: Path,
+    jobs: int,
+    told: Callable[[Cell, Result], None] = lambda _cell, _result: None,
+) -> list[Result]:
+    """Return what cells found, working those that are not kept yet.
+
+    Args:
+        cells: In any order; the dearest are worked first.
+        material: The data of all of them.
+        folder: Where they are kept.
+        jobs: How many at once, each on one core.
+        told: Is told of every cell that is there, kept ones first.
+
+    Returns:
+        In the order of the cells.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [folder / _name(cell, material.digest()) for cell in cells]
+    found = [_kept(file) for file in files]
+    for cell, result in zip(cells, found, strict=True):
+        if result is not None:
+            told(cell, result)
+    missing = [i for i, result in enumerate(found) if result is None]
+    missing.sort(key=lambda i: -cells[i].cost)
+    work = (delayed(_worked)(i, cells[i], material, files[i]) for i in missing)
+    with parallel_config(backend="loky", inner_max_num_threads=1):
+        team = Parallel(
+            n_jobs=jobs, return_as="generator_unordered", pre_dispatch="all"
+        )
+        for i, result in cast(Iterator[tuple[int, Result]], team(work)):
+            found[i] = result
+            told(cells[i], result)
+    return [result for result in found if result is not None]
+
+
+def _worked(i: int, cell: Cell, material: Material, file: Path) -> tuple[int, Result]:
+    scratch = file.with_suffix(".training.npz")
+    result = {k: np.asarray(v) for k, v in cell.work(material, scratch).items()}
+    with NamedTemporaryFile(dir=file.parent, suffix=".partial", delete=False) as beside:
+        try:
+            np.savez(beside, **result)  # pyright: ignore[reportArgumentType]
+            beside.close()
+            os.replace(beside.name, file)
+        except BaseException:
+            Path(beside.name).unlink(missing_ok=True)
+            raise
+    scratch.unlink(missing_ok=True)
+    return i, result
+
+
+def _kept(file: Path) -> Result | None:
+    """Read a finished cell; None where there is none or it is damaged."""
+    try:
+        with file.open("rb") as data, np.load(data, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        return None
+
+
+def _name(cell: Cell, digest: str) -> str:
+    key = sha256(f"{cell!r} {digest} {torch.__version__}".encode()).hexdigest()[:16]
+    return f"{type(cell).__name__.lower()}-{key}.npz"
+
+
+# --- Progress -------------------------------------------------------------------------
+
+
+def swept(
+    cells: Sequence[Cell],
+    material: Material,
+    folder: Path,
+    jobs: int,
+    told: Callable[[Cell, Result], None] | None = None,
+) -> dict[Cell, Result]:
+    """Work all cells under a progress bar that counts what they cost.
+
+    Args:
+        cells: To be worked; those that are kept are there at once.
+        material: The data of all of them.
+        folder: Where finished cells are kept.
+        jobs: How many at once.
+        told: Is told of every cell that is there.
+
+    Returns:
+        What was found, by cell.
+    """
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.percentage:.0f} %"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
+    with progress_bar(*columns) as progress:
+        total = sum(cell.cost for cell in cells)
+        task = progress.add_task(f"{len(cells)} cells", total=total)
+        left = len(cells)
+
+        def tell(cell: Cell, result: Result) -> None:
+            nonlocal left
+            left -= 1
+            progress.update(task, advance=cell.cost, description=f"{left} cells left")
+            if told is not None:
+                told(cell, result)
+
+        return dict(
+            zip(cells, results(cells, material, folder, jobs, tell), strict=True)
+        )

@@ -1,0 +1,302 @@
+"""The noise floor: an oracle that knows the truth's form and learns its sizes alone.
+
+Who knows the form of the truth has only its sizes to learn: nobody does better.
+
+==========  ==========================================================================
+Equation    theta = least squares of what was measured; error on fresh poses
+            = J_fresh (J^T J)^-1 J^T (measured - true), J = d deflection / d log size
+Source      Gauss-Newton's last step: Nocedal, Wright 2006, "Numerical Optimization",
+            section 10.3; J by forward differences of the rig
+Valid       errors small enough that deflections are linear in the sizes there
+Ignores     weights of the readings: all have the same noise
+==========  ==========================================================================
+
+Sizes are: the springs' first stiffness, and for every effect how much of it there is.
+What the instruments' noise makes of them is all that the oracle gets wrong.
+
+How far every method comes on the way to the floor, as a table and in words.
+
+How far every method comes on the way to the floor, and where it fails.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.figure import Figure as Picture
+from typing_extensions import override
+
+from bench import standard_plans
+from bench.effects.effect import Effect
+from bench.rig import Rig, States
+from bench.shared.plan import Plan
+from bench.study_arm import Truth, default_truth
+from scenarios.report import page, style
+from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.comparison import MEASURES, Draws, pooled
+from scenarios.studies.paper.experiment import KR10, REVISITS, Material
+from scenarios.studies.paper.fresh_postures import fresh_plan
+from stiffness.experiment.deflections import every_plateau
+
+# --- The oracle -----------------------------------------------------------------------
+
+NUDGE = 0.02
+"""Share by which a size is changed; chosen: far above rounding, far below curvature."""
+SIZES = {
+    "base_compliance": ("rx_rad_per_nm", "ry_rad_per_nm"),
+    "link_bending": ("bending_nm2", "torsion_nm2"),
+    "hardening": ("stiffness_ratio",),
+    "hysteresis": ("width_rad",),
+    "creep": ("ratio",),
+    "angle_dependent_stiffness": ("ratio",),
+    "bearing_tilt": ("u_rad_per_nm", "v_rad_per_nm"),
+}
+"""What says how much of an effect there is, by its name."""
+
+
+@dataclass(frozen=True)
+class NudgeCell(Cell):
+    """How deflections change when one size of the truth does.
+
+    Attributes:
+        size: Which; -1 for none.
+        poses: Of the experiment.
+        seed: Of the fresh poses.
+    """
+
+    size: int
+    poses: int
+    seed: int
+
+    @property
+    @override
+    def cost(self) -> float:
+        return 15.0
+
+    @override
+    def work(self, material: Material, scratch: Path) -> Result:
+        truth = default_truth() if self.size < 0 else nudged(self.size)
+        rig = Rig(KR10, truth.effects, truth.stiffness)
+        experiment = standard_plans.table_one_plan(
+            self.poses, revisits=min(REVISITS, self.poses)
+        )
+        fresh = fresh_plan(material.unseen.cases.posture, self.seed)
+        data = every_plateau(material.arm, material.recording)
+        points = data.cases.point_in_flange
+        rows, cases = data.row, material.unseen.cases.point_in_flange
+        loaded = np.arange(1, fresh.visits + 1) * len(fresh.path) - 1
+        return {
+            "experiment": deflection(rig, experiment, rows, points),
+            "unseen": deflection(rig, fresh, loaded, cases),
+        }
+
+
+def deflection(
+    rig: Rig, plan: Plan, rows: np.ndarray, point: Float[np.ndarray, "rows 3"]
+) -> Float[np.ndarray, "rows 3"]:
+    """Return how far points of the flange truly move within a visit, in mm."""
+    states: States = rig.carry_out(plan)
+    flange = states.bodies.index(rig.anatomy.flange)
+    ends = [
+        states.position[r, flange]
+        + np.einsum("nij,nj->ni", states.rotation[r, flange], point)
+        for r in (rows, plan.row_visit[rows] * len(plan.path))
+    ]
+    return 1e3 * (ends[0] - ends[1])
+
+
+def sizes(truth: Truth) -> list[tuple[Effect, str] | int]:
+    """Return every size: an axis' stiffness by number, or an effect and its field."""
+    found: list[tuple[Effect, str] | int] = list(range(len(truth.stiffness)))
+    for effect in truth.effects:
+        found += [(effect, name) for name in SIZES[effect.name]]
+    return found
+
+
+def nudged(size: int) -> Truth:
+    """Return the truth with one size a little larger."""
+    truth = default_truth()
+    what = sizes(truth)[size]
+    if isinstance(what, int):
+        stiffness = truth.stiffness.copy()
+        stiffness[what] *= 1.0 + NUDGE
+        return Truth(truth.effects, stiffness)
+    effect, name = what
+    more = replace(effect, **{name: (1.0 + NUDGE) * getattr(effect, name)})
+    effects = [more if e is effect else e for e in truth.effects]
+    return Truth(tuple(effects), truth.stiffness)
+
+
+def oracle_error(
+    still: Result, moved: Sequence[Result], noise: Float[np.ndarray, "rows 3"]
+) -> Float[np.ndarray, "poses 3"]:
+    """Return the oracle's error on the fresh poses.
+
+    Args:
+        still: Deflections of the truth.
+        moved: Of the truth with each size a little larger.
+        noise: Measured less true deflections of the experiment, in mm.
+    """
+    j, fresh = (
+        np.stack([(m[on] - still[on]).ravel() / NUDGE for m in moved], axis=1)
+        for on in ("experiment", "unseen")
+    )
+    off, *_ = np.linalg.lstsq(j, noise.ravel())
+    return (fresh @ off).reshape(-1, 3)
+
+
+# --- Tables ---------------------------------------------------------------------------
+
+
+def shown(rows: Sequence[Mapping]) -> page.Table:
+    """Return every method's error and its share of the way, as a table."""
+    caption = (
+        f"Errors over all directions on {rows[0]['n']} fresh poses, seed "
+        f"{rows[0]['seeds']} [mm]; intervals over poses"
+    )
+    header = ["method", "MAE", "95 % interval", "share of the way [%]", "interval"]
+    cells = [
+        [
+            str(r["method"]),
+            f"{r['MAE_mm']:.4f}",
+            f"{r['low_mm']:.4f} to {r['high_mm']:.4f}",
+            f"{100 * r['share_of_the_way']:.0f}",
+            f"{100 * r['share_low']:.0f} to {100 * r['share_high']:.0f}",
+        ]
+        for r in rows
+    ]
+    return page.Table(caption, header, cells)
+
+
+def summary(rows: Sequence[Mapping]) -> str:
+    """Say how far each method comes."""
+    mae = {r["method"]: r["MAE_mm"] for r in rows}
+    way = [
+        f"{r['method']} {100 * r['share_of_the_way']:.0f} %"
+        for r in rows
+        if r["method"] not in ("VJM", "oracle")
+    ]
+    return (
+        f"Springs leave {mae['VJM']:.4f} mm on fresh poses, one who knows the truth's "
+        f"form {mae['oracle']:.4f} mm. Of the way between them go: {', '.join(way)}."
+    )
+
+
+def finding(
+    rows: Sequence[Mapping],
+    errors: Mapping[str, Float[np.ndarray, "poses 3"]],
+    place: Float[np.ndarray, "poses 3"],
+) -> str:
+    """Say what the picture shows: who comes furthest, and where each method fails.
+
+    Args:
+        rows: With the shares of the way.
+        errors: Of each method on each pose, in mm; the oracle last.
+        place: Of the flange, in m.
+    """
+    learnt = [r for r in rows if r["method"] not in ("VJM", "oracle")]
+    best = max(learnt, key=lambda r: r["share_of_the_way"])
+    far = np.argsort(np.linalg.norm(place, axis=1))
+    quarter = max(len(far) // 4, 1)
+    size = {name: np.abs(error).mean(axis=1) for name, error in errors.items()}
+    times = ", ".join(
+        f"{name} {s[far[-quarter:]].mean() / s[far[:quarter]].mean():.1f}"
+        for name, s in list(size.items())[:-1]
+    )
+    return (
+        f"{best['method']} comes furthest, {100 * best['share_of_the_way']:.0f} % of "
+        f"the way from the springs to the oracle (left, with 95 % intervals over "
+        f"{rows[0]['n']} fresh poses). Right: mean error of each pose at the place of "
+        "the flange, seen from the side; in the quarter of poses furthest from the "
+        f"foot it is so many times that in the nearest quarter: {times}."
+    )
+
+
+# --- Figure ---------------------------------------------------------------------------
+
+
+def draw(
+    errors: Mapping[str, Float[np.ndarray, "poses 3"]],
+    rows: Sequence[dict],
+    place: Float[np.ndarray, "poses 3"],
+    file: Path,
+) -> None:
+    """Draw shares of the way, and a map of errors for every method but the oracle.
+
+    Args:
+        errors: In mm; the oracle last.
+        rows: With the shares and their intervals.
+        place: Of the flange, in m.
+        file: Where to.
+    """
+    picture = Picture(figsize=(12, 4.2), layout="constrained")
+    shown = list(errors)[:-1]
+    axes = picture.subplots(1, 1 + len(shown), width_ratios=[1.4, *[1] * len(shown)])
+    learnt = [r for r in rows if r["method"] not in ("VJM", "oracle")]
+    names = [r["method"] for r in learnt]
+    share = np.array([[r[f"share_{k}"] for r in learnt] for k in ("low", "high")])
+    value = np.array([r["share_of_the_way"] for r in learnt])
+    axes[0].barh(names, 100 * value, 0.6, color=style.ORANGE)
+    axes[0].errorbar(
+        100 * value, names, xerr=100 * np.abs(share - value), fmt="none", ecolor="black"
+    )
+    for end, called, side in ((0.0, "springs", "right"), (100.0, "oracle", "left")):
+        axes[0].axvline(end, color="black", lw=1.0)
+        axes[0].annotate(
+            called,
+            (end, 1.0),
+            (0, 4),
+            ("data", "axes fraction"),
+            textcoords="offset points",
+            ha=side,
+        )
+    axes[0].set_xlim(min(0.0, *(100 * share[0])) - 15, 115)
+    axes[0].invert_yaxis()
+    axes[0].set_xlabel("share of the way [%]")
+    radius = np.hypot(place[:, 0], place[:, 1])
+    size = {name: np.abs(errors[name]).mean(axis=1) for name in shown}
+    most = np.quantile(size["VJM"], 0.98)
+    for k, (ax, name) in enumerate(zip(axes[1:], shown, strict=True)):
+        order = np.argsort(size[name])
+        ax.scatter(
+            radius[order], place[order, 2], c=size[name][order], s=9, vmax=most, vmin=0
+        )
+        ax.set_title(name)
+        ax.set_xlabel("from A1's axis [m]")
+        ax.set_ylabel("height [m]" if k == 0 else "")
+        ax.set_aspect("equal", adjustable="box")
+    picture.colorbar(
+        axes[-1].collections[0], ax=axes[-1], label="error [mm]", shrink=0.7
+    )
+    style.save(picture, file)
+
+
+# --- Shares of the way to the floor ---------------------------------------------------
+
+
+def _mae(error: Float[np.ndarray, "poses 3"]) -> Draws:
+    return pooled(np.abs(error).mean(axis=1)[None], MEASURES["MAE"])
+
+
+def floor_rows(errors: dict, seed: int) -> list[dict[str, object]]:
+    """Return the table of mean errors and of shares of the way to the oracle."""
+    draws = {name: _mae(error) for name, error in errors.items()}
+    top, floor, rows = draws["VJM"], draws["oracle"], []
+    for name, d in draws.items():
+        way = d.way(top, floor).interval
+        rows.append(
+            {
+                "method": name,
+                "MAE_mm": d.value,
+                "low_mm": d.interval.low,
+                "high_mm": d.interval.high,
+                "share_of_the_way": way.value,
+                "share_low": way.low,
+                "share_high": way.high,
+                "n": len(errors[name]),
+                "seeds": seed,
+            }
+        )
+    return rows

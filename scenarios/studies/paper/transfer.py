@@ -1,0 +1,327 @@
+"""Cells in which every method learns from the same poses and predicts the same.
+
+What was learnt is asked for poses it has seen, poses held out, and fresh ones.
+
+A researcher's own method runs beside ours: a class that is built from an arm.
+
+`package.module:Class` is imported from where Python finds modules, the working folder
+included. The class derives from `Method` and takes the nominal arm; `fit(recording)`
+returns a `Fitted`, which can `predict(cases)`: deflections in m along the base's axes.
+
+Methods without a network learn in seconds: springs, a process, and your own.
+
+FT-MLP learns from springs once and is corrected in many ways: Tables 8 to 10.
+
+DT-CNN learns from springs and is asked about the arm, as it is or transferred.
+
+Every method learns from the same poses and is asked about the same others.
+
+A seed splits the experiment's poses: 80 % are learnt from, 20 % are held out. FT-MLP
+holds back a fifth of the first to choose its epoch, so nothing that judges has chosen.
+"""
+
+import importlib
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+from typing_extensions import override
+
+from bench.shared.errors import Unusable
+from bench.shared.recording import Recording
+from scenarios.studies.paper.budget import PLANS, Budget, Transfer
+from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.experiment import Material
+from scenarios.studies.paper.imitation import imitated, source_plan, step_cost
+from stiffness.experiment.deflections import every_plateau
+from stiffness.methods.dt_cnn import DtCnn
+from stiffness.methods.ft_mlp import FtMlp, FtMlpFit
+from stiffness.methods.gp_residual import GpResidual
+from stiffness.methods.method import Fitted, Method, faults
+from stiffness.methods.network_fit import NetworkFit
+from stiffness.methods.vjm import Vjm
+from stiffness.networks.alignment import Alignment
+from stiffness.networks.fine_tuning import FineTuning
+from stiffness.networks.model import Cnn
+from stiffness.networks.pretraining import Pretraining
+from stiffness.networks.training import Training
+from stiffness.robot.arm import Arm
+
+# --- Predictions ----------------------------------------------------------------------
+
+
+def answers(
+    name: str, fitted: Fitted, material: Material, seed: int
+) -> dict[str, np.ndarray]:
+    """Return errors in mm on fresh poses, on poses held out and on the experiment."""
+    measured = material.measured
+    out = np.isin(measured.pose, material.held_out(seed))
+    unseen = material.unseen
+    error = 1e3 * (fitted.predict(measured.cases) - measured.deflection)
+    return {
+        f"{name}/unseen": 1e3 * (fitted.predict(unseen.cases) - unseen.deflection),
+        f"{name}/held_out": error[out],
+        f"{name}/experiment": error,
+    }
+
+
+def learnt(fit: FtMlpFit, material: Material, seed: int) -> np.ndarray:
+    """Return MAE and STDE, Eqs 7 and 8, in mm, on training and on choosing poses."""
+    data = every_plateau(fit.springs.arm, material.training(seed))
+    error = 1e3 * np.abs(fit.predict(data.cases) - data.deflection)
+    chose = np.isin(data.pose, fit.tuned.held_back)
+    return np.array([[e.mean(), e.std()] for e in (error[~chose], error[chose])])
+
+
+# --- A user's method ------------------------------------------------------------------
+
+EXPECTED = (
+    "expected is package.module:Class, a class that derives from "
+    "stiffness.methods.method.Method and is built from a stiffness.robot.arm.Arm."
+)
+
+
+@dataclass(frozen=True)
+class OwnMethod:
+    """Where a method is found, and what it was when the study began.
+
+    Attributes:
+        name: `package.module:Class`.
+        source: Fingerprint of its module, so that kept cells of another version are
+            not taken.
+    """
+
+    name: str
+    source: str
+
+    @classmethod
+    def named(cls, name: str) -> "OwnMethod":
+        """Find a method.
+
+        Raises:
+            Unusable: Where there is none, saying what is wrong and what is expected.
+        """
+        module = inspect.getsource(inspect.getmodule(_found(name)) or _found(name))
+        return cls(name, sha256(module.encode()).hexdigest())
+
+    def load(self) -> Callable[[Arm], Method]:
+        """Return the class."""
+        return _found(self.name)
+
+    @property
+    def title(self) -> str:
+        """What tables call it."""
+        return self.name.partition(":")[2]
+
+
+def checked(own: OwnMethod, arm: Arm, recording: Recording) -> None:
+    """Hold a method to the contract before hours are spent on it.
+
+    Raises:
+        Unusable: With everything that would spoil the comparison.
+    """
+    try:
+        method = own.load()(arm)
+    except Exception as error:  # whatever a stranger's class does when built
+        fault = f"building it from an arm raises {error!r}; {EXPECTED}"
+        raise Unusable(f"--method {own.name!r}", [fault]) from error
+    if found := faults(method, arm, recording):
+        raise Unusable(f"--method {own.name!r}", found)
+
+
+def _found(name: str) -> type[Method]:
+    module, _, called = name.partition(":")
+    if not module or not called:
+        raise Unusable(f"--method {name!r}", [f"it names no class; {EXPECTED}"])
+    try:
+        found = getattr(importlib.import_module(module), called, None)
+    except Exception as error:  # whatever a stranger's module does when imported
+        fault = f"{module!r} cannot be imported: {error!r}; {EXPECTED}"
+        raise Unusable(f"--method {name!r}", [fault]) from error
+    if not inspect.isclass(found):
+        fault = f"{module!r} has no class {called!r}; {EXPECTED}"
+        raise Unusable(f"--method {name!r}", [fault])
+    if not issubclass(found, Method):
+        fault = f"{called!r} does not derive from Method; {EXPECTED}"
+        raise Unusable(f"--method {name!r}", [fault])
+    return found
+
+
+# --- Methods without a network --------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SpringsCell(Cell):
+    """What needs no network: springs, and a Gaussian process on what they leave."""
+
+    seed: int
+    evaluations: int
+
+    @property
+    @override
+    def cost(self) -> float:
+        return 8.0
+
+    @override
+    def work(self, material: Material, scratch: Path) -> Result:
+        training = material.training(self.seed)
+        process = GpResidual(material.arm, evaluations=self.evaluations).fit(training)
+        springs = Vjm(material.arm).fit(training)
+        return {
+            **answers("vjm", springs, material, self.seed),
+            **answers("gp_residual", process, material, self.seed),
+        }
+
+
+@dataclass(frozen=True)
+class OwnCell(Cell):
+    """A user's own method on one split."""
+
+    seed: int
+    own: OwnMethod
+
+    @property
+    @override
+    def cost(self) -> float:
+        return 10.0
+
+    @override
+    def work(self, material: Material, scratch: Path) -> Result:
+        method = self.own.load()(material.arm)
+        fitted = method.fit(material.training(self.seed))
+        return answers("own", fitted, material, self.seed)
+
+
+# --- FT-MLP ---------------------------------------------------------------------------
+
+EPOCH_SECONDS = 0.04
+"""Of fine-tuning the paper's network by eight plateaus of 121 poses; as measured."""
+
+
+@dataclass(frozen=True)
+class PerceptronCell(Cell):
+    """FT-MLP on one split and one source plan, all unfreezings."""
+
+    seed: int
+    plan: str
+    settings: Transfer
+    unfreezings: tuple[tuple[int, ...], ...]
+
+    @property
+    @override
+    def cost(self) -> float:
+        epochs = self.settings.unfreezing_epochs * len(self.unfreezings)
+        epochs += 2 * self.settings.epochs
+        return step_cost(self.settings.shape) * self.settings.steps + (
+            EPOCH_SECONDS * epochs
+        )
+
+    @override
+    def work(self, material: Material, scratch: Path) -> Result:
+        settings, recording = self.settings, material.training(self.seed)
+        method = FtMlp(
+            material.arm,
+            source_plan(self.plan, settings.every),
+            Pretraining(
+                settings.shape, training=Training(steps=settings.steps), seed=self.seed
+            ),
+            FineTuning(epochs=settings.epochs, seed=self.seed),
+            file=scratch,
+        )
+        best = method.fit(recording)
+        method = replace(method, pretrained=best.pretrained)
+        last = replace(method, tuning=replace(method.tuning, keep="last"))
+        fits = {"best": best, "last": last.fit(recording)}
+        slow = replace(method.tuning, epochs=settings.unfreezing_epochs)
+        for layers in self.unfreezings:
+            tuning = replace(slow, unfrozen=layers)
+            fits[unfrozen(layers)] = replace(method, tuning=tuning).fit(recording)
+        before = NetworkFit(best.pretrained.network, best.springs)
+        found = imitated(best.pretrained) | answers(
+            "pretrained", before, material, self.seed
+        )
+        for name, fit in fits.items():
+            found |= answers(name, fit, material, self.seed)
+            found[f"{name}/learnt"] = learnt(fit, material, self.seed)
+            found[f"{name}/curve"] = 1e3 * np.array(
+                [fit.tuned.training_mae, fit.tuned.validation_mae]
+            )
+            found[f"{name}/epoch"] = np.array(fit.tuned.epoch)
+        return found
+
+
+def unfrozen(layers: tuple[int, ...]) -> str:
+    """Return how a table calls an unfreezing."""
+    return "unfrozen " + "+".join(str(layer) for layer in layers)
+
+
+# --- DT-CNN ---------------------------------------------------------------------------
+
+STEP_SECONDS = 0.011
+"""Of one step of 256 rows; as measured."""
+DENSE, OUTPUT = 5, 6
+"""Layers of the convolutional network that its frozen variant corrects."""
+
+
+@dataclass(frozen=True)
+class ConvolutionCell(Cell):
+    """DT-CNN on one split and one source plan; its variants where asked for."""
+
+    seed: int
+    plan: str
+    settings: Transfer
+
+    @property
+    @override
+    def cost(self) -> float:
+        return STEP_SECONDS * self.settings.cnn_steps + 60.0 * self.settings.variants
+
+    @override
+    def work(self, material: Material, scratch: Path) -> Result:
+        recording = material.training(self.seed)
+        training = Training(steps=self.settings.cnn_steps)
+        method = DtCnn(
+            material.arm,
+            source_plan(self.plan, self.settings.every),
+            Pretraining(Cnn(), training=training, seed=self.seed),
+            file=scratch,
+        )
+        direct = method.fit(recording)
+        found = imitated(direct.pretrained)
+        found |= answers("direct", direct, material, self.seed)
+        if self.settings.variants:
+            tuning = FineTuning((DENSE, OUTPUT), self.settings.epochs, seed=self.seed)
+            for name, transfer in (
+                ("aligned", Alignment(seed=self.seed)),
+                ("frozen", tuning),
+            ):
+                other = replace(method, transfer=transfer, pretrained=direct.pretrained)
+                fitted = other.fit(recording)
+                found |= answers(name, fitted, material, self.seed)
+        return found
+
+
+# --- All cells ------------------------------------------------------------------------
+
+UNFREEZINGS = ((1,), (2,), (3,), (4,), (5,), (1, 2), (2, 3), (3, 4), (4, 5))
+ALL_LAYERS = (1, 2, 3, 4, 5)
+"""Layers of Table 8: one, two neighbours, all; 5 is the output layer."""
+
+
+def cells(budget: Budget, own: OwnMethod | None) -> list[Cell]:
+    """Return every cell of Tables 8, 9 and 10."""
+    settings = budget.transfer
+    found: list[Cell] = []
+    for i, seed in enumerate(settings.seeds):
+        found.append(SpringsCell(seed, settings.evaluations))
+        for plan in PLANS:
+            shown = i < settings.unfreezing_seeds and plan == "spanning"
+            layers = (*UNFREEZINGS, ALL_LAYERS) if shown else ()
+            found.append(PerceptronCell(seed, plan, settings, layers))
+            found.append(ConvolutionCell(seed, plan, settings))
+        if own is not None:
+            found.append(OwnCell(seed, own))
+    return found

@@ -1,0 +1,335 @@
+"""Final fit of the selected effects, with intervals, error tables and geometry.
+
+Intervals are as wide as regions of poses disagree.
+
+==========  ==========================================================================
+Equation    cov = C (sum over regions g g') C R / (R − 1), g = A'r / s² of a region,
+            C = (A'A / s² + P)⁻¹; estimate ± t(R − 1) sqrt(cov), never narrower than
+            C alone gives
+Source      Liang, Zeger 1986 (the sandwich of clusters); Cameron, Miller 2015
+            (R / (R − 1) and Student's t with R − 1)
+Valid       ten regions or more
+Ignores     that what is reported was chosen before, on folds left out
+==========  ==========================================================================
+
+Coefficients are put back into numbers of the arm: the drawing, tables, laws.
+
+What was chosen is fitted once more: tables in full, about the arm as it came out.
+
+==========  ==========================================================================
+Equation    as `ridge`; done again about the corrected drawing where that moved away
+Source      Gauss-Newton
+Valid       corrections that are small beside the arm
+Ignores     what was not chosen: it stays as the model has it
+==========  ==========================================================================
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.stats import t as student
+
+from stiffness.calibration.columns import SILENT, Blocks, Key, candidates_of, normals_of
+from stiffness.calibration.model import Drawn, Readings, Stance
+from stiffness.calibration.rigid_fit import RigidFit
+from stiffness.regression.empirical_bayes import Sizes, Solved, learnt, solved
+from stiffness.regression.intervals import Estimate
+
+# --- Intervals ------------------------------------------------------------------------
+
+LEVEL = 0.95
+
+
+def spread(
+    blocks: Blocks,
+    stance: Stance,
+    region: Int[np.ndarray, " rows"],
+    columns: Int[np.ndarray, " known"],
+    fit: Solved,
+    sizes: Sizes,
+    wanted: Int[np.ndarray, " some"],
+) -> Float[np.ndarray, " some"]:
+    """Return half the width of the intervals of some coefficients.
+
+    Args:
+        blocks: All columns.
+        stance: The arm.
+        region: Of each row; rows below zero were not fitted.
+        columns: Those that were fitted.
+        fit: Their solution.
+        sizes: Of noise and bands.
+        wanted: Numbers of the coefficients within those that were fitted.
+    """
+    inverse = fit.inverse(wanted)  # (known, some)
+    regions = np.unique(region[region >= 0])
+    total = np.zeros((len(wanted), len(wanted)))
+    for r in regions:
+        rows = np.flatnonzero(region == r)
+        a, y = blocks.problem(stance, rows)
+        a = a[:, columns]
+        left = y - a @ fit.x
+        score = inverse.T @ (a.T @ left / sizes.noise)
+        total += np.outer(score, score)
+    count = len(regions)
+    variance = np.diag(total) * count / (count - 1)
+    variance = np.maximum(variance, inverse[wanted, np.arange(len(wanted))])
+    return student.ppf(0.5 + LEVEL / 2, count - 1) * np.sqrt(variance)
+
+
+# --- Parameters of the arm from coefficients ------------------------------------------
+
+
+@dataclass(frozen=True)
+class Table:
+    """An uneven gear as a sum of waves.
+
+    Attributes:
+        order: Of each wave.
+        cos: Amplitude of cos(order q), in rad.
+        sin: Of sin(order q), in rad.
+    """
+
+    order: Float[np.ndarray, " waves"]
+    cos: Float[np.ndarray, " waves"]
+    sin: Float[np.ndarray, " waves"]
+
+    def at(self, angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Return the output's error at some angles, in rad."""
+        wave = angle[:, None] * self.order
+        return np.cos(wave) @ self.cos + np.sin(wave) @ self.sin
+
+
+@dataclass(frozen=True)
+class Wave:
+    """One wave of a table, with half the width of its size's interval.
+
+    Attributes:
+        order: Waves a turn.
+        size: Amplitude, in rad.
+        phase: Of size sin(order q + phase), in rad.
+        half: Half the width of the interval of `size`, in rad.
+    """
+
+    order: int
+    size: float
+    phase: float
+    half: float
+
+    @property
+    def clear(self) -> bool:
+        """Whether the interval holds no zero."""
+        return bool(self.size > self.half)
+
+
+def estimates_of(
+    blocks: Blocks,
+    known: Int[np.ndarray, " known"],
+    x: Float[np.ndarray, " known"],
+    half: dict[int, float],
+) -> dict[Key, dict[str, Estimate]]:
+    """Return numbers with intervals.
+
+    Args:
+        blocks: The columns.
+        known: Columns that were fitted.
+        x: Their coefficients.
+        half: Half the width of the interval, by number within `known`.
+    """
+    found: dict[Key, dict[str, Estimate]] = {}
+    for i, width in half.items():
+        j, value = known[i], float(x[i])
+        if blocks.owner[j] != SILENT:
+            own = found.setdefault(blocks.owner[j], {})
+            own[blocks.parameter[j]] = Estimate(value, value - width, value + width)
+    return found
+
+
+def drawn_of(
+    blocks: Blocks,
+    rigid: Drawn,
+    known: Int[np.ndarray, " known"],
+    x: Float[np.ndarray, " known"],
+) -> Drawn:
+    """Return the drawing as corrected by what was fitted, and by nothing else.
+
+    Args:
+        blocks: The columns.
+        rigid: The drawing that they start from.
+        known: Columns that were fitted.
+        x: Their coefficients.
+    """
+    step = np.zeros(len(rigid.values) + 6 + rigid.places.size)
+    step[: len(rigid.values)] = -rigid.values
+    for j, value in zip(known, x, strict=True):
+        if blocks.entry[j] >= 0:
+            step[blocks.entry[j]] = value - blocks.start[j]
+    return rigid.stepped(step)
+
+
+def tables_of(
+    blocks: Blocks, known: Int[np.ndarray, " known"], x: Float[np.ndarray, " known"]
+) -> dict[str, Table]:
+    """Return the uneven gears among the coefficients, by axis."""
+    found: dict[str, Table] = {}
+    order = blocks.order[known]
+    where = np.array([blocks.owner[j][1] for j in known])
+    for axis in dict.fromkeys(where[order > 0]):
+        own = np.flatnonzero((order > 0) & (where == axis))
+        found[str(axis)] = Table(
+            order[own[::2]].astype(float), x[own[::2]], x[own[1::2]]
+        )
+    return found
+
+
+def largest_waves(
+    blocks: Blocks,
+    known: Int[np.ndarray, " known"],
+    x: Float[np.ndarray, " known"],
+    count: int,
+) -> dict[str, np.ndarray]:
+    """Return, by axis, the two coefficients of each of a table's largest waves."""
+    found: dict[str, np.ndarray] = {}
+    order = blocks.order[known]
+    where = np.array([blocks.owner[j][1] for j in known])
+    for axis in dict.fromkeys(where[order > 0]):
+        own = np.flatnonzero((order > 0) & (where == axis)).reshape(-1, 2)
+        size = np.sum(x[own] ** 2, axis=1)
+        found[str(axis)] = own[np.argsort(-size, kind="stable")[:count]]
+    return found
+
+
+def wave_of(
+    blocks: Blocks,
+    known: Int[np.ndarray, " known"],
+    x: Float[np.ndarray, " known"],
+    waves: Int[np.ndarray, "waves 2"],
+    half: Float[np.ndarray, "waves 2"],
+) -> Wave:
+    """Return the largest of some waves that is clearly there, or else the largest."""
+    size, width = np.hypot(*x[waves].T), half.max(axis=1)
+    clear = np.flatnonzero(size > width)
+    at = int(clear[0]) if len(clear) else 0
+    c, s = x[waves[at]]
+    order = int(blocks.order[known[waves[at, 0]]])
+    return Wave(order, float(size[at]), float(np.arctan2(c, s)), float(width[at]))
+
+
+# --- Final fit ------------------------------------------------------------------------
+
+MOVED = 2e-4
+"""Change of the drawing in rad or m from which columns are made anew; chosen: its
+square times an arm's length is less than a tenth of a tracker's noise."""
+ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class WholeFit:
+    """A set of columns, fitted.
+
+    Attributes:
+        blocks: All columns.
+        stance: What they were made in.
+        known: Those that were fitted.
+        fit: Their solution.
+        sizes: Of noise and bands.
+        drawn: The drawing as corrected.
+        residual: What is left on all rows, in m.
+        used: How many coefficients the data have settled, for each coordinate fitted.
+    """
+
+    blocks: Blocks
+    stance: Stance
+    known: Int[np.ndarray, " known"]
+    fit: Solved
+    sizes: Sizes
+    drawn: Drawn
+    residual: Float[np.ndarray, "rows 3"]
+    used: float
+
+
+def whole_fit(
+    readings: Readings,
+    keep: Bool[np.ndarray, " rows"],
+    rigid: RigidFit,
+    wanted: set[tuple[Key, str]],
+    sprung: set[Key],
+    highest: int,
+) -> WholeFit:
+    """Fit what is nominal and what is wanted to the rows that are kept.
+
+    Args:
+        readings: All that was seen.
+        keep: Rows that may be fitted.
+        rigid: Where the drawing stands to begin with, and which of it shows.
+        wanted: Names and parameters that are fitted.
+        sprung: Springs that the model has.
+        highest: Order below which tables end.
+    """
+    found = _about(readings, keep, rigid, wanted, sprung, highest)
+    for _ in range(ROUNDS - 1):
+        before, now = found.stance.drawn, found.drawn
+        moved = np.abs(now.values - before.values).max(initial=0.0)
+        turned = np.abs(now.base_from_tracker - before.base_from_tracker).max()
+        if max(moved, turned) < MOVED:
+            break
+        fit = RigidFit(now, rigid.kept)
+        found = _about(readings, keep, fit, wanted, sprung, highest)
+    return found
+
+
+def _about(readings, keep, rigid, wanted, sprung, highest) -> WholeFit:
+    stance = Stance.of(readings, rigid.drawn)
+    keys = {owner for owner, _ in wanted}
+    every = [
+        c
+        for c in candidates_of(stance, highest)
+        if c.key in keys or c.key in sprung
+        if c.orders or (c.key, c.parameters[0]) in wanted or c.key in sprung
+    ]
+    full = Blocks.of(rigid, stance, every, sprung)
+    names = zip(full.owner, full.parameter, strict=True)
+    known = np.array(
+        [
+            j
+            for j, (owner, name) in enumerate(names)
+            if full.order[j] or owner == SILENT or (owner, name) in wanted
+        ]
+    )
+    one = np.where(keep, 0, -1)
+    normal = normals_of(full, stance, one, 1)[0].only(known)
+    _, sizes = learnt(normal, full.band[known])
+    fit = solved(normal, full.band[known], sizes)
+    left = np.empty_like(stance.residual)
+    for start in range(0, len(left), 500):
+        rows = np.arange(start, min(start + 500, len(left)))
+        a, y = full.problem(stance, rows)
+        left[rows] = (y - a[:, known] @ fit.x).reshape(-1, 3)
+    drawn = drawn_of(full, rigid.drawn, known, fit.x)
+    used = float(np.sum(1.0 - fit.precision * fit.spread())) / normal.count
+    return WholeFit(full, stance, known, fit, sizes, drawn, left, used)
+
+
+def springs_of(
+    found: WholeFit, nominal: Float[np.ndarray, " axes"]
+) -> dict[str, float]:
+    """Return the stiffness of each spring of the model as fitted, in N m/rad.
+
+    A decade either way is nominal; what these postures do not show stays as it is.
+    """
+    softer = {}
+    for j, value in zip(found.known.tolist(), found.fit.x.tolist(), strict=True):
+        if found.blocks.owner[j] == SILENT and found.blocks.entry[j] < 0:
+            where = _axis_of(found.blocks, j)
+            usual = 1.0 / nominal[int(where[1:]) - 1]
+            softer[where] = float(1.0 / np.clip(value, usual / 10.0, 10.0 * usual))
+    return softer
+
+
+def _axis_of(blocks: Blocks, column: int) -> str:
+    at = int(np.sum(blocks.entry >= 0))
+    for candidate in blocks.candidates:
+        at += len(candidate.parameters)
+        if column < at:
+            return candidate.where
+    raise AssertionError("a column of no block")

@@ -1,0 +1,344 @@
+"""Library of candidate effects at all sites, and a map of residuals without a name.
+
+What a levelled tracker does wrong lies along its two circles and its beam.
+
+==========  ==========================================================================
+Equation    error = e_a (1, r, h cos na, h sin na) + e_e (1, r cos 2a, r sin 2a, r cos
+            ne, r sin ne) + e_r (1, r, r²) + e_z r², n = 1, 2; a azimuth, e elevation, r
+            range and h its level part, seen from the tracker, z against gravity
+Source      Muralikrishnan, Phillips, Sawyer 2016, "Laser trackers for large-scale
+            dimensional metrology: a review", section 4: circles off their centres, axes
+            and beam beside each other and askew; e_z r²: a beam that sags
+Valid       a tracker that stands upright, at the origin of its readings' frame
+Ignores     a target that turns away from the beam
+==========  ==========================================================================
+
+A map of everything that could be left over belongs to no hypothesis and names none.
+
+Columns of a place: torque in knots for loading and for unloading, torque with the
+axis' angle, with time, with axial force, with what it was a row before and how long it
+has stood; moments across the axis; and, between visits, the place's own small constant
+motions, the axis' angle in harmonics and the tracker's own errors. Chosen after a trial
+in which such a map told rightly from wrongly named recordings.
+
+All hypotheses at all places with all shapes stand in one row, beside the map.
+
+The first columns are the nominal ones: the springs that are fitted silently.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from stiffness.diagnosis.design_matrix import Deferred, deferred
+from stiffness.effects.base import Hypothesis, absolute, marked_point
+from stiffness.effects.jacobian import (
+    NOTHING,
+    Motion,
+    Part,
+    Shift,
+    Signature,
+    Turn,
+    rotate,
+    translate,
+    turn,
+)
+from stiffness.experiment.static_state import Situation
+
+# --- Errors of a levelled tracker -----------------------------------------------------
+
+COLUMNS = 17
+NEAREST = 0.3
+"""Level distance from the base's origin in m at which no tracker stands: readings were
+turned to the base's frame; chosen."""
+LEAST = 1e-3
+"""Level distance in m below which a target has no azimuth; chosen."""
+
+
+def errors_of_tracker(situation: Situation) -> Signature:
+    """Return how each marker would be seen beside its place; nothing where it cancels.
+
+    A marker of unknown place is taken at its body's origin.
+    """
+    gravity, frame = situation.arm.chain.gravity, situation.tracker
+    if frame is None or not absolute(situation) or not gravity.any():
+        return NOTHING
+    axes, stand = upright(-gravity), frame[:3, 3]
+    if np.hypot(*(stand @ axes)[:2]) < NEAREST:
+        return NOTHING
+    parts = []
+    for m in range(len(situation.recording.markers)):
+        away = (marked_point(situation, m) - stand) @ axes
+        parts.append(Shift(m, axes @ along_circles(away)))
+    return Signature(COLUMNS, tuple(parts)) if parts else NOTHING
+
+
+def upright(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """Return axes as columns, the third along a direction."""
+    z = up / np.linalg.norm(up)
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def along_circles(away: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 3 17"]:
+    """Return the errors per unit of each, along upright axes.
+
+    Args:
+        away: Targets seen from the tracker along these axes, in m.
+    """
+    level = np.maximum(np.hypot(away[:, 0], away[:, 1]), LEAST)
+    far = np.hypot(level, away[:, 2])
+    a, e = np.arctan2(away[:, 1], away[:, 0]), np.arctan2(away[:, 2], level)
+    none, one = np.zeros_like(a), np.ones_like(a)
+    beam = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
+    side = np.stack([-np.sin(a), np.cos(a), none], axis=1)
+    up, fall = np.cross(beam, side), np.stack([none, none, one], axis=1)
+    waves = [f(n * x) for x in (a, e) for n in (1, 2) for f in (np.cos, np.sin)]
+    parts = [
+        (side, [one, far, *(level * w for w in waves[:4])]),
+        (up, [one, *(far * w for w in waves[2:])]),
+        (beam, [one, far, far**2]),
+        (fall, [far**2]),
+    ]
+    columns = [along * size[:, None] for along, sizes in parts for size in sizes]
+    return np.stack(columns, axis=2)
+
+
+# --- Map of residuals -----------------------------------------------------------------
+
+KNOTS = 7
+"""Knots of torque; chosen: three segments a side."""
+TIMES = 5
+HARMONICS = (1, 2, 3)
+DIRECTIONS = 4
+"""Directions of a moment, half a turn together; chosen: one is never far."""
+
+
+@dataclass(frozen=True)
+class MapBlock:
+    """Columns of one place and one kind of dependence.
+
+    Attributes:
+        where: The place, as in an answer.
+        depends_on: What the columns speak of.
+        signature: The columns.
+    """
+
+    where: str
+    depends_on: str
+    signature: Signature
+
+
+def residual_map(situation: Situation) -> tuple[MapBlock, ...]:
+    """Return the map of all places."""
+    blocks = _of_base(situation)
+    for k in range(len(situation.axes)):
+        blocks.extend(_of_axis(situation, k))
+    seen = errors_of_tracker(situation)
+    if seen.columns:
+        blocks.append(MapBlock("tracker", "geometry", seen))
+    return tuple(blocks)
+
+
+def hats(values: np.ndarray, knots: int) -> Float[np.ndarray, "rows knots"]:
+    """Return piecewise linear functions between knots over the range of values.
+
+    They add up to one; knots are where equal shares of the values lie.
+    """
+    at = np.unique(np.quantile(values, np.linspace(0.0, 1.0, knots)))
+    if len(at) < 2 or at[-1] - at[0] < 1e-12:
+        return np.zeros((len(values), 0))
+    return np.stack([np.interp(values, at, row) for row in np.eye(len(at))], axis=1)
+
+
+def _of_axis(situation: Situation, k: int) -> list[MapBlock]:
+    where = situation.axes[k]
+    torque, angle = situation.torque[:, k], situation.recording.posture[:, k]
+    load = situation.load_torque[:, k]
+    unit = max(float(np.max(np.abs(torque))), 1e-9)
+    t = torque / unit
+    steps = situation.steps
+    path = load[steps]
+    rise = np.diff(path, axis=1, prepend=path[:, :1])
+    grows = situation.from_steps((np.sign(path) * np.sign(rise) >= 0).astype(float))
+    before = situation.from_steps(np.concatenate([path[:, :1], path[:, :-1]], axis=1))
+    stood = np.log1p(situation.recording.time - situation.recording.load_time)
+    along = np.einsum(
+        "ri,ri->r", situation.frame[:, k + 1, :, 2], situation.force[:, k + 1]
+    )
+    along = along / max(float(np.max(np.abs(along))), 1e-9)
+    knots = hats(torque, KNOTS)
+    up, down = knots * grows[:, None], knots * (1.0 - grows)[:, None]
+    waves = _waves(situation, k, angle)
+    time = hats(situation.recording.time, TIMES)
+    blocks = []
+    laws = {
+        "torque": np.concatenate([up + down], axis=1),
+        "direction": up - down,
+        "history": np.column_stack([before / unit, t * (stood - stood.mean())]),
+        "angle": np.concatenate([waves, waves * t[:, None]], axis=1),
+        "time": np.concatenate([time * t[:, None], time], axis=1),
+        "load": np.column_stack([t * along, along, along**2]),
+    }
+    for depends_on, law in laws.items():
+        if law.shape[1]:
+            signature = Signature(law.shape[1], (Turn(k, law),))
+            blocks.append(MapBlock(where, depends_on, signature))
+    place = k + 1
+    across = situation.seat[:, place, :, :2]
+    moment = np.einsum("rij,ri->rj", across, situation.moment[:, place])
+    m = moment / (np.max(np.abs(moment)) + 1e-9)
+    rotation = np.concatenate([across * m[:, None, :], _one_sided(across, m)], axis=2)
+    tilt = rotate(place, rotation, situation.origin[:, place])
+    blocks.append(MapBlock(where, "load", Signature(rotation.shape[2], (tilt,))))
+    blocks.append(MapBlock(where, "geometry", _constant(situation, place)))
+    return blocks
+
+
+def _one_sided(
+    across: Float[np.ndarray, "rows 3 2"], moment: Float[np.ndarray, "rows 2"]
+) -> Float[np.ndarray, "rows 3 columns"]:
+    """Return rotations about both directions by sizes of the moment about any.
+
+    What opens one way only, a bearing or a foot, knows no directions of ours.
+    """
+    about = np.linspace(0.0, np.pi, DIRECTIONS, endpoint=False)
+    even = np.abs(moment @ np.stack([np.cos(about), np.sin(about)]))
+    columns = across[:, :, :, None] * even[:, None, None, :]
+    return columns.reshape(len(moment), 3, -1)
+
+
+def _waves(situation: Situation, k: int, angle: np.ndarray) -> np.ndarray:
+    if situation.arm.slides[k] or np.ptp(angle) < 1e-6:
+        return np.zeros((len(angle), 0))
+    return np.column_stack([f(n * angle) for n in HARMONICS for f in (np.cos, np.sin)])
+
+
+def _constant(situation: Situation, place: int) -> Signature:
+    """Return six constant small motions of a place, along its seat's axes."""
+    seat = situation.seat[:, place]
+    shift = translate(place, seat)
+    turned = rotate(place, seat, situation.origin[:, place])
+    twist = np.concatenate([shift.twist, turned.twist], axis=2)
+    return Signature(6, (Motion(place, twist),))
+
+
+def _of_base(situation: Situation) -> list[MapBlock]:
+    def scaled(values: np.ndarray) -> np.ndarray:
+        return values / max(float(np.max(np.abs(values))), 1e-9)
+
+    moment, force = scaled(situation.moment[:, 0]), scaled(situation.force[:, 0])
+    time = scaled(situation.recording.time)[:, None]
+    eye = np.broadcast_to(np.eye(3), (situation.rows, 3, 3))
+    origin = situation.origin[:, 0]
+
+    def block(depends_on: str, parts: list[Motion]) -> MapBlock:
+        twist = np.concatenate([part.twist for part in parts], axis=2)
+        joined: tuple[Part, ...] = (Motion(0, twist),)
+        return MapBlock("base", depends_on, Signature(twist.shape[2], joined))
+
+    loads = [
+        rotate(0, eye * law[:, None, :], origin)
+        for law in (moment, moment * np.abs(moment))
+    ]
+    loads.append(rotate(0, _one_sided(eye[:, :, :2], moment[:, :2]), origin))
+    shifts = [translate(0, eye * force[:, None, :])]
+    wander = [
+        law(0, eye * t[:, None, :])
+        for t in (time, time**2)
+        for law in (translate, lambda p, r: rotate(p, r, origin))
+    ]
+    return [block("load", loads + shifts), block("time", wander)]
+
+
+# --- Library --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One hypothesis at one place.
+
+    Attributes:
+        hypothesis: Which.
+        where: Where, as in an answer.
+        shapes: Its grid.
+        columns: Numbers of its columns for each shape.
+    """
+
+    hypothesis: Hypothesis
+    where: str
+    shapes: Float[np.ndarray, "shapes parameters"]
+    columns: tuple[Int[np.ndarray, " columns"], ...]
+
+    @property
+    def name(self) -> tuple[str, str]:
+        """Effect and place."""
+        return self.hypothesis.effect, self.where
+
+    @property
+    def freedom(self) -> int:
+        """How many numbers are fitted: coefficients and shape."""
+        return len(self.columns[0]) + self.shapes.shape[1]
+
+
+@dataclass(frozen=True)
+class Mapped:
+    """A part of the residual map, with the numbers of its columns."""
+
+    where: str
+    depends_on: str
+    columns: Int[np.ndarray, " columns"]
+
+
+@dataclass(frozen=True)
+class Library:
+    """All signatures in a row, and who owns which columns.
+
+    Attributes:
+        signatures: Nominal, then candidates, then map.
+        nominal: How many columns are nominal.
+        candidates: Hypotheses at places.
+        map: The residual map.
+    """
+
+    signatures: tuple[Signature | Deferred, ...]
+    nominal: int
+    candidates: tuple[Candidate, ...]
+    map: tuple[Mapped, ...]
+
+
+def springs_of(situation: Situation, springs: Sequence[int]) -> tuple[Signature, ...]:
+    """Return what more compliance of each fitted axis does."""
+    return tuple(turn(k, situation.torque[:, k]) for k in springs)
+
+
+def library_of(
+    situation: Situation, springs: Sequence[int], hypotheses: Sequence[Hypothesis]
+) -> Library:
+    """Lay out nominal springs, all hypotheses at all places and shapes, and the map."""
+    signatures: list[Signature | Deferred] = [*springs_of(situation, springs)]
+    at = len(signatures)
+    candidates, mapped = [], []
+    for hypothesis in hypotheses:
+        for where in hypothesis.places(situation):
+            shapes = hypothesis.shapes(situation, where)
+            owned = []
+            for shape in shapes:
+                signature = hypothesis.signature(situation, where, shape)
+                if len(shapes) > 1:
+                    here = (hypothesis, where, shape, situation)
+                    signatures.append(deferred(signature, *here))
+                else:
+                    signatures.append(signature)
+                owned.append(np.arange(at, at + signature.columns))
+                at += signature.columns
+            candidates.append(Candidate(hypothesis, where, shapes, tuple(owned)))
+    for block in residual_map(situation):
+        signatures.append(block.signature)
+        owned = np.arange(at, at + block.signature.columns)
+        at += block.signature.columns
+        mapped.append(Mapped(block.where, block.depends_on, owned))
+    return Library(tuple(signatures), len(springs), tuple(candidates), tuple(mapped))

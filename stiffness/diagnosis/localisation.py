@@ -1,0 +1,307 @@
+"""Localisation: sites of named effects, confounded names, residuals without a name.
+
+Where an arm differs: what is named has a place, and the map finds the others.
+
+==========  ==========================================================================
+Equation    place by place: the place of the map that captures most is taken, its
+            columns count as known, the rest is tested again, until nothing speaks
+Source      forward selection with a max-T test by sign flips at each step (Holm-like:
+            the family shrinks by what was found)
+Valid       markers on every body; with a flange target alone a place is an inference
+Ignores     places without columns in the map (force sensor, markers): these are named
+==========  ==========================================================================
+
+Two effects that move the markers alike cannot be told apart by any method.
+
+==========  ==========================================================================
+Equation    cosine of two signatures after the nominal columns are projected out; for
+            several columns the largest over directions (first canonical correlation)
+            of the smaller signature's fitted direction
+Source      Hotelling 1936, "Relations between two sets of variates"
+Valid       at the shapes that were found
+Ignores     that a third effect may confound two
+==========  ==========================================================================
+
+What has no name still has a place, a look, and perhaps a law that holds elsewhere.
+
+==========  ==========================================================================
+Equation    extra turn = sum over knots of (loading + unloading) hats of torque, fitted
+            with everything known; claimed where poses left out gain by two standard
+            errors, and its loop where they gain by that once more
+Source      piecewise linear regression; leave-groups-out validation
+Valid       about an axis; other places get words alone
+Ignores     what the law does beyond the torques seen
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from stiffness.diagnosis.candidates import KNOTS, Library, hats
+from stiffness.diagnosis.model_fit import (
+    Case,
+    Member,
+    SetFit,
+    held_out_gain,
+    solve,
+    training,
+)
+from stiffness.diagnosis.result import Located, Name
+from stiffness.diagnosis.selection import White
+from stiffness.diagnosis.sufficient_statistics import evidence_of
+from stiffness.effects.jacobian import Signature, Turn
+from stiffness.experiment.static_state import Situation
+from stiffness.regression.normal_equations import Evidence
+from stiffness.regression.testing import ALARM, is_clear, sign_flips, white_scores
+
+# --- Sites ----------------------------------------------------------------------------
+
+FAINT = 1e-3
+"""Share of the largest torque on any axis below which there is none; chosen."""
+MOST = 4
+"""Places that are looked for at most; chosen: more is no finding but a bad model."""
+
+DEPENDS: Mapping[str, tuple[str, ...]] = {
+    "joint_compliance": ("torque",),
+    "hardening": ("torque",),
+    "asymmetric_stiffness": ("torque", "direction"),
+    "lost_motion": ("torque",),
+    "hysteresis": ("torque", "history"),
+    "creep": ("torque", "time"),
+    "angle_dependent_stiffness": ("torque", "angle"),
+    "transmission_error": ("angle",),
+    "bearing_tilt": ("load",),
+    "wrist_coupling": ("torque",),
+    "encoder_offset": (),
+    "link_bending": ("load",),
+    "gravity_load": ("load", "angle"),
+    "gravity_compensator": ("angle",),
+    "geometry_error": ("angle",),
+    "base_compliance": ("load",),
+    "wrench_bias": ("load",),
+    "wrench_gain": ("load",),
+    "wrench_misalignment": ("load", "direction"),
+    "pulley_friction": ("load", "direction"),
+    "drift": ("time",),
+    "marker_slip": ("time",),
+    "channel_delay": ("time",),
+}
+"""On what each effect depends, by its equation."""
+WORDS = {"geometry": "angle"}
+
+
+def places_of_map(
+    library: Library,
+    evidence: Evidence,
+    score: np.ndarray,
+    known: np.ndarray,
+    seed: int,
+) -> list[tuple[str, float, float, tuple[str, ...]]]:
+    """Return places that speak, strongest first: where, p, captured, depends on."""
+    gram = evidence.gram.sum(axis=0)
+    names = tuple(dict.fromkeys(m.where for m in library.map))
+    columns = {
+        n: np.concatenate([m.columns for m in library.map if m.where == n])
+        for n in names
+    }
+    found: list[tuple[str, float, float, tuple[str, ...]]] = []
+    left = list(names)
+    for _ in range(MOST):
+        white = white_scores(
+            gram, score, known, [columns[n] for n in left], evidence.raw
+        )
+        tested = sign_flips(white, seed)
+        best = int(np.argmax(tested.z))
+        if tested.together[best] >= ALARM:
+            break
+        where = left.pop(best)
+        parts = [m for m in library.map if m.where == where]
+        of_parts = sign_flips(
+            white_scores(gram, score, known, [m.columns for m in parts], evidence.raw),
+            seed,
+        )
+        strong = of_parts.captured > 0.5 * of_parts.captured.max()
+        words = [WORDS.get(m.depends_on, m.depends_on) for m in parts]
+        words = tuple(dict.fromkeys(w for w, s in zip(words, strong, strict=True) if s))
+        p, captured = float(tested.together[best]), float(tested.captured[best])
+        found.append((where, p, captured, words))
+        known = np.concatenate([known, columns[where]])
+    return found
+
+
+def places_of_names(
+    fit: SetFit, alone: list[float], p_value: float, situation: Situation
+) -> tuple[Located, ...]:
+    """Return where the named effects sit, strongest first.
+
+    Args:
+        fit: The set.
+        alone: What each member explains that the others do not.
+        p_value: Of the mismatch.
+        situation: For the zone in words.
+    """
+    total = max(sum(alone), 1e-12)
+    order = np.argsort(alone)[::-1]
+    joined: dict[str, Located] = {}
+    for k in order:
+        member = fit.members[k]
+        if member.where in joined:
+            old = joined[member.where]
+            joined[member.where] = Located(
+                old.where,
+                old.p_value,
+                old.share + alone[k] / total,
+                tuple(
+                    dict.fromkeys((*old.depends_on, *DEPENDS.get(member.name[0], ())))
+                ),
+                old.zone,
+            )
+            continue
+        joined[member.where] = Located(
+            member.where,
+            p_value,
+            alone[k] / total,
+            DEPENDS.get(member.name[0], ()),
+            zone_of(situation, member),
+        )
+    return tuple(joined.values())
+
+
+def zone_of(situation: Situation, member: Member) -> str:
+    """Say in words where an axis' effect is largest."""
+    if member.where not in situation.axes:
+        return ""
+    parts = member.signature(situation).parts
+    if not parts or not hasattr(parts[0], "law"):
+        return ""
+    k = situation.axis(member.where)
+    law = np.abs(parts[0].law).sum(axis=1)  # type: ignore[union-attr]
+    if np.ptp(law) < 1e-9 * max(law.max(), 1e-300):
+        return "everywhere"
+    strong = law >= 0.7 * law.max()
+    torque = situation.torque[strong, k]
+    stages, count = np.unique(situation.recording.stage[strong], return_counts=True)
+    words = []
+    stage = situation.recording.stage
+    if count.max() > 0.6 * count.sum() and np.any(stage != stage[0]):
+        words.append(str(stages[np.argmax(count)]))
+    low, high = np.quantile(torque, [0.05, 0.95])
+    least = FAINT * max(float(np.abs(situation.torque).max()), 1e-9)
+    if max(abs(low), abs(high)) > least:
+        words.append(f"torque {low:.3g} to {high:.3g} N m")
+    return ", ".join(words)
+
+
+# --- Confounded effects ---------------------------------------------------------------
+
+TOO_ALIKE = 0.95
+"""The rule of the answer's goals: pairs above this cosine are confounded."""
+
+
+def confounded_with(
+    library: Library, white: White, names: set[tuple[str, str]]
+) -> tuple[tuple[Name, Name], ...]:
+    """Return the pairs with a named effect that these data hardly tell apart."""
+    pairs = []
+    for i, candidate in enumerate(library.candidates):
+        if candidate.name not in names or not len(white.owned[i]):
+            continue
+        own = white.owned[i]
+        direction = white.score[own]
+        size = np.linalg.norm(direction)
+        if size == 0.0:
+            continue
+        for j, other in enumerate(library.candidates):
+            if other.name == candidate.name or not len(white.owned[j]):
+                continue
+            seen = white.product[np.ix_(white.owned[j], own)] @ (direction / size)
+            if np.linalg.norm(seen) > TOO_ALIKE:
+                pairs.append((Name(*candidate.name), Name(*other.name)))
+    once = {
+        frozenset(((a.effect, a.where), (b.effect, b.where))): (a, b) for a, b in pairs
+    }
+    return tuple(once.values())
+
+
+# --- Residual outside the library -----------------------------------------------------
+
+EVEN = 0.3
+"""Share of a law's square from which its even part is mentioned; chosen."""
+
+
+def law_of(
+    case: Case, known: tuple[Signature, ...], where: str
+) -> tuple[Mapping[str, tuple[float, ...]], str]:
+    """Learn an axis' extra turn against torque, and say how it looks.
+
+    Args:
+        case: What may be looked at.
+        known: Columns that are fitted beside it.
+        where: The axis.
+
+    Returns:
+        Torque in N m and turn in rad while loading and unloading, and words; both
+        empty where it does not hold at poses left out.
+    """
+    situation = case.situation
+    if where not in situation.axes:
+        return {}, ""
+    k = situation.axis(where)
+    torque = situation.torque[:, k]
+    knots = hats(torque, KNOTS)
+    if not knots.shape[1]:
+        return {}, ""
+    path = situation.load_torque[:, k][situation.steps]
+    rise = np.diff(path, axis=1, prepend=path[:, :1])
+    grows = situation.from_steps((np.sign(path) * np.sign(rise) >= 0).astype(float))
+    width = knots.shape[1]
+    plain = Signature(width, (Turn(k, knots),))
+    both = np.concatenate([knots, knots * (2 * grows - 1)[:, None]], axis=1)
+    looped = Signature(2 * width, (Turn(k, both),))
+    at = np.unique(np.quantile(torque, np.linspace(0.0, 1.0, KNOTS)))
+    without, single, double = (
+        held_out_gain(case.data, [*known, *law], case.split)[~case.split.held_out]
+        for law in ((), (plain,), (looped,))
+    )
+    if is_clear(double - single):
+        fit = _fitted(case, known, looped)
+        mean, half = fit[:width], fit[width:]
+    elif is_clear(single - without):
+        mean, half = _fitted(case, known, plain), np.zeros(width)
+    else:
+        return {}, ""
+    return {
+        "torque_nm": tuple(float(v) for v in at),
+        "loading_rad": tuple(float(v) for v in mean + half),
+        "unloading_rad": tuple(float(v) for v in mean - half),
+    }, _look(at, mean - np.interp(0.0, at, mean), half)
+
+
+def _fitted(
+    case: Case, known: tuple[Signature, ...], law: Signature
+) -> Float[np.ndarray, " columns"]:
+    """Return a law's coefficients, bounded, for hats add up to what springs do."""
+    evidence = evidence_of(case.data, [*known, law], training(case.split))
+    n = sum(s.columns for s in known)
+    gram = evidence.gram[1].copy()
+    ridge = np.zeros(len(gram))
+    ridge[n:] = 1e-6 * np.trace(gram[n:, n:]) / law.columns
+    score = evidence.score[~case.split.held_out].sum(axis=0)
+    return solve(gram + np.diag(ridge), score)[n:]
+
+
+def _look(at: np.ndarray, mean: np.ndarray, half: np.ndarray) -> str:
+    """Say whether a law is odd or even in torque and whether it has a loop."""
+    mirrored = np.interp(-at, at, mean)
+    odd, even = 0.5 * (mean - mirrored), 0.5 * (mean + mirrored)
+    whole = float(np.sum(odd**2) + np.sum(even**2)) + 1e-300
+    words = []
+    if np.sum(odd**2) > EVEN * whole:
+        words.append("odd in torque")
+    if np.sum(even**2) > EVEN * whole:
+        words.append("even in torque")
+    if np.any(half):
+        words.append("with a loop between loading and unloading")
+    return ", ".join(words)

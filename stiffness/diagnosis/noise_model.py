@@ -1,0 +1,362 @@
+"""Noise model: repeatability, wrench errors, rigid bodies of markers, outliers.
+
+A controller brings each axis back nearly, never exactly, to where it was.
+
+==========  ==========================================================================
+Equation    sigma_k^2 = spread of the visits' own angles of axis k (robust), less their
+            estimation error; angles q_v = (A'A)^-1 A'r of each visit after a smooth
+            trend over posture, torque and time; at most sigma / lever of the data
+            sheet, and what the encoders' stated noise leaves of a mean angle
+Source      method of moments for a variance component; ISO 9283 for repeatability;
+            0.02 mm at the flange as three sigma (Wu et al. 2024, section 3.1)
+Valid       visits that err independently
+Ignores     that an axis returns better from one side
+==========  ==========================================================================
+
+A wrong wrench feigns a deflection, row by row and visit by visit.
+
+==========  ==========================================================================
+Equation    turn_k = c_k J_k' dw;  dw = white noise per row;
+            dw = [phi x F; phi x T] + g [F; T] with phi, g per visit
+Source      propagation of errors, JCGM 100:2008, 5.2; sizes: the sensor's stated
+            accuracy, or 0.3 degrees and 0.5 %, whichever is larger (chosen: what
+            mounting and cables do to a careful measurement)
+Valid       the fitted springs carry most of the deflection
+Ignores     errors that stay the same over the whole recording: these are findings
+==========  ==========================================================================
+
+Three or more markers of a body show its motion; what is left over is noise.
+
+==========  ==========================================================================
+Equation    y_mr = rest_m + G_m xi_r + noise: least squares over rest_m and xi_r of one
+            body and visit; degrees of freedom: coordinates - 3 M - 6 (R - 1)
+Source      least squares; "pure error" of a lack-of-fit test
+Valid       bodies that stay rigid, three markers not on a line
+Ignores     which rows a marker was missing in, when freedoms are counted
+==========  ==========================================================================
+
+A reading far beyond the noise counts less; none is dropped, and each is told.
+
+==========  ==========================================================================
+Equation    weight = frames min(1, (severe / size)^2), size = |reading - rigid motion|
+            in sigma; measured noise^2 = sum of squares left / degrees of freedom
+Source      Huber 1981, "Robust statistics"; pure error from rigid bodies
+Valid       bodies with three markers or more
+Ignores     an outlier on a body with fewer markers
+==========  ==========================================================================
+
+Marks of one body keep their distances in all poses; what they do not keep is noise.
+
+==========  ==========================================================================
+Equation    as `rigid`, all rows as one visit, along the body's axes; without one
+            mark where that leaves clearly less
+Source      as `rigid`
+Valid       bodies with three marks or more; with four, of which one may sag
+Ignores     that a tracker may be worse along one of its axes
+==========  ==========================================================================
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from stiffness.experiment.residuals import Residuals
+from stiffness.experiment.sensor_noise import left_of_encoders
+from stiffness.experiment.static_state import Situation
+from stiffness.experiment.visits import Visits, mean_of
+from stiffness.robot.kinematics import levers
+
+# --- Repeatability of the joints ------------------------------------------------------
+
+AT_FLANGE = 0.02e-3 / 3
+"""One sigma at the flange where nothing is stated, in m; a 10 kg arm's data sheet."""
+SHORTEST_LEVER = 0.1
+"""In m; chosen: a wrist's own size, for axes that go through the flange."""
+
+
+def largest_arrival(situation: Situation) -> Float[np.ndarray, " axes"]:
+    """Return the most by which a repeatable axis seems to miss its angle, in rad."""
+    tip = situation.arm.at(situation.rest).point("flange", np.zeros(3))
+    arm = tip[:, None] - situation.origin[:, 1:]
+    along = situation.frame[:, 1:, :, 2]
+    lever = np.sqrt(np.mean(np.sum(np.cross(along, arm) ** 2, axis=2), axis=0))
+    returned = AT_FLANGE / np.maximum(lever, SHORTEST_LEVER)
+    return np.hypot(returned, left_of_encoders(situation.recording))
+
+
+def arrival_of(
+    white: Float[np.ndarray, "visits n"],
+    lever: Float[np.ndarray, "visits n axes"],
+    trend: Float[np.ndarray, "visits terms"],
+    largest: Float[np.ndarray, " axes"],
+) -> Float[np.ndarray, " axes"]:
+    """Estimate how well axes return, one sigma in rad.
+
+    Args:
+        white: Whitened mean residuals, without arrival in their covariance.
+        lever: Whitened columns of a turn of each axis.
+        trend: Smooth functions that effects, but not arrivals, may follow.
+        largest: What must not be exceeded.
+    """
+    information = lever.swapaxes(1, 2) @ lever
+    information += np.eye(information.shape[1]) * (0.1 / largest) ** 2
+    inverse = np.linalg.inv(information)
+    angle = np.einsum("vij,vnj,vn->vi", inverse, lever, white)
+    variance = np.median(np.diagonal(inverse, axis1=1, axis2=2), axis=0)
+    fit, *_ = np.linalg.lstsq(trend, angle, rcond=None)
+    left = angle - trend @ fit
+    freedom = max(1, len(left) - np.linalg.matrix_rank(trend))
+    spread = (1.4826 * np.median(np.abs(left), axis=0)) ** 2 * len(left) / freedom
+    return np.minimum(np.sqrt(np.maximum(spread - variance, 0.0)), largest)
+
+
+def trend_of(
+    posture: Float[np.ndarray, "visits axes"],
+    torque: Float[np.ndarray, "visits axes"],
+    time: Float[np.ndarray, " visits"],
+) -> Float[np.ndarray, "visits terms"]:
+    """Return smooth functions of posture, torque and time, of size one."""
+    terms = [np.ones((len(time), 1)), np.sin(posture), np.cos(posture), torque]
+    stacked = np.column_stack([*terms, time])
+    scale = np.max(np.abs(stacked), axis=0)
+    stacked = stacked[:, scale > 0] / scale[scale > 0]
+    return stacked[:, : max(1, len(time) // 4)]
+
+
+# --- Errors of the wrench -------------------------------------------------------------
+
+COMMON = 4
+"""Errors that a whole visit shares: three turns of the force and a gain."""
+TURN = np.deg2rad(0.3)
+GAIN = 0.005
+
+
+def feigned_turns(
+    situation: Situation, visits: Visits
+) -> Float[np.ndarray, "visits turns errors"]:
+    """Return the turns that one sigma of each error feigns; index order axis, row.
+
+    The first errors belong to the whole visit (three turns of the force and a gain),
+    six more to each row.
+    """
+    recording = situation.recording
+    spec = recording.wrench_sensor
+    rows, axes = situation.rest.shape
+    stays, longest = visits.row.shape
+    if recording.wrench is None or spec is None:
+        return np.zeros((stays, axes * longest, 1))
+    jacobian = situation.arm.at(situation.rest).jacobian(spec.body, spec.position)
+    give = jacobian.swapaxes(1, 2) * situation.compliance[:, None]  # (rows, axes, 6)
+    force, torque = situation.wrench[:, :3], situation.wrench[:, 3:]
+    strongest = max(float(np.max(np.linalg.norm(force, axis=1))), 1e-9)
+    turn = max(TURN, spec.accuracy_force / strongest)
+    gain = max(GAIN, spec.accuracy_force / strongest)
+    whole = np.zeros((rows, 6, COMMON))
+    for i in range(3):
+        whole[:, :3, i] = turn * np.cross(np.eye(3)[i], force)
+        whole[:, 3:, i] = turn * np.cross(np.eye(3)[i], torque)
+    whole[:, :, 3] = gain * situation.wrench
+    common = visits.gather(give @ whole)  # (visits, longest, axes, 4)
+    own = visits.gather(give * spec.sigma)
+    errors = np.zeros((stays, axes, longest, COMMON + 6 * longest))
+    errors[..., :COMMON] = common.transpose(0, 2, 1, 3)
+    for r in range(longest):
+        errors[:, :, r, COMMON + 6 * r : COMMON + 6 * r + 6] = own[:, r]
+    return errors.reshape(stays, axes * longest, -1)
+
+
+# --- Rigid motion of a body -----------------------------------------------------------
+
+MARKERS_OF_A_BODY = 3
+"""Markers that fix a body's motion."""
+SWEEPS = 5
+"""Rest positions and motions are fitted in turn so often; chosen: each sweep gains a
+factor of rows."""
+
+
+def rigid_motion(
+    residual: Float[np.ndarray, "visits rows markers 3"],
+    weight: Float[np.ndarray, "visits rows markers"],
+    inverse: Float[np.ndarray, "3 3"],
+    point: Float[np.ndarray, "visits markers 3"],
+    body: Int[np.ndarray, " markers"],
+) -> tuple[
+    Float[np.ndarray, "visits rows markers 3"],
+    Bool[np.ndarray, "visits rows markers"],
+    float,
+]:
+    """Fit rest positions and rigid motions of all bodies in all visits.
+
+    Args:
+        residual: Readings less where they should be; anything where weight is 0.
+        weight: Of each reading.
+        inverse: Inverse covariance of one frame's reading.
+        point: Where markers are.
+        body: Index of each marker's body.
+
+    Returns:
+        The fitted displacement of every marker in every row, seen or not; where it
+        rests on enough markers to leave something over; and the degrees of freedom.
+    """
+    fitted = np.zeros_like(residual)
+    checked = np.zeros(weight.shape, dtype=bool)
+    freedom = 0.0
+    for b in np.unique(body):
+        own = np.flatnonzero(body == b)
+        w, y = weight[:, :, own], residual[:, :, own]
+        middle = point[:, own].mean(axis=1, keepdims=True)
+        lever = levers(point[:, own] - middle)  # (visits, own, 3, 6)
+        pull = lever.swapaxes(2, 3) @ inverse
+        visits, rows, count = w.shape
+        hessian = (pull @ lever).reshape(visits, count, 36)
+        stiff = (w @ hessian).reshape(visits, rows, 6, 6)
+        turn = np.diag([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+        stiff += (1e-6 * np.trace(inverse)) * (np.eye(6) + turn)
+        inner = np.linalg.inv(stiff)
+        total = w.sum(axis=1)
+        total = np.where(total > 0, total, 1.0)[..., None]
+        rest = (w[..., None] * y).sum(axis=1) / total
+        flat = pull.transpose(0, 1, 3, 2).reshape(visits, 3 * count, 6)
+        onto = lever.reshape(visits, 3 * count, 6).swapaxes(1, 2)
+        moved = np.zeros_like(y)
+        for _ in range(SWEEPS):
+            ask = (w[..., None] * (y - rest[:, None])).reshape(visits, rows, -1) @ flat
+            twist = (inner @ ask[..., None])[..., 0]
+            moved = (twist @ onto).reshape(visits, rows, count, 3)
+            rest = (w[..., None] * (y - moved)).sum(axis=1) / total
+        fitted[:, :, own] = moved + rest[:, None]
+        full = (w > 0).sum(axis=2) >= MARKERS_OF_A_BODY
+        checked[:, :, own] = full[..., None] & (w > 0)
+        lines = full.sum(axis=1)
+        points = checked[:, :, own].sum(axis=(1, 2))
+        free = 3 * points - 3 * count - 6 * np.maximum(lines - 1, 0)
+        freedom += float(np.sum(np.where(lines > 1, free, 0)))
+    return fitted, checked, max(freedom, 0.0)
+
+
+# --- Outliers -------------------------------------------------------------------------
+
+SEVERE = 4.5
+"""Sigmas beyond which a reading counts less; chosen: three coordinates of a normal law
+come there once in 7,000 readings, a slipped mark nearly always."""
+ENOUGH_READINGS = 50
+"""Degrees of freedom from which the noise is measured; chosen: to a tenth."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """Readings checked against each other.
+
+    Attributes:
+        weight: Of each reading.
+        noise: Measured noise over the stated one; 1 where it cannot be measured.
+        freedom: Degrees of freedom that it rests on.
+        doubtful: Row, marker and size in sigma of each reading that counts less.
+    """
+
+    weight: Float[np.ndarray, "rows markers"]
+    noise: float
+    freedom: int
+    doubtful: tuple[tuple[int, int, float], ...]
+
+
+def checked(
+    visits: Visits,
+    residual: Float[np.ndarray, "rows markers 3"],
+    point: Float[np.ndarray, "rows markers 3"],
+    weight: Float[np.ndarray, "rows markers"],
+    inverse: Float[np.ndarray, "3 3"],
+    body: Int[np.ndarray, " markers"],
+) -> Checked:
+    """Compare readings with the rigid motion that the others of their body show.
+
+    Args:
+        visits: How rows lie side by side.
+        residual: Reading less where it should be; NaN where not seen.
+        point: The readings themselves.
+        weight: Frames behind each.
+        inverse: Inverse covariance of one frame's reading, as stated.
+        body: Index of each marker's body.
+    """
+    own = visits.gather(weight) * visits.counts[..., None]
+    values = np.nan_to_num(visits.gather(residual))
+    place = mean_of(visits.gather(point), own)
+    fitted, enough, freedom = rigid_motion(values, own, inverse, place, body)
+    if freedom < ENOUGH_READINGS:
+        return Checked(weight, 1.0, 0, ())
+    left = np.where(enough[..., None], values - fitted, 0.0)
+    lighter = _lighter(left, own, inverse)
+    if np.any(lighter < own):
+        fitted, _, _ = rigid_motion(values, lighter, inverse, place, body)
+        left = np.where(enough[..., None], values - fitted, 0.0)
+        lighter = _lighter(left, own, inverse)
+    square = float(np.sum((left @ inverse) * left * lighter[..., None]))
+    new = weight.copy()
+    new[visits.row[visits.counts]] = lighter[visits.counts]
+    doubt = np.argwhere(new < weight)
+    at = tuple(doubt.T)
+    size = SEVERE * np.sqrt(weight[at] / np.maximum(new[at], 1e-12))
+    doubtful = tuple(
+        (int(r), int(m), float(s)) for (r, m), s in zip(doubt, size, strict=True)
+    )
+    return Checked(new, float(np.sqrt(square / freedom)), int(freedom), doubtful)
+
+
+def _lighter(
+    left: Float[np.ndarray, "visits rows markers 3"],
+    weight: Float[np.ndarray, "visits rows markers"],
+    inverse: Float[np.ndarray, "3 3"],
+) -> Float[np.ndarray, "visits rows markers"]:
+    size = np.sqrt(np.sum((left @ inverse) * left, axis=3) * weight)
+    return weight * np.minimum(1.0, (SEVERE / np.maximum(size, SEVERE)) ** 2)
+
+
+# --- Noise of a rigid body ------------------------------------------------------------
+
+SAGS = 0.9
+"""Noise without one mark over that with it, below which the mark moves on its body;
+chosen."""
+
+
+def with_shapes(
+    check: Checked,
+    situation: Situation,
+    readings: Residuals,
+    place: Float[np.ndarray, "markers 3"],
+    body: Int[np.ndarray, " markers"],
+) -> Checked:
+    """Return the same with noise measured between poses, where it was not within.
+
+    Args:
+        check: What readings within visits say of it.
+        situation: Where the arm stood.
+        readings: With their noise as stated.
+        place: Of markers in their bodies' frames, in m.
+        body: Index of each marker's body.
+    """
+    if check.freedom:
+        return check
+    standing = situation.arm.at(situation.rest)
+    markers = situation.recording.markers
+    turn = np.stack([standing.turn(m.body) for m in markers], axis=1)
+    values = np.einsum("rmij,rmi->rmj", turn, np.nan_to_num(readings.value))[None]
+    own, alike = check.weight[None], np.eye(3) * np.trace(readings.inverse) / 3.0
+    groups = [body]
+    for mark in range(len(body)):  # as if it were a body of its own
+        groups.append(np.where(np.arange(len(body)) == mark, -1, body))
+    found = [_noise(values, own, alike, place[None], group) for group in groups]
+    noise, freedom = found[0]
+    least = min((n for n, free in found if free >= ENOUGH_READINGS), default=noise)
+    if freedom < ENOUGH_READINGS:
+        return check
+    noise = least if least < SAGS * noise else noise
+    return replace(check, noise=noise, freedom=int(freedom))
+
+
+def _noise(values, weight, inverse, place, body) -> tuple[float, float]:
+    """Return measured noise over the stated one, and degrees of freedom."""
+    fitted, enough, freedom = rigid_motion(values, weight, inverse, place, body)
+    square = np.sum((values - fitted) ** 2, axis=3) * weight * inverse[0, 0]
+    whole = float(np.sum(np.where(enough, square, 0.0)))
+    return float(np.sqrt(whole / max(freedom, 1.0))), freedom

@@ -1,0 +1,470 @@
+"""Nominal fit: joint compliance, tracker frame, marker positions and their priors.
+
+A tracker's volumetric error varies smoothly over its volume and does not average.
+
+==========  ==========================================================================
+Equation    cov f(p), f(p') = sd^2 mean_L exp(-|p - p'|^2 / (2 L^2)) by coordinate;
+            f(p) = k(p, Z) k(Z, Z)^-1/2 a with a ~ N(0, 1), and what the anchors Z
+            leave, k(p, p) - k(p, Z) k(Z, Z)^-1 k(Z, p), as noise of each place
+Source      Nystroem method (Williams & Seeger 2001); its rest as noise (Snelson &
+            Ghahramani 2006, "Sparse Gaussian processes using pseudo-inputs"); lengths L
+            chosen: a third to all of an arm's workspace, since no maker states one
+Valid       inside the measuring volume
+Ignores     that what the anchors leave is alike at neighbouring places
+==========  ==========================================================================
+
+Where the tracker stands and the markers sit is unknown, and is no finding.
+
+==========  ==========================================================================
+Equation    columns: [1, -p x] for the tracker, R_b for a marker's place, smooth
+            functions for the tracker's field; prior sigmas as below
+Source      the rules of what counts as nominal: given places within 1 mm, an unstated
+            frame, a stated volumetric error
+Valid       absolute readings
+Ignores     a stated frame that is wrong: that is a finding
+==========  ==========================================================================
+
+Every reading speaks once: within its visit of the load, in its mean of the rest.
+
+Within visits and between them are orthogonal parts of the same readings. Where a
+marker was not seen, its mean is completed by the motion of its body.
+
+Some visits are enough to learn nearly where everything is and how it bends.
+
+A recording is made ready once: the nominal is fitted, the noise is checked.
+
+Fitted silently are the tracker's frame where it is not stated, the markers' places, and
+the stiffness of every axis that has a spring in the model. Everything else competes.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+from scipy.cluster.vq import kmeans2
+from scipy.spatial.distance import cdist
+
+from bench.shared.errors import Unusable
+from bench.shared.recording import Recording
+from stiffness.diagnosis.between_visit import Between, UnknownColumns
+from stiffness.diagnosis.design_matrix import Columns, columns_of
+from stiffness.diagnosis.noise_model import (
+    COMMON,
+    arrival_of,
+    checked,
+    feigned_turns,
+    largest_arrival,
+    rigid_motion,
+    trend_of,
+    with_shapes,
+)
+from stiffness.diagnosis.sufficient_statistics import Data, evidence_of
+from stiffness.diagnosis.within_visit import Within
+from stiffness.effects.base import axes_of
+from stiffness.effects.jacobian import Signature, turn
+from stiffness.experiment.residuals import (
+    Residuals,
+    bodies_of,
+    expected,
+    rigid_groups,
+    seen_in_base,
+    weight_of,
+)
+from stiffness.experiment.static_state import Situation, situation_of
+from stiffness.experiment.visits import Visits, mean_of, visits_of
+from stiffness.robot.arm import Arm
+from stiffness.robot.kinematics import levers
+from stiffness.robot.tracker_frame import MARKER_POSITION_SIGMA, Frames, first_frames
+
+# --- Volumetric error of the tracker --------------------------------------------------
+
+LENGTHS = (0.35, 0.7, 1.4)
+"""L over the arm's extent, in units of a metre; chosen, see above."""
+ANCHORS = 120
+"""Most anchors; chosen: about one every 0.2 m in the workspace of a 10 kg arm."""
+
+
+def smooth_basis(
+    point: Float[np.ndarray, "many 3"], sd: float
+) -> Float[np.ndarray, "many anchors"]:
+    """Return basis functions whose coefficients have a standard normal prior, in m.
+
+    Args:
+        point: Where the error is wanted, in m.
+        sd: The stated size of the error, in m.
+    """
+    count = min(ANCHORS, max(4, len(point) // 8))
+    some = point[:: max(1, len(point) // 4000)]
+    anchors, _ = kmeans2(some, count, minit="points", rng=0, iter=5)
+    value, vector = np.linalg.eigh(_kernel(anchors, anchors, sd))
+    keep = value > 1e-8 * value[-1]
+    return _kernel(point, anchors, sd) @ (vector[:, keep] / np.sqrt(value[keep]))
+
+
+def rest_of(
+    basis: Float[np.ndarray, "*places waves"], sd: float
+) -> Float[np.ndarray, " *places"]:
+    """Return the variance of the error that a basis leaves at each place, in m^2."""
+    return np.maximum(sd**2 - np.sum(basis**2, axis=-1), 0.0)
+
+
+def _kernel(a: np.ndarray, b: np.ndarray, sd: float) -> np.ndarray:
+    square = cdist(a, b, "sqeuclidean")
+    return sd**2 * np.mean([np.exp(-square / (2 * L * L)) for L in LENGTHS], axis=0)
+
+
+# --- Nuisance parameters --------------------------------------------------------------
+
+FREE = 1.0
+"""One sigma of what is not known at all, in m or rad."""
+
+
+def unknowns(
+    situation: Situation,
+    visits: Visits,
+    point: Float[np.ndarray, "visits markers 3"],
+    field: bool,
+) -> UnknownColumns:
+    """Return columns of what is unknown, and their prior sigmas.
+
+    Args:
+        situation: Where the arm stood.
+        visits: How rows lie side by side.
+        point: Where the markers are.
+        field: Whether the tracker's smooth error is among them, where it is stated.
+    """
+    recording = situation.recording
+    count, markers = point.shape[:2]
+    frame = np.zeros((count, markers, 3, 0))
+    if recording.base_from_tracker is None:
+        frame = levers(point)
+    places = [
+        np.full(3, FREE if marker.position is None else MARKER_POSITION_SIGMA)
+        for marker in recording.markers
+    ]
+    first = visits.row[:, 0]
+    axes = {m.body: axes_of(situation, m.body)[first] for m in recording.markers}
+    turn = np.stack([axes[m.body] for m in recording.markers], axis=1)
+    tracker = recording.tracker
+    waves, rest = np.zeros((count, markers, 0)), np.zeros((count, markers))
+    if field and tracker is not None and tracker.volumetric:
+        waves = smooth_basis(point.reshape(-1, 3), tracker.volumetric)
+        waves = waves.reshape(count, markers, -1)
+        rest = rest_of(waves, tracker.volumetric)
+    sigma = [np.full(frame.shape[3], FREE), *places, np.ones(3 * waves.shape[2])]
+    return UnknownColumns(frame, turn, waves, rest, np.concatenate(sigma))
+
+
+def frames_after(
+    frames: Frames,
+    between: Between,
+    columns: Columns,
+    step: Float[np.ndarray, " columns"],
+    known: bool,
+) -> Frames:
+    """Move frame and places to where they are estimated.
+
+    Args:
+        frames: As they were when `between` was made.
+        between: What the means say of them.
+        columns: What else was fitted.
+        step: How much of it.
+        known: Whether the tracker's frame is stated.
+    """
+    moved = between.moved
+    if columns.count:
+        moved = moved - between.absorbed(columns) @ step
+    markers = len(frames.place)
+    first = 0 if known else 6
+    twist = np.zeros(6) if known else moved[:6]
+    place = moved[first : first + 3 * markers].reshape(markers, 3)
+    return frames.moved(twist, place)
+
+
+# --- Reduction to sufficient statistics -----------------------------------------------
+
+DECADES = 10.0
+"""Fitted compliances may be this many times the model's (one sigma of their prior):
+stiffness is nominal over at least a decade either way."""
+
+
+def blocks(
+    situation: Situation,
+    visits: Visits,
+    readings: Residuals,
+    arrival: Float[np.ndarray, " axes"] | None,
+    field: bool = True,
+) -> tuple[Data, Float[np.ndarray, " axes"]]:
+    """Compress readings to what they say within visits and between them.
+
+    Args:
+        situation: Where the arm stood.
+        visits: How rows lie side by side.
+        readings: The residuals.
+        arrival: One sigma of the axes' arrival, in rad; None: to be estimated.
+        field: Whether the tracker's smooth error is to be reckoned with.
+
+    Returns:
+        Both blocks, and the arrival.
+    """
+    weight = visits.gather(readings.weight) * visits.counts[..., None]
+    values = np.nan_to_num(visits.gather(readings.value))
+    expected = readings.point - readings.value  # lever arms end where the model says
+    point = mean_of(visits.gather(expected), weight)
+    screw = visits.gather(situation.screw)
+    errors = feigned_turns(situation, visits)
+    within = Within.of(
+        values,
+        weight,
+        readings.inverse,
+        point,
+        readings.body,
+        (situation.carried, screw, errors),
+    )
+    count, longest, _ = weight.shape
+    axes = screw.shape[2]
+    if situation.recording.displacement == "relative":
+        return Data(visits, within, None), np.zeros(axes)
+    fitted, _, _ = rigid_motion(values, weight, readings.inverse, point, readings.body)
+    complete = np.where((weight > 0)[..., None], values, fitted)
+    seen = weight.max(axis=2)
+    share = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1e-12)
+    mean = np.einsum("vr,vrmi->vmi", share, complete)
+    carried = situation.carried[:, readings.body]
+    turned = levers(point).reshape(count, -1, 6) @ screw.mean(axis=1).swapaxes(1, 2)
+    turned = turned * np.repeat(carried[1:].T, 3, axis=0)
+    shared = errors.reshape(count, axes, longest, -1)[..., :COMMON].mean(axis=2)
+    precision = weight.sum(axis=1)[..., None, None] * readings.inverse
+    nuisance = unknowns(situation, visits, point, field)
+    if nuisance.field.shape[2]:
+        precision = _with_noise(precision, nuisance.rest)
+    place = (point, share, carried, screw)
+    if arrival is None:
+        silent = Between.of(mean, precision, turned @ shared, nuisance, place)
+        first = visits.row[:, 0]
+        trend = trend_of(
+            situation.rest[first],
+            situation.torque[first],
+            situation.recording.time[first],
+        )
+        lever = silent.roots.white(turned)
+        largest = largest_arrival(situation)
+        arrival = arrival_of(silent.residual[..., 0], lever, trend, largest)
+    feigned = np.concatenate([turned * arrival, turned @ shared], axis=2)
+    between = Between.of(mean, precision, feigned, nuisance, place)
+    return Data(visits, within, between), arrival
+
+
+def _with_noise(
+    precision: Float[np.ndarray, "visits markers 3 3"],
+    variance: Float[np.ndarray, "visits markers"],
+) -> Float[np.ndarray, "visits markers 3 3"]:
+    """Return inverse covariances with more noise of each marker; 0 = not seen stays."""
+    return np.linalg.solve(np.eye(3) + variance[..., None, None] * precision, precision)
+
+
+def spring_columns(situation: Situation, springs: np.ndarray) -> list[Signature]:
+    """Return what more compliance of each axis does."""
+    return [turn(int(k), situation.torque[:, k]) for k in springs]
+
+
+def spring_step(
+    situation: Situation, data: Data, springs: np.ndarray, means: bool = True
+) -> tuple[Float[np.ndarray, " springs"], Float[np.ndarray, " springs"]]:
+    """Return the best change of each compliance and its standard deviation.
+
+    Args:
+        situation: Where the arm stood.
+        data: Both blocks.
+        springs: The axes.
+        means: Whether the means of visits have a say.
+    """
+    model = 1.0 / situation.arm.stiffness[springs]
+    asked = data if means else replace(data, between=None)
+    fold = np.zeros(data.visits.poses(), dtype=int)
+    found = evidence_of(asked, spring_columns(situation, springs), fold)
+    gram, score = found.gram[0], found.score.sum(axis=0)
+    prior = (DECADES * model) ** -2.0
+    inner = (gram + np.diag(prior)) * model * model[:, None]
+    ask = model * (score + prior * (model - situation.compliance[springs]))
+    step = model * np.linalg.solve(inner, ask)
+    return step, model * np.sqrt(np.diag(np.linalg.inv(inner)))
+
+
+# --- Fit to some visits ---------------------------------------------------------------
+
+ROUNDS = 3
+"""How often springs and frames are fitted at the equilibrium that they imply; chosen:
+each gains a factor of a hundred."""
+FEW = 30
+"""Visits that these rounds look at; chosen for time, the last step takes them all."""
+LEAST, MOST = 0.02, 50.0
+"""Bounds of a compliance over the model's; chosen: well over a decade either way."""
+BLIND = 1.0
+"""A compliance whose sigma is above this share of the model's own is left nominal."""
+
+
+@dataclass(frozen=True)
+class FirstFit:
+    """A good start.
+
+    Attributes:
+        frames: Tracker and markers.
+        compliance: Of each axis, in rad/(N m).
+    """
+
+    frames: Frames
+    compliance: Float[np.ndarray, " axes"]
+
+
+def first_fit(recording: Recording, arm: Arm) -> FirstFit:
+    """Fit frames and springs to some visits, at the equilibrium that they imply.
+
+    Args:
+        recording: With markers and a tracker.
+        arm: The nominal arm, with the recording's names.
+    """
+    ids = np.unique(recording.visit)
+    chosen = ids[:: max(1, len(ids) // FEW)]
+    some = recording.take(np.isin(recording.visit, chosen))
+    compliance = model_compliance(arm)
+    springs = np.flatnonzero(compliance > 0)
+    model = compliance[springs]
+    frames = first_frames(arm, some, compliance)
+    names, _ = bodies_of(arm, some)
+    for _ in range(ROUNDS):
+        situation = situation_of(arm, some, compliance, names)
+        visits = visits_of(situation.visit, situation.pose)
+        readings = residuals_of(situation, frames)
+        data, _ = blocks(situation, visits, readings, np.zeros(len(compliance)), False)
+        step = np.zeros(0)
+        if len(springs):
+            step, sigma = spring_step(situation, data, springs)
+            new = np.clip(compliance[springs] + step, LEAST * model, MOST * model)
+            new = np.where(sigma > BLIND * model, model, new)
+            step = new - compliance[springs]
+            compliance = compliance.copy()
+            compliance[springs] = new
+        if data.between is not None:
+            columns = columns_of(spring_columns(situation, springs), visits.row)
+            known = some.base_from_tracker is not None
+            frames = frames_after(frames, data.between, columns, step, known)
+    return FirstFit(frames, compliance)
+
+
+def model_compliance(arm: Arm) -> Float[np.ndarray, " axes"]:
+    """Return the compliance of the model's own springs, 0 where rigid."""
+    stiff = arm.stiffness
+    return np.where(stiff > 0, 1.0 / np.where(stiff > 0, stiff, 1.0), 0.0)
+
+
+def residuals_of(situation: Situation, frames: Frames) -> Residuals:
+    """Return readings less where they should be, with the stated noise.
+
+    Relative readings are counted from where a visit's first row should be.
+    """
+    recording = situation.recording
+    assert recording.tracker is not None
+    point, should = seen_in_base(recording, frames), expected(situation, frames)
+    if recording.displacement == "relative":
+        first = situation.steps[situation.visit, 0]
+        point = point - frames.shift + should[first]
+    inverse = (frames.turn / recording.tracker.repeatability**2) @ frames.turn.T
+    _, body = bodies_of(situation.arm, recording)
+    return Residuals(
+        value=point - should,
+        point=point,
+        weight=weight_of(recording),
+        inverse=inverse,
+        body=body,
+    )
+
+
+# --- Prepare --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A recording against its nominal model, ready for hypotheses.
+
+    Attributes:
+        situation: Where the arm stood under the fitted springs.
+        data: What differences within visits and means of visits say.
+        frames: Tracker and markers as fitted.
+        readings: Residuals and their weights.
+        springs: The axes whose compliance is fitted, from 0.
+        blind: Axes with a spring that the data cannot see, left at the model's.
+        sigma: Standard deviation of each fitted compliance, in rad/(N m).
+        noise: Measured noise of a reading over the stated one; 1 where not measurable.
+        freedom: How many contrasts that ratio rests on.
+        doubtful: Readings (row, marker) that count less, and their size in sigma.
+        arrival: One sigma of the axes' arrival, in rad.
+    """
+
+    situation: Situation
+    data: Data
+    frames: Frames
+    readings: Residuals
+    springs: tuple[int, ...]
+    blind: tuple[int, ...]
+    sigma: Float[np.ndarray, " springs"]
+    noise: float
+    freedom: int
+    doubtful: tuple[tuple[int, int, float], ...]
+    arrival: Float[np.ndarray, " axes"]
+
+
+def prepare(recording: Recording, arm: Arm) -> Prepared:
+    """Fit what is nominal and say what the noise is.
+
+    Args:
+        recording: With markers.
+        arm: The nominal arm, with the recording's names.
+
+    Raises:
+        Unusable: Where there is nothing to compare, with all reasons.
+    """
+    faults = []
+    if recording.points is None or not recording.markers:
+        faults.append("it has no markers; the diagnosis needs displacements.")
+    if recording.tracker is None:
+        faults.append("the tracker's noise is unknown: give [sensors.tracker].")
+    if faults:
+        raise Unusable(f"Recording {recording.name!r}", faults)
+    start = first_fit(recording, arm)
+    names, body = bodies_of(arm, recording)
+    situation = situation_of(arm, recording, start.compliance, names)
+    frames = start.frames
+    situation = replace(situation, tracker=frames.transform, spots=frames.place)
+    visits = visits_of(situation.visit, situation.pose)
+    readings = residuals_of(situation, frames)
+    groups = rigid_groups(recording, body)
+    check = checked(
+        visits,
+        readings.value,
+        readings.point,
+        readings.weight,
+        readings.inverse,
+        groups,
+    )
+    check = with_shapes(check, situation, readings, frames.place, groups)
+    readings = replace(
+        readings, weight=check.weight, inverse=readings.inverse / check.noise**2
+    )
+    data, arrival = blocks(situation, visits, readings, None)
+    springs = np.flatnonzero(arm.stiffness > 0)
+    _, sigma = spring_step(situation, data, springs)
+    blind = sigma > BLIND / arm.stiffness[springs]
+    return Prepared(
+        situation=situation,
+        data=data,
+        frames=frames,
+        readings=readings,
+        springs=tuple(int(k) for k in springs[~blind]),
+        blind=tuple(int(k) for k in springs[blind]),
+        sigma=sigma[~blind],
+        noise=check.noise,
+        freedom=check.freedom,
+        doubtful=check.doubtful,
+        arrival=arrival,
+    )

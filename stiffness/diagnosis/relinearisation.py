@@ -1,0 +1,176 @@
+"""Relinearisation of all columns about the effects that were selected.
+
+==========  ==========================================================================
+Equation    y = f(c0) + (c1 - c0) df/dc + (c - c1) df/dc' + sizes x columns'; df/dc as
+            prepared, what is dashed at the compliance c1 and under the masses that were
+            named, or the wrench that was found, in the round before
+Source      Gauss-Newton in springs, fixed point in loads: these turn what gives way,
+            whose columns then hold the product of both
+Valid       lever arms held: they move by a thousandth
+Ignores     where the arm rests under it all: that stays as it was prepared; what else
+            changes the pull on springs: compensators, a rope's friction
+==========  ==========================================================================
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from stiffness.diagnosis.candidates import library_of, springs_of
+from stiffness.diagnosis.detection import MEASURED, MISSTATED, Found
+from stiffness.diagnosis.model_fit import Case, Member, SetFit, solve, training
+from stiffness.diagnosis.nominal_fit import Prepared
+from stiffness.diagnosis.selection import Named, name
+from stiffness.diagnosis.sufficient_statistics import evidence_of
+from stiffness.effects.base import Hypothesis
+from stiffness.effects.jacobian import Part, values, with_values
+from stiffness.experiment.static_state import Situation
+from stiffness.regression.splits import seed_of, split_of
+
+MOVED = 0.03
+"""Share by which a compliance or a load may change under names before all columns are
+laid out anew; chosen: what a load or a mass winds up goes with it, and sizes are said
+to some per cent."""
+AGAIN = 2
+"""How often; chosen: the second time moves a tenth of the first."""
+TINY = 1e-9
+"""A load in N or N m that is none; chosen."""
+
+
+def case_of(
+    prepared: Prepared,
+    hypotheses: Sequence[Hypothesis],
+    softer: Float[np.ndarray, " springs"] | None = None,
+    named: SetFit | None = None,
+) -> Case:
+    """Lay out everything that naming looks at.
+
+    Args:
+        prepared: The recording against its nominal model.
+        hypotheses: What may be named.
+        softer: By how much each fitted compliance is another than prepared, in rad/(N
+            m); None: as the data say where nothing is named.
+        named: What pulls at the arm beyond the model; None: nothing.
+    """
+    recording = prepared.situation.recording
+    split = split_of(recording)
+    data, situation = prepared.data, prepared.situation
+    springs = springs_of(situation, prepared.springs)
+    if springs:
+        own, moved = list(prepared.springs), situation.compliance.copy()
+        if softer is None:
+            evidence = evidence_of(data, springs, training(split))
+            softer = solve(evidence.gram.sum(axis=0), evidence.score.sum(axis=0))
+        change = _within_a_decade(softer, moved[own])
+        data = data.less(springs, change)
+        moved[own] += change
+        situation = situation.with_compliance(moved)
+    situation = situation if named is None else _under(situation, named)
+    library = library_of(situation, prepared.springs, hypotheses)
+    evidence = evidence_of(data, library.signatures, training(split))
+    return Case(
+        data,
+        situation,
+        prepared.springs,
+        library,
+        evidence,
+        split,
+        seed_of(recording),
+        MEASURED if prepared.freedom else MISSTATED,
+    )
+
+
+def settled(
+    case: Case, prepared: Prepared, hypotheses: Sequence[Hypothesis], found: Found
+) -> tuple[Case, Named]:
+    """Name what there is, and lay out anew what that changes.
+
+    A load that is named no more once columns were laid out under it was none.
+
+    Args:
+        case: As laid out where nothing is named.
+        prepared: The recording against its nominal model.
+        hypotheses: What may be named.
+        found: The test before anything is named.
+    """
+    named, laid = name(case, found), 0
+    for _ in range(AGAIN):
+        fit = named.best.fit
+        if not _softened(case, fit) and _change(case, prepared, fit) < MOVED:
+            break
+        softer = _total(case, prepared, fit)
+        case, laid = case_of(prepared, hypotheses, softer, fit), _pulling(case, fit)
+        named = name(case, found)
+    fit = named.best.fit
+    if _pulling(case, fit) < laid:
+        case = case_of(prepared, hypotheses, _total(case, prepared, fit))
+        named = name(case, found)
+    return case, named
+
+
+def _under(situation: Situation, fit: SetFit) -> Situation:
+    """Return the situation with all that the members of a set make each other feel."""
+    sized = list(zip(fit.members, fit.coefficients, strict=True))
+    for member, size in sized:
+        situation = _acting(situation, member, size)
+    giving = tuple(_giving(*one) for one in sized if one[0].hypothesis.linear)
+    return replace(situation, giving=giving)
+
+
+def _acting(situation: Situation, member: Member, size: np.ndarray) -> Situation:
+    return member.hypothesis.acting(situation, member.where, member.shape, size)
+
+
+def _giving(
+    member: Member, size: Float[np.ndarray, " columns"]
+) -> Callable[[Situation], tuple[Part, ...]]:
+    """Return what a member does in any situation."""
+
+    def parts(situation: Situation) -> tuple[Part, ...]:
+        law = member.signature(situation).parts
+        return tuple(with_values(p, values(p) @ size[:, None]) for p in law)
+
+    return parts
+
+
+def _pulling(case: Case, fit: SetFit) -> int:
+    """Return how many members of a set change what the others feel."""
+    here = case.situation
+    felt = (
+        _acting(here, *one) for one in zip(fit.members, fit.coefficients, strict=True)
+    )
+    return sum(after is not here for after in felt)
+
+
+def _softened(case: Case, fit: SetFit) -> bool:
+    """Return whether names leave springs so different that columns change with them."""
+    before = case.situation.compliance[list(case.springs)]
+    return bool(np.any(np.abs(fit.springs) > MOVED * before))
+
+
+def _change(case: Case, prepared: Prepared, fit: SetFit) -> float:
+    """Return the largest share by which loads are others than were laid out under."""
+    now, then = _under(prepared.situation, fit), case.situation
+    loads = [(now.moment, then.moment), (now.torque[..., None], then.torque[..., None])]
+    shares = [0.0]
+    for new, old in loads:
+        change, size = (np.sqrt(np.mean(x**2, axis=(0, 2))) for x in (new - old, old))
+        shares.extend(change / np.maximum(size, TINY))
+    return float(max(shares))
+
+
+def _total(
+    case: Case, prepared: Prepared, fit: SetFit
+) -> Float[np.ndarray, " springs"]:
+    """Return by how much compliances are other than prepared."""
+    own = list(prepared.springs)
+    moved = case.situation.compliance - prepared.situation.compliance
+    return moved[own] + fit.springs
+
+
+def _within_a_decade(
+    change: Float[np.ndarray, " springs"], before: Float[np.ndarray, " springs"]
+) -> Float[np.ndarray, " springs"]:
+    return np.clip(change, -0.9 * before, 9.0 * before)

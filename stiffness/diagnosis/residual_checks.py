@@ -1,0 +1,259 @@
+"""Checks of a fitted model: test of the residual, and homogeneity over groups.
+
+After a name is given, everything is asked once more whether something is left.
+
+What is left where a name stands may be its own law's, for laws are only so true.
+
+A law that holds is the same at all poses, loads, directions of pull and times.
+
+==========  ==========================================================================
+Equation    columns: the law as fitted, in each group of rows but one; known: nominal
+            columns, laws, their shapes and other forms; all groups of a kind at once by
+            sign flips of poses, the largest over kinds and laws
+Source      Cochran 1954, "The combination of estimates from different experiments":
+            Q as a score test of group and law
+Valid       groups that each have some poses
+Ignores     what differs within groups
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Int
+from scipy.cluster.vq import kmeans2
+
+from stiffness.diagnosis.candidates import Library
+from stiffness.diagnosis.detection import Found, detect, scatter_of
+from stiffness.diagnosis.model_fit import (
+    Case,
+    Member,
+    SetFit,
+    fit_set,
+    other_forms,
+    shape_columns,
+)
+from stiffness.diagnosis.sufficient_statistics import (
+    Data,
+    beside_many,
+    cross_of,
+    evidence_of,
+)
+from stiffness.effects.jacobian import Signature, values, with_values
+from stiffness.experiment.static_state import Situation
+from stiffness.regression.elimination import projected
+from stiffness.regression.normal_equations import Evidence
+from stiffness.regression.testing import ALARM, sign_flips, white_scores
+
+# --- Test of the residual -------------------------------------------------------------
+
+
+def what_is_left(case: Case, fit: SetFit) -> Found:
+    """Test everything again after a set is named, other forms of its laws allowed.
+
+    Other shapes of what is named are no candidates: a law is searched along a line, and
+    what that leaves of a strong one is not news.
+    """
+    fold = case.evidence.fold
+    after = without_set(case, fit)
+    known, own = after.known, after.evidence
+    count = own.gram.shape[1]
+    every = [*known, *case.library.signatures]
+    side, score = cross_of(after.data, known, every, fold)
+    gram = beside_many(side, case.evidence.gram)
+    raw = np.concatenate([own.raw, case.evidence.raw])
+    joint = Evidence(gram, score, fold, raw)
+    named = {member.name for member in fit.members}
+    library = _moved(case.library, count, named)
+    mask = ~case.split.held_out
+    known = np.arange(count)
+    scatter = scatter_of(after.data, case.wild)
+    return detect(library, joint, score, known, mask, case.seed + 1, scatter)
+
+
+@dataclass(frozen=True)
+class After:
+    """A recording once a set is named.
+
+    Attributes:
+        known: Nominal columns, the set's laws, a little more of their shapes, their
+            other forms.
+        evidence: What the readings say of these.
+        data: The readings without what these explain.
+    """
+
+    known: list[Signature]
+    evidence: Evidence
+    data: Data
+
+
+def without_set(case: Case, fit: SetFit) -> After:
+    """Take what a set explains, in any accepted form, out of the readings."""
+    members = [m.signature(case.situation) for m in fit.members]
+    extra: list[Signature] = []
+    for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
+        extra.extend(shape_columns(case.situation, member, coefficients))
+    known = [*case.nominal, *members, *extra, *other_forms(case, fit.members)]
+    own = evidence_of(case.data, known, case.evidence.fold)
+    beta = projected(own.gram[1], own.score[~case.split.held_out].sum(axis=0))
+    return After(known, own, case.data.less(known, beta))
+
+
+def _moved(library: Library, by: int, named: set[tuple[str, str]]) -> Library:
+    return replace(
+        library,
+        candidates=tuple(
+            replace(c, columns=tuple(block + by for block in c.columns))
+            for c in library.candidates
+            if c.name not in named
+        ),
+        map=tuple(replace(m, columns=m.columns + by) for m in library.map),
+    )
+
+
+# --- Residual along the same law ------------------------------------------------------
+
+CONTRADICTS = 0.002
+"""Share of what a name explains that may be left over beside it, where the residual
+test rejects, before the name is taken back; nor does that little earn another name at
+its place. Chosen: rightly named effects leave nothing that the test rejects, wrong ones
+of the same place a hundredth and more."""
+
+
+def alone(case: Case, fit: SetFit) -> list[float]:
+    """Return what each member explains that the others do not."""
+    gains = []
+    for k in range(len(fit.members)):
+        others = [m for i, m in enumerate(fit.members) if i != k]
+        less = fit_set(case.data, case.situation, case.nominal, others, case.split)
+        gains.append(max(fit.gain - less.gain, 0.0))
+    return gains
+
+
+def is_own(left: Found, fit: SetFit, gains: Sequence[float]) -> bool:
+    """Return whether all that speaks is slight and stands where a member does.
+
+    Args:
+        left: The test of what is left.
+        fit: The set that was taken out.
+        gains: What each member explains that the others do not.
+    """
+    allowed = {"": CONTRADICTS * max(gains, default=0.0)}  # of the whole map
+    for member, gain in zip(fit.members, gains, strict=True):
+        allowed[member.where] = max(allowed.get(member.where, 0.0), CONTRADICTS * gain)
+    loud = np.flatnonzero(left.tested.together < ALARM)
+    excess = left.tested.captured - left.tested.freedom
+    return len(loud) > 0 and all(
+        excess[at] <= allowed.get(left.where[at], -1.0) for at in loud
+    )
+
+
+# --- Homogeneity over poses, loads, directions and times ------------------------------
+
+GROUPS = 4
+"""Groups of a kind; chosen: thirty poses of 120 in each."""
+
+
+@dataclass(frozen=True)
+class Uneven:
+    """How a law differs between groups of one kind.
+
+    Attributes:
+        between: The kind of groups.
+        p_value: Among all laws and kinds.
+        captured: Whitened square beyond chance.
+    """
+
+    between: str
+    p_value: float
+    captured: float
+
+
+def unevenness(case: Case, fit: SetFit) -> tuple[Uneven, ...]:
+    """Return the kind of groups between which each member's law differs most.
+
+    Args:
+        case: What may be looked at.
+        fit: The set.
+    """
+    if not fit.members:
+        return ()
+    kinds = groups_of(case.situation)
+    after = without_set(case, fit)
+    pieces = [
+        [_in_groups(_as_fitted(case, m, c), group) for group in kinds.values()]
+        for m, c in zip(fit.members, fit.coefficients, strict=True)
+    ]
+    flat = [piece for of_member in pieces for piece in of_member]
+    mask = ~case.split.held_out
+    every = [*after.known, *flat]
+    gram, score = cross_of(after.data, every, every, case.evidence.fold)
+    total = gram[1]
+    start = after.evidence.gram.shape[1]
+    ends = start + np.cumsum([0, *(piece.columns for piece in flat)])
+    blocks = [np.arange(a, b) for a, b in pairwise(ends)]
+    raw = np.maximum(np.diag(total), 0.0)
+    white = white_scores(total, score[mask], np.arange(start), blocks, raw)
+    tested = sign_flips(white, case.seed + 2)
+    found = []
+    for k in range(len(pieces)):
+        mine = slice(k * len(kinds), (k + 1) * len(kinds))
+        worst = int(np.argmin(tested.together[mine] - 1e-6 * tested.z[mine]))
+        at = mine.start + worst
+        excess = float(tested.captured[at] - tested.freedom[at])
+        found.append(Uneven(list(kinds)[worst], float(tested.together[at]), excess))
+    return tuple(found)
+
+
+def groups_of(situation: Situation) -> Mapping[str, Int[np.ndarray, " rows"]]:
+    """Return the group of each row, kind by kind; kinds with one group are left out."""
+    recording = situation.recording
+    first = np.unique(situation.pose, return_index=True)[1]
+    posture = recording.posture[first]
+    features = np.column_stack([np.cos(posture), np.sin(posture)])
+    found = {
+        "postures": _clusters(features)[situation.pose],
+        "times": _ranks(recording.time),
+    }
+    if recording.wrench is not None:
+        size = np.linalg.norm(situation.wrench[:, :3], axis=1)
+        pulled = size > 0.05 * max(float(size.max()), 1e-12)
+        direction = situation.wrench[:, :3] / np.maximum(size, 1e-12)[:, None]
+        found["loads"] = _ranks(np.round(size, 1))
+        if pulled.sum() > GROUPS:
+            group = np.zeros(len(size), dtype=int)
+            group[pulled] = _clusters(direction[pulled])
+            found["directions of pull"] = group
+    return {kind: g for kind, g in found.items() if len(np.unique(g)) > 1}
+
+
+def _clusters(features: np.ndarray) -> Int[np.ndarray, " many"]:
+    some = min(GROUPS, len(np.unique(features, axis=0)))
+    if some < 2:
+        return np.zeros(len(features), dtype=int)
+    return kmeans2(features, some, minit="++", rng=0, iter=20)[1]
+
+
+def _ranks(of_rows: np.ndarray) -> Int[np.ndarray, " rows"]:
+    edges = np.unique(np.quantile(of_rows, np.arange(1, GROUPS) / GROUPS))
+    return np.searchsorted(edges, of_rows, side="right")
+
+
+def _as_fitted(case: Case, member: Member, coefficients: np.ndarray) -> Signature:
+    """Return a law with its coefficients as one column."""
+    parts = []
+    for part in member.signature(case.situation).parts:
+        parts.append(with_values(part, values(part) @ coefficients[:, None]))
+    return Signature(1, tuple(parts))
+
+
+def _in_groups(law: Signature, group: Int[np.ndarray, " rows"]) -> Signature:
+    """Return the law in every group but the first."""
+    inside = (group[:, None] == np.unique(group)[1:]).astype(float)
+    parts = []
+    for part in law.parts:
+        shape = (len(group), *(1,) * (values(part).ndim - 2), inside.shape[1])
+        parts.append(with_values(part, values(part) * inside.reshape(shape)))
+    return Signature(inside.shape[1], tuple(parts))

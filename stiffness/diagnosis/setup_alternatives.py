@@ -1,0 +1,390 @@
+"""Alternative readings of a set-up: angles, markers, wrench columns, wrench units.
+
+Angles can be read in other ways: other signs, orders, zeros, units.
+
+A reading is a way to take them as somebody may have meant them who wrote the file
+otherwise than the format asks.
+
+What the tracker saw can be read in other ways: mirrored, in other units and frames.
+
+The same holds of where it is said to stand, and of where markers are said to sit.
+
+A wrench's columns can be in another order, of another sign, or of another row.
+
+A wrench can be read in other ways: other signs, units and axes.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations
+
+import numpy as np
+
+from bench.shared.recording import Recording
+from stiffness.diagnosis.result import Warned
+from stiffness.robot.arm import Arm
+from stiffness.robot.tracker_frame import Sight
+
+# --- Angles ---------------------------------------------------------------------------
+
+TRAVEL = np.radians(3.0)
+"""Least range of an axis whose sign or order can be doubted, in rad (m where it
+slides); chosen: an offset of half of it would be an error of the arm, not of a file."""
+OFFSETS = (90.0, -90.0, 180.0)
+"""Degrees by which makers count an axis from different zeros; chosen."""
+
+
+@dataclass(frozen=True)
+class Angles:
+    """Another way to read the axes' angles.
+
+    Attributes:
+        warned: What to say if it is the right one.
+        meant: Turns postures as written, (rows, axes), into those meant.
+    """
+
+    warned: Warned
+    meant: Callable[[np.ndarray], np.ndarray]
+
+
+def of_angles(posture: np.ndarray, slides: np.ndarray) -> Iterator[Angles]:
+    """List how else the angles may be meant.
+
+    Args:
+        posture: As written.
+        slides: Whether each axis slides.
+    """
+    axes = range(posture.shape[1])
+    travel = np.ptp(posture, axis=0)
+    for k in axes:
+        if travel[k] > TRAVEL:
+            text = f"a{k + 1} looks reversed: it fits the readings with the other sign."
+            yield Angles(
+                Warned("axis_reversed", f"a{k + 1}", text), _scaled(axes, [k], -1.0)
+            )
+    for i, j in combinations(axes, 2):
+        apart = posture[:, i] - posture[:, j]
+        if slides[i] == slides[j] and np.ptp(apart) > TRAVEL:
+            text = f"a{i + 1} and a{j + 1} look swapped: they fit the other way round."
+            order = list(axes)
+            order[i], order[j] = j, i
+            yield Angles(Warned("axis_order", f"a{i + 1}", text), _reordered(order))
+    count = len(axes)
+    if count > 2 and len(set(slides.tolist())) == 1:
+        for order in (
+            list(reversed(axes)),
+            [*axes[1:], 0],
+            [count - 1, *axes[: count - 1]],
+        ):
+            said = ", ".join(f"a{k + 1}" for k in order)
+            text = f"the axes look out of order: they fit when read as {said}."
+            yield Angles(Warned("axis_order", "a1", text), _reordered(order))
+    turning = np.flatnonzero(~slides).tolist()
+    yield from _in_units(travel, turning, np.flatnonzero(slides).tolist())
+    for k in turning:
+        for offset in OFFSETS:
+            text = (
+                f"a{k + 1} looks counted from another zero: it fits with "
+                f"{offset:+.0f}° added."
+            )
+            yield Angles(
+                Warned("axis_zero", f"a{k + 1}", text), _shifted(k, np.radians(offset))
+            )
+
+
+def _in_units(
+    travel: np.ndarray, turning: list[int], sliding: list[int]
+) -> Iterator[Angles]:
+    """List in which units all axes may be meant, or one unlike the others."""
+    axes = range(len(travel))
+    for factor, words in (
+        (180 / np.pi, "radians where degrees are expected"),
+        (np.pi / 180, "degrees that were taken for radians"),
+    ):
+        text = f"axis angles look like {words}: they fit times {factor:.4g}."
+        yield Angles(Warned("units", "axes", text), _scaled(axes, turning, factor))
+    for k in turning:
+        for factor, words in (
+            (180 / np.pi, "its radians were taken for degrees"),
+            (np.pi / 180, "its degrees were taken for radians"),
+        ):
+            if travel[k] * abs(factor - 1.0) > TRAVEL:
+                text = (
+                    f"a{k + 1} looks as if {words}, unlike the others: it fits times "
+                    f"{factor:.4g}. Check the unit in the mapping or the file."
+                )
+                one = _scaled(axes, [k], factor)
+                yield Angles(Warned("units", f"a{k + 1}", text), one)
+    for factor, words in ((1e3, "m where mm are expected"), (1e-3, "µm, not mm")):
+        if sliding:
+            text = f"axes that slide look given in {words}: they fit times {factor:g}."
+            yield Angles(Warned("units", "axes", text), _scaled(axes, sliding, factor))
+
+
+def of_signs(posture: np.ndarray) -> Iterator[tuple[tuple[Warned, ...], np.ndarray]]:
+    """List postures with two axes or more reversed, and what to say of each."""
+    axes = [k for k in range(posture.shape[1]) if np.ptp(posture[:, k]) > TRAVEL]
+    for count in range(2, len(axes) + 1):
+        for some in combinations(axes, count):
+            said = " and ".join(f"a{k + 1}" for k in some)
+            text = f"{said} look reversed: they fit with the other signs."
+            sign = np.ones(posture.shape[1])
+            sign[list(some)] = -1.0
+            warned = tuple(Warned("axis_reversed", f"a{k + 1}", text) for k in some)
+            yield warned, posture * sign
+
+
+def _scaled(axes: range, some: list[int], factor: float):
+    scale = np.ones(len(axes))
+    scale[some] = factor
+    return lambda posture: posture * scale
+
+
+def _reordered(order: list[int]):
+    return lambda posture: posture[:, order]
+
+
+def _shifted(axis: int, offset: float):
+    return lambda posture: posture + offset * (np.arange(posture.shape[1]) == axis)
+
+
+# --- Markers and tracker frame --------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Seeing:
+    """Another way to read what the tracker saw, or where it and the markers are.
+
+    Attributes:
+        warned: What to say if it is the right one.
+        meant: Turns a sight as written into the one meant.
+    """
+
+    warned: Warned
+    meant: Callable[[Sight], Sight]
+
+
+def of_sight(sight: Sight) -> Iterator[Seeing]:
+    """List how else what the tracker saw may be meant."""
+    text = "the markers look mirrored: they fit with {} of the tracker's {}."
+    for i, name in enumerate("xyz" if sight.transform is not None else "y"):
+        sign = np.ones(3)
+        sign[i] = -1.0
+        said = text.format("the sign", f"{name} changed")
+        if sight.transform is None:
+            said = text.format("one coordinate", "with the other sign")
+        yield Seeing(Warned("mirrored", "tracker", said), _seen(np.diag(sign)))
+    if sight.transform is not None:
+        for i, j in combinations(range(3), 2):
+            swap = np.eye(3)
+            swap[[i, j]] = swap[[j, i]]
+            said = text.format(f"{'xyz'[i]} and {'xyz'[j]}", "swapped")
+            yield Seeing(Warned("mirrored", "tracker", said), _seen(swap))
+    for factor, words in ((1e3, "in m where mm are expected"), (1e-3, "in µm, not mm")):
+        text = f"marker positions look as if given {words}: they fit times {factor:g}."
+        yield Seeing(Warned("units", "tracker", text), _seen(factor * np.eye(3)))
+    if sight.given.any():
+        for factor in (1e3, 1e-3):
+            text = (
+                "position_mm of the markers look as if given in another unit: they fit "
+                f"times {factor:g}."
+            )
+            yield Seeing(
+                Warned("units", "markers", text),
+                lambda s, f=factor: replace(s, place=s.place * f),
+            )
+    if sight.transform is not None:
+        for factor in (1e3, 1e-3):
+            text = (
+                "[frames.tracker] position_mm looks as if given in another unit: it "
+                f"fits times {factor:g}."
+            )
+            yield Seeing(
+                Warned("units", "tracker", text),
+                lambda s, f=factor: _moved(s, f),
+            )
+        text = (
+            "[frames.tracker] looks inverted: it fits the other way round. p_base = "
+            "R(quaternion) p_tracker + position is expected."
+        )
+        yield Seeing(Warned("tracker_frame", "tracker", text), _inverted)
+
+
+def less_is_stated(sight: Sight) -> Iterator[Seeing]:
+    """List what to doubt wholly where no other reading of it fits."""
+    if sight.transform is not None:
+        text = (
+            "[frames.tracker] does not fit: with a frame that is fitted to the markers "
+            "all agree. Correct it, or leave it out."
+        )
+        yield Seeing(
+            Warned("tracker_frame", "tracker", text),
+            lambda s: replace(s, transform=None),
+        )
+    if sight.given.any():
+        text = (
+            "position_mm of the markers do not fit: with places that are fitted all "
+            "agree. Correct them, or leave out what is not known to a millimetre."
+        )
+        yield Seeing(
+            Warned("marker_places", "markers", text),
+            lambda s: replace(s, given=np.zeros_like(s.given)),
+        )
+
+
+def _seen(matrix: np.ndarray):
+    return lambda sight: replace(sight, y=sight.y @ matrix.T)
+
+
+def _moved(sight: Sight, factor: float) -> Sight:
+    assert sight.transform is not None
+    moved = sight.transform.copy()
+    moved[:3, 3] *= factor
+    return replace(sight, transform=moved)
+
+
+def _inverted(sight: Sight) -> Sight:
+    assert sight.transform is not None
+    return replace(sight, transform=np.linalg.inv(sight.transform))
+
+
+# --- Order and rows of the wrench -----------------------------------------------------
+
+WRENCH = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
+"""What the format calls the columns."""
+MOVED = {
+    (0, 3): "pulled along and turned about that axis alone, the arm moves against it",
+    (0,): "pulled along that axis alone, the arm moves against it",
+    (3,): "turned about that axis alone, the arm moves against it",
+}
+"""What is seen where a force and its moment, forces or moments are reversed."""
+PARTS = tuple(MOVED)
+"""What is in another order or of another sign together: first column of each part."""
+ROWS = ((1, "the row before"), (-1, "the row after"))
+"""By how many rows a wrench can come late, and whose it then is."""
+
+
+def of_columns(some: Recording) -> Iterator[tuple[Warned, Recording]]:
+    """List in which other orders and signs the columns may be meant.
+
+    Args:
+        some: With a wrench.
+    """
+    wrench = some.wrench
+    assert wrench is not None
+    orders = [order for order in permutations(range(3)) if order != (0, 1, 2)]
+    for starts in PARTS:
+        for order in orders:
+            columns = np.arange(6)
+            for start in starts:
+                columns[start : start + 3] = start + np.array(order)
+            yield _read_as(some, columns, _order_in_words(starts, order))
+    text = "the moments look given before the forces: they fit the other way round."
+    yield _read_as(some, np.array([3, 4, 5, 0, 1, 2]), text)
+    for starts in PARTS:
+        for i in range(3):
+            sign = np.ones(6)
+            sign[[start + i for start in starts]] = -1.0
+            names = " and ".join(WRENCH[start + i] for start in starts)
+            look = "look" if len(starts) > 1 else "looks"
+            text = f"{names} {look} reversed: {MOVED[starts]}."
+            warned = Warned("wrench_sign", "wrench_sensor", text)
+            yield warned, replace(some, wrench=wrench * sign)
+
+
+def of_rows(recording: Recording) -> Iterator[tuple[Warned, Recording]]:
+    """List whose row's wrench may be meant.
+
+    Args:
+        recording: Whole, of plateaus, with a wrench.
+    """
+    for late, whose in ROWS:
+        text = (
+            f"the wrench looks one row off: it fits the deflections of {whose}. Shift "
+            "its columns by one row against the markers'."
+        )
+        warned = Warned("wrench_rows", "wrench_sensor", text)
+        assert recording.wrench is not None
+        yield warned, replace(recording, wrench=np.roll(recording.wrench, -late, 0))
+
+
+def _order_in_words(starts: tuple[int, ...], order: tuple[int, ...]) -> str:
+    moved = [i for i in range(3) if order[i] != i]
+    parts = [" and ".join(WRENCH[start + i] for i in moved) for start in starts]
+    if len(moved) == 2:
+        return f"{', '.join(parts)} look exchanged: they fit the other way round."
+    read = ", ".join(WRENCH[start + i] for start in starts for i in order)
+    said = ", ".join(WRENCH[start + i] for start in starts for i in range(3))
+    return f"{said} look out of order: they fit when read from {read}."
+
+
+def _read_as(
+    some: Recording, columns: np.ndarray, text: str
+) -> tuple[Warned, Recording]:
+    assert some.wrench is not None
+    warned = Warned("wrench_columns", "wrench_sensor", text)
+    return warned, replace(some, wrench=some.wrench[:, columns])
+
+
+# --- Size of the load and of the sag --------------------------------------------------
+
+KGF, LBF = 9.80665, 4.4482216
+"""N in a kilogram-force, which a kilogram weighs, and in a pound-force."""
+
+
+# --- Signs, units and axes of the wrench ----------------------------------------------
+
+FORCES = (("kgf", KGF), ("lbf", LBF))
+"""Other units of force, in N."""
+
+
+def of_loads(some: Recording, arm: Arm) -> Iterator[tuple[Warned, Recording]]:
+    """List how else the load, and relative displacements, may be meant.
+
+    Args:
+        some: With a wrench.
+        arm: The nominal arm, with the recording's names.
+    """
+    wrench, sensor = some.wrench, some.wrench_sensor
+    assert wrench is not None and sensor is not None
+    text = (
+        "the wrench looks reversed: the arm moves against it. Give what the world "
+        "exerts on the robot."
+    )
+    if some.displacement == "relative":
+        text += " Or the displacements are counted backwards."
+    yield Warned("wrench_sign", "wrench_sensor", text), replace(some, wrench=-wrench)
+    for part, columns in (("force", slice(0, 3)), ("torque", slice(3, 6))):
+        sign = np.ones(6)
+        sign[columns] = -1.0
+        text = f"the {part} looks reversed: the arm moves against it, not the rest."
+        warned = Warned("wrench_sign", "wrench_sensor", text)
+        yield warned, replace(some, wrench=wrench * sign)
+    for unit, size_in_n in FORCES:
+        text = (
+            f"the forces look as if given in {unit}, the torques in Nm: they fit "
+            f"together with the forces times {size_in_n:g}. N is expected."
+        )
+        meant = wrench * np.array([size_in_n] * 3 + [1.0] * 3)
+        yield Warned("units", "wrench_sensor", text), replace(some, wrench=meant)
+    for factor in (1e3, 1e-3):
+        size = np.array([1.0] * 3 + [factor] * 3)
+        text = (
+            "torques and forces look as if given in units that do not belong together: "
+            f"they fit with the torques times {factor:g}. N and Nm are expected."
+        )
+        warned = Warned("units", "wrench_sensor", text)
+        yield warned, replace(some, wrench=wrench * size)
+    other = "base" if sensor.frame == "sensor" else "sensor"
+    text = (
+        f"the wrench looks as if given along the axes of the {other}, not of the "
+        f"{sensor.frame}: say frame = {other!r} in [sensors.wrench]."
+    )
+    turned = replace(some, wrench_sensor=replace(sensor, frame=other))
+    yield Warned("wrench_frame", "wrench_sensor", text), turned
+    text = f"{text[:-1]}, and change its sign."
+    warned = Warned("wrench_sign", "wrench_sensor", text)
+    yield warned, replace(turned, wrench=-wrench)
+    if some.displacement == "relative":
+        for angles in of_angles(some.posture, arm.slides):
+            yield angles.warned, replace(some, posture=angles.meant(some.posture))

@@ -1,0 +1,424 @@
+"""Set-up errors: angles read otherwise, odd units, swapped markers, wrong loads.
+
+A marker's column of another size than its neighbours' is in another unit.
+
+==========  ==========================================================================
+Equation    rms of a marker's misfit, its columns as written, and times 1000 or 1/1000
+Source      enumeration; a wrong unit moves a marker by its way, physics by a hundredth
+Valid       absolute readings; columns whose range is thirty times off the arm's
+Ignores     units that are wrong in all columns, which are told as one mistake
+==========  ==========================================================================
+
+Markers of one body whose names were mixed up stand where the others should.
+
+==========  ==========================================================================
+Equation    min over permutations s of sum_m |inside_m - place_s(m)|^2, body by body
+            and visit by visit; inside = R_b^T (R y + t - o_b), place = stated, or the
+            median over visits
+Source      assignment: Kuhn 1955, "The Hungarian method for the assignment problem"
+Valid       absolute readings; markers farther apart than the arm is wrong
+Ignores     markers that changed their body; places that nobody stated, mixed up in more
+            than half of the visits: then the names are as good
+==========  ==========================================================================
+
+An axis counted the wrong way round is no effect of physics but a mistake of set-up.
+
+==========  ==========================================================================
+Equation    rms of a rigid fit of frame and places, under each reading of the files:
+            as they are, an axis reversed, two axes swapped, mirrored, other units …
+Source      enumeration; a mistake moves markers by a tenth of the reach, physics by a
+            hundredth at most
+Valid       absolute readings; of relative ones the loads speak, in `set_up_loads`
+Ignores     three mistakes at once, unless all are reversed axes
+==========  ==========================================================================
+"""
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from bench.shared.recording import Recording
+from stiffness.diagnosis.result import Warned
+from stiffness.diagnosis.setup_alternatives import (
+    less_is_stated,
+    of_angles,
+    of_sight,
+    of_signs,
+)
+from stiffness.diagnosis.setup_loads import mistakes_of_loads
+from stiffness.robot.arm import Arm
+from stiffness.robot.tracker_frame import (
+    MARKER_POSITION_SIGMA,
+    Frames,
+    Sight,
+    extent_of,
+    quickly_seated,
+    seated,
+)
+
+# --- Errors of set-up -----------------------------------------------------------------
+
+GROSS = 0.03
+"""Rigid misfit over the extent that no arm's own errors make; chosen: ten times an
+uncalibrated arm's (1.2 mm rms, 3 mm at most, Slamani 2012)."""
+BETTER = 5.0
+"""Factor by which another reading of the files must fit better; chosen."""
+
+
+# --- Unit errors of a marker ----------------------------------------------------------
+
+OFF = 30.0
+"""Factor between the ranges of a column and of the arm from which a unit is doubted;
+chosen: the root of the thousand between m and mm."""
+SMALL = 0.003
+"""Misfit over the arm's range below which a marker is where it should be; chosen: a
+tenth of the gross one, what a badly calibrated arm has."""
+MOST = (0.05, 0.95)
+"""Quantiles between which a column's range is taken: a glint has no say; chosen."""
+VISITS_FOR_UNITS = 30
+"""Visits that this looks at; chosen for time."""
+UNITS = ((1e3, "m where mm are expected"), (1e-3, "mm where m are expected"))
+
+
+def odd_units(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
+    """Name the columns of markers that are in another unit than the rest.
+
+    Args:
+        recording: With absolute markers.
+        arm: The nominal arm, with the recording's names.
+    """
+    first = np.unique(recording.visit, return_index=True)[1]
+    some = recording.take(first[:: -(-len(first) // VISITS_FOR_UNITS)])
+    sight = Sight.of(arm, some, some.posture)
+    seen = np.isfinite(sight.y).all(axis=2).sum(axis=0) > 1
+    if not seen.any():  # one visit has no range
+        return ()
+    moves = np.linalg.norm(np.ptp(sight.origin, axis=0), axis=1)
+    way = float(moves.max())
+    ranges = np.full(sight.place.shape, np.nan)
+    ranges[seen] = np.ptp(np.nanquantile(sight.y[:, seen], MOST, axis=0), axis=0)
+    moving = seen & (moves > way / OFF)
+    found: dict[int, tuple[str, float, tuple[int, ...]]] = {}
+    for factor, words in UNITS:
+        odd = ranges > OFF * way if factor < 1.0 else ranges < way / OFF
+        odd &= factor * ranges < OFF * way
+        whole = odd[seen].all() or 1 < moving.sum() < 2 * odd[moving].any(axis=1).sum()
+        left = [] if whole else np.flatnonzero(odd.any(axis=1)).tolist()
+        again = True
+        while again:  # the frame fits better with each column that is put right
+            again = False
+            frames = quickly_seated(sight)[0]
+            left = [m for m in left if _away(sight, m, frames) > SMALL * way]
+            for m in [m for m in left if m not in found]:
+                columns = _better(sight, m, np.flatnonzero(odd[m]), factor, way)
+                if columns:
+                    sight = _scaled(sight, m, columns, factor)
+                    found[m], again = (words, factor, columns), True
+    return tuple(_unit_warning(recording, m, *found[m]) for m in sorted(found))
+
+
+def _unit_warning(
+    recording: Recording, m: int, words: str, factor: float, columns: tuple[int, ...]
+) -> Warned:
+    name = recording.markers[m].name
+    listed = ", ".join(f"{name}_{'xyz'[c]}_mm" for c in columns)
+    text = (
+        f"{listed}: given in {words}, as it looks, unlike the others; fits times "
+        f"{factor:g}. Check the unit in the mapping or the file."
+    )
+    return Warned("units", "tracker", text)
+
+
+def _scaled(sight: Sight, m: int, columns: tuple[int, ...], factor: float) -> Sight:
+    y = sight.y.copy()
+    y[:, m, list(columns)] *= factor
+    return replace(sight, y=y)
+
+
+def _better(
+    sight: Sight, m: int, odd: np.ndarray, factor: float, way: float
+) -> tuple[int, ...]:
+    """Return which of a marker's odd columns fit in the other unit; none: ()."""
+    before, best, answer = _left(sight, m), np.inf, ()
+    for columns in _subsets(odd.tolist()):
+        left = _left(_scaled(sight, m, columns, factor), m)
+        if left < min(best, before / BETTER, GROSS * way):
+            best, answer = left, columns
+    return answer
+
+
+def _subsets(odd: list[int]) -> Iterator[tuple[int, ...]]:
+    for count in range(1, len(odd) + 1):
+        yield from combinations(odd, count)
+
+
+def _left(sight: Sight, m: int) -> float:
+    """Return the rms misfit of one marker, all frames fitted anew, in m."""
+    return _away(sight, m, quickly_seated(sight)[0])
+
+
+def _away(sight: Sight, m: int, frames: Frames) -> float:
+    """Return the rms misfit of one marker, its own place free if unknown, in m."""
+    seen = np.isfinite(sight.y[:, m]).all(axis=1)
+    point = sight.y[seen, m] @ frames.turn.T + frames.shift - sight.origin[seen, m]
+    inside = np.einsum("vji,vj->vi", sight.turned[seen, m], point)
+    away = inside - (sight.place[m] if sight.given[m] else np.median(inside, axis=0))
+    return float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
+
+
+# --- Swapped markers ------------------------------------------------------------------
+
+SWAP_BETTER = 5.0
+"""Factor by which a visit's markers must fit better with other names; chosen."""
+TWICE = 2
+"""Visits in which the same names are mixed up, from which it is said; chosen: one may
+be a glint."""
+MANY = 1500
+"""Visits that this looks at; chosen for time."""
+SHOWN = 5
+"""Visits that are named; chosen."""
+
+
+@dataclass(frozen=True)
+class Mixed:
+    """Markers of one body whose names were mixed up.
+
+    Attributes:
+        warned: What to say.
+        sure: Whether no turn of the body would look alike.
+    """
+
+    warned: Warned
+    sure: bool
+
+
+def mixed_markers(recording: Recording, arm: Arm) -> tuple[Mixed, ...]:
+    """Say which markers of a body were mixed up, and when.
+
+    Args:
+        recording: With absolute markers.
+        arm: The nominal arm, with the recording's names.
+    """
+    _, every = np.unique(recording.visit, return_index=True)
+    first = every[:: -(-len(every) // MANY)]
+    looked_at = "" if len(first) == len(every) else " looked at"
+    sight = Sight.of(arm, recording.take(first), recording.posture[first])
+    bodies: dict[str, list[int]] = {}
+    for m, marker in enumerate(recording.markers):
+        bodies.setdefault(marker.body, []).append(m)
+    told = []
+    inside = _inside(sight)
+    for own in bodies.values():
+        for order, visits in _orders(inside, sight, own).items():
+            if len(visits) < TWICE:
+                continue
+            right = _renamed(sight, visits, order)
+            moved = [m for m, n in enumerate(order) if m != n]
+            before = _off(inside, sight, moved)[visits]
+            after = _off(_inside(right), right, moved)[visits]
+            if np.median(after) < np.median(before) / SWAP_BETTER:
+                some = len(visits) < len(first)
+                warned = _swap_warning(
+                    recording,
+                    order,
+                    moved,
+                    first[visits],
+                    f"{len(first)} visits{looked_at}" if some else "",
+                )
+                told.append(Mixed(warned, some or len(own) > len(moved) == 2))
+    return tuple(told)
+
+
+def _inside(sight: Sight) -> np.ndarray:
+    """Return where each marker is in its body, (visits, markers, 3), NaN unseen."""
+    frames, _ = quickly_seated(sight)
+    point = sight.y @ frames.turn.T + frames.shift - sight.origin
+    return np.einsum("vmji,vmj->vmi", sight.turned, point)
+
+
+def _places(inside: np.ndarray, sight: Sight) -> np.ndarray:
+    seen = np.isfinite(inside).any(axis=(0, 2))
+    middle = np.full(sight.place.shape, np.nan)
+    middle[seen] = np.nanmedian(inside[:, seen], axis=0)
+    return np.where(sight.given[:, None], sight.place, middle)
+
+
+def _off(inside: np.ndarray, sight: Sight, some: list[int]) -> np.ndarray:
+    """Return how far some markers are from their places, rms, visit by visit."""
+    away = (inside - _places(inside, sight))[:, some]
+    return np.sqrt(np.mean(np.sum(away**2, axis=2), axis=1))
+
+
+def _orders(
+    inside: np.ndarray, sight: Sight, own: list[int]
+) -> dict[tuple[int, ...], np.ndarray]:
+    """Return the orders in which a body's markers fit better, and in which visits."""
+    places = _places(inside, sight)[own]
+    away = inside[:, own, None] - places[None, None]
+    cost = np.sum(away**2, axis=3)  # (visits, seen, meant)
+    straight = np.arange(len(own))
+    visits: dict[tuple[int, ...], list[int]] = {}
+    for v in np.flatnonzero(np.isfinite(cost).all(axis=(1, 2))):
+        rows, meant = linear_sum_assignment(cost[v])
+        moved = meant != straight
+        before = cost[v, straight, straight][moved].sum()
+        if moved.any() and cost[v, rows, meant][moved].sum() < before / SWAP_BETTER**2:
+            order = np.arange(inside.shape[1])
+            order[own] = np.array(own)[meant]
+            visits.setdefault(tuple(order.tolist()), []).append(int(v))
+    return {order: np.array(some) for order, some in visits.items()}
+
+
+def _renamed(sight: Sight, visits: np.ndarray, order: tuple[int, ...]) -> Sight:
+    """Give readings to the markers that they are taken for."""
+    y = sight.y.copy()
+    y[visits[:, None], list(order)] = sight.y[visits]
+    return replace(sight, y=y)
+
+
+def _swap_warning(
+    recording: Recording,
+    order: tuple[int, ...],
+    moved: list[int],
+    rows: np.ndarray,
+    among: str,
+) -> Warned:
+    names = [recording.markers[m].name for m in moved]
+    meant = [recording.markers[order[m]].name for m in moved]
+    when = ""
+    if among:
+        poses = list(Counter(recording.pose[rows].tolist()))
+        more = " …" if len(poses) > SHOWN else ""
+        shown = ", ".join(map(str, poses[:SHOWN]))
+        when = f" in {len(rows)} of {among} (poses {shown}{more})"
+    text = (
+        f"{' and '.join(names)} look swapped{when}: each is where the other should be."
+    )
+    if len(moved) > 2:
+        pairs = ", ".join(f"{a} is {b}" for a, b in zip(names, meant, strict=True))
+        text = f"the markers' names look mixed up{when}: {pairs}."
+    return Warned("marker_names", "markers", text)
+
+
+DOUBT = 5e-4
+"""Rigid misfit over the readings' extent from which other readings are tried; chosen:
+half a millimetre on a metre, what a well calibrated arm has (Slamani 2012: 0.3 mm)."""
+CLEAR = 10.0
+"""Sigmas of the tracker from which a misfit is looked at; chosen."""
+ALIKE = 1.1
+"""Factor within which readings fit alike; then the first is told. Chosen."""
+VISITS, OF_A_BODY = 30, 2
+"""Visits, and markers of a body, that this looks at; chosen for time."""
+PARTNERS = 8
+"""Readings that are tried together with each other one; chosen for time."""
+
+Told = tuple[Warned, ...]
+
+
+def mistakes_of_set_up(recording: Recording, arm: Arm) -> Told:
+    """Return the gross mistakes that the readings show.
+
+    Args:
+        recording: What was done and seen.
+        arm: The nominal arm, with the recording's names.
+    """
+    if recording.points is None or recording.tracker is None:
+        return ()
+    told: Told = ()
+    if recording.displacement == "absolute":
+        told = odd_units(recording, arm)
+        mixed = () if told else mixed_markers(recording, arm)
+        told = told or tuple(m.warned for m in mixed if m.sure)
+        told = told or _mistakes_of_places(
+            recording, arm, tuple(m.warned for m in mixed)
+        )
+    return told or mistakes_of_loads(recording, arm)
+
+
+def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
+    """Doubt angles and the tracker, then the markers' names, then what is stated."""
+    some = _some(recording, arm)
+    posture = some.posture
+    sight = Sight.of(arm, some, posture)
+    _, before = seated(sight)
+    extent = extent_of(sight)
+    assert some.tracker is not None
+    noise = CLEAR * float(np.max(some.tracker.repeatability))
+    places = np.sqrt(3.0) * MARKER_POSITION_SIGMA if sight.given.any() else 0.0
+    if before <= max(DOUBT * extent, noise, places):
+        return ()
+    angles = list(of_angles(posture, arm.slides))
+    tried: list[tuple[float, Told, np.ndarray]] = []
+    for other in angles:
+        meant = other.meant(posture)
+        tried.append((_misfit(Sight.of(arm, some, meant)), (other.warned,), meant))
+    told = [(left, said) for left, said, _ in tried]
+    told += [(_misfit(o.meant(sight)), (o.warned,)) for o in of_sight(sight)]
+    answer = _best(told, before)
+    if answer or (before < GROSS * extent and not mixed):
+        return answer
+    if mixed:
+        return mixed
+    told = [(_misfit(o.meant(sight)), (o.warned,)) for o in less_is_stated(sight)]
+    if answer := _best(told, before):
+        return answer
+    if answer := _best(_pairs(some, arm, tried, before), before):
+        return answer
+    text = (
+        f"the markers lie {1e3 * before:.0f} mm rms off where this model puts them, "
+        "and no single slip explains it. Is it this arm's model, and do the angles of "
+        "a row belong to its markers?"
+    )
+    return (Warned("wrong_model", "rig", text),)
+
+
+def _pairs(
+    some: Recording,
+    arm: Arm,
+    tried: Sequence[tuple[float, Told, np.ndarray]],
+    before: float,
+) -> Iterable[tuple[float, Told]]:
+    """Try several reversed axes, then each likely reading with each other one."""
+    for said, meant in of_signs(some.posture):
+        yield _misfit(Sight.of(arm, some, meant)), said
+    for left, said, meant in sorted(tried, key=lambda t: t[0])[:PARTNERS]:
+        if left > before:
+            continue
+        for other in of_angles(meant, arm.slides):
+            sight = Sight.of(arm, some, other.meant(meant))
+            yield _misfit(sight), (*said, other.warned)
+        sight = Sight.of(arm, some, meant)
+        for seeing in of_sight(sight):
+            yield _misfit(seeing.meant(sight)), (*said, seeing.warned)
+
+
+def _best(told: Iterable[tuple[float, Told]], before: float) -> Told:
+    told = list(told)
+    least = min((left for left, _ in told), default=np.inf)
+    said = next((said for left, said in told if left <= ALIKE * least), ())
+    return said if least < before / BETTER else ()
+
+
+def _misfit(sight: Sight) -> float:
+    """Return the rms of a rigid fit, in m."""
+    return quickly_seated(sight)[1]
+
+
+def _some(recording: Recording, arm: Arm) -> Recording:
+    """Take the first row of some visits and a few markers of each body."""
+    first = np.unique(recording.visit, return_index=True)[1]
+    some = recording.take(first[:: -(-len(first) // VISITS)])
+    chosen: list[int] = []
+    of_body: dict[int, int] = {}
+    for m, marker in enumerate(recording.markers):
+        axis = arm.place(marker.body).axis
+        of_body[axis] = of_body.get(axis, 0) + 1
+        if of_body[axis] <= OF_A_BODY:
+            chosen.append(m)
+    assert some.points is not None
+    markers = tuple(some.markers[m] for m in chosen)
+    return replace(some, markers=markers, points=some.points[:, chosen])

@@ -1,0 +1,337 @@
+"""Set-up errors of loads: wrenches of wrong sign, unit, order or size.
+
+What gives way follows a load: springs, and what gives way at once.
+
+==========  ==========================================================================
+Equation    d = sum_k J_k (c_k t_k + b_k t_k / (|t_k| + t0)), c_k, b_k >= 0, t = J^T w:
+            marker's differences within a visit from springs in all axes, and from what
+            gives way at once
+Source      Siciliano et al. 2009, "Robotics: Modelling, Planning and Control", 7.3;
+            non-negative least squares: Lawson & Hanson 1974
+Valid       a measured wrench that changes within visits
+Ignores     everything that gives way but the axes
+==========  ==========================================================================
+
+Forces of another size than their cause were given in another unit.
+
+==========  ==========================================================================
+Equation    |F| = m g of what hangs on the hook; y = frame + places + offsets +
+            s sum_k J_k c_k t_k, t = torque of the arm's own weight, c = compliance
+            under the measured load: s = 1 where both are in N m
+Source      statics; units: 1 kgf = 9.80665 N, 1 lbf = 4.4482216 N (ISO 80000-4);
+            s' error: each posture left out in turn, Bell & McCaffrey 2002 (CR3)
+Valid       masses in the model; for s, absolute places of many unloaded postures
+Ignores     rope friction; how much sag a controller takes out: said beside the unit
+==========  ==========================================================================
+
+A load moves an arm its own way; an arm that moves against it was read wrongly.
+
+==========  ==========================================================================
+Equation    rms that `followed_load` leaves under each reading of the files
+Source      enumeration
+Valid       a measured wrench that changes within visits
+Ignores     everything that gives way but the axes
+==========  ==========================================================================
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import nnls
+
+from bench.shared.errors import BenchError
+from bench.shared.recording import Recording
+from stiffness.diagnosis.result import Warned
+from stiffness.diagnosis.setup_alternatives import (
+    KGF,
+    LBF,
+    of_columns,
+    of_loads,
+    of_rows,
+)
+from stiffness.robot.arm import Arm
+from stiffness.robot.kinematics import Standing, levers
+from stiffness.robot.tracker_frame import Frames, first_frames
+from stiffness.robot.wrench import wrench_in_base
+
+# --- Response to the load -------------------------------------------------------------
+
+EXPLAINS = 0.8
+"""Share of the deflection that springs and what gives way at once must explain
+together in a reading that is believed; chosen: in trials of the bench they explain more
+with every effect of the vocabulary."""
+TENTH = 0.1
+"""t0 over the rms of an axis' torque; chosen: play is closed by a tenth of it."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Springs that follow a load.
+
+    Attributes:
+        compliance: Of each axis by springs alone, in rad/(N m); none is negative.
+        left: Rms that they leave of the deflections, in m, noise taken off.
+        whole: Rms of the deflections, in m, noise taken off.
+        clear: Axes whose spring explains a tenth of the deflection and more.
+    """
+
+    compliance: np.ndarray
+    left: float
+    whole: float
+    clear: np.ndarray
+
+    @property
+    def explained(self) -> float:
+        """Share of the squares that they explain."""
+        return 1.0 - (self.left / self.whole) ** 2 if self.whole > 0 else 0.0
+
+
+def followed(some: Recording, arm: Arm, frames: Frames) -> Fit | None:
+    """Fit what gives way.
+
+    Args:
+        some: Pairs of rows: before the load and under it.
+        arm: The nominal arm, with the recording's names.
+        frames: Where the tracker and the markers are.
+
+    Returns:
+        None where no marker was seen in both rows of a pair.
+    """
+    standing = arm.at(some.posture)
+    points, sensor, tracker = some.points, some.wrench_sensor, some.tracker
+    assert points is not None and sensor is not None and tracker is not None
+    moved = (points[1::2] - points[::2]) @ frames.turn.T
+    wrench = wrench_in_base(some, standing)
+    torque = standing.load_torque(wrench, sensor.body, sensor.position)
+    torque = torque[1::2] - torque[::2]
+    size = TENTH * np.sqrt(np.mean(torque**2, axis=0))
+    play = torque / np.maximum(np.abs(torque) + size, 1e-12)
+    jacobian = jacobians(some, standing, frames)[::2]
+    laws = [jacobian * law[:, None, None] for law in (torque, play)]
+    columns = np.concatenate(laws, axis=3)
+    seen = np.isfinite(moved).all(axis=2)
+    if not seen.any():
+        return None
+    design, aim = columns[seen].reshape(-1, 2 * len(arm.axes)), moved[seen].ravel()
+    size = np.linalg.norm(design, axis=0)
+    size = np.where(size > 0, size, 1.0)
+    axes = len(arm.axes)
+    stacked = np.column_stack([design / size, aim])
+    value, vector = np.linalg.eigh(stacked.T @ stacked)
+    turned = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T  # fits alike
+    _, rest = nnls(turned[:, :-1], turned[:, -1])
+    springs, _ = nnls(turned[:, :axes], turned[:, -1])
+    noise = 2.0 * np.sum(tracker.repeatability**2)
+    count = seen.sum()
+    return Fit(
+        springs / size[:axes],
+        float(np.sqrt(max(rest**2 / count - noise, noise / 10.0))),
+        float(np.sqrt(max(aim @ aim / count - noise, 0.0))),
+        springs**2 > 0.1 * (aim @ aim),
+    )
+
+
+def jacobians(some: Recording, standing: Standing, frames: Frames) -> np.ndarray:
+    """Return (rows, markers, 3, axes), in m per rad."""
+    placed = zip(some.markers, frames.place, strict=True)
+    each = [standing.jacobian(marker.body, place) for marker, place in placed]
+    return np.stack(each, axis=1)[:, :, :3]
+
+
+# --- Size of the load and of the sag --------------------------------------------------
+
+UNLIKE = 100.0
+"""Factor between fitted and nominal compliance that no arm has; chosen."""
+FLOPPY, STARK = 0.1, 1e-6
+"""Most and least that an arm's axes sag under its own weight, in rad; chosen: those of
+industrial arms sag by 1e-4 to 3e-3."""
+FELT = 1.0
+"""Torque of its own weight from which an axis' sag is judged, in N m; chosen."""
+HEAVY = 3.0
+"""Factor between the force and the weight on the hook that no rope makes; chosen: a
+tackle doubles it, pounds and kilograms for newtons are beyond."""
+NEAR = 0.25
+"""How far a ratio may be from a unit's own that it is taken for; chosen: friction of a
+rope is a tenth, and what plays and slips makes compliance a fifth larger or smaller."""
+SURE, ERRORS = 0.08, 3.0
+"""Standard error over s from which it is believed, chosen: a third of `NEAR`; and how
+many of them a unit may be off, chosen: what a controller leaves is any number."""
+RANK = 1e-9
+"""Singular value over the largest below which columns are the same; chosen."""
+POSTURES = 60
+"""Visits whose sag is looked at; chosen for time."""
+
+
+def of_size(some: Recording, arm: Arm, fit: Fit) -> Warned | None:
+    """Doubt units where springs come out as no arm has them."""
+    assert some.wrench is not None
+    if some.load_mass is not None:
+        force = np.linalg.norm(np.diff(some.wrench[:, :3], axis=0)[::2], axis=1)
+        hung = KGF * np.abs(np.diff(some.load_mass)[::2])
+        if hung.any():
+            ratio = float(np.sum(force) / np.sum(hung))
+            if not 1.0 / HEAVY < ratio < HEAVY:
+                unit = _unit(ratio)
+                text = (
+                    f"the force is {ratio:.3g} times the weight on the hook"
+                    f"{f', as if in {unit}' if unit else ''}: check the units of "
+                    "fx_n, fy_n, fz_n and of load_kg."
+                )
+                return Warned("units", "wrench_sensor", text)
+    if not fit.clear.any() or fit.explained < EXPLAINS:
+        return None
+    known = fit.clear & (arm.stiffness > 0)
+    weight = np.abs(arm.at(some.posture).gravity_torque(some.tool)).max(axis=0)
+    heavy = fit.clear & ~arm.slides & (weight > max(0.1 * weight.max(), FELT))
+    sag = (weight * fit.compliance)[heavy]
+    words = None
+    if known.any():
+        ratio = float(np.median(fit.compliance[known] * arm.stiffness[known]))
+        if not 1.0 / UNLIKE < ratio < UNLIKE:
+            words = f"{ratio:.3g} times what the model's springs give"
+    if words is None and len(sag) and not STARK < sag.max() < FLOPPY:
+        words = f"such that the arm's own weight would turn axes by {sag.max():.2g} rad"
+    if words is None:
+        return None
+    text = f"deflections are {words}: check the units of wrench and markers."
+    return Warned("units", "wrench_sensor", text)
+
+
+def of_sag(recording: Recording, arm: Arm, frames: Frames, fit: Fit) -> Warned | None:
+    """Doubt units where its own weight turns the arm otherwise than the load does."""
+    if recording.displacement != "absolute" or fit.explained < EXPLAINS:
+        return None
+    first = np.unique(recording.visit, return_index=True)[1]
+    some = recording.take(first[:: -(-len(first) // POSTURES)])
+    found = _sag(some, arm, frames, fit)
+    if found is None or found[1] > SURE * abs(found[0]):
+        return None
+    unit = _unit(found[0], ERRORS * found[1])
+    if not unit:
+        return None
+    text = (
+        f"the wrench looks given in {unit}: under its own weight the arm gives way "
+        f"{found[0]:.3g} times as much as the wrench would have it. N and Nm are "
+        f"expected. Or the controller takes out {1.0 - found[0]:.0%} of the sag."
+    )
+    return Warned("units", "wrench_sensor", text)
+
+
+def _unit(ratio: float, off: float = np.inf) -> str:
+    """Return the unit in which a force would be read this many times its size."""
+    for name, size in (("kgf", KGF), ("lbf", LBF)):
+        if abs(ratio * size - 1.0) < min(NEAR, off * size):
+            return name
+    return ""
+
+
+def _sag(
+    some: Recording, arm: Arm, frames: Frames, fit: Fit
+) -> tuple[float, float] | None:
+    """Return s and its standard error, by leaving out each posture in turn."""
+    standing, markers = arm.at(some.posture), some.markers
+    jacobian = jacobians(some, standing, frames)  # (rows, markers, 3, axes)
+    torque = standing.gravity_torque(some.tool)
+    placed = zip(markers, frames.place, strict=True)
+    points = np.stack([standing.point(m.body, place) for m, place in placed], axis=1)
+    assert some.points is not None
+    left = some.points @ frames.turn.T + frames.shift - points
+    places = np.zeros((*left.shape, 3 * len(markers)))
+    for m, marker in enumerate(markers):
+        places[:, m, :, 3 * m : 3 * m + 3] = standing.turn(marker.body)
+    sag = (jacobian * (fit.compliance * torque)[:, None, None]).sum(axis=3)
+    seen = np.isfinite(left)
+    others = np.concatenate([levers(points), jacobian, places], axis=3)[seen]
+    size = np.linalg.norm(others, axis=0)
+    u, scale, _ = np.linalg.svd(others / np.where(size > 0, size, 1.0), False)
+    u = u[:, scale > RANK * scale[0]]
+    own, aim = (v[seen] - u @ (u.T @ v[seen]) for v in (sag, left))
+    whole = own @ own
+    if whole <= 0.0:
+        return None
+    answer = (own @ aim) / whole
+    of_posture = np.broadcast_to(np.arange(len(left))[:, None, None], left.shape)[seen]
+    rest, basis = aim - answer * own, np.column_stack([u, own / np.sqrt(whole)])
+    square = 0.0
+    for posture in np.unique(of_posture):
+        its = of_posture == posture
+        free = np.eye(its.sum()) - basis[its] @ basis[its].T
+        foretold = np.linalg.lstsq(free, rest[its], rcond=RANK)[0]
+        square += (own[its] @ foretold) ** 2
+    return float(answer), float(np.sqrt(square) / whole)
+
+
+# --- Errors of loads ------------------------------------------------------------------
+
+PAIRS = 200
+"""Pairs of rows that this looks at; chosen for time."""
+LOUD = 3.0
+"""Deflection over noise, both rms, from which it can be judged; chosen."""
+BETTER = 2.0
+"""Factor in rms by which another reading must fit better; chosen."""
+RIGHT = 0.05
+"""Share of the deflection, in rms, that a reading may leave and is not doubted; chosen:
+a slip leaves all of an axis' or a component's, and that seldom is a twentieth."""
+ALIKE = 0.9
+"""Rms over that of a reading told before from which this one fits alike; chosen."""
+
+
+def mistakes_of_loads(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
+    """Return the gross mistake that differences within visits show.
+
+    Args:
+        recording: With markers and a tracker.
+        arm: The nominal arm, with the recording's names.
+    """
+    if recording.wrench is None or recording.wrench_sensor is None:
+        return ()
+    pairs = _pairs(recording)
+    try:
+        frames = first_frames(arm, recording, np.zeros(len(arm.axes)))
+    except BenchError:
+        return ()
+    some = recording.take(pairs)
+    written = followed(some, arm, frames) if len(pairs) else None
+    assert recording.tracker is not None
+    noise = float(np.sqrt(2.0 * np.sum(recording.tracker.repeatability**2)))
+    if written is None or written.whole < LOUD * noise:
+        return ()
+    answer = None
+    if written.left > RIGHT * written.whole:
+        others = [*of_loads(some, arm), *of_columns(some)]
+        if recording.rows == "plateaus":
+            others += [(warned, r.take(pairs)) for warned, r in of_rows(recording)]
+        answer = _better(others, written, arm, frames)
+    if answer is None:
+        answer = of_size(some, arm, written) or of_sag(recording, arm, frames, written)
+    return () if answer is None else (answer,)
+
+
+def _pairs(recording: Recording) -> np.ndarray:
+    """Return the first row of a visit and another of it, in turn.
+
+    All rows count: by the least and the largest load alone a wrench that is one row
+    off can look reversed.
+    """
+    visit = recording.visit
+    first, where = np.unique(visit, return_index=True, return_inverse=True)[1:]
+    longest = max(int(np.bincount(where).max()) - 1, 1)
+    every = max(1, -(-len(first) * longest // PAIRS))
+    rows = np.flatnonzero(
+        (first[where] != np.arange(len(visit))) & (where % every == 0)
+    )
+    rows = rows[:: -(-len(rows) // PAIRS) or 1]
+    return np.stack([first[where[rows]], rows], axis=1).ravel()
+
+
+def _better(
+    others: Iterable[tuple[Warned, Recording]], written: Fit, arm: Arm, frames: Frames
+) -> Warned | None:
+    """Return what is said of the reading that fits best, if any is believed."""
+    best, answer = written.left / BETTER, None
+    for warned, other in others:
+        fit = followed(other, arm, frames)
+        if fit is not None and fit.left < best and fit.explained > EXPLAINS:
+            best, answer = ALIKE * fit.left, warned
+    return answer

@@ -1,0 +1,277 @@
+"""Sufficient statistics: normal equations by fold, scores by pose, cross products.
+
+What was read is kept as two blocks: differences within visits, means of visits.
+
+What readings say about columns is their Gram matrix and each pose's score.
+
+==========  ==========================================================================
+Equation    gram = X' S^-1 X by fold; score_p = X_p' S^-1 y_p by pose;
+            without K: gram~ = gram - gram_cK gram_KK^-1 gram_Kc, score~ likewise
+Source      Gauss-Markov; Frisch-Waugh-Lovell
+Valid       S as stated, block A (within visits) and B (between) independent
+Ignores     nothing that is linear
+==========  ==========================================================================
+
+A few columns meet many: their products, and what else readings say of the many.
+
+What each pose says of a few columns is kept apart, for fits that leave poses out.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from stiffness.diagnosis.between_visit import Between
+from stiffness.diagnosis.design_matrix import Deferred, columns_of, sites_of
+from stiffness.diagnosis.within_visit import Within
+from stiffness.effects.jacobian import Signature
+from stiffness.experiment.visits import Visits, stretches
+from stiffness.regression.normal_equations import Evidence
+
+# --- Readings as two blocks -----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Data:
+    """Both blocks of a recording's readings.
+
+    Attributes:
+        visits: How rows lie side by side.
+        within: Differences within visits.
+        between: Means of visits; None where readings are relative.
+    """
+
+    visits: Visits
+    within: Within
+    between: Between | None
+
+    @property
+    def unknowns(self) -> int:
+        """How many unknowns there are in the means."""
+        return 0 if self.between is None else len(self.between.scale)
+
+    def less(
+        self,
+        signatures: Sequence[Signature],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> "Data":
+        """Return the data without what these columns do."""
+        row, between = self.visits.row, self.between
+        mix = coefficients[:, None]
+        pull, square = self.within.pull.copy(), self.within.square.copy()
+        asked = np.zeros((self.unknowns, 1))
+        white = []
+        for some in stretches(len(row)):
+            columns = columns_of(signatures, row[some])
+            within = self.within.some(some)
+            moved = within.moved(columns) @ mix
+            change = within.cleaned(within.raw_pulls(moved))
+            square[some] -= np.sum(moved * (2 * pull[:, some] - change), axis=(0, 2, 3))
+            pull[:, some] -= change
+            if between is not None:
+                means = between.some(some)
+                one = means.roots.white(means.moved(columns) @ mix)
+                back = means.roots.back(one)
+                asked += np.sum(means.unknown.swapaxes(1, 2) @ back, axis=0)
+                white.append(one)
+        within = self.within.less(pull, square)
+        if between is None:
+            return Data(self.visits, within, None)
+        residual, taken = between.residual.copy(), between.taken(asked)
+        for some, one in zip(stretches(len(row)), white, strict=True):
+            means = between.some(some)
+            residual[some] += means.roots.white(means.unknown @ taken) - one
+        return Data(self.visits, within, between.less(residual))
+
+
+# --- Normal equations -----------------------------------------------------------------
+
+
+def evidence_of(
+    data: Data,
+    signatures: Sequence[Signature | Deferred],
+    fold: Int[np.ndarray, " poses"],
+) -> Evidence:
+    """Let the readings speak about signatures.
+
+    Args:
+        data: The readings.
+        signatures: The columns.
+        fold: Of each pose.
+    """
+    visits, between = data.visits, data.between
+    of_visit, folds = fold[visits.pose], int(fold.max()) + 1
+    empty = columns_of(signatures, visits.row[:1])
+    slots = len(empty.column)
+    gram, of_means = np.zeros((2, folds, slots, slots))
+    asked = np.zeros((folds, data.unknowns, slots))
+    by_unknown = np.zeros((visits.poses(), data.unknowns))
+    score = np.zeros((visits.poses(), empty.count))
+    for some in stretches(len(visits.row), of_visit):
+        f, pose = of_visit[some[0]], visits.pose[some]
+        columns = columns_of(signatures, visits.row[some])
+        within = data.within.some(some)
+        within.add_gram(columns, gram[f])
+        own = within.of_each(columns, within.pull)
+        if between is not None:
+            means = between.some(some)
+            sites = sites_of(columns, means.share, means.screw)
+            means.add_gram(sites, of_means[f])
+            asked[f] += means.of_unknown(sites, slots)
+            pull = means.roots.back(between.residual[some])
+            own += means.of_each(sites, slots, pull)
+            back = means.unknown.swapaxes(1, 2) @ pull
+            np.add.at(by_unknown, pose, back[..., 0])
+        np.add.at(score, pose, columns.joined(own[:, 0]))
+    total = np.stack([empty.both_joined(own) for own in gram + of_means])
+    if between is not None:
+        by_fold = empty.joined(asked)
+        taken = between.taken(by_fold.sum(axis=0))
+        total -= between.projected(by_fold, by_fold, of_visit)
+        score -= by_unknown @ taken
+    whole = empty.both_joined(of_means.sum(axis=0))
+    raw = np.maximum(np.diagonal(total.sum(axis=0)), 0.0) + np.diag(whole)
+    return Evidence(total, score, fold, raw)
+
+
+# --- Cross products with many columns -------------------------------------------------
+
+
+def cross_of(
+    data: Data,
+    few: Sequence[Signature],
+    many: Sequence[Signature | Deferred],
+    fold: Int[np.ndarray, " poses"],
+) -> tuple[Float[np.ndarray, "folds few many"], Float[np.ndarray, "poses many"]]:
+    """Return the products of a few columns with many by fold, and the many's scores.
+
+    Args:
+        data: The readings.
+        few: Columns without which the readings were not or already are.
+        many: More columns.
+        fold: Of each pose.
+    """
+    visits, between = data.visits, data.between
+    of_visit, folds = fold[visits.pose], int(fold.max()) + 1
+    one, other = (columns_of(s, visits.row[:1]) for s in (few, many))
+    slots, unknowns = len(other.column), data.unknowns
+    gram = np.zeros((folds, one.count, slots))
+    near = np.zeros((folds, unknowns, one.count))
+    far = np.zeros((folds, unknowns, slots))
+    by_unknown = np.zeros((visits.poses(), unknowns))
+    score = np.zeros((visits.poses(), other.count))
+    for some in stretches(len(visits.row), of_visit):
+        f, pose = of_visit[some[0]], visits.pose[some]
+        few_here = columns_of(few, visits.row[some])
+        many_here = columns_of(many, visits.row[some])
+        within = data.within.some(some)
+        gram[f] += within.products(many_here, within.pulls(few_here))
+        own = within.of_each(many_here, within.pull)
+        if between is not None:
+            means = between.some(some)
+            sites = sites_of(many_here, means.share, means.screw)
+            moved = means.moved(few_here)
+            pull = means.roots.back(means.roots.white(moved))
+            residual = means.roots.back(between.residual[some])
+            far[f] += means.of_unknown(sites, slots)
+            gram[f] += means.products(sites, slots, pull)
+            near[f] += np.sum(means.unknown.swapaxes(1, 2) @ pull, axis=0)
+            own += means.of_each(sites, slots, residual)
+            back = means.unknown.swapaxes(1, 2) @ residual
+            np.add.at(by_unknown, pose, back[..., 0])
+        np.add.at(score, pose, many_here.joined(own[:, 0]))
+    total = other.joined(gram)
+    if between is not None:
+        far = other.joined(far)
+        total -= between.projected(near, far, of_visit)
+        score -= by_unknown @ between.taken(far.sum(axis=0))
+    return total, score
+
+
+def beside_many(
+    cross: Float[np.ndarray, "folds few both"],
+    gram: Float[np.ndarray, "folds many many"],
+) -> Float[np.ndarray, "folds both both"]:
+    """Return the products of a few columns and many, the few first, with each other.
+
+    Args:
+        cross: Of the few with themselves, then with the many.
+        gram: Of the many.
+    """
+    below = np.concatenate([cross[..., cross.shape[1] :].swapaxes(1, 2), gram], axis=2)
+    return np.concatenate([cross, below], axis=1)
+
+
+# --- Statistics of each pose ----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ByPose:
+    """Gram matrices and scores of a few columns.
+
+    Attributes:
+        gram: Of each fold, the unknown marginalised.
+        own: Of each pose, the unknown where all poses together put it.
+        score: Of each pose.
+    """
+
+    gram: Float[np.ndarray, "folds columns columns"]
+    own: Float[np.ndarray, "poses columns columns"]
+    score: Float[np.ndarray, "poses columns"]
+
+    def mixed(self, mix: Float[np.ndarray, "columns others"]) -> "ByPose":
+        """Return the same of sums of the columns."""
+        gram, own = mix.T @ self.gram @ mix, mix.T @ self.own @ mix
+        return ByPose(gram, own, self.score @ mix)
+
+
+def by_pose(
+    data: Data, signatures: Sequence[Signature], fold: Int[np.ndarray, " poses"]
+) -> ByPose:
+    """Let every pose speak about a few signatures.
+
+    Args:
+        data: The readings.
+        signatures: The columns.
+        fold: Of each pose.
+    """
+    visits, between = data.visits, data.between
+    of_visit, folds = fold[visits.pose], int(fold.max()) + 1
+    count = sum(s.columns for s in signatures)
+    gram = np.zeros((folds, count, count))
+    own = np.zeros((visits.poses(), count, count))
+    score = np.zeros((visits.poses(), count))
+    asked = np.zeros((folds, data.unknowns, count))
+    means_of = []
+    for some in stretches(len(visits.row), of_visit):
+        f, pose = of_visit[some[0]], visits.pose[some]
+        columns = columns_of(signatures, visits.row[some])
+        within = data.within.some(some)
+        moved = within.moved(columns)
+        pull = within.cleaned(within.raw_pulls(moved))
+        each = np.sum(moved.swapaxes(2, 3) @ pull, axis=0)
+        asks = np.sum(moved.swapaxes(2, 3) @ within.pull, axis=0)[..., 0]
+        gram[f] += each.sum(axis=0)
+        np.add.at(own, pose, each)
+        np.add.at(score, pose, asks)
+        if between is not None:
+            means = between.some(some)
+            white = means.roots.white(means.moved(columns))
+            back = means.roots.back(white)
+            flat = white.reshape(white.shape[0] * white.shape[1], count)
+            gram[f] += flat.T @ flat
+            asked[f] += np.sum(means.unknown.swapaxes(1, 2) @ back, axis=0)
+            means_of.append((some, white))
+    if between is None:
+        return ByPose(gram, own, score)
+    taken = between.taken(asked.sum(axis=0))
+    gram -= between.projected(asked, asked, of_visit)
+    for some, white in means_of:
+        pose = visits.pose[some]
+        means = between.some(some)
+        left = white - means.roots.white(means.unknown @ taken)
+        np.add.at(own, pose, left.swapaxes(1, 2) @ left)
+        np.add.at(score, pose, (left.swapaxes(1, 2) @ between.residual[some])[..., 0])
+    return ByPose(gram, own, score)

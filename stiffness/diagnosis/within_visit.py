@@ -1,0 +1,420 @@
+"""Within-visit model: free marker offsets, differences carry the load.
+
+What differences within visits could tell of twists, whatever the readings are.
+
+==========  ==========================================================================
+Equation    information of a body: sum over its markers of L_m (x) G_m' T^-1 G_m, with
+            L_m = diag(w) - w w'/sum(w) over rows (the rest position marginalised);
+            of two places: sum over the bodies that both carry; less wrench noise U:
+            information - information U (1 + U' information U)^-1 U' information
+Source      Gauss-Markov with nuisance marginalised; Woodbury's identity
+Valid       small motions of rigid bodies; noise of rows independent but for U
+Ignores     the change of a tracker's smooth error over a few millimetres
+==========  ==========================================================================
+
+A turn has one number a row, a motion of a place six; index order axis, row for turns,
+row, component for motions.
+
+Differences within some visits pull at bodies; a column feels the pull where it acts.
+
+==========  ==========================================================================
+Equation    pull of a motion: information of each body times its motion, less that of
+            the turns U (1 + U' information U)^-1 U' (pull on turns) which the wrench's
+            errors would feign; product of two columns: the one's motion times the
+            other's pull; of two turns at once from the information between turns
+Source      as `Information`
+Valid       as `Information`
+Ignores     as `Information`
+==========  ==========================================================================
+
+Within a visit a marker rests where it likes; what moves it is the load.
+
+==========  ==========================================================================
+Equation    y_mr = rest_m + G_m xi_br + noise; pull of the readings on each body =
+            sum L_m (x) G_m' T^-1 y_m, less what the wrench's errors feigned
+Source      Gauss-Markov with the rest positions marginalised
+Valid       as `Information`
+Ignores     as `Information`
+==========  ==========================================================================
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from stiffness.diagnosis.design_matrix import Columns, Group, contract
+from stiffness.experiment.visits import Kept, stretches
+from stiffness.robot.kinematics import levers
+
+# --- Fisher information ---------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Information:
+    """Information on twists in some visits, laid out when it is asked for.
+
+    Attributes:
+        weight: Of each reading.
+        lever: What takes a twist to a marker's displacement.
+        inverse: Inverse covariance of one frame's reading.
+        body: Index of each marker's body.
+        carried: Whether a place carries a body.
+        screw: Twist of what an axis carries per radian along it.
+    """
+
+    weight: Float[np.ndarray, "visits rows markers"]
+    lever: Float[np.ndarray, "visits markers 3 6"]
+    inverse: Float[np.ndarray, "3 3"]
+    body: Int[np.ndarray, " markers"]
+    carried: Bool[np.ndarray, "places bodies"]
+    screw: Float[np.ndarray, "visits rows axes 6"]
+
+    @property
+    def axes(self) -> int:
+        """How many axes there are."""
+        return self.screw.shape[2]
+
+    @cached_property
+    def laplace(self) -> Float[np.ndarray, "visits rows rows markers"]:
+        """Weights of products of two rows, the rest position marginalised."""
+        weight, rows = self.weight, self.weight.shape[1]
+        total = weight.sum(axis=1)
+        share = weight / np.where(total > 0, total, 1.0)[:, None]
+        laplace = -weight[:, :, None] * share[:, None]
+        laplace[:, range(rows), range(rows)] += weight
+        return laplace
+
+    @cached_property
+    def on_turns(self) -> Float[np.ndarray, "visits turns turns"]:
+        """Raw information between the axes' turns."""
+        visits, rows = self.screw.shape[:2]
+        blocks = []
+        for k in range(self.axes):
+            onto = self.through(k + 1).reshape(visits, -1, rows, 6)
+            blocks.append(np.einsum("vtrc,vrc->vtr", onto, self.screw[:, :, k]))
+        return np.concatenate(blocks, axis=2)
+
+    def through(self, place: int) -> Float[np.ndarray, "visits turns n"]:
+        """Return the raw information between the axes' turns and a place's motions."""
+        if place not in self._through:
+            blocks = [
+                self._turned(k, self.both(k + 1, place)) for k in range(self.axes)
+            ]
+            self._through[place] = np.concatenate(blocks, axis=1)
+        return self._through[place]
+
+    def of(self, bodies: tuple[int, ...]) -> Float[np.ndarray, "visits n n"]:
+        """Return the information on a motion that these bodies share."""
+        if bodies not in self._sums:
+            visits, rows = self.screw.shape[:2]
+            if not bodies:
+                total = np.zeros((visits, rows * 6, rows * 6))
+            elif len(bodies) == 1:
+                total = self._of_body(bodies[0])
+            else:  # the bodies of nested places differ by one
+                total = self.of(bodies[1:]) + self.of(bodies[:1])
+            self._sums[bodies] = total
+        return self._sums[bodies]
+
+    def both(self, one: int, other: int) -> tuple[int, ...]:
+        """Return the bodies that both places carry."""
+        shared = self.carried[one] & self.carried[other]
+        return tuple(int(b) for b in np.flatnonzero(shared))
+
+    def _of_body(self, b: int) -> np.ndarray:
+        own = np.flatnonzero(self.body == b)
+        visits, rows = self.screw.shape[:2]
+        lever = self.lever[:, own]
+        hessian = lever.swapaxes(2, 3) @ self.inverse @ lever
+        joined = self.laplace[..., own].reshape(visits, rows * rows, len(own))
+        product = joined @ hessian.reshape(visits, len(own), 36)
+        shaped = product.reshape(visits, rows, rows, 6, 6).transpose(0, 1, 3, 2, 4)
+        return shaped.reshape(visits, rows * 6, rows * 6)
+
+    def _turned(self, k: int, bodies: tuple[int, ...]) -> np.ndarray:
+        if (k, bodies) not in self._rows:
+            visits, rows = self.screw.shape[:2]
+            shaped = self.of(bodies).reshape(visits, rows, 6, rows * 6)
+            turned = (self.screw[:, :, None, k] @ shaped)[:, :, 0]
+            self._rows[k, bodies] = turned
+        return self._rows[k, bodies]
+
+    @cached_property
+    def _sums(self) -> dict[tuple[int, ...], np.ndarray]:
+        return {}
+
+    @cached_property
+    def _rows(self) -> dict[tuple[int, tuple[int, ...]], np.ndarray]:
+        return {}
+
+    @cached_property
+    def _through(self) -> dict[int, np.ndarray]:
+        return {}
+
+
+# --- Contrasts within visits ----------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Contrasts:
+    """What differences within some visits say about twists.
+
+    Attributes:
+        information: What they could say.
+        kernel: U (1 + U' information U)^-1 U' of the wrench's errors U.
+        raw: Information between turns.
+        turns: The same with the wrench's errors taken out.
+        pull: Of the readings, without what the wrench's errors feigned.
+    """
+
+    information: Information
+    kernel: Float[np.ndarray, "visits turns turns"]
+    raw: Float[np.ndarray, "visits turns turns"]
+    turns: Float[np.ndarray, "visits turns turns"]
+    pull: Float[np.ndarray, "bodies visits n 1"]
+
+    def add_gram(
+        self, columns: Columns, total: Float[np.ndarray, "slots slots"]
+    ) -> None:
+        """Add the products of all slots, summed over visits; shifts have none."""
+        self._of_turns(columns, total)
+        if columns.motions:
+            self._of_motions(columns, total)
+
+    def pulls(self, columns: Columns) -> Float[np.ndarray, "bodies visits n columns"]:
+        """Return the pull of each column; for few columns."""
+        return self.cleaned(self.raw_pulls(self.moved(columns)))
+
+    def products(self, columns: Columns, pull: np.ndarray) -> np.ndarray:
+        """Return the products of pulls with slots, added up: (pulls, slots)."""
+        total = np.zeros((pull.shape[3], len(columns.column)))
+        for group, at in self._sites(columns, pull):
+            visits, n, k = at.shape
+            laid = group.values.reshape(visits * n, -1)
+            total[:, group.slots] = at.reshape(visits * n, k).T @ laid
+        return total
+
+    def of_each(self, columns: Columns, pull: np.ndarray) -> np.ndarray:
+        """Return the products of pulls with slots: (visits, pulls, slots)."""
+        shape = (pull.shape[1], pull.shape[3], len(columns.column))
+        total = np.zeros(shape)
+        for group, at in self._sites(columns, pull):
+            laid = group.values.reshape(*at.shape[:2], -1)
+            total[:, :, group.slots] = at.swapaxes(1, 2) @ laid
+        return total
+
+    def moved(self, columns: Columns) -> Float[np.ndarray, "bodies visits n columns"]:
+        """Return how columns move the bodies."""
+        info = self.information
+        visits, rows = info.screw.shape[:2]
+        bodies = info.carried.shape[1]
+        total = np.zeros((bodies, visits, rows, 6, len(columns.column)))
+        for group in columns.turns:
+            screw = info.screw[:, :, group.place, :, None]
+            on = info.carried[group.place + 1]
+            total[on, ..., group.slots] = screw * group.values[:, :, None]
+        for group in columns.motions:
+            total[info.carried[group.place], ..., group.slots] = group.values
+        return columns.joined(total.reshape(bodies, visits, rows * 6, -1))
+
+    def raw_pulls(self, moved: np.ndarray) -> np.ndarray:
+        """Return the pull of motions of bodies, what errors feign included."""
+        info = self.information
+        return np.stack([info.of((b,)) @ own for b, own in enumerate(moved)])
+
+    def cleaned(self, pull: np.ndarray) -> np.ndarray:
+        """Return pulls without what the wrench's errors most likely feign."""
+        info = self.information
+        visits, rows = info.screw.shape[:2]
+        feigned = self.kernel @ self.on_turns(pull)
+        shaped = feigned.reshape(visits, info.axes, rows, 1, -1)
+        moved = np.zeros((len(pull), visits, rows, 6, pull.shape[3]))
+        for k in range(info.axes):
+            moved[info.carried[k + 1]] += info.screw[:, :, k, :, None] * shaped[:, k]
+        return pull - self.raw_pulls(moved.reshape(pull.shape))
+
+    def on_turns(self, pull: np.ndarray) -> np.ndarray:
+        """Return pulls along all axes: (visits, turns, pulls)."""
+        along = [self._along(k, pull) for k in range(self.information.axes)]
+        return np.concatenate(along, axis=1)
+
+    def _along(self, k: int, pull: np.ndarray) -> np.ndarray:
+        info = self.information
+        visits, rows = info.screw.shape[:2]
+        total = pull[info.carried[k + 1]].sum(axis=0)
+        shaped = total.reshape(visits, rows, 6, -1)
+        return (info.screw[:, :, None, k] @ shaped)[:, :, 0]
+
+    def _sites(
+        self, columns: Columns, pull: np.ndarray
+    ) -> Iterator[tuple[Group, np.ndarray]]:
+        for group in columns.turns:
+            yield group, self._along(group.place, pull)
+        for group in columns.motions:
+            on = self.information.carried[group.place]
+            yield group, pull[on].sum(axis=0)
+
+    def _of_turns(self, columns: Columns, gram: np.ndarray) -> None:
+        """Add the products of turns with turns."""
+        visits, rows = self.information.screw.shape[:2]
+        end = columns.turns[-1].slots.stop if columns.turns else 0
+        for i, near in enumerate(columns.turns):
+            one = slice(near.place * rows, near.place * rows + rows)
+            pulled = np.empty((visits, rows, end - near.slots.start))
+            for far in columns.turns[i:]:
+                other = slice(far.place * rows, far.place * rows + rows)
+                at = slice(
+                    far.slots.start - near.slots.start,
+                    far.slots.stop - near.slots.start,
+                )
+                pulled[..., at] = self.turns[:, one, other] @ far.values
+            block = contract(near.values, pulled)
+            after = slice(near.slots.stop, end)
+            gram[near.slots, near.slots.start : end] += block
+            gram[after, near.slots] += block[:, near.values.shape[2] :].T
+
+    def _of_motions(self, columns: Columns, gram: np.ndarray) -> None:
+        """Add the products of motions with turns and with motions."""
+        info = self.information
+        visits, rows = info.screw.shape[:2]
+        start, end = columns.motions[0].slots.start, columns.motions[-1].slots.stop
+        laid = [g.values.reshape(visits, rows * 6, -1) for g in columns.motions]
+        through = [info.through(g.place) for g in columns.motions]
+        along = np.concatenate(
+            [t @ x for t, x in zip(through, laid, strict=True)], axis=2
+        )
+        feigned = self.kernel @ along
+        own = slice(start, end)
+        left = along - self.raw @ feigned
+        for near in columns.turns:
+            one = slice(near.place * rows, near.place * rows + rows)
+            block = contract(near.values, left[:, one])
+            gram[near.slots, own] += block
+            gram[own, near.slots] += block.T
+        gram[own, own] -= contract(along, feigned)
+        for j, (far, y) in enumerate(zip(columns.motions, laid, strict=True)):
+            pulled: dict[tuple[int, ...], np.ndarray] = {}
+            for near, x in zip(columns.motions[: j + 1], laid, strict=False):
+                bodies = info.both(near.place, far.place)
+                if bodies not in pulled:
+                    pulled[bodies] = info.of(bodies) @ y
+                block = contract(x, pulled[bodies])
+                gram[near.slots, far.slots] += block
+                if near is not far:
+                    gram[far.slots, near.slots] += block.T
+
+
+# --- Within ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Within:
+    """What differences within visits say about twists, visit by visit.
+
+    Attributes:
+        weight: Of each reading.
+        lever: What takes a twist to a marker's displacement.
+        inverse: Inverse covariance of one frame's reading.
+        body: Index of each marker's body.
+        carried: Whether a place carries a body.
+        screw: Twist of what an axis carries per radian along it.
+        kernel: U (1 + U' information U)^-1 U' of the wrench's errors U.
+        raw: Information between turns.
+        turns: The same with the wrench's errors taken out.
+        pull: Of the readings, without what the wrench's errors feigned.
+        square: Whitened sum of squares of each visit's differences, the same taken out.
+        freedom: How many differences of coordinates each visit has.
+        kept: What is laid out for the visits asked for last.
+    """
+
+    weight: Float[np.ndarray, "visits rows markers"]
+    lever: Float[np.ndarray, "visits markers 3 6"]
+    inverse: Float[np.ndarray, "3 3"]
+    body: Int[np.ndarray, " markers"]
+    carried: Bool[np.ndarray, "places bodies"]
+    screw: Float[np.ndarray, "visits rows axes 6"]
+    kernel: Float[np.ndarray, "visits turns turns"]
+    raw: Float[np.ndarray, "visits turns turns"]
+    turns: Float[np.ndarray, "visits turns turns"]
+    pull: Float[np.ndarray, "bodies visits n 1"]
+    square: Float[np.ndarray, " visits"]
+    freedom: Float[np.ndarray, " visits"]
+    kept: Kept[Information] = field(default_factory=Kept[Information])
+
+    @classmethod
+    def of(
+        cls,
+        residual: Float[np.ndarray, "visits rows markers 3"],
+        weight: Float[np.ndarray, "visits rows markers"],
+        inverse: Float[np.ndarray, "3 3"],
+        point: Float[np.ndarray, "visits markers 3"],
+        body: Int[np.ndarray, " markers"],
+        frame: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> "Within":
+        """Compress readings to what they say about bodies.
+
+        Args:
+            residual: Reading less nominal place, along the base's axes, in m.
+            weight: Of each reading: frames averaged, less where it is an outlier, 0
+                where it was not seen.
+            inverse: Inverse covariance of one frame's reading, along the base's axes.
+            point: Where markers are in each visit, in m.
+            body: Index of each marker's body.
+            frame: `carried`, `screw` and noise: turns of the axes, one sigma, that the
+                wrench's errors feign (visits, turns, errors), index order axis, row.
+        """
+        visits, rows, _ = weight.shape
+        carried, screw, noise = frame
+        turns, bodies = noise.shape[1], carried.shape[1]
+        kernel, raw, on_turns = np.empty((3, visits, turns, turns))
+        pull = np.zeros((bodies, visits, rows * 6, 1))
+        square = np.empty(visits)
+        lever = levers(point)
+        for some in stretches(visits):
+            info = Information(
+                weight[some], lever[some], inverse, body, carried, screw[some]
+            )
+            u, own = noise[some], info.on_turns
+            inner = np.eye(u.shape[2]) + u.swapaxes(1, 2) @ own @ u
+            kernel[some] = u @ np.linalg.solve(inner, u.swapaxes(1, 2))
+            raw[some], on_turns[some] = own, own - own @ kernel[some] @ own
+            values = residual[some].transpose(0, 2, 1, 3)  # (visits, markers, rows, 3)
+            contrast = np.ascontiguousarray(info.laplace.transpose(0, 3, 1, 2)) @ values
+            asked = contrast @ (inverse @ info.lever)
+            for b in range(bodies):
+                of_body = asked[:, body == b].sum(axis=1)
+                pull[b, some] = of_body.reshape(len(of_body), -1, 1)
+            seen = Contrasts(info, kernel[some], own, on_turns[some], pull[:, some])
+            along = seen.on_turns(seen.pull)
+            feigned = np.sum(along * (kernel[some] @ along), axis=(1, 2))
+            whole = np.sum(values * (contrast @ inverse), axis=(1, 2, 3))
+            square[some] = whole - feigned
+            pull[:, some] = seen.cleaned(seen.pull)
+        freedom = 3.0 * np.maximum((weight > 0).sum(axis=1) - 1, 0).sum(axis=1)
+        return cls(
+            weight, lever, inverse, body, carried, screw,
+            kernel, raw, on_turns, pull, square, freedom,
+        )  # fmt: skip
+
+    def some(self, visits: Int[np.ndarray, " some"]) -> Contrasts:
+        """Return what differences within some visits say."""
+        info = self.kept.of(visits, self._information)
+        kernel, raw, turns = self.kernel[visits], self.raw[visits], self.turns[visits]
+        return Contrasts(info, kernel, raw, turns, self.pull[:, visits])
+
+    def _information(self, visits: Int[np.ndarray, " some"]) -> Information:
+        return Information(
+            self.weight[visits],
+            self.lever[visits],
+            self.inverse,
+            self.body,
+            self.carried,
+            self.screw[visits],
+        )
+
+    def less(self, pull: np.ndarray, square: np.ndarray) -> "Within":
+        """Return the same with another pull and whitened square."""
+        return replace(self, pull=pull, square=square)

@@ -1,0 +1,244 @@
+"""Motions read on both sides of a gear, and joint torques from the model.
+
+A motion is one run of a stream, read on both sides of one gear.
+
+What holds an axis is known from the model's masses where no motor told it.
+
+==========  ==========================================================================
+Equation    torque = M(q) q'' + C(q, q') q' + g(q), the arm's own and its tool's
+Source      Featherstone 2008, "Rigid Body Dynamics Algorithms", chapter 5
+Valid       masses as in the model; motions that 0.1 s do not blur
+Ignores     friction, the rotors' own inertia (it winds up no gear), a load that the
+            recording does not tell of, the tool's inertia against acceleration
+==========  ==========================================================================
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_coeffs, savgol_filter
+
+from bench.shared.errors import Unusable
+from bench.shared.recording import Recording
+from stiffness.robot.arm import Arm
+from stiffness.robot.mjcf import without_other_joints
+
+# --- Motions --------------------------------------------------------------------------
+
+FEWEST = 3
+"""Motions of an axis: two are fitted, one judges."""
+SHORTEST = 50
+"""Rows of a motion; chosen: fewer hold no ten stretches of time."""
+STRETCHES = 10
+"""Stretches of time that a motion is cut into; what is left in one hangs together."""
+SMOOTHED = 0.1
+"""Seconds over which a torque and the friction in it are smoothed; chosen: an arm's
+load changes more slowly, and a current's noise would make every gear look stiffer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One axis during one motion.
+
+    Attributes:
+        pose: Id of the motion.
+        time: Since the start of the recording, in s.
+        angle: Before the gear, referred to the axis, in rad.
+        speed: Of it, in rad/s.
+        torque: That holds the axis, output side, smoothed, in N m; None: unknown.
+        scatter: Noise that smoothing leaves in a torque that was read, one sigma, N m.
+        measured: Whether the torque is the motor's, so that it holds friction.
+        apart: Angle after the gear less the one before it, mean taken off, in rad.
+    """
+
+    pose: int
+    time: Float[np.ndarray, " rows"]
+    angle: Float[np.ndarray, " rows"]
+    speed: Float[np.ndarray, " rows"]
+    torque: Float[np.ndarray, " rows"] | None
+    apart: Float[np.ndarray, " rows"]
+    scatter: float = 0.0
+    measured: bool = True
+
+    def stretches(self) -> np.ndarray:
+        """Return the number of the stretch that each row belongs to."""
+        span = self.time[-1] - self.time[0]
+        part = (self.time - self.time[0]) / span * STRETCHES
+        return np.minimum(part.astype(int), STRETCHES - 1)
+
+    def later(self, delay: float, creeps: bool = False) -> "Motion":
+        """Return what the second encoder tells of if it tells `delay` s late.
+
+        Args:
+            delay: In s.
+            creeps: Whether it lags in proportion to speed alone, as what a controller
+                extrapolates does; else it tells exactly what was `delay` ago.
+        """
+        if delay == 0.0:
+            return self
+        then = self.time - delay
+
+        def ago(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+            return CubicSpline(self.time, values)(then)
+
+        angle = ago(self.angle)
+        lag = delay * self.speed if creeps else self.angle - angle
+        apart = self.apart + lag
+        return replace(
+            self,
+            angle=angle,
+            speed=ago(self.speed),
+            torque=None if self.torque is None else ago(self.torque),
+            apart=apart - apart.mean(),
+        )
+
+    def smooth(self, values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+        """Smooth as the torque was smoothed."""
+        return smoothed(values, self.time)
+
+
+def smoothed(
+    values: Float[np.ndarray, "rows *more"],
+    time: Float[np.ndarray, " rows"],
+    derivative: int = 0,
+) -> Float[np.ndarray, "rows *more"]:
+    """Fit a cubic to every 0.1 s and return its middle, or a derivative there."""
+    rows, step = _window(time)
+    return np.asarray(savgol_filter(values, rows, 3, derivative, step, axis=0))
+
+
+def _window(time: Float[np.ndarray, " rows"]) -> tuple[int, float]:
+    """Return how many rows are smoothed together, and the time between rows in s."""
+    step = float(time[-1] - time[0]) / (len(time) - 1)
+    longest = len(time) - 1 + len(time) % 2
+    return min(max(5, 2 * round(0.5 * SMOOTHED / step) + 1), longest), step
+
+
+def _scatter(
+    rough: Float[np.ndarray, " rows"], time: Float[np.ndarray, " rows"]
+) -> float:
+    """Return the noise in what is smooth from what smoothing took off."""
+    rows = _window(time)[0]
+    kept = float(savgol_coeffs(rows, 3)[rows // 2])  # share of white noise's variance
+    sigma = 1.4826 * float(np.median(np.abs(rough - np.median(rough))))
+    return sigma * np.sqrt(kept / (1.0 - kept))
+
+
+def motions_of(
+    recording: Recording, torque: Float[np.ndarray, "rows axes"] | None = None
+) -> dict[int, tuple[Motion, ...]]:
+    """Return the motions of every axis that was read twice, in the order of time.
+
+    Args:
+        recording: A stream.
+        torque: What the model says holds each axis, in N m, for axes whose motor's
+            torque was not read.
+
+    Raises:
+        Unusable: Where no axis was, or one not in `FEWEST` motions; with all faults.
+    """
+    faults = []
+    if recording.rows != "stream":
+        faults.append('rows are "plateaus"; two encoders are compared in a "stream".')
+    axes = axes_read_twice(recording)
+    if not axes:
+        faults.append("no axis has an angle after its gear (a1_link_deg …).")
+    every = {}
+    if not faults:
+        ids = np.unique(recording.pose)
+        for axis in axes:
+            found = [_motion(recording, axis, int(i), torque) for i in ids]
+            motions = sorted((m for m in found if m), key=lambda m: m.time[0])
+            every[axis] = tuple(motions)
+            if len(motions) < FEWEST:
+                faults.append(
+                    f"a{axis + 1} has {len(motions)} motions of {SHORTEST} rows with "
+                    "both encoders: two are fitted, one judges; give each motion a "
+                    f"`pose` of its own, {FEWEST} or more."
+                )
+    if faults:
+        raise Unusable(f"Recording {recording.name!r}", faults)
+    return every
+
+
+def axes_read_twice(recording: Recording) -> tuple[int, ...]:
+    """Return the axes that were read on both sides of their gears."""
+    if recording.link_posture is None:
+        return ()
+    seen = np.isfinite(recording.link_posture).any(axis=0)
+    return tuple(int(k) for k in np.flatnonzero(seen))
+
+
+def _motion(
+    recording: Recording, axis: int, pose: int, modelled: np.ndarray | None
+) -> Motion | None:
+    assert recording.link_posture is not None
+    link = recording.link_posture[:, axis]
+    rows = np.flatnonzero((recording.pose == pose) & np.isfinite(link))
+    rows = rows[np.diff(recording.time[rows], prepend=-np.inf) > 0.0]
+    if len(rows) < SHORTEST:
+        return None
+    time, angle = recording.time[rows], recording.posture[rows, axis]
+    read = recording.axis_torque
+    measured = read is not None and bool(np.ptp(read[:, axis]) > 0.0)
+    torque = read if measured else modelled
+    apart = link[rows] - angle
+    smooth = None if torque is None else smoothed(torque[rows, axis], time)
+    scatter = 0.0
+    if torque is not None and measured:
+        scatter = _scatter(torque[rows, axis] - smooth, time)
+    return Motion(
+        pose=pose,
+        time=time,
+        angle=angle,
+        speed=np.gradient(angle, time),
+        torque=smooth,
+        apart=apart - apart.mean(),
+        scatter=scatter,
+        measured=measured,
+    )
+
+
+# --- Torques of the model -------------------------------------------------------------
+
+
+def modelled_torque(
+    recording: Recording, arm: Arm
+) -> Float[np.ndarray, "rows axes"] | None:
+    """Return the torque that holds every axis of an arm in a stream, in N m.
+
+    None of a model without gravity: it says nothing of what the arm carries.
+
+    Args:
+        recording: A stream; motions told apart by `pose`.
+        arm: With the recording's axes.
+    """
+    if not np.any(arm.chain.gravity):
+        return None
+    torque = -arm.gravity_torque(recording.posture, recording.tool)
+    for pose in np.unique(recording.pose):
+        rows = np.flatnonzero(recording.pose == pose)
+        if len(rows) >= SHORTEST:
+            q, time = recording.posture[rows], recording.time[rows]
+            rate, acceleration = (smoothed(q, time, order) for order in (1, 2))
+            torque[rows] += _moving(arm, q, rate, acceleration)
+    return torque
+
+
+def _moving(
+    arm: Arm, q: np.ndarray, rate: np.ndarray, acceleration: np.ndarray
+) -> Float[np.ndarray, "rows axes"]:
+    """Return what speed and acceleration ask for, without gravity, in N m."""
+    model = without_other_joints(arm.file.model, arm.axes).copy()
+    model.gravity.setZero()
+    model.armature = np.zeros(model.nv)
+    data = model.createData()
+    joints = [model.joints[model.getJointId(name)] for name in arm.axes]
+    at, turns = [j.idx_q for j in joints], [j.idx_v for j in joints]
+    inside = np.empty_like(q), np.empty_like(q), np.empty_like(q)
+    inside[0][:, at], inside[1][:, turns], inside[2][:, turns] = q, rate, acceleration
+    found = [pinocchio.rnea(model, data, *row) for row in zip(*inside, strict=True)]
+    return np.array(found)[:, turns]

@@ -1,0 +1,179 @@
+"""Residuals of motions left out: noise, comparison of axes, dependence, correlation.
+
+What encoders and torques state of their noise says how much may be left.
+
+==========  ==========================================================================
+Equation    noise² = stated² + (compliance x noise of the torque)²; not stated: from
+            third differences of rows, whose variance is 20 times a row's.
+            More is left where mean squares of stretches, or their logarithms, lie above
+            it: much in few of them, or a little in many
+Source      von Neumann et al. 1941 (differences); Student's t over stretches of time
+Valid       white noise
+Ignores     errors of an encoder that repeat with its angle
+==========  ==========================================================================
+
+What is found of several axes is compared on motions that it was not fitted to.
+
+What is left after everything that was believed is measured, not guessed.
+
+==========  ==========================================================================
+Equation    share = 1 − |left − f(x)|² / |left|² of the judged motion, f the mean of
+            what is left of the fitted motions by x: angle, torque, speed
+Source      binned regression (Tukey 1961), judged on another motion
+Valid       motions that pass the same angles, torques and speeds
+Ignores     what depends on several of them at once
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import t as student
+
+from stiffness.dual_encoder.fit import Between, left_out, moving_squares
+from stiffness.dual_encoder.motions import Motion
+from stiffness.dual_encoder.terms import WOUND
+from stiffness.regression.testing import gain_of
+
+# --- Noise ----------------------------------------------------------------------------
+
+STATED = 1.1
+"""How much larger than stated noise may be; chosen: a tenth, as statements go."""
+SEEN = 2.0
+"""The same of noise that only rows tell of, which is its white part; chosen."""
+
+
+def noise_of(
+    motions: Sequence[Motion], found: Between | None, stated: float | None
+) -> float:
+    """Return the noise of a row of an axis, in rad.
+
+    Args:
+        motions: Of the axis.
+        found: What lies between its encoders; None: nothing.
+        stated: One sigma of an encoder after a gear, in rad; None: not stated.
+    """
+    own = white(motions) if stated is None else stated
+    give = 0.0
+    if found is not None:
+        give = found.value(WOUND, "compliance_rad_per_nm")
+    torque = max(m.scatter for m in motions)
+    return float(np.hypot(own, give * torque))
+
+
+def white(motions: Sequence[Motion]) -> float:
+    """Return the white noise that differences from row to row tell of, in rad."""
+    rough = np.concatenate([np.diff(m.apart, 3) for m in motions])
+    return float(np.sqrt(np.mean(rough**2) / 20.0))
+
+
+def beyond(
+    left: Sequence[Float[np.ndarray, " _"]],
+    motions: Sequence[Motion],
+    noise: float,
+    stated: bool,
+) -> float:
+    """Return the p-value of more being left than noise.
+
+    Args:
+        left: Of each motion, in rad.
+        motions: The unit of independence is a stretch of each.
+        noise: One sigma of a row, in rad.
+        stated: Whether an instrument states it.
+    """
+    most = ((STATED if stated else SEEN) * noise) ** 2
+    parts = [
+        moving_squares(part - part.mean(), m)
+        for part, m in zip(left, motions, strict=True)
+    ]
+    squares = np.concatenate(parts) / max(most, np.finfo(float).tiny)
+    often = _above(np.log(np.maximum(squares, np.finfo(float).tiny)), 0.0)
+    return min(1.0, 2.0 * min(often, _above(squares, 1.0)))
+
+
+def _above(values: Float[np.ndarray, " stretches"], most: float) -> float:
+    """Return the p-value of a mean above the most that it may be."""
+    error = max(float(values.std(ddof=1)), 1e-12) / np.sqrt(len(values))
+    return float(student.sf((values.mean() - most) / error, len(values) - 1))
+
+
+# --- Comparison on motions left out ---------------------------------------------------
+
+Axes = Mapping[int, tuple[Motion, ...]]
+"""Motions of every axis."""
+
+
+def gain_between(
+    axes: Axes, before: Mapping[int, Between], after: Mapping[int, Between]
+) -> tuple[float, float]:
+    """Return what is gained over stretches of all axes, and its standard error."""
+    squares = [
+        both
+        for k, m in axes.items()
+        for both in zip(_squares(m, before[k]), _squares(m, after[k]), strict=True)
+    ]
+    return gain_of(*zip(*squares, strict=True))
+
+
+def left(motions: tuple[Motion, ...], found: Between) -> float:
+    """Return the mean square that is left of motions left out, in rad^2."""
+    return float(np.mean(np.concatenate(_squares(motions, found))))
+
+
+def is_quiet(
+    motions: tuple[Motion, ...], found: Between, stated: float | None, times: float
+) -> bool:
+    """Return whether no more is left of an axis than some times its noise."""
+    return left(motions, found) <= (times * noise_of(motions, found, stated)) ** 2
+
+
+def _squares(motions: tuple[Motion, ...], found: Between) -> list[np.ndarray]:
+    return left_out(found.terms, [found.then(m) for m in motions])
+
+
+# --- Dependence and correlation -------------------------------------------------------
+
+BINS = 20
+SHOWS = 0.1
+"""Share of what is left below which it goes with nothing; chosen."""
+
+
+def followed(
+    left: Sequence[Float[np.ndarray, " _"]],
+    motions: Sequence[Motion],
+    judged_left: Float[np.ndarray, " rows"],
+    judged: Motion,
+) -> dict[str, float]:
+    """Return which share of what is left of a motion goes with what, as in others."""
+    shares = {}
+    for name in ("angle", "torque", "speed"):
+        others = [getattr(m, name) for m in motions]
+        own = getattr(judged, name)
+        if own is None or any(x is None for x in others):
+            continue
+        shares[name] = _share(
+            np.concatenate(others), np.concatenate(list(left)), own, judged_left
+        )
+    return shares
+
+
+def lasting(left: Float[np.ndarray, " rows"], motion: Motion) -> float:
+    """Return after which time what is left no longer resembles itself, in s."""
+    y = left - left.mean()
+    spectrum = np.abs(np.fft.rfft(y, 2 * len(y))) ** 2
+    alike = np.fft.irfft(spectrum)[: len(y)]
+    gone = np.flatnonzero(alike < alike[0] / np.e)
+    rows = gone[0] if len(gone) else len(y)
+    return float(rows * (motion.time[-1] - motion.time[0]) / (len(y) - 1))
+
+
+def _share(x: np.ndarray, y: np.ndarray, own: np.ndarray, seen: np.ndarray) -> float:
+    edges = np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)[1:-1])
+    place = np.searchsorted(edges, x)
+    count = np.bincount(place, minlength=BINS)
+    mean = np.bincount(place, y, minlength=BINS) / np.maximum(count, 1)
+    seen = seen - seen.mean()
+    guess = mean[np.searchsorted(edges, own)]
+    rest = seen - (guess - guess.mean())
+    return float(1.0 - rest @ rest / max(float(seen @ seen), np.finfo(float).tiny))

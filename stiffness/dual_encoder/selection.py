@@ -1,0 +1,295 @@
+"""Forward selection of terms by their gain on motions left out.
+
+A term is believed where motions that it was not fitted to are better with it.
+
+==========  ==========================================================================
+Equation    each motion is left out in turn; gain of a stretch of time = its mean square
+            without − with the term, in shares of the motion's; believed where the mean
+            gain over stretches is above two of its standard errors, no motion as a
+            whole is worse, and all coefficients are possible
+Source      Breiman et al. 1984 (margins of standard errors)
+Valid       two motions or more
+Ignores     that orders and slips are looked for on all motions that are fitted
+==========  ==========================================================================
+
+Terms are believed one after the other, what gains most first.
+
+==========  ==========================================================================
+Equation    greedy forward selection of what `judging` believes; after each step the
+            torque that contacts feel is freed of the friction found by then, and the
+            torques and speeds at which things slip are refined
+Source      Efroymson 1960 (stepwise regression)
+Valid       few terms that differ in shape
+Ignores     sets of terms that are believed only together, but wind-up and friction
+==========  ==========================================================================
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from stiffness.dual_encoder.fit import (
+    Between,
+    Trial,
+    coefficients,
+    columns,
+    fitted,
+    left_out,
+    moving_squares,
+)
+from stiffness.dual_encoder.motions import Motion
+from stiffness.dual_encoder.terms import (
+    FRICTION,
+    LATE,
+    MANY_TURNS,
+    ORDER_STEP,
+    WOUND,
+    Term,
+    least_slip,
+    plain_terms,
+    strongest_waves,
+    turns_of,
+    usual_friction,
+    wave,
+)
+from stiffness.regression.testing import gain_of
+
+# --- Gain and impossible values -------------------------------------------------------
+
+MARGIN = 2.0
+LEAST = 0.02
+"""Smallest gain that is believed; chosen: much is tried, and less changes nothing."""
+LOOP = 3.0
+"""Times what a torque's noise winds up that a loop is wide at least; chosen."""
+BORROWED = "it lives on the delay"
+"""How the reason begins where a wind-up was refused for the delay that it changes."""
+
+
+def tried(
+    so_far: Between,
+    more: tuple[Term, ...],
+    motions: tuple[Motion, ...],
+    shared: float | None = None,
+) -> Trial:
+    """Try one more term, or some that go together; see `between`."""
+    terms = (*so_far.terms, *more)
+    x = coefficients(terms, motions)
+    before, after = left_out(so_far.terms, motions), left_out(terms, motions)
+    gain, error = gain_of(before, after)
+    spread = Between(terms, x, x, (), ()).value(WOUND, "compliance_rad_per_nm")
+    worse = [  # beyond what the noise of a torque makes of it
+        m.pose
+        for m, b, a in zip(motions, before, after, strict=True)
+        if a.mean() >= b.mean() + spread**2 * m.scatter**2
+    ]
+    own = x[len(so_far.x) :]
+    reason = impossible(terms, x)
+    if more[0].effect == "hysteresis" and own[0] < LOOP * spread * _scatter(motions):
+        reason = reason or "its loop is no wider than the torque's noise makes it"
+    if not reason and worse:
+        reason = f"motion {worse[0]} is worse with it when it is fitted to the others"
+    elif not reason and gain <= MARGIN * np.sqrt(_numbers(more, motions)) * error:
+        reason = "its gain on motions left out may be chance: "
+        reason += f"{gain / error:.1f} standard errors"
+    elif not reason and gain < LEAST:
+        reason = "it takes less than a hundredth off what is left"
+    if not reason and shared is not None and _may_borrow(more):
+        reason = _borrowed(so_far, terms, motions, shared)
+    return Trial(more[0], tuple(own.tolist()), gain, error, reason, more[1:])
+
+
+def _numbers(more: tuple[Term, ...], motions: tuple[Motion, ...]) -> int:
+    """Return how many numbers are looked for together; a wave that passes is one."""
+    slow = 0.0 < turns_of(more[0], motions) < MANY_TURNS
+    return len(more) + sum(t.effect == "hysteresis" for t in more) + slow
+
+
+def orders_alike(
+    found: Between, motions: Sequence[Motion], term: Term
+) -> tuple[float, float]:
+    """Return the lowest and highest order of a wave that would do as well.
+
+    Those around it with which a stretch is left no more than two standard errors more.
+    """
+    then = tuple(map(found.then, motions))
+    rest = [t for t in found.terms if t is not term]
+    best = np.concatenate(_left_of((*rest, term), then))
+    reach = max(1.0, 1.0 / turns_of(wave(1.0), then))
+    ends = []
+    for way in (-ORDER_STEP, ORDER_STEP):
+        order = term.order
+        while abs(order + way - term.order) <= reach and order + way >= ORDER_STEP:
+            other = _left_of((*rest, wave(order + way)), then)
+            more = np.concatenate(other) - best
+            if more.mean() > MARGIN * more.std(ddof=1) / np.sqrt(len(more)):
+                break
+            order += way
+        ends.append(order)
+    half = 0.5 * ORDER_STEP
+    return ends[0] - half, ends[1] + half
+
+
+def _left_of(terms: Sequence[Term], motions: Sequence[Motion]) -> list[np.ndarray]:
+    x = coefficients(terms, motions)
+    return [moving_squares(m.apart - columns(terms, m) @ x, m) for m in motions]
+
+
+def _scatter(motions: Sequence[Motion]) -> float:
+    return max(m.scatter for m in motions)
+
+
+def own_delay(terms: Sequence[Term], motions: Sequence[Motion]) -> tuple[float, float]:
+    """Return how much later an axis is than it was taken for, and half its interval."""
+    x, half = fitted([LATE, *terms], motions)
+    return float(x[0]), float(half[0])
+
+
+def _may_borrow(more: tuple[Term, ...]) -> bool:
+    growing = any(t.parameters == ("friction_s",) for t in more)
+    return more[0].effect == WOUND and not growing
+
+
+def _borrowed(
+    so_far: Between,
+    terms: Sequence[Term],
+    motions: Sequence[Motion],
+    shared: float,
+) -> str:
+    """Say whether a wind-up lives on the delay that the axis shares with others."""
+    if not motions[0].measured:
+        return ""
+    old, half = own_delay(so_far.terms, motions)
+    new = own_delay(terms, motions)[0]
+    apart = so_far.delay - shared
+    if abs(new - old) <= half or abs(new + apart) <= abs(old + apart):
+        return ""
+    return (
+        f"{BORROWED}, which would go from {1e3 * (so_far.delay + old):.2f} ± "
+        f"{1e3 * half:.2f} to {1e3 * (so_far.delay + new):.2f} ms, away from the other "
+        f"axes' {1e3 * shared:.2f}"
+    )
+
+
+def impossible(terms: Sequence[Term], x: Float[np.ndarray, " columns"]) -> str:
+    """Say which coefficient no gear can have; empty: none."""
+    i, give, slipping = 0, 0.0, 0.0
+    for term in terms:
+        own = x[i : i + len(term.parameters)]
+        i += len(own)
+        if (own < term.least).any():
+            return f"{term.parameters[0]} would be below zero, which cannot be"
+        give += float(own[0]) if term.effect == WOUND else 0.0
+        if term.effect == "hysteresis":
+            slipping += 0.5 * float(own[0]) / term.shape[0]
+    if slipping > give:
+        return "its contacts would be stiffer than the gear, which cannot be"
+    return ""
+
+
+# --- Forward selection ----------------------------------------------------------------
+
+MOST_TERMS = 12
+"""Terms that an axis is given at most; chosen."""
+FINER = (0.7, 1.0, 1.4)
+"""Steps by which a slip is refined; chosen."""
+
+
+def between(
+    motions: tuple[Motion, ...],
+    delay: float = 0.0,
+    waves: bool = True,
+    shared: float | None = None,
+    creeps: bool = False,
+) -> Between:
+    """Find what lies between the encoders of an axis.
+
+    Args:
+        motions: All are fitted.
+        delay: By how much the second encoder tells late, in s.
+        waves: Whether waves are looked for.
+        shared: Delay of the other axes, in s; None: there are none, or no delay.
+        creeps: See `Motion.later`.
+    """
+    motions = tuple(m.later(delay, creeps) for m in motions)
+    terms: tuple[Term, ...] = ()
+    believed: list[Trial] = []
+    while True:
+        terms, x, half = _refined(terms, motions)
+        so_far = Between(terms, x, half, (), tuple(believed), delay, creeps)
+        trials = [
+            tried(so_far, t, motions, shared)
+            for t in _candidates(so_far, motions, waves)
+        ]
+        good = [t for t in trials if not t.reason]
+        if not good:
+            return replace(so_far, refused=tuple(trials))
+        wound = [t for t in good if t.term.effect == WOUND]
+        best = max(good, key=lambda t: t.gain)
+        if wound and 0.0 < turns_of(best.term, motions) < MANY_TURNS:
+            best = max(wound, key=lambda t: t.gain)  # gravity is a slow wave as well
+        for term in (best.term, *best.beside):
+            believed.append(replace(best, term=term, beside=()))
+            terms = (*terms, term)
+        if len(terms) >= MOST_TERMS:
+            terms, x, half = _refined(terms, motions)
+            return Between(
+                terms, x, half, tuple(trials), tuple(believed), delay, creeps
+            )
+
+
+def _candidates(
+    so_far: Between, motions: tuple[Motion, ...], waves: bool
+) -> list[tuple[Term, ...]]:
+    plain = plain_terms(motions, so_far.terms)
+    found: list[tuple[Term, ...]] = [(_without_friction(t, so_far),) for t in plain]
+    if any(t.effect == WOUND for t in plain) and all(m.measured for m in motions):
+        wound = next(t for t in plain if t.effect == WOUND)
+        constant, growing = usual_friction()
+        found += [(wound, constant), (wound, growing), (wound, constant, growing)]
+    if waves:
+        sheets = tuple(columns(so_far.terms, m) for m in motions)
+        left = tuple(
+            m.apart - a @ so_far.x for m, a in zip(motions, sheets, strict=True)
+        )
+        found += [(w,) for w in strongest_waves(motions, left, sheets)]
+    return found
+
+
+def _refined(
+    terms: tuple[Term, ...], motions: tuple[Motion, ...]
+) -> tuple[tuple[Term, ...], np.ndarray, np.ndarray]:
+    """Take the friction found off every contact's torque, and look for its slip."""
+    x = coefficients(terms, motions)
+    for i in 2 * [i for i, t in enumerate(terms) if t.shape]:
+        so_far = Between(terms, x, x, (), ())
+        trials = []
+        for factor in FINER:
+            term = _without_friction(terms[i], so_far)
+            term = replace(term, shape=(factor * term.shape[0], *term.shape[1:]))
+            if term.effect == "hysteresis" and term.shape[0] < least_slip(motions):
+                continue
+            others = (*terms[:i], term, *terms[i + 1 :])
+            own = coefficients(others, motions)
+            if not impossible(others, own):
+                trials.append((_squares(others, own, motions), others, own))
+        if trials:
+            _, terms, x = min(trials, key=lambda t: t[0])
+    return (terms, *fitted(terms, motions))
+
+
+def _squares(terms: Sequence[Term], x: np.ndarray, motions: Sequence[Motion]) -> float:
+    left = (m.apart - columns(terms, m) @ x for m in motions)
+    return sum(float(part @ part) for part in left)
+
+
+def _without_friction(term: Term, so_far: Between) -> Term:
+    """Return a contact that feels the torque without the friction found so far."""
+    give = so_far.value(WOUND, "compliance_rad_per_nm")
+    if term.effect != "hysteresis" or give <= 0.0:
+        return term
+    turns = [t.shape[0] for t in so_far.terms if t.effect == FRICTION and t.shape]
+    constant = so_far.value(FRICTION, "friction_rad") / give
+    factor = so_far.value(FRICTION, "friction_s") / give
+    return replace(term, shape=(term.shape[0], constant, factor, (turns or [1.0])[0]))

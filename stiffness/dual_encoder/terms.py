@@ -1,0 +1,283 @@
+"""Terms between two encoders: compliance, friction, hysteresis, delay, harmonics.
+
+Friction inside a gear slips once its torque has turned round far enough.
+
+==========  ==========================================================================
+Equation    wind-up = C τ - w/2 z; z in -1 … 1, |dz| = |dτ| / slip until it slips
+Source      Visintin 1994, "Differential Models of Hysteresis", chapter III (stop);
+            several add up (Iwan 1966)
+Valid       slow loads; rate-independent
+Ignores     where the contact stood when a motion began: taken as slack
+==========  ==========================================================================
+
+What can lie between two encoders of an axis, or seem to.
+
+==========  ==========================================================================
+Equation    channel_delay       after(t) = before(t − delay); what is left of it is
+                                − delay speed
+            joint_compliance    after = before − compliance torque
+            motor_friction      a motor's torque holds friction that winds up nothing:
+                                after = before − compliance (torque − friction);
+                                friction = constant sign(speed), or a factor speed
+            hysteresis          after = before − compliance torque + width / 2 z; z: see
+                                `slipping`, of the torque less friction
+            lost_motion         after = before − width / 2 sign(speed)
+            transmission_error  after = before + a cos(order q) + b sin(order q)
+Source      Furgale, Rehder, Siegwart 2013 (delay); Spong 1987 (wind-up); makers' lost
+            motion between directions; Tuttle 1992 (uneven gears)
+Valid       errors that are small; a delay that all axes share is taken exactly
+Ignores     resonance, inertia of the gear itself
+==========  ==========================================================================
+
+An uneven gear's waves are looked for at every order that an axis' travel can hold.
+
+==========  ==========================================================================
+Equation    gain of an order = |A' y|² / |A|², A the wave where it is not made of what
+            is known already, y what is left; for waves that pass many times also in
+            differences from row to row, where what is slow plays no part
+Source      Lomb 1976 (periodogram of uneven samples)
+Valid       orders in half steps
+Ignores     angles between 2^17 places a double turn: 0.05 rad of the fastest wave
+==========  ==========================================================================
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from stiffness.dual_encoder.motions import Motion
+
+# --- Slip of friction -----------------------------------------------------------------
+
+
+def stop(torque: Float[np.ndarray, " rows"], slip: float) -> Float[np.ndarray, " rows"]:
+    """Return the stop operator of a torque, in -1 … 1.
+
+    Args:
+        torque: Of one motion, in the order of time, in N m.
+        slip: Torque from the middle to where it slips, in N m.
+    """
+    state, found = 0.0, []
+    for change in np.diff(torque, prepend=torque[0]).tolist():
+        state = min(slip, max(-slip, state + change))
+        found.append(state)
+    return np.array(found) / slip
+
+
+# --- Terms ----------------------------------------------------------------------------
+
+CREEPING = 1e-3
+"""Speed in rad/s at which a direction is half decided; chosen."""
+BREAKING = (1e-3, 3e-3, 1e-2, 3e-2)
+"""The same of friction: how fast it turns round differs from motor to motor."""
+SLIPS = (0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
+"""Torques at which a contact slips, in shares of the torque's largest swing."""
+MANY = 5.0
+"""How many standard deviations of the torque's noise a contact must hold; chosen."""
+WOUND = "joint_compliance"
+FRICTION = "motor_friction"
+"""No finding: a torque told from a motor's current is not what winds up the gear."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """One candidate, with its number of columns.
+
+    Attributes:
+        effect: Name in the vocabulary, or `motor_friction`.
+        parameters: Of its columns.
+        least: Smallest value that its coefficient can have.
+        order: Of a wave; 0 for the others.
+        shape: Of friction: the speed at which it turns round, in rad/s. Of hysteresis:
+            torque at which it slips, the friction that is taken off first, both in
+            N m, friction's factor on speed in N m s/rad, its speed in rad/s.
+    """
+
+    effect: str
+    parameters: tuple[str, ...]
+    least: float = -np.inf
+    order: float = 0.0
+    shape: tuple[float, ...] = ()
+
+    def columns(self, motion: Motion) -> Float[np.ndarray, "rows columns"]:
+        """Return how it moves the second encoder, per unit, mean taken off."""
+        return _columns(self, motion)
+
+
+@lru_cache(maxsize=128)
+def _columns(term: Term, motion: Motion) -> Float[np.ndarray, "rows columns"]:
+    if term.order:
+        phase = term.order * motion.angle
+        found = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+    else:
+        found = _plain(term, motion)[:, None]
+    return found - found.mean(axis=0)
+
+
+def _plain(term: Term, motion: Motion) -> Float[np.ndarray, " rows"]:
+    if term.effect == "channel_delay":
+        return -motion.speed
+    if term.effect == "lost_motion":
+        return -0.5 * np.tanh(motion.speed / CREEPING)
+    assert motion.torque is not None
+    if term.effect == WOUND:
+        return -motion.torque
+    if term.effect == FRICTION:
+        return motion.smooth(
+            np.tanh(motion.speed / term.shape[0]) if term.shape else motion.speed
+        )
+    slip, constant, factor, breaking = term.shape
+    lost = constant * np.tanh(motion.speed / breaking) + factor * motion.speed
+    return 0.5 * stop(motion.torque - motion.smooth(lost), slip)
+
+
+LATE = Term("channel_delay", ("delay_s",))
+
+
+def plain_terms(
+    motions: tuple[Motion, ...], known: tuple[Term, ...] = ()
+) -> tuple[Term, ...]:
+    """Return the candidates that are neither waves nor delays.
+
+    Contacts are looked for in a torque that was measured alone: a load that a model
+    does not know would pass for them.
+
+    Args:
+        motions: Of one axis.
+        known: What was believed of it.
+    """
+    found = [Term("lost_motion", ("width_rad",), 0.0)]
+    if all(m.torque is not None and np.ptp(m.torque) > 0.0 for m in motions):
+        found += [Term(WOUND, ("compliance_rad_per_nm",), 0.0)]
+    if any(t.effect == WOUND for t in known) and all(m.measured for m in motions):
+        found += [Term(FRICTION, ("friction_rad",), 0.0, shape=(v,)) for v in BREAKING]
+        found += [Term(FRICTION, ("friction_s",), 0.0)]
+        swing = max(0.5 * float(np.ptp(m.torque)) for m in motions)  # type: ignore[arg-type]
+        least = least_slip(motions)
+        found += [
+            Term("hysteresis", ("width_rad",), 0.0, shape=(s * swing, 0.0, 0.0, 1.0))
+            for s in SLIPS
+            if s * swing >= least
+        ]
+    have = {(t.effect, t.parameters) for t in known if t.effect != "hysteresis"}
+    return tuple(t for t in found if (t.effect, t.parameters) not in have)
+
+
+def least_slip(motions: tuple[Motion, ...]) -> float:
+    """Return the least torque that can slip and be no noise of the torque, in N m."""
+    return MANY * max(m.scatter for m in motions)
+
+
+def usual_friction() -> tuple[Term, ...]:
+    """Return friction that is constant and friction that grows with speed."""
+    constant = Term(FRICTION, ("friction_rad",), 0.0, shape=(BREAKING[-2],))
+    return constant, Term(FRICTION, ("friction_s",), 0.0)
+
+
+def wave(order: float) -> Term:
+    """Return a wave of an uneven gear."""
+    return Term("transmission_error", ("cos_rad", "sin_rad"), order=float(order))
+
+
+# --- Harmonics ------------------------------------------------------------------------
+
+ORDER_STEP = 0.5
+ORDERS = np.arange(1.0, 1025.0, ORDER_STEP)
+"""Waves per turn of the axis that are looked for; chosen: four times a gear of 256."""
+FEWEST_TURNS = 0.125
+"""Periods of a wave that every motion must pass through; chosen: less is a line."""
+MANY_TURNS = 1.0
+"""Periods from which a wave is looked for in differences from row to row."""
+PLACES = 2**17
+
+
+def turns_of(term: Term, motions: tuple[Motion, ...]) -> float:
+    """Return how many periods of a wave every motion passes through."""
+    travel = min(float(np.ptp(m.angle)) for m in motions)
+    return term.order * travel / (2.0 * np.pi)
+
+
+def strongest_waves(
+    motions: tuple[Motion, ...],
+    left: tuple[Float[np.ndarray, " _"], ...],
+    known: tuple[Float[np.ndarray, "_ columns"], ...],
+) -> tuple[Term, ...]:
+    """Return, of each octave, the waves that take most off what is left.
+
+    Args:
+        motions: Of one axis.
+        left: Of each motion, in rad.
+        known: Columns of what was believed, of each motion.
+    """
+    turns = ORDERS * turns_of(wave(1.0), motions)
+    slow = turns < MANY_TURNS
+    gains = np.where(
+        slow, _in_levels(motions, left, known), _in_differences(motions, left)
+    )
+    gains[turns < FEWEST_TURNS] = -np.inf
+    octave = np.floor(np.log2(ORDERS)).astype(int) + 100 * slow
+    best = [own[np.argmax(gains[own])] for own in _groups(octave)]
+    return tuple(wave(float(ORDERS[i])) for i in sorted(best) if gains[i] > 0.0)
+
+
+def _groups(number: np.ndarray) -> list[np.ndarray]:
+    return [np.flatnonzero(number == n) for n in np.unique(number)]
+
+
+def _in_levels(
+    motions: tuple[Motion, ...],
+    left: tuple[np.ndarray, ...],
+    known: tuple[np.ndarray, ...],
+) -> Float[np.ndarray, " orders"]:
+    """Return the gain of each order beside what is known."""
+    count = known[0].shape[1]
+    aim = np.zeros((len(ORDERS), 2))
+    gram = np.zeros((len(ORDERS), 2, 2))
+    across = np.zeros((len(ORDERS), 2, count))
+    within = np.zeros((count, count))
+    for m, y, a in zip(motions, left, known, strict=True):
+        rows = len(y)
+        aim += _pair(_sums(m.angle, y))
+        within += a.T @ a
+        for k in range(count):
+            across[:, :, k] += _pair(_sums(m.angle, a[:, k]))
+        mean = _pair(_sums(m.angle, np.ones(rows)))
+        double = _pair(_sums(2.0 * m.angle, np.ones(rows)))
+        gram[:, 0, 0] += 0.5 * (rows + double[:, 0]) - mean[:, 0] ** 2 / rows
+        gram[:, 1, 1] += 0.5 * (rows - double[:, 0]) - mean[:, 1] ** 2 / rows
+        gram[:, 0, 1] += 0.5 * double[:, 1] - mean[:, 0] * mean[:, 1] / rows
+    gram[:, 1, 0] = gram[:, 0, 1]
+    own = np.trace(gram, axis1=1, axis2=2)
+    if count:
+        gram = gram - across @ np.linalg.pinv(within) @ across.transpose(0, 2, 1)
+    gram = gram + 1e-9 * own[:, None, None] * np.eye(2)  # what only repeats the known
+    return np.einsum("oi,oi->o", aim, np.linalg.solve(gram, aim[:, :, None])[:, :, 0])
+
+
+def _in_differences(
+    motions: tuple[Motion, ...], left: tuple[np.ndarray, ...]
+) -> Float[np.ndarray, " orders"]:
+    """Return the gain of each order in differences from row to row."""
+    aim = np.zeros((len(ORDERS), 2))
+    size = np.zeros(len(ORDERS))
+    for m, y in zip(motions, left, strict=True):
+        step = np.diff(y)
+        aim += _pair(_sums(m.angle, -np.diff(step, prepend=0.0, append=0.0)))
+        still = _sums(np.diff(m.angle), np.ones(len(step)))
+        size += len(step) - np.real(still)
+    return (aim**2).sum(axis=1) / np.maximum(size, 1e-12)
+
+
+def _sums(
+    angle: Float[np.ndarray, " rows"], weight: Float[np.ndarray, " rows"]
+) -> Complex[np.ndarray, " orders"]:
+    """Return the sums of weight exp(i order angle)."""
+    place = np.round(angle / (4.0 * np.pi) * PLACES).astype(int) % PLACES
+    turned = np.fft.rfft(np.bincount(place, weight, PLACES))
+    return np.conj(turned[np.round(2.0 * ORDERS).astype(int)])
+
+
+def _pair(sums: Complex[np.ndarray, " orders"]) -> Float[np.ndarray, "orders 2"]:
+    return np.stack([np.real(sums), np.imag(sums)], axis=1)

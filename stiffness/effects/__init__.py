@@ -1,0 +1,68 @@
+"""Effects that models of arms leave out, one a file: what each does to the readings."""
+
+from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
+from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
+from stiffness.effects.base import Hypothesis
+from stiffness.effects.base_compliance import BaseCompliance
+from stiffness.effects.base_tilt import BaseTilt
+from stiffness.effects.bearing_tilt import BearingTilt
+from stiffness.effects.channel_delay import ChannelDelay
+from stiffness.effects.creep import Creep
+from stiffness.effects.drift import Drift
+from stiffness.effects.encoder_offset import EncoderOffset
+from stiffness.effects.geometry_error import GeometryError
+from stiffness.effects.gravity_compensator import GravityCompensator
+from stiffness.effects.gravity_load import GravityLoad
+from stiffness.effects.hardening import Hardening
+from stiffness.effects.hysteresis import Hysteresis
+from stiffness.effects.joint_compliance import JointCompliance
+from stiffness.effects.link_bending import LinkBending
+from stiffness.effects.lost_motion import LostMotion
+from stiffness.effects.marker_slip import MarkerSlip
+from stiffness.effects.pulley_friction import PulleyFriction
+from stiffness.effects.tracker_misalignment import TrackerMisalignment
+from stiffness.effects.tracker_scale import TrackerScale
+from stiffness.effects.transmission_error import TransmissionError
+from stiffness.effects.wrench_bias import WrenchBias
+from stiffness.effects.wrench_gain import WrenchGain
+from stiffness.effects.wrench_misalignment import WrenchMisalignment
+from stiffness.effects.wrist_coupling import WristCoupling
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    # in a gear
+    JointCompliance(),
+    Hardening(),
+    AsymmetricStiffness(),
+    LostMotion(),
+    Hysteresis(),
+    Creep(),
+    AngleDependentStiffness(),
+    WristCoupling(),
+    # in bearings, links and the foot
+    BearingTilt(),
+    LinkBending(),
+    BaseTilt(),
+    BaseCompliance(),
+    # in weight
+    GravityLoad(),
+    GravityCompensator(),
+    # in geometry
+    TransmissionError(),
+    EncoderOffset(),
+    GeometryError(),
+    # in the rope and the force sensor
+    PulleyFriction(),
+    WrenchBias(),
+    WrenchGain(),
+    WrenchMisalignment(),
+    # in what is seen, and when
+    TrackerScale(),
+    TrackerMisalignment(),
+    Drift(),
+    MarkerSlip(),
+    ChannelDelay(),
+)
+"""Every effect that can be named; one may read and grep it.
+
+Two laws may have one name: a base that tips is a base that gives way.
+"""

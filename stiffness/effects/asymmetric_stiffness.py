@@ -1,0 +1,66 @@
+"""Asymmetric stiffness of a gear: compliance depends on the sign of the torque.
+
+==========  ==========================================================================
+Equation    θ = C τ + a |τ|; ratio = K+/K- = (C - a)/(C + a)
+Source      even part of any law of two slopes; no source for a gear
+Valid       torques of either sign; C the mean compliance of both ways
+Ignores     hardening of either side
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, reversing, sprung
+from stiffness.effects.jacobian import NOTHING, Signature, turn
+from stiffness.experiment.static_state import Situation
+
+
+@dataclass(frozen=True)
+class AsymmetricStiffness(Hypothesis):
+    """An axis that is stiffer one way round."""
+
+    effect: ClassVar[str] = "asymmetric_stiffness"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "ratio": (0.05, 20.0),
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        soft = sprung(situation)
+        return tuple(a for a in reversing(situation) if a in soft)
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        return turn(k, np.abs(situation.torque[:, k]))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        mean, half = situation.compliance[situation.axis(where)], coefficients[0]
+        return {"ratio": (mean - half) / (mean + half)}

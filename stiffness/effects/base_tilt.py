@@ -1,0 +1,78 @@
+"""Tilt of the base: base compliance reduced to two rotations.
+
+==========  ==========================================================================
+Equation    turn about x and y of the base = compliance x moment about them, about the
+            base's origin
+Source      bolts and plates are soft in tilt alone: Klimchik et al. 2011, diagonal
+            compliance
+Valid       as `base_compliance`, with four springs less to fit
+Ignores     turn about the vertical, shifts, couplings (its variants)
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis
+from stiffness.effects.base_compliance import TURNS, BaseCompliance
+from stiffness.effects.jacobian import Motion, Signature, values
+from stiffness.experiment.static_state import Situation
+
+
+@dataclass(frozen=True)
+class BaseTilt(Hypothesis):
+    """Two springs between the floor and the base."""
+
+    effect: ClassVar[str] = "base_compliance"
+    linear: ClassVar[bool] = True
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        name: BaseCompliance.limits[name] for name in TURNS[:2]
+    }
+    sizes: ClassVar[tuple[str, ...]] = TURNS[:2]
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        return ("base",)
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return springs(situation, where, (0, 1))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        beside = springs(situation, where, (2, 3, 4, 5))
+        coupled = BaseCompliance().variants(situation, where, shape)
+        twists = [values(part) for part in (*beside.parts, *coupled.parts)]
+        return Signature(9, (Motion(0, np.concatenate(twists, axis=2)),))
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return dict(zip(TURNS[:2], coefficients, strict=True))
+
+
+def springs(situation: Situation, where: str, chosen: tuple[int, ...]) -> Signature:
+    """Return some of the six springs: rx, ry, rz, x, y, z."""
+    parts = BaseCompliance().signature(situation, where, np.zeros(0)).parts
+    moved = [p.twist[:, :, chosen] for p in parts if isinstance(p, Motion)]
+    return Signature(len(chosen), tuple(Motion(0, twist) for twist in moved))

@@ -1,0 +1,95 @@
+"""Tilt of a joint bearing: rotation across the axis in proportion to the moment.
+
+==========  ==========================================================================
+Equation    rotation = u x (x . M_c) + v y (y . M_c) about c = o + h z, M_c = M_o - h z
+            x F; x, y, z: the seat's axes, o its origin; h = centre, of a slide that is
+            out by q: centre - q, for its guide stays
+Source      Klimchik et al. 2011: diagonal 6 x 6 joint compliance
+Valid       small tilts; a bearing whose centre of tilt is on the axis
+Ignores     radial and axial give; what couples the two turns of a bearing whose soft
+            direction lies between x and y (its variant)
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis
+from stiffness.effects.jacobian import Signature, rotate
+from stiffness.experiment.static_state import Situation
+
+
+@dataclass(frozen=True)
+class BearingTilt(Hypothesis):
+    """A hinge, or a slide's guide, that tilts about the two directions across it."""
+
+    effect: ClassVar[str] = "bearing_tilt"
+    linear: ClassVar[bool] = True
+    shape_names: ClassVar[tuple[str, ...]] = ("centre_m",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "u_rad_per_nm": (0.0, 1e-3),
+        "v_rad_per_nm": (0.0, 1e-3),
+        "centre_m": (-0.5, 0.5),
+    }
+    sizes: ClassVar[tuple[str, ...]] = ("u_rad_per_nm", "v_rad_per_nm")
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        return situation.axes
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.array([-0.3, -0.15, -0.05, 0.0, 0.05, 0.15, 0.3])[:, None]
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        seat, moment, centre = _across(situation, where, shape[0])
+        rotation = seat * np.einsum("rij,ri->rj", seat, moment)[:, None, :]
+        return Signature(2, (rotate(situation.axis(where) + 1, rotation, centre),))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        seat, moment, centre = _across(situation, where, shape[0])
+        about = np.einsum("rij,ri->rj", seat, moment)[:, ::-1]
+        askew = np.einsum("rij,rj->ri", seat, about)[:, :, None]
+        return Signature(1, (rotate(situation.axis(where) + 1, askew, centre),))
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        u, v = coefficients
+        return {"u_rad_per_nm": u, "v_rad_per_nm": v, "centre_m": shape[0]}
+
+
+def _across(
+    situation: Situation, where: str, centre: float
+) -> tuple[
+    Float[np.ndarray, "rows 3 2"],
+    Float[np.ndarray, "rows 3"],
+    Float[np.ndarray, "rows 3"],
+]:
+    """Return a seat's two directions, the moment about its centre, and the centre."""
+    place = situation.axis(where) + 1
+    seat = situation.seat[:, place]
+    along = np.full(situation.rows, centre)
+    if situation.arm.slides[place - 1]:  # its guide stays where it is
+        along -= situation.recording.posture[:, place - 1]
+    arm = along[:, None] * seat[:, :, 2]
+    moment = situation.moment[:, place] - np.cross(arm, situation.force[:, place])
+    return seat[:, :, :2], moment, situation.origin[:, place] + arm

@@ -1,0 +1,111 @@
+"""Delay of one channel of a stream against the others.
+
+==========  ==========================================================================
+Equation    reading(t) = truth(t - delay) ≈ truth - delay d truth/dt
+Source      Furgale, Rehder, Siegwart 2013, "Unified temporal and spatial calibration
+            for multi-sensor systems"; to first order
+Valid       delays short beside what happens in the stream
+Ignores     jitter; inertia of the arm
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, sprung
+from stiffness.effects.jacobian import NOTHING, Part, Reading, Signature, Turn, turn
+from stiffness.effects.statics import along_sensor, reading, torque_at_sensor, wind_up
+from stiffness.experiment.static_state import Situation
+
+
+@dataclass(frozen=True)
+class ChannelDelay(Hypothesis):
+    """A tracker, a force sensor or an encoder whose clock is behind."""
+
+    effect: ClassVar[str] = "channel_delay"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "delay_s": (-10.0, 10.0),
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        recording = situation.recording
+        if recording.rows != "stream" or not steady(situation):
+            return ()
+        moves = np.ptp(recording.posture, axis=0) > 0.0
+        found = [a for a, m in zip(situation.axes, moves, strict=True) if m]
+        if recording.markers and np.any(rate(situation, situation.rest)):
+            found.append("tracker")
+        if sprung(situation) and np.any(rate(situation, reading(situation))):
+            found.append("wrench_sensor")
+        return tuple(found)
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        if where == "wrench_sensor":
+            return wind_up(situation, torque_at_sensor(situation, _later(situation)))
+        if where != "tracker":
+            k = situation.axis(where)
+            return turn(k, rate(situation, situation.recording.posture)[:, k])
+        speed = rate(situation, situation.rest)
+        parts: list[Part] = []
+        for k in range(len(situation.axes)):
+            parts += [Turn(k, -speed[:, k, None]), Reading(k, speed[:, k, None])]
+        return Signature(1, tuple(parts))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return {"delay_s": coefficients[0]}
+
+
+def steady(situation: Situation) -> bool:
+    """Return whether every visit lasts for rows enough, none at the time of another."""
+    time = situation.recording.time[situation.steps]
+    again = np.diff(situation.steps, axis=1) == 0  # short visits repeat their last
+    return time.shape[1] > 1 and bool(np.all((np.diff(time, axis=1) > 0.0) | again))
+
+
+def rate(
+    situation: Situation, values: Float[np.ndarray, "rows channels"]
+) -> Float[np.ndarray, "rows channels"]:
+    """Return how fast channels change, per s, by differences within each visit."""
+    speed = np.zeros_like(values)
+    for visit in range(len(situation.steps)):
+        rows = np.unique(situation.steps[visit])
+        if len(rows) > 1:
+            time = situation.recording.time[rows]
+            speed[rows] = np.gradient(values[rows], time, axis=0)
+    return speed
+
+
+def _later(situation: Situation) -> Float[np.ndarray, "rows 6 1"]:
+    """Return how the wrench changes in a second, as the axes that report it see it."""
+    sensor = situation.recording.wrench_sensor
+    if sensor is not None and sensor.frame == "base":
+        return rate(situation, situation.wrench)[:, :, None]
+    return along_sensor(situation, rate(situation, reading(situation))[:, :, None])

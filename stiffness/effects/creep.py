@@ -1,0 +1,120 @@
+"""Creep of a gear: wind-up that grows with the time under load.
+
+==========  ==========================================================================
+Equation    T dx/dt = τ(t) - x, at arrival x = 0, or gravity's torque where the arm has
+            settled under it; θ = C τ + ratio C x
+Source      standard linear solid: Zener 1948, "Elasticity and anelasticity of metals"
+Valid       loads that stand from `load_time` on, until the next row's `load_time`; an
+            arm that comes to its posture with no memory but gravity's
+Ignores     faster and slower relaxation beside the one (its variants); what is left of
+            the posture before
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, sprung
+from stiffness.effects.jacobian import Signature, turn
+from stiffness.experiment.static_state import Situation
+
+FASTEST, SLOWEST = 0.25, 4.0
+"""T over the shortest wait and over the longest visit; chosen: beyond them creep is a
+spring like the axis' own, or a straight line in time."""
+
+
+@dataclass(frozen=True)
+class Creep(Hypothesis):
+    """An axis whose wind-up follows its torque at once and a little more later."""
+
+    effect: ClassVar[str] = "creep"
+    shape_names: ClassVar[tuple[str, ...]] = ("time_s", "settled")
+    logarithmic: ClassVar[tuple[str, ...]] = ("time_s",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "ratio": (0.0, 2.0),
+        "time_s": (0.0, np.inf),
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        if situation.steps.shape[1] < 2 or not np.any(waits(situation) > 0.0):
+            return ()
+        return sprung(situation)
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        recording, steps = situation.recording, situation.steps
+        stands = waits(situation)
+        visit = recording.time[steps[:, -1]] - recording.load_time[steps[:, 0]]
+        low, high = FASTEST * stands[stands > 0.0].min(), SLOWEST * visit.max()
+        times = np.geomspace(low, high, 4)
+        return np.array([(time, settled) for settled in (0.0, 1.0) for time in times])
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        return turn(k, followed(situation, k, shape[0], bool(shape[1])))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        time, settled = shape[0], bool(shape[1])
+        beside = [followed(situation, k, f * time, settled) for f in (1 / 3, 3.0)]
+        return turn(k, *beside, followed(situation, k, time, not settled))
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        compliance = situation.compliance[situation.axis(where)]
+        return {"ratio": coefficients[0] / compliance, "time_s": shape[0]}
+
+
+def waits(situation: Situation) -> Float[np.ndarray, " rows"]:
+    """Return for how long each row's load has stood when it is read, in s."""
+    return situation.recording.time - situation.recording.load_time
+
+
+def followed(
+    situation: Situation, axis: int, time_constant: float, settled: bool = False
+) -> Float[np.ndarray, " rows"]:
+    """Return how far a creeping element has followed its torque by each reading, N m.
+
+    Exact for a torque that changes in steps: gravity comes with the arrival, which is
+    the first `load_time` of a visit, and each load at its own.
+
+    Args:
+        situation: With the torque and the order of rows.
+        axis: Which one, counted from 0.
+        time_constant: T, in s.
+        settled: Whether gravity has been followed before the arrival.
+    """
+    recording, steps = situation.recording, situation.steps
+    torque = situation.torque[steps, axis]  # (visits, longest) N m
+    read, changed = recording.time[steps], recording.load_time[steps]
+    state = np.empty_like(torque)
+    now, last, before = np.zeros(len(steps)), changed[:, 0], torque[:, 0]
+    if settled:
+        now = before - situation.load_torque[steps[:, 0], axis]
+    for step in range(torque.shape[1]):
+        change = np.clip(changed[:, step], last, read[:, step])
+        now = before + (now - before) * np.exp((last - change) / time_constant)
+        before, last = torque[:, step], read[:, step]
+        now = before + (now - before) * np.exp((change - last) / time_constant)
+        state[:, step] = now
+    return situation.from_steps(state)

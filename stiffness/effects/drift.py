@@ -1,0 +1,97 @@
+"""Drift of tracker or base: a slow rigid motion in time.
+
+==========  ==========================================================================
+Equation    p + t (x, y, z) + t (rx, ry, rz) x p, t since the start; at `base` along the
+            base's axes, at `tracker` along the tracker's and about it
+Source      ISO 230-3, "Determination of thermal effects": linear in time to first order
+Valid       drifts of less than a millimetre; at `tracker` along the base's axes where
+            nobody knows how it stands
+Ignores     t² and temperature (its variants); gravity's pull on a base that turned
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis
+from stiffness.effects.jacobian import Motion, Signature, rotate, translate
+from stiffness.experiment.static_state import Situation
+
+HOUR = 3600.0
+NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
+
+
+@dataclass(frozen=True)
+class Drift(Hypothesis):
+    """Readings that wander at constant speed, all as one body.
+
+    A base and a tracker that wander look alike in the readings, column for column.
+    """
+
+    effect: ClassVar[str] = "drift"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        f"{name}_per_h": (-0.1, 0.1) for name in NAMES
+    }
+    sizes: ClassVar[tuple[str, ...]] = tuple(f"{name}_per_h" for name in NAMES)
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        recording = situation.recording
+        if not recording.markers or np.ptp(recording.time) == 0.0:
+            return ()
+        return ("tracker", "base")
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        hours = situation.recording.time / HOUR
+        return wander(situation, where, hours)
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        recording = situation.recording
+        hours, temperature = recording.time / HOUR, recording.temperature
+        courses = [hours**2]
+        if temperature is not None and np.ptp(temperature) > 0.0:
+            courses.append(temperature - temperature[0])
+        return wander(situation, where, *courses)
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        names = (f"{name}_per_h" for name in NAMES)
+        return dict(zip(names, coefficients, strict=True))
+
+
+def wander(
+    situation: Situation, where: str, *courses: Float[np.ndarray, " rows"]
+) -> Signature:
+    """Return what six speeds do that go on with each course, from row to row."""
+    frame = situation.tracker
+    if where == "base" or frame is None:
+        frame = np.eye(4)
+    centre = np.broadcast_to(frame[:3, 3], (situation.rows, 3))
+    twists = []
+    for course in courses:
+        along = course[:, None, None] * frame[:3, :3]
+        twists += [translate(0, along).twist, rotate(0, along, centre).twist]
+    return Signature(6 * len(courses), (Motion(0, np.concatenate(twists, axis=2)),))

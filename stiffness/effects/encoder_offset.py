@@ -1,0 +1,75 @@
+"""Encoder offset: a constant angle between encoder and link.
+
+==========  ==========================================================================
+Equation    angle of the link = reported angle + offset + wind-up; per radian of offset
+            about a through o a load (F, M) at the sensor p gains (a x F, a x M +
+            (a x (p - o)) x F) for the axes before; one that is stated along the base's
+            axes gains (0, (a x (p - o)) x F) for these and (-a x F, -a x M) for a and
+            the axes beyond
+Source      Slamani et al. 2012 and every calibration: joint zero offsets; the load:
+            rotation vector to first order
+Valid       small offsets
+Ignores     that gravity pulls elsewhere and that wind-up itself is turned: a thousandth
+            of the deflection per milliradian
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis
+from stiffness.effects.jacobian import NOTHING, Signature
+from stiffness.effects.statics import beside
+from stiffness.experiment.static_state import Situation
+
+
+@dataclass(frozen=True)
+class EncoderOffset(Hypothesis):
+    """An axis whose zero is not where the controller believes.
+
+    A sensor beyond the axis is turned with it: of a last axis whose markers' places are
+    unknown nothing else shows.
+    """
+
+    effect: ClassVar[str] = "encoder_offset"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"offset_rad": (-0.1, 0.1)}
+    sizes: ClassVar[tuple[str, ...]] = ("offset_rad",)
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        if situation.recording.displacement == "relative":
+            return ()
+        return situation.axes
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return beside(situation, situation.axis(where))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return {"offset_rad": coefficients[0]}

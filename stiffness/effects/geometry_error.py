@@ -1,0 +1,75 @@
+"""Geometry error of a link: length and orientation of the next axis.
+
+==========  ==========================================================================
+Equation    what the next axis carries shifts by R (x, y, z) and turns by R (rx, ry, rz)
+            about that axis' origin, R the link's axes
+Source      Veitschegger, Wu 1986, "Robot accuracy analysis based on kinematics"; small
+            errors enter to first order
+Valid       errors below a degree and some millimetres
+Ignores     the change of lever arms under load, a thousandth of the deflection
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, absolute, axes_of
+from stiffness.effects.jacobian import NOTHING, Motion, Signature, rotate, translate
+from stiffness.experiment.static_state import Situation
+
+NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
+
+
+@dataclass(frozen=True)
+class GeometryError(Hypothesis):
+    """A link whose far end is not where the drawing puts it.
+
+    The rotation about the next axis alone is that axis' encoder offset, to the digit.
+    """
+
+    effect: ClassVar[str] = "geometry_error"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        name: (-0.1, 0.1) for name in NAMES
+    }
+    sizes: ClassVar[tuple[str, ...]] = NAMES
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        return situation.links if absolute(situation) else ()
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        place = situation.links.index(where) + 2
+        axes = axes_of(situation, where)
+        shift = translate(place, axes).twist
+        turned = rotate(place, axes, situation.origin[:, place]).twist
+        return Signature(6, (Motion(place, np.concatenate([shift, turned], axis=2)),))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return dict(zip(NAMES, coefficients, strict=True))

@@ -1,0 +1,94 @@
+"""Gravity compensator: a spring between a link and the part below.
+
+==========  ==========================================================================
+Equation    τ = torque sin(q - φ), so θ = s sin q + c cos q; torque = √(s² + c²)/C, φ =
+            atan2(-c, s)
+Source      spring without free length: Herder 2001, "Energy-free systems"; with it:
+            Klimchik et al. 2013, arXiv 1311.6810
+Valid       springs and cylinders whose force grows with their length; where the axis
+            hardly turns it is a constant turn, sin(q - φ) = ±1, as an encoder's offset
+Ignores     free length; what the spring adds to the axis' stiffness, about torque/K;
+            that a sensor beyond is turned, a thousandth of the deflection
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, absolute, orders, sprung
+from stiffness.effects.jacobian import NOTHING, Signature, turn
+from stiffness.effects.statics import beside
+from stiffness.experiment.static_state import Situation
+
+
+@dataclass(frozen=True)
+class GravityCompensator(Hypothesis):
+    """An axis with a torque of one period per turn.
+
+    Large arms have one, on the axis that lifts; most have none, but all have weights.
+    """
+
+    effect: ClassVar[str] = "gravity_compensator"
+    log_prior: ClassVar[float] = -np.log(10.0)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "torque_nm": (0.0, 1e5),
+        "phase_rad": (-np.pi, np.pi),
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        if not absolute(situation):
+            return ()
+        turning = ~situation.arm.slides
+        return tuple(a for a in sprung(situation) if turning[situation.axis(a)])
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        angle = situation.recording.posture[:, k]
+        if 1.0 not in orders(situation, k):
+            return beside(situation, k)
+        return turn(k, np.sin(angle), np.cos(angle))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        k = situation.axis(where)
+        compliance = situation.compliance[k]
+        if len(coefficients) == 1:
+            (size,) = coefficients
+            angle = float(np.mean(situation.recording.posture[:, k]))
+            phase = angle - np.copysign(np.pi / 2, size)
+            return {
+                "torque_nm": np.abs(size) / compliance,
+                "phase_rad": (phase + np.pi) % (2 * np.pi) - np.pi,
+            }
+        s, c = coefficients
+        return {
+            "torque_nm": np.hypot(s, c) / compliance,
+            "phase_rad": np.arctan2(-c, s),
+        }

@@ -1,0 +1,168 @@
+"""Gravity load: mass or centre of mass of a part differs from its data sheet.
+
+==========  ==========================================================================
+Equation    torque_k = l_k . m g + a_k . (m c x g + o x m g), (l, a) the screw of axis
+            k, o the body's origin, m c the first moment along the body's axes
+Source      linear in mass and first moments: Gautier, Khalil 1990, "Direct calculation
+            of minimum set of inertial parameters of serial robots"
+Valid       sprung axes; postures without load too
+Ignores     what gives way besides the axes' own springs, but for what was named (its
+            variant)
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, absolute, axes_of, point_of
+from stiffness.effects.jacobian import NOTHING, Signature, beside
+from stiffness.effects.statics import pulled, torque_of, wind_up
+from stiffness.experiment.static_state import Situation
+
+NAMES = ("mass_kg", "x", "y", "z")
+LENGTH = 0.1
+"""What a first moment is divided by beside a mass, in m; chosen: a link's breadth."""
+UNSEEN = 1e-6
+"""Below this share of the largest possible wind-up a column is rounding; chosen."""
+
+
+@dataclass(frozen=True)
+class GravityLoad(Hypothesis):
+    """A mass added to a body, or taken from it, anywhere on it.
+
+    Of mass and first moments only those are coefficients that these postures show: on a
+    link that swings about a horizontal axis the moments across it, and no mass. Where
+    the mass shows, `com_x_m` … are reported; else the moments `moment_x_kg_m` ….
+    """
+
+    effect: ClassVar[str] = "gravity_load"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "mass_kg": (-100.0, 100.0),
+        **{f"com_{axis}_m": (-np.inf, np.inf) for axis in "xyz"},
+        **{f"moment_{axis}_kg_m": (-100.0, 100.0) for axis in "xyz"},
+    }
+
+    @override
+    def limits_at(
+        self, situation: Situation, where: str
+    ) -> Mapping[str, tuple[float, float]]:
+        """Return limits under which no more is taken away than the model has there."""
+        highest = self.limits["mass_kg"][1]
+        return {**self.limits, "mass_kg": (-carried(situation, where), highest)}
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        sensor = situation.recording.wrench_sensor
+        weighed = sensor is not None and sensor.includes_tool_weight
+        bodies = situation.links if weighed else (*situation.links, "tool")
+        if not absolute(situation):
+            return ()
+        return tuple(b for b in bodies if seen(situation, torques(situation, b)))
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        torque = torques(situation, where)
+        return wind_up(situation, torque[:, :, seen(situation, torque)])
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        if not situation.giving:
+            return NOTHING
+        free = replace(
+            situation,
+            force=np.zeros_like(situation.force),
+            moment=np.zeros_like(situation.moment),
+            torque=np.zeros_like(situation.torque),
+        )
+        loaded = [weighed_down(free, where, size) for size in np.eye(4)]
+        parts = [[p for give in situation.giving for p in give(s)] for s in loaded]
+        return beside([Signature(1, tuple(own)) for own in parts])
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        names = [NAMES[i] for i in seen(situation, torques(situation, where))]
+        found = dict(zip(names, coefficients, strict=True))
+        mass = found.pop("mass_kg", None)
+        if mass is None:
+            return {f"moment_{axis}_kg_m": value for axis, value in found.items()}
+        centre = {f"com_{axis}_m": value / mass for axis, value in found.items()}
+        return {"mass_kg": mass, **centre}
+
+    @override
+    def acting(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Situation:
+        size = np.zeros(4)
+        size[seen(situation, torques(situation, where))] = coefficients
+        return weighed_down(situation, where, size)
+
+
+def weighed_down(
+    situation: Situation, body: str, size: Float[np.ndarray, "4"]
+) -> Situation:
+    """Return the situation under a mass in kg and first moments in kg m on a body."""
+    gravity = situation.arm.chain.gravity
+    weight = np.broadcast_to(size[0] * gravity, (situation.rows, 3))
+    turning = np.cross(axes_of(situation, body) @ size[1:], gravity)
+    at = point_of(situation, body, np.zeros(3))
+    return pulled(situation, body, weight, turning, at)
+
+
+def carried(situation: Situation, body: str) -> float:
+    """Return the mass in kg that the model has in a body's link and beyond."""
+    chain, tool = situation.arm.chain, situation.recording.tool
+    axis = situation.arm.place(body).axis
+    beyond = [k for k in range(len(chain.mass)) if axis in chain.carriers(k)]
+    return float(chain.mass[beyond].sum()) + (0.0 if tool is None else tool.mass)
+
+
+def torques(situation: Situation, body: str) -> Float[np.ndarray, "rows axes 4"]:
+    """Return torques per kg of mass and per kg m of first moment along x, y, z."""
+    gravity = situation.arm.chain.gravity
+    turned = np.cross(axes_of(situation, body), gravity[None, :, None], axis=1)
+    none = np.zeros((situation.rows, 3, 1))
+    weight = np.broadcast_to(gravity[:, None], none.shape)
+    force = np.concatenate([weight, np.zeros_like(turned)], axis=2)
+    moment = np.concatenate([none, turned], axis=2)
+    return torque_of(
+        situation, body, force, moment, point_of(situation, body, np.zeros(3))
+    )
+
+
+def seen(situation: Situation, torque: Float[np.ndarray, "rows axes 4"]) -> list[int]:
+    """Return which of mass and moments show, each independent of those before it."""
+    compliance = situation.arm.compliance  # the model's: whatever is fitted, the same
+    wound = torque * compliance[:, None] / [1.0, LENGTH, LENGTH, LENGTH]
+    wound = np.asarray(np.linalg.qr(wound.reshape(-1, 4), mode="r"))
+    most = np.linalg.norm(situation.arm.chain.gravity) * compliance.max()
+    least = UNSEEN * most * np.sqrt(situation.rows)
+    kept: list[int] = []
+    for i in range(4):
+        rank = np.linalg.matrix_rank(wound[:, [*kept, i]], tol=least)
+        kept += [i] if rank > len(kept) else []
+    return kept

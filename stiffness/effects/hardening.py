@@ -1,0 +1,96 @@
+"""Hardening of a strain-wave gear: compliance falls with the torque.
+
+==========  ==========================================================================
+Equation    θ = τ/K3 + a [(1 - m) c(τ, T1) + m c(τ, r T1)]; 1/K1 = 1/K3 + a; c = τ up
+            to the knee T, T beyond, rounded over T/10
+Source      Harmonic Drive's three-piece table (CHA engineering data 1018854) seen from
+            the torque; r = T2/T1: 3.1 to 3.7, m = (1/K2 - 1/K3)/(1/K1 - 1/K3): 0.12 to
+            0.32 over its sizes 14 to 32
+Valid       static torques of either sign, gravity's included, both ways alike
+Ignores     hysteresis; a stiffness that climbs without a knee (its variants)
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis
+from stiffness.effects.jacobian import Signature, turn
+from stiffness.experiment.static_state import Situation
+
+MIDDLE, SECOND = 0.15, 3.5
+"""m and r; chosen: between the table's sizes 25 and 32. Where no torque reaches T2, K3
+is K2 by this share: right within an eighth of K3/K1 - 1 for them, low for size 14."""
+ROUND = 0.1
+"""Over how much of a knee's torque it is rounded; chosen: teeth engage one by one."""
+KNEES = (0.08, 0.12, 0.2, 0.32, 0.5, 0.75)
+"""T1 over the axis' largest torque; chosen: a knee below is a play that closes."""
+ARCTAN = 1.2
+"""Torque scale of the arctangent law over T1, that its slope falls as the table's."""
+
+
+@dataclass(frozen=True)
+class Hardening(Hypothesis):
+    """An axis whose gear grows stiffer the harder it is wound."""
+
+    effect: ClassVar[str] = "hardening"
+    shape_names: ClassVar[tuple[str, ...]] = ("torque_nm",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "stiffness_ratio": (1.0, 10.0),
+        "torque_nm": (0.0, np.inf),
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        sprung = situation.compliance > 0.0
+        return tuple(a for a, soft in zip(situation.axes, sprung, strict=True) if soft)
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        largest = np.max(np.abs(situation.torque[:, situation.axis(where)]))
+        return (largest * np.array(KNEES))[:, None]
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        torque, knee = situation.torque[:, k], shape[0]
+        first, second = bent(torque, knee), bent(torque, SECOND * knee)
+        return turn(k, (1.0 - MIDDLE) * first + MIDDLE * second)
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        torque, knee = situation.torque[:, k], shape[0]
+        sharp = [np.clip(torque, -x, x) for x in (knee, SECOND * knee)]
+        slow = ARCTAN * knee * np.arctan(torque / (ARCTAN * knee))
+        fast = [x * np.tanh(torque / x) for x in (0.7 * knee, knee, 1.5 * knee)]
+        return turn(k, *sharp, slow, *fast)
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        stiff = situation.compliance[situation.axis(where)]
+        ratio = (stiff + coefficients[0]) / stiff
+        return {"stiffness_ratio": ratio, "torque_nm": shape[0]}
+
+
+def bent(torque: Float[np.ndarray, " rows"], knee: float) -> Float[np.ndarray, " rows"]:
+    """Return a torque that stops growing at a knee, both in N m."""
+    width = ROUND * knee
+    return 0.5 * (np.hypot(torque + knee, width) - np.hypot(torque - knee, width))

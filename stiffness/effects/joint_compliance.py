@@ -1,0 +1,68 @@
+"""Compliance of a joint that the model calls rigid.
+
+==========  ==========================================================================
+Equation    θ = compliance τ
+Source      Spong 1987, "Modeling and control of elastic joint robots", at rest
+Valid       an axis whose joint in the model has no stiffness
+Ignores     whatever is not in proportion to torque
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis
+from stiffness.effects.jacobian import NOTHING, Signature, turn
+from stiffness.experiment.static_state import Situation
+
+
+@dataclass(frozen=True)
+class JointCompliance(Hypothesis):
+    """An axis that is a spring where the model has none."""
+
+    effect: ClassVar[str] = "joint_compliance"
+    linear: ClassVar[bool] = True
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "compliance_rad_per_nm": (0.0, 1e-2),
+    }
+    sizes: ClassVar[tuple[str, ...]] = ("compliance_rad_per_nm",)
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        felt = np.any(situation.torque != 0.0, axis=0)
+        found = felt & (situation.arm.stiffness == 0.0)
+        return tuple(a for a, f in zip(situation.axes, found, strict=True) if f)
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        return turn(k, situation.torque[:, k])
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return {"compliance_rad_per_nm": coefficients[0]}

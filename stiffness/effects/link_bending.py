@@ -1,0 +1,199 @@
+"""Bending and torsion of a link under load, as of a beam.
+
+==========  ==========================================================================
+Equation    with L w from axis to axis, F and M of all beyond on its end: slope = b
+            (L²/2 w x F + L M_across) + t L (w . M) w, b = 1/EI, t = 1/GJ; deflection =
+            b (L³/3 F_across + L²/2 M x w)
+            a mark at x on the beam, r beside it: b (x²/2 (L - x/3) F_across + x²/2 M x
+            w) + (b (x (L - x/2) w x F + x M_across) + t x (w . M) w) x r
+Source      Euler-Bernoulli beam: Gere, Timoshenko 1997, "Mechanics of materials", beams
+Valid       a slender link, alike in all directions across
+Ignores     shear, stretch, the bend under the link's own weight; that bearings may sit
+            beside the origins of the model's joints
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, inside_of
+from stiffness.effects.jacobian import (
+    NOTHING,
+    Motion,
+    Shift,
+    Signature,
+    beside,
+    rotate,
+    translate,
+)
+from stiffness.experiment.static_state import Situation
+from stiffness.robot.kinematics import levers
+
+HINGES = (0.125, 0.375, 0.625, 0.875)
+"""Shares of a link at which it may give way in other forms of the law: where the beam's
+four quarters would; chosen."""
+RANK = 1e-3
+"""Share of the largest singular value below which marks do not tell a twist; chosen."""
+SHORTEST = 1e-3
+"""Distance of two axes, in m, below which nothing is left to bend; chosen."""
+
+
+@dataclass(frozen=True)
+class LinkBending(Hypothesis):
+    """A link that is a beam from its axis to the next.
+
+    It bends beyond the marks on it, as the bench's mechanism does, or they go with the
+    part of the bend that lies before them (`within`: 0 or 1).
+    """
+
+    effect: ClassVar[str] = "link_bending"
+    linear: ClassVar[bool] = True
+    shape_names: ClassVar[tuple[str, ...]] = ("within",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "bending_nm2": (1.0, np.inf),
+        "torsion_nm2": (1.0, np.inf),
+    }
+    sizes: ClassVar[tuple[str, ...]] = ("bending_nm2", "torsion_nm2")
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        ends = np.diff(situation.origin[:, 1:], axis=1)  # (rows, links, 3)
+        length = np.linalg.norm(ends, axis=2).min(axis=0)
+        found = zip(situation.links, length, strict=True)
+        return tuple(link for link, distance in found if distance > SHORTEST)
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.array([[0.0], [1.0]] if self._marked(situation, where) else [[0.0]])
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        place = situation.links.index(where) + 2
+        tip = situation.origin[:, place]
+        length = np.linalg.norm(tip - situation.origin[:, place - 1], axis=1)
+        turned, moved = _bend(situation, place, length[:, None])
+        both = rotate(place, turned, tip).twist + translate(place, moved).twist
+        carried = Motion(place, both)
+        if not shape[0]:
+            return Signature(2, (carried,))
+        marks = _marks(situation, place)
+        bent = {m: _on_beam(situation, place, spot) for m, spot in marks.items()}
+        return Signature(2, (carried, *_of_marks(situation, place, marks, bent)))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        if not self._marked(situation, where):
+            return NOTHING
+        place = situation.links.index(where) + 2
+        return beside([_hinge(situation, place, share) for share in HINGES])
+
+    def _marked(self, situation: Situation, where: str) -> bool:
+        return bool(_marks(situation, situation.links.index(where) + 2))
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        bending, torsion = coefficients
+        return {"bending_nm2": 1.0 / bending, "torsion_nm2": 1.0 / torsion}
+
+
+def _marks(situation: Situation, place: int) -> dict[int, np.ndarray]:
+    """Return where the marks on the link before a place are, in its frame, in m."""
+    found = {}
+    for m, marker in enumerate(situation.recording.markers):
+        spot = situation.spot(m)
+        if situation.arm.place(marker.body).axis == place - 2 and spot is not None:
+            found[m] = inside_of(situation, marker.body, spot)
+    return found
+
+
+def _of_marks(
+    situation: Situation,
+    place: int,
+    marks: Mapping[int, np.ndarray],
+    moved: Mapping[int, np.ndarray],
+) -> list[Motion | Shift]:
+    """Return how marks on a link move against it: as a whole, and each.
+
+    Differences within visits know bodies alone; marks of a link that bends nearly are
+    one, and what more they do shows in means.
+
+    Args:
+        situation: Where the axes are.
+        place: What the link carries.
+        marks: Where they are in its frame, in m.
+        moved: What each does, per unit of each coefficient: (rows, 3, columns).
+    """
+    at, frame = situation.origin[:, place - 1], situation.frame[:, place - 1]
+    lever = np.concatenate([levers(spot) for spot in marks.values()])
+    turned = frame.swapaxes(1, 2)
+    bent = np.concatenate([turned @ moved[m] for m in marks], axis=1)
+    own = np.linalg.pinv(lever, rcond=RANK) @ bent
+    twist = rotate(0, frame @ own[:, 3:], at).twist
+    twist += translate(0, frame @ own[:, :3]).twist
+    rest = [frame @ one for one in np.split(bent - lever @ own, len(marks), axis=1)]
+    each = [Shift(m, one) for m, one in zip(marks, rest, strict=True)]
+    return [Motion(place - 1, twist), Motion(place, -twist), *each]
+
+
+def _hinge(situation: Situation, place: int, share: float) -> Signature:
+    """Return what a link does that gives way at one point of it alone."""
+    start, end = situation.origin[:, place - 1], situation.origin[:, place]
+    point = start + share * (end - start)
+    w = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
+    force, moment = situation.force[:, place], situation.moment[:, place]
+    moment = moment + np.cross(end - point, force)
+    twist = w * np.sum(w * moment, axis=1, keepdims=True)
+    turned = np.stack([moment - twist, twist], axis=2)
+    marks, bent = _marks(situation, place), {}
+    for m, spot in marks.items():
+        away = start + situation.frame[:, place - 1] @ spot - point
+        beyond = np.sum(w * away, axis=1) > 0.0
+        bent[m] = np.cross(turned, away[:, :, None], axis=1) * beyond[:, None, None]
+    carried = rotate(place, turned, point)
+    return Signature(2, (carried, *_of_marks(situation, place, marks, bent)))
+
+
+def _on_beam(
+    situation: Situation, place: int, spot: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "rows 3 2"]:
+    """Return how a point of a link moves, per unit of 1/EI and of 1/GJ, in m."""
+    beam = situation.origin[:, place] - situation.origin[:, place - 1]
+    length = np.linalg.norm(beam, axis=1, keepdims=True)
+    w = beam / length
+    away = situation.frame[:, place - 1] @ spot
+    x = np.clip(np.sum(w * away, axis=1, keepdims=True), 0.0, length)
+    turned, moved = _bend(situation, place, x)
+    return moved + np.cross(turned, (away - x * w)[:, :, None], axis=1)
+
+
+def _bend(
+    situation: Situation, place: int, x: Float[np.ndarray, "rows 1"]
+) -> tuple[Float[np.ndarray, "rows 3 2"], Float[np.ndarray, "rows 3 2"]]:
+    """Return slope and deflection of a link x from its axis, per 1/EI and 1/GJ."""
+    beam = situation.origin[:, place] - situation.origin[:, place - 1]
+    length = np.linalg.norm(beam, axis=1, keepdims=True)
+    w = beam / length
+    force, moment = situation.force[:, place], situation.moment[:, place]
+    twist = w * np.sum(w * moment, axis=1, keepdims=True)
+    across = force - w * np.sum(w * force, axis=1, keepdims=True)
+    slope = x * (length - x / 2) * np.cross(w, force) + x * (moment - twist)
+    sag = x**2 / 2 * ((length - x / 3) * across + np.cross(moment, w))
+    turned = np.stack([slope, x * twist], axis=2)
+    return turned, np.stack([sag, np.zeros_like(sag)], axis=2)

@@ -1,0 +1,89 @@
+"""Marker slip: a marker that sits elsewhere from one moment on.
+
+==========  ==========================================================================
+Equation    place on the body = place before + (x, y, z) from `time_s` on, along the
+            body's axes
+Source      a step in time; no source for its size
+Valid       one step per marker
+Ignores     slow creep of the glue; further steps
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, absolute, axes_of
+from stiffness.effects.jacobian import NOTHING, Shift, Signature
+from stiffness.experiment.static_state import Situation
+
+PREFIX = "marker:"
+TIMES = 7
+"""How many times of a slip are tried at first; chosen."""
+EDGE = 0.05
+"""Share of the visits at either end where none is tried: a slip that a few visits alone
+show is their own error; chosen."""
+
+
+@dataclass(frozen=True)
+class MarkerSlip(Hypothesis):
+    """One marker that moved on its body between two visits."""
+
+    effect: ClassVar[str] = "marker_slip"
+    shape_names: ClassVar[tuple[str, ...]] = ("time_s",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        **dict.fromkeys(("x_m", "y_m", "z_m"), (-0.1, 0.1)),
+        "time_s": (0.0, np.inf),
+    }
+    sizes: ClassVar[tuple[str, ...]] = ("x_m", "y_m", "z_m")
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        if not absolute(situation) or len(situation.steps) < 2:
+            return ()
+        return tuple(PREFIX + marker.name for marker in situation.recording.markers)
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        begins = np.sort(situation.recording.time[situation.steps[:, 0]])[1:]
+        edge = min(np.ceil(EDGE * len(begins)), (len(begins) - 1) // 2)
+        chosen = np.linspace(edge, len(begins) - 1 - edge, TIMES).round()
+        return begins[np.unique(chosen.astype(int)), None]
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        names = [PREFIX + marker.name for marker in situation.recording.markers]
+        m = names.index(where)
+        later = situation.recording.time >= shape[0]
+        axes = axes_of(situation, situation.recording.markers[m].body)
+        return Signature(3, (Shift(m, later[:, None, None] * axes),))
+
+    @override
+    def grain(self, situation: Situation) -> Mapping[str, float]:
+        begins = np.sort(situation.recording.time[situation.steps[:, 0]])
+        return {"time_s": float(np.max(np.diff(begins), initial=0.0))}
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        x, y, z = coefficients
+        return {"x_m": x, "y_m": y, "z_m": z, "time_s": shape[0]}

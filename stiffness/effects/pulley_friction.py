@@ -1,0 +1,96 @@
+"""Friction of the pulley: a share of the weight is lost while the rope moves.
+
+==========  ==========================================================================
+Equation    tension = weight exp(-ratio d) ≈ weight (1 - ratio d), d = 1 where the load
+            last grew, -1 where it last fell; ratio = μ x angle of wrap
+Source      belt friction: Eytelwein 1808, to first order
+Valid       a wrench that was not measured but taken from the weight on the hook: its
+            force is the weight to less than the noise; loads changed step by step
+Ignores     a rope that did not creep over the pulley; the change of wrap with the
+            posture
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, sprung
+from stiffness.effects.jacobian import NOTHING, Signature
+from stiffness.effects.statics import wind_up
+from stiffness.experiment.static_state import Situation
+
+ROUNDED = 0.5
+"""Largest distance of a force from its weight, over the sensor's sigma; chosen: noise
+of one sigma exceeds it in nearly every second of the rows."""
+
+
+@dataclass(frozen=True)
+class PulleyFriction(Hypothesis):
+    """A rope that pulls less than its weight going up, and more going down."""
+
+    effect: ClassVar[str] = "pulley_friction"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "ratio": (0.0, 0.5),
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        return ("rig",) if from_hook(situation) and sprung(situation) else ()
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        missing = -direction(situation)[:, None] * situation.load_torque
+        return wind_up(situation, missing[:, :, None])
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return {"ratio": coefficients[0]}
+
+
+def from_hook(situation: Situation) -> bool:
+    """Return whether every force is the weight on the hook, as no sensor reads it."""
+    recording = situation.recording
+    mass, spec = recording.load_mass, recording.wrench_sensor
+    if recording.wrench is None or spec is None or mass is None or not np.any(mass):
+        return False
+    force = np.linalg.norm(recording.wrench[:, :3], axis=1)
+    gravity = float(force @ mass / (mass @ mass))
+    beside = np.max(np.abs(force - gravity * mass))
+    return bool(beside < ROUNDED * spec.accuracy_force)
+
+
+def direction(situation: Situation) -> Float[np.ndarray, " rows"]:
+    """Return +1 where the weight on the hook last grew and -1 where it last fell."""
+    assert situation.recording.load_mass is not None
+    mass = situation.recording.load_mass[situation.steps]
+    change = np.sign(np.diff(mass, axis=1, prepend=mass[:, :1]))
+    change[:, 0] = 1.0  # what hangs there at first was put on
+    for step in range(1, change.shape[1]):
+        still = change[:, step] == 0.0
+        change[still, step] = change[still, step - 1]
+    return situation.from_steps(change)

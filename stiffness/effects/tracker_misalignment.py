@@ -1,0 +1,69 @@
+"""Tracker misalignment: a stated frame of the tracker that is wrong.
+
+==========  ==========================================================================
+Equation    a point p of the base's frame reads p + (x, y, z) + (rx, ry, rz) x p
+Source      rotation vector to first order: Rodrigues 1840
+Valid       a stated frame that errs by some millimetres and degrees
+Ignores     the second order of the turn
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, absolute
+from stiffness.effects.jacobian import NOTHING, Motion, Signature
+from stiffness.experiment.static_state import Situation
+
+NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
+
+
+@dataclass(frozen=True)
+class TrackerMisalignment(Hypothesis):
+    """A stated frame that is not the tracker's own."""
+
+    effect: ClassVar[str] = "tracker_misalignment"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        name: (-0.3, 0.3) for name in NAMES
+    }
+    sizes: ClassVar[tuple[str, ...]] = NAMES
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        recording = situation.recording
+        stated = recording.base_from_tracker is not None and recording.markers
+        return ("tracker",) if stated and absolute(situation) else ()
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        motion = np.broadcast_to(np.eye(6), (situation.rows, 6, 6))
+        return Signature(6, (Motion(0, motion),))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return dict(zip(NAMES, coefficients, strict=True))

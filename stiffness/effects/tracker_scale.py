@@ -1,0 +1,76 @@
+"""Tracker scale: lengths measured too long or too short by a factor.
+
+==========  ==========================================================================
+Equation    a point p reads p + ratio (p - c), c where the tracker stands
+Source      Umeyama 1991, "Least-squares estimation of transformation parameters between
+            two point patterns": the scale of a similarity
+Valid       one scale in all directions and all the time
+Ignores     the scale of deflections within a visit, ratio of some µm
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, absolute, marked_point
+from stiffness.effects.jacobian import NOTHING, Shift, Signature
+from stiffness.experiment.static_state import Situation
+from stiffness.robot.tracker_frame import LARGEST_SCALE
+
+
+@dataclass(frozen=True)
+class TrackerScale(Hypothesis):
+    """All lengths read too long by the same share.
+
+    A marker of unknown place is taken at its body's origin, and a tracker of unknown
+    place at the base's: fitted marker places and frames take the rest.
+    """
+
+    effect: ClassVar[str] = "tracker_scale"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "ratio": (-LARGEST_SCALE, LARGEST_SCALE),
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        seen = situation.recording.markers and absolute(situation)
+        return ("tracker",) if seen else ()
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        frame = situation.recording.base_from_tracker
+        stand = np.zeros(3) if frame is None else frame[:3, 3]
+        parts = []
+        for m in range(len(situation.recording.markers)):
+            away = marked_point(situation, m) - stand
+            parts.append(Shift(m, away[:, :, None]))
+        return Signature(1, tuple(parts))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return {"ratio": coefficients[0]}

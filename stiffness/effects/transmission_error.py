@@ -1,0 +1,108 @@
+"""Transmission error of a gear: harmonics of the angle, with or without a load.
+
+==========  ==========================================================================
+Equation    angle of the link = reported angle q + s sin nq + c cos nq + wind-up;
+            amplitude = √(s² + c²), phase = atan2(c, s)
+Source      Ghorbel, Gandhi, Alpeter 2001, "On the kinematic error in harmonic drive
+            gears"; eccentric encoder discs have n = 1 and 2
+Valid       orders n up to 6, q the reported angle
+Ignores     the share that grows with load; that a sensor beyond is turned, a thousandth
+            of the deflection (an axis that stands: see `encoder_offset`); the hundreds
+            of orders of a gear's teeth; further harmonics of a turn (its variants)
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, absolute, middle_angle, orders, still
+from stiffness.effects.jacobian import NOTHING, Signature, turn
+from stiffness.effects.statics import beside
+from stiffness.experiment.static_state import Situation
+
+HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
+"""Of a turn: an error of the angle comes again with it, in whatever form; as far as
+`orders` goes."""
+
+
+@dataclass(frozen=True)
+class TransmissionError(Hypothesis):
+    """An axis whose angle errs with a few periods per turn.
+
+    Of an axis that hardly turns one value of the error shows, as an encoder's offset
+    would; the smallest amplitude that has it is reported.
+    """
+
+    effect: ClassVar[str] = "transmission_error"
+    shape_names: ClassVar[tuple[str, ...]] = ("order",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "amplitude_rad": (0.0, 1e-2),
+        "order": (0.0, 1e3),
+        "phase_rad": (-np.pi, np.pi),
+    }
+    sizes: ClassVar[tuple[str, ...]] = ("amplitude_rad",)
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        if not absolute(situation):
+            return ()
+        turns = ~situation.arm.slides
+        return tuple(a for a, t in zip(situation.axes, turns, strict=True) if t)
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        found = orders(situation, situation.axis(where))
+        return found[:, None] if len(found) else np.ones((1, 1))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        if still(situation, k):
+            return beside(situation, k)
+        phase = shape[0] * situation.recording.posture[:, k]
+        return turn(k, np.sin(phase), np.cos(phase))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        k = situation.axis(where)
+        if still(situation, k):
+            return NOTHING
+        phase = [n * situation.recording.posture[:, k] for n in others(shape[0])]
+        return turn(k, *(f(x) for x in phase for f in (np.sin, np.cos)))
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        s, c = coefficients[0], coefficients[-1]
+        if len(coefficients) == 1:  # all of a sine at its crest where the axis stands
+            at = shape[0] * middle_angle(situation, situation.axis(where))
+            s, c = c * np.sin(at), c * np.cos(at)
+        return {
+            "amplitude_rad": np.hypot(s, c),
+            "order": shape[0],
+            "phase_rad": np.arctan2(c, s),
+        }
+
+
+def others(order: float) -> list[float]:
+    """Return the harmonics of a turn beside an order, and its own second."""
+    near = 0.5 * HARMONICS[0]
+    found = [n for n in HARMONICS if abs(n - order) > near]
+    own = 2.0 * order
+    return found if min(abs(n - own) for n in found) < near else [*found, own]

@@ -1,0 +1,101 @@
+"""Wrench bias: a constant reading of the force sensor.
+
+==========  ==========================================================================
+Equation    true wrench = reading - bias, along the sensor's axes; the axes' springs
+            answer to the true one
+Source      Traversaro, Pucci, Nori 2015, "In situ calibration of six-axis force-torque
+            sensors using accelerometer measurements"
+Valid       a bias that stays for the whole recording
+Ignores     drift of the bias; what gives way besides the axes' own springs
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, absolute, sprung
+from stiffness.effects.jacobian import NOTHING, Signature
+from stiffness.effects.statics import (
+    along_sensor,
+    felt,
+    read_right,
+    torque_at_sensor,
+    wind_up,
+)
+from stiffness.experiment.static_state import Situation
+
+NAMES = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
+
+
+@dataclass(frozen=True)
+class WrenchBias(Hypothesis):
+    """A load that is read and is not there, in the channels that axes can feel."""
+
+    effect: ClassVar[str] = "wrench_bias"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        **dict.fromkeys(NAMES[:3], (-200.0, 200.0)),
+        **dict.fromkeys(NAMES[3:], (-50.0, 50.0)),
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        measured = situation.recording.wrench is not None
+        if measured and absolute(situation) and sprung(situation):
+            return ("wrench_sensor",)
+        return ()
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        torque = torques(situation)
+        return wind_up(situation, torque[:, :, felt(situation, torque)])
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        names = [NAMES[i] for i in felt(situation, torques(situation))]
+        return dict(zip(names, coefficients, strict=True))
+
+    @override
+    def acting(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Situation:
+        shown = felt(situation, torques(situation))
+        return read_right(situation, missing(situation)[:, :, shown] @ coefficients)
+
+
+def torques(situation: Situation) -> Float[np.ndarray, "rows axes 6"]:
+    """Return what is missing of the axes' torques per N and N m of each channel."""
+    return torque_at_sensor(situation, missing(situation))
+
+
+def missing(situation: Situation) -> Float[np.ndarray, "rows 6 6"]:
+    """Return the same of the wrench, along the base's axes."""
+    return along_sensor(situation, np.broadcast_to(-np.eye(6), (situation.rows, 6, 6)))

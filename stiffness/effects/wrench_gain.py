@@ -1,0 +1,105 @@
+"""Wrench gain: scale errors of the channels of the force sensor.
+
+==========  ==========================================================================
+Equation    true channel = reading/(1 + gain) = reading (1 - a), gain = a/(1 - a); the
+            axes' springs answer to the true one
+Source      Traversaro, Pucci, Nori 2015, "In situ calibration of six-axis force-torque
+            sensors using accelerometer measurements"
+Valid       gains that stay for the whole recording
+Ignores     crosstalk (its variant); what gives way besides the axes' own springs
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, sprung
+from stiffness.effects.jacobian import Signature
+from stiffness.effects.statics import (
+    along_sensor,
+    felt,
+    read_right,
+    reading,
+    torque_at_sensor,
+    wind_up,
+)
+from stiffness.experiment.static_state import Situation
+
+NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
+
+
+@dataclass(frozen=True)
+class WrenchGain(Hypothesis):
+    """A share of a channel that is read and is not there, where axes can feel it."""
+
+    effect: ClassVar[str] = "wrench_gain"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        name: (-0.5, 0.5) for name in NAMES
+    }
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        if situation.recording.wrench is None or not sprung(situation):
+            return ()
+        return ("wrench_sensor",) if felt(situation, torques(situation)) else ()
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return np.zeros((1, 0))
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        torque = torques(situation)
+        return wind_up(situation, torque[:, :, felt(situation, torque)])
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        to, of = np.nonzero(~np.eye(6, dtype=bool))
+        crosstalk = np.zeros((situation.rows, 6, len(to)))
+        crosstalk[:, to, np.arange(len(to))] = -reading(situation)[:, of]
+        torque = torque_at_sensor(situation, along_sensor(situation, crosstalk))
+        return wind_up(situation, torque)
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        names = [NAMES[i] for i in felt(situation, torques(situation))]
+        share = np.asarray(coefficients)
+        return dict(zip(names, share / (1.0 - share), strict=True))
+
+    @override
+    def acting(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Situation:
+        shown = felt(situation, torques(situation))
+        return read_right(situation, missing(situation)[:, :, shown] @ coefficients)
+
+
+def torques(situation: Situation) -> Float[np.ndarray, "rows axes 6"]:
+    """Return what is missing of the axes' torques per share of each channel."""
+    return torque_at_sensor(situation, missing(situation))
+
+
+def missing(situation: Situation) -> Float[np.ndarray, "rows 6 6"]:
+    """Return the same of the wrench, along the base's axes."""
+    return along_sensor(situation, -reading(situation)[:, :, None] * np.eye(6))

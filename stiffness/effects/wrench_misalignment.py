@@ -1,0 +1,119 @@
+"""Wrench misalignment: rotation or offset of the force sensor on the flange.
+
+==========  ==========================================================================
+Equation    true force = reading + r x reading, torque alike, r the rotation vector from
+            the stated axes to the sensor's own; or true torque = reading + d x force,
+            d from the stated origin to the sensor's own
+Source      rotation vector to first order: Rodrigues 1840; moments about two points:
+            statics
+Valid       turns of some degrees; any distance
+Ignores     the second order of the turn; of both at once the weaker has no size (it is
+            a variant)
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, sprung
+from stiffness.effects.jacobian import NOTHING, Signature
+from stiffness.effects.statics import (
+    along_sensor,
+    read_right,
+    reading,
+    torque_at_sensor,
+    wind_up,
+)
+from stiffness.experiment.static_state import Situation
+
+TURN = ("rx_rad", "ry_rad", "rz_rad")
+SHIFT = ("x_m", "y_m", "z_m")
+LEAST_TURN = 0.01
+"""Angle in rad by which the pull must turn against the sensor for all directions to
+show: the least singular value over the largest; chosen."""
+
+
+@dataclass(frozen=True)
+class WrenchMisalignment(Hypothesis):
+    """A sensor whose axes, or whose origin, are not what the manifest states.
+
+    It is turned, or it sits `beside` its place: 0 or 1. The latter only where the pull
+    turns against it, for all three directions to show.
+    """
+
+    effect: ClassVar[str] = "wrench_misalignment"
+    shape_names: ClassVar[tuple[str, ...]] = ("beside",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        **dict.fromkeys(TURN, (-0.3, 0.3)),
+        **dict.fromkeys(SHIFT, (-1.0, 1.0)),
+    }
+    sizes: ClassVar[tuple[str, ...]] = (*TURN, *SHIFT)
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        measured = situation.recording.wrench is not None
+        return ("wrench_sensor",) if measured and sprung(situation) else ()
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        carried = torques(situation, True)[:, situation.arm.compliance > 0.0]
+        value = np.linalg.svd(carried.reshape(-1, 3), compute_uv=False)
+        shown = len(value) == len(SHIFT) and value[-1] > LEAST_TURN * value[0]
+        return np.array([[0.0], [1.0]] if shown else [[0.0]])
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return wind_up(situation, torques(situation, bool(shape[0])))
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        forms = self.shapes(situation, where)
+        other = [form for form in forms if form[0] != shape[0]]
+        return self.signature(situation, where, other[0]) if other else NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return dict(zip(SHIFT if shape[0] else TURN, coefficients, strict=True))
+
+    @override
+    def acting(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Situation:
+        return read_right(situation, missing(situation, bool(shape[0])) @ coefficients)
+
+
+def torques(situation: Situation, beside: bool) -> Float[np.ndarray, "rows axes 3"]:
+    """Return what the axes carry more, per radian turned or per metre beside."""
+    return torque_at_sensor(situation, missing(situation, beside))
+
+
+def missing(situation: Situation, beside: bool) -> Float[np.ndarray, "rows 6 3"]:
+    """Return what the wrench is more, per radian turned or per metre beside."""
+    force, moment = np.split(reading(situation)[:, :, None], 2, axis=1)
+    e = np.eye(3)[None]
+    if beside:
+        extra = [np.zeros((len(force), 3, 3)), np.cross(e, force, axis=1)]
+    else:
+        extra = [np.cross(e, part, axis=1) for part in (force, moment)]
+    return along_sensor(situation, np.concatenate(extra, axis=1))

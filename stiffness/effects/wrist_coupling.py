@@ -1,0 +1,87 @@
+"""Wrist coupling: torque on one wrist axis turns another through shared gears.
+
+==========  ==========================================================================
+Equation    θ₁ = C₁ τ₁ + c τ₂, θ₂ = c τ₁ + C₂ τ₂
+Source      compliance through a transmission that mixes axes, T diag(1/k) Tᵀ: Salisbury
+            1980, "Active stiffness control of a manipulator in Cartesian coordinates"
+Valid       pairs of the last three axes
+Ignores     play and friction between the two trains
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, sprung
+from stiffness.effects.jacobian import NOTHING, Signature, Turn
+from stiffness.experiment.static_state import Situation
+
+WRIST = 3
+"""How many axes, counted from the tip, make a wrist."""
+
+
+@dataclass(frozen=True)
+class WristCoupling(Hypothesis):
+    """Two axes that turn a little with each other's torque.
+
+    The shape is the number of the other, nearer axis, counted from 1; values between
+    two numbers stand for the nearest.
+    """
+
+    effect: ClassVar[str] = "wrist_coupling"
+    linear: ClassVar[bool] = True
+    shape_names: ClassVar[tuple[str, ...]] = ("with",)
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        "compliance_rad_per_nm": (-1e-3, 1e-3),
+        "with": (1.0, np.inf),
+    }
+    sizes: ClassVar[tuple[str, ...]] = ("compliance_rad_per_nm",)
+
+    @override
+    def places(self, situation: Situation) -> tuple[str, ...]:
+        return tuple(a for a in situation.axes if len(partners(situation, a)))
+
+    @override
+    def shapes(
+        self, situation: Situation, where: str
+    ) -> Float[np.ndarray, "shapes parameters"]:
+        return partners(situation, where)[:, None] + 1.0
+
+    @override
+    def signature(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        far, near = situation.axis(where), round(shape[0]) - 1
+        torque = situation.torque
+        parts = (Turn(far, torque[:, near, None]), Turn(near, torque[:, far, None]))
+        return Signature(1, parts)
+
+    @override
+    def variants(
+        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
+    ) -> Signature:
+        return NOTHING
+
+    @override
+    def parameters(
+        self,
+        situation: Situation,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        partner = float(round(shape[0]))
+        return {"compliance_rad_per_nm": coefficients[0], "with": partner}
+
+
+def partners(situation: Situation, where: str) -> Float[np.ndarray, " partners"]:
+    """Return the nearer axes of the wrist that an axis can couple with, from 0."""
+    soft = sprung(situation)
+    wrist = [a for a in situation.axes[-WRIST:] if a in soft]
+    nearer = wrist[: wrist.index(where)] if where in wrist else []
+    return np.array([situation.axis(a) for a in nearer], dtype=float)

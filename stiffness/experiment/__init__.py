@@ -1,0 +1,1 @@
+"""Experiments as data: visits, static states, residuals, deflections, noise."""

@@ -1,0 +1,338 @@
+"""Deflections of the end-effector from pairs of loaded and unloaded readings.
+
+A load case is a posture that motors hold and a load that pulls: what was done.
+
+A loaded reading means something beside the unloaded reading of the same visit.
+
+The end-effector's deflection is where its markers went when the load came.
+
+==========  ==========================================================================
+Equation    d = R (mean of p_loaded - p_unloaded over markers seen in both readings)
+Source      Wu et al. 2024, section 3.3: loaded minus unloaded, in the base's frame
+Needs       an unloaded reading in the visit; markers on the flange or the tool; wrench
+Assumes     the markers do not slip and the base stands still within a visit
+==========  ==========================================================================
+
+The wrench is the difference of the same two readings, which takes a sensor's bias and
+the weight of what always hangs on it away.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bench.shared.errors import Unusable
+from bench.shared.recording import UNLOADED, Payload, Recording
+from stiffness.experiment.deflection_noise import Noise, noise_of_pairs
+from stiffness.robot.arm import Arm
+from stiffness.robot.tracker_frame import TrackerFrame, tracker_frame
+from stiffness.robot.wrench import sensor_in_flange, to_flange, wrench_in_base
+
+# --- Load cases -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class LoadCases:
+    """What a method is asked to predict for, one static case per row.
+
+    Asked for is how far the end-effector point moves, along the base's axes, when the
+    wrench comes to act on an arm that already bends under its own weight.
+
+    Attributes:
+        posture: Joint angles that the motors hold, in rad.
+        wrench_in_base: What the world exerts on the robot: force in N, then torque in
+            N m about `origin_in_flange`, along the base's axes.
+        point_in_flange: The end-effector point of each case, in the flange's frame, m.
+        origin_in_flange: The sensor's origin in the flange's frame, in m.
+        payload: What is mounted beyond the model; None = nothing.
+
+    Raises:
+        Unusable: Where arrays disagree in shape or hold what is no number, naming all.
+    """
+
+    posture: Float[np.ndarray, "cases axes"]
+    wrench_in_base: Float[np.ndarray, "cases 6"]
+    point_in_flange: Float[np.ndarray, "cases 3"]
+    origin_in_flange: Float[np.ndarray, "3"] = field(
+        default_factory=lambda: np.zeros(3)
+    )
+    payload: Payload | None = None
+
+    def __post_init__(self):
+        """Check shapes and numbers."""
+        cases = len(self.posture)
+        faults = []
+        for name, columns in (("wrench_in_base", 6), ("point_in_flange", 3)):
+            shape = np.shape(getattr(self, name))
+            if shape != (cases, columns):
+                faults.append(f"{name} is {shape}, expected {(cases, columns)}.")
+        for name in ("posture", "wrench_in_base", "point_in_flange"):
+            value = getattr(self, name)
+            if not np.isfinite(value).all():
+                row = int(np.argwhere(~np.isfinite(value))[0][0])
+                faults.append(f"{name}, row {row}: not a number.")
+        if faults:
+            raise Unusable("The load cases", faults)
+
+    def __len__(self) -> int:
+        """Return the number of cases."""
+        return len(self.posture)
+
+    def take(self, rows: np.ndarray) -> "LoadCases":
+        """Return the same with only these rows (indices or a mask)."""
+        return replace(
+            self,
+            posture=self.posture[rows],
+            wrench_in_base=self.wrench_in_base[rows],
+            point_in_flange=self.point_in_flange[rows],
+        )
+
+
+# --- Pairs of loaded and unloaded readings --------------------------------------------
+
+
+def loaded_and_unloaded(
+    recording: Recording,
+) -> tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]:
+    """Pair every loaded row with the first unloaded row of its visit.
+
+    A row is loaded where its stage is not `unloaded` and, if the mass on the hook is
+    known, there is one. Where a visit marks no row as unloaded, its first is compared.
+
+    Returns:
+        The loaded rows in the order of time, and the row each is compared with.
+    """
+    loaded = recording.stage != UNLOADED
+    if recording.load_mass is not None:
+        loaded = loaded & (recording.load_mass > 0.0)
+    rows = np.arange(len(recording.time))
+    last = len(rows)
+    _, number = np.unique(recording.visit, return_inverse=True)
+    start = np.full(number.max(initial=-1) + 1, 2 * last)
+    np.minimum.at(start, number, rows + last * (recording.stage != UNLOADED))
+    compared = start[number] % last
+    loaded = loaded & (rows != compared)
+    return rows[loaded], compared[loaded]
+
+
+def usable(arm: Arm, recording: Recording) -> Int[np.ndarray, " markers"]:
+    """Choose the end-effector's markers, and refuse what shows no deflection.
+
+    Args:
+        arm: The nominal arm, with the recording's names.
+        recording: Any recording.
+
+    Returns:
+        The markers on the flange; else on the tool; else what moves with them.
+
+    Raises:
+        Unusable: With every reason why there are no deflections, and what to add.
+    """
+    faults = []
+    bad = np.argwhere(~np.isfinite(recording.posture))
+    for axis in np.unique(bad[:, 1]):
+        rows = bad[bad[:, 1] == axis, 0]
+        first = f"row {rows[0]}" + (f" and {len(rows) - 1} more" * (len(rows) > 1))
+        faults.append(f"the posture of axis {arm.axes[axis]} is no number in {first}.")
+    if recording.rows != "plateaus":
+        faults.append("its rows are a stream; take plateaus, where the arm rests.")
+    if recording.wrench is None or recording.wrench_sensor is None:
+        faults.append("there is no wrench: give fx_n … tz_nm and [sensors.wrench].")
+    elif not np.isfinite(recording.wrench).all():
+        row = int(np.argwhere(~np.isfinite(recording.wrench))[0][0])
+        faults.append(f"the wrench is no number in row {row}.")
+    if recording.tracker is None:
+        faults.append("the tracker's noise is unknown: give [sensors.tracker].")
+    chosen = end_effector_markers(arm, recording)
+    if not len(chosen):
+        faults.append("no marker is on the flange or the tool; put one there.")
+    unknown = [k for k in chosen if recording.markers[k].position is None]
+    if unknown and recording.displacement == "relative":
+        faults.append("relative readings need position_mm of the flange's markers.")
+    if faults:
+        raise Unusable(f"Recording {recording.name!r}", faults)
+    return chosen
+
+
+def end_effector_markers(arm: Arm, recording: Recording) -> Int[np.ndarray, " markers"]:
+    """Return the markers on the flange; else on the tool; else what moves with them."""
+    bodies = [marker.body for marker in recording.markers]
+    for wanted in ("flange", "tool"):
+        goal = arm.bodies.get(wanted, wanted)
+        found = [k for k, b in enumerate(bodies) if arm.bodies.get(b, b) == goal]
+        if found:
+            return np.array(found)
+    last = arm.place("flange").axis
+    found = [k for k, body in enumerate(bodies) if arm.place(body).axis == last]
+    return np.array(found, dtype=int)
+
+
+# --- Deflections ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Deflections:
+    """What was done to the end-effector and how far it moved, one row per reading.
+
+    Attributes:
+        cases: Posture, wrench and the point whose motion is meant: the mean nominal
+            place of the markers of that row.
+        deflection: Along the base's axes, in m.
+        pose: Id of the posture visited.
+        row: The recording's row that was read under load.
+        noise: What the instruments state.
+        frame: Where the tracker stands, and how that is known.
+        wrench_in_flange: The wrench along the flange's axes, where the sensor turns
+            with it; None where it was given along the base's.
+    """
+
+    cases: LoadCases
+    deflection: Float[np.ndarray, "rows 3"]
+    pose: Int[np.ndarray, " rows"]
+    row: Int[np.ndarray, " rows"]
+    noise: Noise
+    frame: TrackerFrame
+    wrench_in_flange: Float[np.ndarray, "rows 6"] | None
+
+    @property
+    def visit(self) -> Int[np.ndarray, " rows"]:
+        """Which rows share their unloaded reading."""
+        return self.noise.visit
+
+    @property
+    def sigma(self) -> Float[np.ndarray, "rows 3"]:
+        """Each row's standard deviation by the tracker, in m."""
+        return self.noise.sigma()
+
+    def take(self, rows: np.ndarray) -> "Deflections":
+        """Return the same with only these rows (indices or a mask)."""
+        noise, turning = self.noise, self.wrench_in_flange
+        return replace(
+            self,
+            cases=self.cases.take(rows),
+            deflection=self.deflection[rows],
+            pose=self.pose[rows],
+            row=self.row[rows],
+            noise=replace(
+                noise,
+                own=noise.own[rows],
+                shared=noise.shared[rows],
+                visit=noise.visit[rows],
+            ),
+            wrench_in_flange=None if turning is None else turning[rows],
+        )
+
+
+Selection: TypeAlias = Callable[
+    [Arm, Recording, Float[np.ndarray, " axes"] | None], Deflections
+]
+"""A way to take deflections from a recording: `every_plateau`, `one_per_pose`."""
+
+
+def every_plateau(
+    arm: Arm,
+    recording: Recording,
+    compliance: Float[np.ndarray, " axes"] | None = None,
+) -> Deflections:
+    """Compare every loaded reading with the unloaded one of its visit.
+
+    Args:
+        arm: The nominal arm, with the recording's names.
+        recording: Plateaus with markers on the flange, else the tool, and a wrench.
+        compliance: Springs under which the unloaded arm sags, in rad/(N m); only used
+            where the tracker's frame has to be found from the arm's markers.
+
+    Returns:
+        One row per loaded plateau whose visit has an unloaded reading.
+
+    Raises:
+        Unusable: Where the recording cannot show deflections, with all faults.
+    """
+    chosen = usable(arm, recording)
+    points, tracker = recording.points, recording.tracker
+    sensor = recording.wrench_sensor
+    assert points is not None and tracker is not None and sensor is not None
+    loaded, unloaded = loaded_and_unloaded(recording)
+    moved = points[loaded][:, chosen] - points[unloaded][:, chosen]
+    seen = np.asarray(np.isfinite(moved).all(axis=-1))
+    some = seen.any(axis=-1)
+    loaded, unloaded, moved, seen = (a[some] for a in (loaded, unloaded, moved, seen))
+    if not len(loaded):
+        fault = "no visit has both a loaded and an unloaded reading of a marker."
+        raise Unusable(f"Recording {recording.name!r}", [fault])
+    weight = seen / seen.sum(axis=1, keepdims=True)
+    frame = tracker_frame(arm, recording, compliance)
+    turn = frame.base_from_tracker[:3, :3]
+    places = _places(arm, recording, chosen, frame)
+    standing = arm.at(recording.posture)
+    wrench = wrench_in_base(recording, standing)
+    wrench = wrench[loaded] - wrench[unloaded]
+    turning = None
+    if sensor.frame == "sensor":
+        flange = standing.turn("flange")[loaded]
+        parts = [np.einsum("cji,cj->ci", flange, wrench[:, k : k + 3]) for k in (0, 3)]
+        turning = np.concatenate(parts, axis=1)
+    return Deflections(
+        cases=LoadCases(
+            posture=recording.posture[loaded],
+            wrench_in_base=wrench,
+            point_in_flange=weight @ places,
+            origin_in_flange=sensor_in_flange(arm, recording),
+            payload=recording.tool,
+        ),
+        deflection=np.einsum(
+            "cm,cmi->ci", weight, np.where(seen[..., None], moved, 0.0)
+        )
+        @ turn.T,
+        pose=recording.pose[loaded],
+        row=loaded,
+        noise=noise_of_pairs(recording, chosen, weight, (loaded, unloaded), turn),
+        frame=frame,
+        wrench_in_flange=turning,
+    )
+
+
+def one_per_pose(
+    arm: Arm,
+    recording: Recording,
+    compliance: Float[np.ndarray, " axes"] | None = None,
+) -> Deflections:
+    """Take of every pose the first reading under its heaviest load; see above."""
+    every = every_plateau(arm, recording, compliance)
+    force = np.linalg.norm(every.cases.wrench_in_base[:, :3], axis=1)
+    mass = recording.load_mass
+    heavy = force if mass is None else mass[every.row]
+    slack = 0.01 if mass is None else 0.0  # readings of one weight differ by noise
+    kept = []
+    for pose in np.unique(every.pose):
+        rows = np.flatnonzero(every.pose == pose)
+        heaviest = rows[heavy[rows] >= (1.0 - slack) * heavy[rows].max()]
+        kept.append(heaviest[0])
+    return every.take(np.array(kept))
+
+
+def _places(
+    arm: Arm,
+    recording: Recording,
+    chosen: Int[np.ndarray, " markers"],
+    frame: TrackerFrame,
+) -> Float[np.ndarray, "markers 3"]:
+    """Return the markers' places in the flange's frame, in m; found if not stated."""
+    assert recording.points is not None
+    places = []
+    for k in chosen:
+        marker = recording.markers[k]
+        if marker.position is not None:
+            what = f"Marker {marker.name!r}"
+            places.append(to_flange(arm, marker.body, what, marker.position))
+            continue
+        seen = np.isfinite(recording.points[:, k]).all(axis=1)
+        flange = arm.at(recording.posture[seen]).placement("flange")
+        base_from_tracker = frame.base_from_tracker
+        point = recording.points[seen, k] @ base_from_tracker[:3, :3].T
+        point = point + base_from_tracker[:3, 3] - flange[:, :3, 3]
+        places.append(np.einsum("cji,cj->ci", flange[:, :3, :3], point).mean(axis=0))
+    return np.stack(places)

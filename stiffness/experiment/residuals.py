@@ -1,0 +1,115 @@
+"""Residuals: measured less expected marker positions, with weights and rigid groups.
+
+A reading is where a marker was seen; its residual, how far from where it should be.
+
+==========  ==========================================================================
+Equation    residual = R p_tracker + t - (R_b place + o_b), b the marker's body at the
+            nominal equilibrium
+Source      definition
+Valid       a tracker frame and marker places that are nearly right
+Ignores     nothing: residuals are exact, only columns are linear
+==========  ==========================================================================
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from bench.shared.recording import Recording
+from stiffness.experiment.static_state import Situation
+from stiffness.robot.arm import Arm
+from stiffness.robot.tracker_frame import Frames
+
+# --- Fitted frame and marker positions ------------------------------------------------
+
+
+def seen_in_base(
+    recording: Recording, frames: Frames
+) -> Float[np.ndarray, "rows markers 3"]:
+    """Return readings along the base's axes, in m; NaN where not seen."""
+    assert recording.points is not None
+    return recording.points @ frames.turn.T + frames.shift
+
+
+def expected(
+    situation: Situation, frames: Frames
+) -> Float[np.ndarray, "rows markers 3"]:
+    """Return where the markers should be, in m."""
+    standing = situation.arm.at(situation.rest)
+    markers = situation.recording.markers
+    return np.stack(
+        [
+            standing.point(marker.body, place)
+            for marker, place in zip(markers, frames.place, strict=True)
+        ],
+        axis=1,
+    )
+
+
+def weight_of(recording: Recording) -> Float[np.ndarray, "rows markers"]:
+    """Return how many frames stand behind each reading; 0 where it was not seen.
+
+    The points of a 6D target are one reading: together they count as one, so that its
+    place is as sure as stated and its turn as sure as one sigma at the points allows.
+    """
+    assert recording.points is not None
+    seen = np.isfinite(recording.points).all(axis=2)
+    frames = 1.0 if recording.frames is None else recording.frames[:, None]
+    return np.asarray(seen * frames * shares_of(recording), dtype=float)
+
+
+def shares_of(recording: Recording) -> Float[np.ndarray, " markers"]:
+    """Return which part of a reading each marker is: a target's points are one."""
+    targets = [m.target for m in recording.markers]
+    return np.array([1.0 if t is None else 1.0 / targets.count(t) for t in targets])
+
+
+def rigid_groups(
+    recording: Recording, body: Int[np.ndarray, " markers"]
+) -> Int[np.ndarray, " markers"]:
+    """Return groups of markers that were read apart and move together.
+
+    Points of a 6D target were not read apart: each is a group of its own.
+    """
+    alone = body.max(initial=0) + 1 + np.arange(len(body))
+    whole = np.array([m.target is not None for m in recording.markers])
+    return np.where(whole, alone, body)
+
+
+def bodies_of(
+    arm: Arm, recording: Recording
+) -> tuple[tuple[str, ...], Int[np.ndarray, " markers"]]:
+    """Return the bodies that carry markers, base first, and each marker's body.
+
+    Bodies fixed to each other are one: a flange and its tool move together.
+    """
+    axis = [arm.place(marker.body).axis for marker in recording.markers]
+    order = sorted(set(axis), key=lambda k: len(arm.chain.carriers(k)))
+    names = []
+    for k in order:
+        first = axis.index(k)
+        names.append(recording.markers[first].body)
+    return tuple(names), np.array([order.index(k) for k in axis])
+
+
+# --- Reduction to sufficient statistics -----------------------------------------------
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Readings less where they should be.
+
+    Attributes:
+        value: In m along the base's axes; NaN where not seen.
+        point: The readings themselves, in the base's frame.
+        weight: Frames behind each, less for outliers, 0 where not seen.
+        inverse: Inverse covariance of one frame's reading, 1/m^2.
+        body: Index of each marker's body.
+    """
+
+    value: Float[np.ndarray, "rows markers 3"]
+    point: Float[np.ndarray, "rows markers 3"]
+    weight: Float[np.ndarray, "rows markers"]
+    inverse: Float[np.ndarray, "3 3"]
+    body: Int[np.ndarray, " markers"]

@@ -1,0 +1,321 @@
+"""Static state row by row: configuration, wrenches and joint torques at equilibrium.
+
+Where the arm stood and what acted in it, row by row, under the fitted nominal model.
+
+Everything is along the base's axes, in SI units and radians. A *place* is where an arm
+can give way: place 0 is the base's foot, place k is axis k (counted from 1); a place
+carries all bodies beyond it.
+
+Gravity and load pull at all that a place carries; the arm rests where springs hold.
+
+==========  ==========================================================================
+Equation    F_p = sum m g + F_load; M_p = sum (c - o_p) x m g + (s - o_p) x F_load + T
+            over all that place p carries; torque of axis k = z_k . M_k (slide: z_k . F)
+            with o_p and z_k of the row; places for lever arms: with the mean wind-up of
+            the row's visit
+Source      Siciliano et al. 2009, "Robotics: Modelling, Planning and Control", 7.3
+Valid       an arm at rest
+Ignores     what gives way beyond the axes' own springs
+==========  ==========================================================================
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial.transform import Rotation
+
+from bench.shared.recording import Recording
+from stiffness.experiment.sensor_noise import clear_channels, tared
+from stiffness.experiment.visits import held_at_mean
+from stiffness.robot.arm import Arm
+from stiffness.robot.equilibrium import equilibrium
+from stiffness.robot.kinematics import Standing
+from stiffness.robot.wrench import felt_body, wrench_in_base
+
+# --- Situation ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """What hypotheses see of an experiment; displacements themselves are not in it.
+
+    Attributes:
+        recording: What was done: times, visits, stages, loads. A hypothesis does not
+            look at `points` or `link_posture`.
+        arm: The nominal arm with the recording's names.
+        compliance: Of each axis, as fitted silently (0 where rigid), in rad/(N m).
+        rest: Where the links rest under gravity and load, in rad.
+        torque: About (along) each axis, of gravity and load on all it carries, N m.
+        load_torque: The load's part of it, in N m.
+        force: Exerted by gravity and load on all that a place carries, in N.
+        moment: The same forces' moment about the place's origin as it is in that row,
+            in N m; its component along axis k there is the torque of axis k.
+        origin: Of each place's frame with a visit's mean wind-up, in m; the base's is
+            zero.
+        frame: Axes of each place's frame as columns, turning with its axis; the third
+            is the axis.
+        seat: The same before the axis turns: fixed in the link before.
+        wrench: What the world exerts on the robot about the sensor's origin.
+        sensor: The sensor's origin, in m.
+        sensor_axes: The sensor's own axes as columns: there it errs, even where a
+            controller reports its readings along the base's.
+        carried: Whether each place carries each body of `bodies`.
+        bodies: Names of the bodies with markers.
+        tracker: Transform from the tracker's frame to the base's, as stated or fitted;
+            None: nobody knows.
+        spots: Where each marker sits in its body's frame as fitted, in m; None: as
+            stated.
+        giving: What was named and gives way in proportion to loads: what each does in
+            any situation, as parts of a signature.
+    """
+
+    recording: Recording
+    arm: Arm
+    compliance: Float[np.ndarray, " axes"]
+    rest: Float[np.ndarray, "rows axes"]
+    torque: Float[np.ndarray, "rows axes"]
+    load_torque: Float[np.ndarray, "rows axes"]
+    force: Float[np.ndarray, "rows places 3"]
+    moment: Float[np.ndarray, "rows places 3"]
+    origin: Float[np.ndarray, "rows places 3"]
+    frame: Float[np.ndarray, "rows places 3 3"]
+    seat: Float[np.ndarray, "rows places 3 3"]
+    wrench: Float[np.ndarray, "rows 6"]
+    sensor: Float[np.ndarray, "rows 3"]
+    sensor_axes: Float[np.ndarray, "rows 3 3"]
+    carried: Bool[np.ndarray, "places bodies"]
+    bodies: tuple[str, ...]
+    tracker: Float[np.ndarray, "4 4"] | None = None
+    spots: Float[np.ndarray, "markers 3"] | None = None
+    giving: tuple[Callable[["Situation"], tuple], ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """How many rows there are."""
+        return len(self.recording.time)
+
+    @cached_property
+    def axes(self) -> tuple[str, ...]:
+        """What the axes are called in an answer: a1 … aN."""
+        return tuple(f"a{k + 1}" for k in range(len(self.arm.axes)))
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """What the links between axes are called: link_1 … link_(N-1)."""
+        return tuple(f"link_{k + 1}" for k in range(len(self.axes) - 1))
+
+    def axis(self, where: str) -> int:
+        """Return the number of an axis from its name, counted from 0."""
+        return self.axes.index(where)
+
+    def spot(self, marker: int) -> Float[np.ndarray, "3"] | None:
+        """Return where a marker sits in its body's frame, in m, if anybody knows."""
+        stated = self.recording.markers[marker].position
+        return stated if self.spots is None else self.spots[marker]
+
+    @cached_property
+    def screw(self) -> Float[np.ndarray, "rows axes 6"]:
+        """Twist of all that an axis carries per radian (metre) along the axis."""
+        along, at = self.frame[:, 1:, :, 2], self.origin[:, 1:]
+        twist = np.concatenate([np.cross(at, along), along], axis=2)
+        slides = self.arm.slides
+        twist[:, slides] = np.concatenate([along, 0 * along], axis=2)[:, slides]
+        return twist
+
+    @cached_property
+    def pose(self) -> Int[np.ndarray, " rows"]:
+        """Index of each row's pose among the poses, from 0."""
+        return np.unique(self.recording.pose, return_inverse=True)[1]
+
+    @cached_property
+    def visit(self) -> Int[np.ndarray, " rows"]:
+        """Index of each row's visit among the visits, from 0."""
+        return np.unique(self.recording.visit, return_inverse=True)[1]
+
+    @cached_property
+    def steps(self) -> Int[np.ndarray, "visits longest"]:
+        """Rows of each visit in the order of time; short visits repeat their last."""
+        order = np.argsort(self.visit, kind="stable")
+        count = np.bincount(self.visit)
+        start = np.cumsum(count) - count
+        at = np.minimum(np.arange(count.max()), count[:, None] - 1)
+        return order[start[:, None] + at]
+
+    def from_steps(
+        self, values: Float[np.ndarray, "visits longest"]
+    ) -> Float[np.ndarray, " rows"]:
+        """Bring values that were computed along `steps` back to the rows."""
+        flat = np.empty(self.rows)
+        flat[self.steps[:, ::-1].ravel()] = values[:, ::-1].ravel()
+        return flat
+
+    def with_compliance(self, compliance: Float[np.ndarray, " axes"]) -> "Situation":
+        """Return the same, saying that the axes have this compliance."""
+        return replace(self, compliance=compliance)
+
+    def some(self, rows: Int[np.ndarray, " some"]) -> "Situation":
+        """Return some rows of the same, for laws that know no row but their own."""
+        per_row = (
+            "rest", "torque", "load_torque", "force", "moment", "origin", "frame",
+            "seat", "wrench", "sensor", "sensor_axes",
+        )  # fmt: skip
+        taken = {name: getattr(self, name)[rows] for name in per_row}
+        return replace(self, recording=self.recording.take(rows), **taken)
+
+
+# --- Static equilibrium under gravity and load ----------------------------------------
+
+
+def situation_of(
+    arm: Arm,
+    recording: Recording,
+    compliance: Float[np.ndarray, " axes"],
+    bodies: Sequence[str],
+) -> Situation:
+    """Let the arm come to rest in every row and say what acts where.
+
+    Args:
+        arm: The nominal arm, with the recording's names.
+        recording: What was done.
+        compliance: Of each axis, in rad/(N m); 0 = rigid.
+        bodies: Bodies whose motion will be asked for.
+    """
+    rest, wrench = _rest(arm, recording, compliance)
+    standing = arm.at(rest)
+    rows, axes = rest.shape
+    sensor, sensor_axes = _sensor(recording, standing)
+    force, moment = _carried(recording, standing, wrench, sensor)
+    midway = _midway(recording, rest)
+    origin, frame = _places(arm.at(midway))
+    load = np.zeros((rows, axes))
+    if recording.wrench is not None and recording.wrench_sensor is not None:
+        spec = recording.wrench_sensor
+        load = standing.load_torque(wrench, spec.body, spec.position)
+    along = standing.rotation[..., 2].transpose(1, 0, 2)
+    torque = np.where(
+        arm.slides,
+        np.einsum("rai,rai->ra", along, force[:, 1:]),
+        np.einsum("rai,rai->ra", along, moment[:, 1:]),
+    )
+    seat = frame.copy()
+    cos, sin = np.cos(midway)[..., None], np.sin(midway)[..., None]
+    x, y = frame[:, 1:, :, 0], frame[:, 1:, :, 1]
+    turns = ~arm.slides
+    seat[:, 1:, :, 0][:, turns] = (cos * x - sin * y)[:, turns]
+    seat[:, 1:, :, 1][:, turns] = (sin * x + cos * y)[:, turns]
+    carried = np.ones((axes + 1, len(bodies)), dtype=bool)
+    for b, body in enumerate(bodies):
+        under = arm.chain.carriers(arm.place(body).axis)
+        carried[1:, b] = np.isin(np.arange(axes), under)
+    return Situation(
+        recording=recording,
+        arm=arm,
+        compliance=compliance,
+        rest=rest,
+        torque=torque,
+        load_torque=load,
+        force=force,
+        moment=moment,
+        origin=origin,
+        frame=frame,
+        seat=seat,
+        wrench=wrench,
+        sensor=sensor,
+        sensor_axes=sensor_axes,
+        carried=carried,
+        bodies=tuple(bodies),
+        tracker=recording.base_from_tracker,
+    )
+
+
+def _rest(
+    arm: Arm, recording: Recording, compliance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the links' posture and the wrench along the base's axes, which agree."""
+    rest = recording.posture
+    if recording.wrench is None or recording.wrench_sensor is None:
+        rest = equilibrium(arm, rest, compliance, payload=recording.tool)
+        return rest, np.zeros((len(rest), 6))
+    spec = recording.wrench_sensor
+    wrench = _felt(recording, arm.at(rest))
+    for _ in range(2):  # the sensor turns with the flange: by 1e-3, then by 1e-6
+        rest = equilibrium(
+            arm,
+            recording.posture,
+            compliance,
+            wrench,
+            spec.position,
+            recording.tool,
+            spec.body,
+        )
+        wrench = _felt(recording, arm.at(rest))
+    return rest, wrench
+
+
+def _felt(recording: Recording, standing: Standing) -> Float[np.ndarray, "rows 6"]:
+    """Return the wrench along the base's axes, without what is noise alone."""
+    spec, (_, axes) = recording.wrench_sensor, _sensor(recording, standing)
+    wrench = tared(recording, wrench_in_base(recording, standing), axes)
+    return wrench if spec is None else clear_channels(spec, wrench, axes)
+
+
+def _sensor(recording: Recording, standing: Standing) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the sensor is and its own axes, in whatever axes it reports."""
+    spec = recording.wrench_sensor
+    if spec is None:
+        return standing.point("flange", np.zeros(3)), standing.turn("flange")
+    at = standing.point(spec.body, spec.position)
+    mounting = Rotation.from_quat(spec.quaternion_wxyz, scalar_first=True).as_matrix()
+    return at, standing.turn(spec.body) @ mounting
+
+
+def _midway(
+    recording: Recording, rest: Float[np.ndarray, "rows axes"]
+) -> Float[np.ndarray, "rows axes"]:
+    """Return where the links rest with the mean wind-up of a row's visit.
+
+    Lever arms are taken there, where a visit's markers are on average: what a place
+    carries goes with it under load, and a constant turn shows no load.
+    """
+    wound = rest - recording.posture
+    return recording.posture + held_at_mean(recording.visit, wound)
+
+
+def _places(standing: Standing) -> tuple[np.ndarray, np.ndarray]:
+    """Return origin and frame of every place."""
+    axes, rows = standing.origin.shape[:2]
+    origin = np.zeros((rows, axes + 1, 3))
+    frame = np.tile(np.eye(3), (rows, axes + 1, 1, 1))
+    origin[:, 1:] = standing.origin.transpose(1, 0, 2)
+    frame[:, 1:] = standing.rotation.transpose(1, 0, 2, 3)
+    return origin, frame
+
+
+def _carried(
+    recording: Recording, standing: Standing, wrench: np.ndarray, sensor: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return force and moment at every place."""
+    chain = standing.chain
+    origin, _ = _places(standing)
+    force, moment = np.zeros_like(origin), np.zeros_like(origin)
+    pulls = [
+        (axis, mass * chain.gravity, at)
+        for axis, mass, at in zip(*standing.masses(recording.tool), strict=True)
+    ]
+    pulls.append((-1, chain.foot_mass * chain.gravity, chain.foot_centre[None]))
+    if recording.wrench is not None:
+        felt = standing.place(felt_body(recording)).axis
+        pulls.append((felt, wrench[:, :3], sensor))
+    for axis, pull, at in pulls:
+        for place in [0, *(k + 1 for k in chain.carriers(axis))]:
+            arm = at - origin[:, place]
+            force[:, place] += pull
+            moment[:, place] += np.cross(arm, np.broadcast_to(pull, arm.shape))
+    if recording.wrench is not None:
+        felt = standing.place(felt_body(recording)).axis
+        for place in [0, *(k + 1 for k in chain.carriers(felt))]:
+            moment[:, place] += wrench[:, 3:]
+    return force, moment

@@ -1,0 +1,124 @@
+"""Visits: stays at one configuration while the load comes and goes.
+
+Within a visit only the load changes, so that a marker's differences speak of the load;
+between visits the arm has moved, and only where markers stand speaks of that.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+LONGEST = 40
+"""Rows that are compared with each other; longer visits are cut into such stays, each
+with a rest position of its own. Chosen: cost grows with its square."""
+
+
+@dataclass(frozen=True)
+class Visits:
+    """The rows of every stay, side by side.
+
+    Attributes:
+        row: The recording's rows of each stay in the order of time; short stays repeat
+            their last.
+        counts: Whether an entry is a row and not a repetition.
+        pose: Index of each stay's pose.
+    """
+
+    row: Int[np.ndarray, "visits longest"]
+    counts: Bool[np.ndarray, "visits longest"]
+    pose: Int[np.ndarray, " visits"]
+
+    def gather(self, values: np.ndarray) -> np.ndarray:
+        """Lay values of rows side by side: (visits, longest, …)."""
+        return values[self.row]
+
+    def poses(self) -> int:
+        """Return how many poses there are."""
+        return int(self.pose.max()) + 1
+
+
+def visits_of(
+    visit: Int[np.ndarray, " rows"], pose: Int[np.ndarray, " rows"]
+) -> Visits:
+    """Lay the rows of a recording out by visits.
+
+    Args:
+        visit: Index of each row's visit, from 0.
+        pose: Index of each row's pose, from 0.
+    """
+    stays = []
+    for rows in np.split(
+        np.argsort(visit, kind="stable"), np.cumsum(np.bincount(visit))[:-1]
+    ):
+        pieces = -(-len(rows) // LONGEST)
+        stays.extend(np.array_split(rows, pieces))
+    longest = max(len(rows) for rows in stays)
+    row = np.stack([np.pad(rows, (0, longest - len(rows)), "edge") for rows in stays])
+    counts = np.arange(longest) < np.array([len(rows) for rows in stays])[:, None]
+    return Visits(row, counts, pose[row[:, 0]])
+
+
+def held_at_mean(
+    visit: Int[np.ndarray, " rows"], values: Float[np.ndarray, "rows columns"]
+) -> Float[np.ndarray, "rows columns"]:
+    """Return the mean of each row's visit, row by row; visits by any number."""
+    index = np.unique(visit, return_inverse=True)[1]
+    total = np.zeros((index.max() + 1, values.shape[1]))
+    np.add.at(total, index, values)
+    return (total / np.bincount(index)[:, None])[index]
+
+
+def mean_of(
+    values: Float[np.ndarray, "visits longest markers 3"],
+    weight: Float[np.ndarray, "visits longest markers"],
+) -> Float[np.ndarray, "visits markers 3"]:
+    """Return weighted means over the rows of each stay; 0 where there is no weight."""
+    total = weight.sum(axis=1)
+    share = weight / np.where(total > 0, total, 1.0)[:, None]
+    return np.einsum(
+        "vrm,vrmi->vmi", share, np.where(share[..., None] > 0, values, 0.0)
+    )
+
+
+STRETCH = 48
+"""Visits that are reckoned with at once; chosen: their matrices stay in the cache."""
+
+
+def stretches(
+    visits: int, label: Int[np.ndarray, " visits"] | None = None
+) -> list[Int[np.ndarray, " some"]]:
+    """Cut visits into short stretches, each with one label."""
+    if label is None:
+        label = np.zeros(visits, dtype=int)
+    order = np.argsort(label, kind="stable")
+    own = np.split(order, np.cumsum(np.bincount(label))[:-1])
+    return [one[at : at + STRETCH] for one in own for at in range(0, len(one), STRETCH)]
+
+
+MOST = 12
+"""Stretches of visits for which what was laid out is kept; chosen: an experiment of
+some hundred visits is laid out once, a long one never fills the memory."""
+Laid = TypeVar("Laid")
+
+
+@dataclass(frozen=True, eq=False)
+class Kept(Generic[Laid]):
+    """What was laid out for the stretches asked for last."""
+
+    laid: dict[bytes, Laid] = field(default_factory=dict)
+
+    def of(
+        self,
+        visits: Int[np.ndarray, " some"],
+        lay: Callable[[Int[np.ndarray, " some"]], Laid],
+    ) -> Laid:
+        """Return what was laid out for these visits, or lay it out."""
+        key = visits.tobytes()
+        if key not in self.laid:
+            if len(self.laid) >= MOST:
+                del self.laid[next(iter(self.laid))]
+            self.laid[key] = lay(visits)
+        return self.laid[key]

@@ -1,0 +1,341 @@
+"""Networks for deflections: multilayer perceptron and convolutional network.
+
+Sums on one thread come out the same every time, and leave the other cores free.
+
+A network's shape says how many layers it has, how wide, and which can be frozen.
+
+Layers of neurons, each connected to all of the next, can take any smooth form.
+
+==========  ==========================================================================
+Equation    h_1 = phi(W_1 x + b_1), h_i = phi(W_i h_(i-1) + b_i), y = W h_n + b
+Source      Wu et al. 2024, Eq. 1; four layers of 380 with ReLU: sections 4.2, Table 7
+Valid       postures and wrenches among those of the training
+Ignores     that a deflection is nearly linear in the wrench
+==========  ==========================================================================
+
+Convolutions with kernels of one mix channels and never look at neighbours.
+
+==========  ==========================================================================
+Equation    z_1 = phi(bn(x * w_1 + b_1)), z_i = phi(bn(c_(i-1) * w_i + b_i)),
+            c = pooled z after the second and fourth; h = phi(W_c c + b_c), y = W h + b
+Source      Wu et al. 2024, Eq. 2 and section 2.1, after its reference 34: Zhao et al.
+            2021, "Applications of unsupervised deep transfer learning to intelligent
+            fault diagnosis": convolutions of 16, 32, 64, 128 channels, a dense layer
+            of 256
+Valid       postures and wrenches among those of the training
+Ignores     the reference's wide kernels (15, then 3): the paper's are one
+==========  ==========================================================================
+
+What are channels? The paper does not say. Two readings of its twelve quantities:
+
+- `channels` (taken): every input is a channel of a signal of length one. A kernel of
+  one is then a dense layer. Pooling acts on one value and returns it: halving rounds
+  up, and the reference's four places all hold the same value.
+- `signal`: the inputs are the places of one channel, as the reference's vibration
+  signals are. All inputs then pass the same small network one by one, pairs are
+  pooled, and the largest in each quarter survives: which input it came from is lost.
+
+With kernels of one the reference's 16 channels are a first layer of 16 neurons: half of
+what a ReLU is given is lost, and 14 inputs vary. That bounds how well springs are
+imitated (tried: 0.060 mm after 2,500 steps, 0.048 mm after 5,000; with
+`channels=(64, 64, 64, 128)` 0.042 mm after 2,500). Batch normalisation does not: left
+out, it was 0.076 mm, and running statistics are as good as those of the final weights.
+
+A trained network says how far one point of the flange moves under a wrench.
+
+A noun: a shape, its weights, how quantities become the numbers that it sees, and the
+point that is meant. It is the same thing before and after fine-tuning.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Final, Literal
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import nn
+from typing_extensions import override
+
+from bench.shared.errors import UnknownName, Unusable
+from stiffness.networks.features import Scaling, encoding
+
+# --- Single thread --------------------------------------------------------------------
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Compute on one thread for a while; sums then run in one order."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+# --- Shape of a network ---------------------------------------------------------------
+
+OUTPUTS = 3
+"""A deflection has three directions."""
+
+
+class Shape(ABC):
+    """How a network is built; it holds no weights."""
+
+    @abstractmethod
+    def build(self, inputs: int, seed: int) -> nn.Module:
+        """Build the network with weights drawn by the seed.
+
+        Args:
+            inputs: How many numbers go in.
+            seed: Of the draw; the same seed gives the same weights.
+        """
+
+    @abstractmethod
+    def layers(self, network: nn.Module) -> tuple[nn.Module, ...]:
+        """Return what can be frozen, from the inputs on, the output layer last."""
+
+    @abstractmethod
+    def features(self, network: nn.Module, inputs: torch.Tensor) -> torch.Tensor:
+        """Return what the output layer is given, a row of features per row."""
+
+
+def load(network: nn.Module, weights: Mapping[str, np.ndarray]) -> None:
+    """Put weights into a network, running statistics included."""
+    state = {name: torch.from_numpy(np.array(w)) for name, w in weights.items()}
+    network.load_state_dict(state)
+
+
+def weights_of(network: nn.Module) -> dict[str, np.ndarray]:
+    """Return a copy of a network's weights, running statistics included."""
+    return {name: w.numpy().copy() for name, w in network.state_dict().items()}
+
+
+# --- Multilayer perceptron ------------------------------------------------------------
+
+ACTIVATIONS: Final[Mapping[str, type[nn.Module]]] = MappingProxyType(
+    {"relu": nn.ReLU, "tanh": nn.Tanh, "sigmoid": nn.Sigmoid}
+)
+"""Those of the paper's Table 7."""
+
+
+@dataclass(frozen=True)
+class Mlp(Shape):
+    """A multi-layer perceptron.
+
+    Attributes:
+        hidden: How many hidden layers.
+        width: Neurons of each.
+        activation: A name of `ACTIVATIONS`.
+
+    Raises:
+        Unusable: Where there would be no neuron.
+        UnknownName: Where there is no such activation.
+    """
+
+    hidden: int = 4
+    width: int = 380
+    activation: str = "relu"
+
+    def __post_init__(self):
+        """Check sizes and name."""
+        faults = [
+            f"{name} is {value}, expected at least 1."
+            for name, value in (("hidden", self.hidden), ("width", self.width))
+            if value < 1
+        ]
+        if faults:
+            raise Unusable("The network", faults)
+        if self.activation not in ACTIVATIONS:
+            raise UnknownName("activation", self.activation, ACTIVATIONS)
+
+    @override
+    def build(self, inputs: int, seed: int) -> nn.Sequential:
+        """Build it; each hidden layer begins as a turn, the output as zero.
+
+        Orthogonal weights keep the size of what passes through many layers (Saxe et al.
+        2014, "Exact solutions to the nonlinear dynamics of learning").
+        """
+        draw = torch.Generator().manual_seed(seed)
+        gain = nn.init.calculate_gain(self.activation)  # pyright: ignore[reportArgumentType]
+        parts: list[nn.Module] = []
+        for layer in range(self.hidden):
+            dense = _dense(inputs if layer == 0 else self.width, self.width)
+            nn.init.orthogonal_(dense.weight, gain, draw)
+            parts += [dense, ACTIVATIONS[self.activation]()]
+        last = _dense(self.width, OUTPUTS)
+        nn.init.zeros_(last.weight)
+        return nn.Sequential(*parts, last)
+
+    @override
+    def layers(self, network: nn.Module) -> tuple[nn.Module, ...]:
+        """Return the hidden layers, then the output layer."""
+        return tuple(part for part in network.children() if isinstance(part, nn.Linear))
+
+    @override
+    def features(self, network: nn.Module, inputs: torch.Tensor) -> torch.Tensor:
+        """Return the last hidden layer."""
+        assert isinstance(network, nn.Sequential)
+        return network[:-1](inputs)
+
+
+def _dense(before: int, after: int) -> nn.Linear:
+    """Return a layer without bias yet, and without a draw from torch's own numbers."""
+    layer = nn.Linear(before, after, device="meta").to_empty(device="cpu")
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+# --- Convolutional network ------------------------------------------------------------
+
+CHANNELS = (16, 32, 64, 128)
+POOLED = (1, 3)
+"""Which convolutions are followed by pooling, from 0."""
+PLACES = 4
+"""Places left by the last pooling; as in the reference."""
+DENSE = 256
+
+
+@dataclass(frozen=True)
+class Cnn(Shape):
+    """Four convolutions and a dense layer.
+
+    Attributes:
+        inputs_are: `channels` or `signal`, see above.
+        channels: Of each convolution; the reference's.
+        dropout: Share of the dense layer that is left out in training. The reference's
+            is 0.5, to tell classes apart; chosen: none, for it blurs a regression.
+
+    Raises:
+        Unusable: Where a setting is out of its range, naming all.
+    """
+
+    inputs_are: Literal["channels", "signal"] = "channels"
+    channels: tuple[int, int, int, int] = CHANNELS
+    dropout: float = 0.0
+
+    def __post_init__(self):
+        """Check the settings."""
+        faults = []
+        if self.inputs_are not in ("channels", "signal"):
+            fault = f"inputs_are is {self.inputs_are!r}, expected 'channels' or "
+            faults.append(fault + "'signal'.")
+        if len(self.channels) != len(CHANNELS) or min(self.channels) < 1:
+            fault = f"channels are {self.channels}, expected four of at least 1."
+            faults.append(fault)
+        if not 0.0 <= self.dropout < 1.0:
+            faults.append(f"dropout is {self.dropout}, expected 0 to below 1.")
+        if faults:
+            raise Unusable("The network", faults)
+
+    @override
+    def build(self, inputs: int, seed: int) -> nn.Sequential:
+        """Build it; weights as torch draws them."""
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            one_by_one = self.inputs_are == "signal"
+            before = 1 if one_by_one else inputs
+            parts: list[nn.Module] = [nn.Unflatten(1, (before, inputs // before))]
+            for i, after in enumerate(self.channels):
+                convolution = nn.Conv1d(before, after, kernel_size=1)
+                block = [convolution, nn.BatchNorm1d(after), nn.ReLU()]
+                if i == POOLED[0]:
+                    block.append(nn.MaxPool1d(2, ceil_mode=True))
+                elif i == POOLED[1]:
+                    block.append(nn.AdaptiveMaxPool1d(PLACES))
+                parts.append(nn.Sequential(*block))
+                before = after
+            dense = nn.Linear(before * PLACES, DENSE)
+            flat = [nn.Flatten(), dense, nn.ReLU(), nn.Dropout(self.dropout)]
+            parts.append(nn.Sequential(*flat))
+            return nn.Sequential(*parts, nn.Linear(DENSE, OUTPUTS))
+
+    @override
+    def layers(self, network: nn.Module) -> tuple[nn.Module, ...]:
+        """Return four convolutions with their normalisation, dense, output layer."""
+        return tuple(network.children())[1:]
+
+    @override
+    def features(self, network: nn.Module, inputs: torch.Tensor) -> torch.Tensor:
+        """Return the dense layer."""
+        assert isinstance(network, nn.Sequential)
+        return network[:-1](inputs)
+
+
+# --- Trained network ------------------------------------------------------------------
+
+ROWS_AT_ONCE = 8192
+"""Rows that are predicted together; chosen: some 10 MB a layer."""
+
+
+@dataclass(frozen=True)
+class DeflectionNetwork:
+    """A network with everything needed to ask it.
+
+    Attributes:
+        shape: How it is built.
+        encoding: How it is shown postures; a name of `encoding.ENCODINGS`.
+        inputs: Takes units from what goes in.
+        outputs: Gives units, m, to what comes out.
+        weights: By the network's names.
+        point_in_flange: The point whose motion it predicts, in m.
+        origin_in_flange: About which it wants torques, in m.
+    """
+
+    shape: Shape
+    encoding: str
+    inputs: Scaling
+    outputs: Scaling
+    weights: Mapping[str, np.ndarray] = field(repr=False)
+    point_in_flange: Float[np.ndarray, "3"]
+    origin_in_flange: Float[np.ndarray, "3"]
+
+    def build(self) -> nn.Module:
+        """Return a network of torch with these weights, set to predict."""
+        network = self.shape.build(len(self.inputs.mean), seed=0)
+        load(network, self.weights)
+        return network.eval()
+
+    def encode(
+        self,
+        posture: Float[np.ndarray, "rows axes"],
+        wrench_in_base: Float[np.ndarray, "rows 6"],
+    ) -> Float[np.ndarray, "rows inputs"]:
+        """Turn postures in rad and wrenches in N, N m into what the network sees.
+
+        Raises:
+            Unusable: Where the network has learnt another number of axes.
+        """
+        seen = encoding(self.encoding)(posture, wrench_in_base)
+        if seen.shape[1] != len(self.inputs.mean):
+            fault = (
+                f"{posture.shape[1]} axes make {seen.shape[1]} inputs, it was trained "
+                f"on {len(self.inputs.mean)}; train one for this arm."
+            )
+            raise Unusable("The network", [fault])
+        return self.inputs.unitless(seen)
+
+    def predict(
+        self,
+        posture: Float[np.ndarray, "rows axes"],
+        wrench_in_base: Float[np.ndarray, "rows 6"],
+    ) -> Float[np.ndarray, "rows 3"]:
+        """Predict deflections along the base's axes, in m.
+
+        Args:
+            posture: In rad.
+            wrench_in_base: Force in N, torque in N m about `origin_in_flange`.
+
+        Raises:
+            Unusable: Where the network has learnt another number of axes.
+        """
+        network = self.build()
+        seen = torch.from_numpy(self.encode(posture, wrench_in_base).astype(np.float32))
+        with torch.no_grad(), one_thread():
+            parts = [network(part) for part in seen.split(ROWS_AT_ONCE)]
+        answer = np.concatenate([part.numpy() for part in parts]).astype(float)
+        return self.outputs.in_units(answer)

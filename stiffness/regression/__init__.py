@@ -1,0 +1,1 @@
+"""Regression: normal equations, elimination, tests, splits, intervals."""

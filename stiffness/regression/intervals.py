@@ -1,0 +1,138 @@
+"""Intervals: types of a number with its interval, and bootstrap over poses.
+
+An interval says where a number would fall if other poses had been measured.
+
+==========  ==========================================================================
+Equation    BCa: ends at G^-1(Phi(z0 + (z0 + z)/(1 - a (z0 + z)))), z0 the bias, a the
+            skewness of the jackknife over 6; shares: Clopper and Pearson's tails
+Source      Efron 1987, "Better bootstrap confidence intervals", JASA 82, 171;
+            Field and Welsh 2007 for drawing clusters; Clopper and Pearson 1934
+Needs       poses that are independent; 30 or more for the stated level
+Assumes     rows of a pose stay together: poses are drawn, not rows
+==========  ==========================================================================
+
+The maximum is no smooth function of the data, so its interval is a rough one.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import stats
+
+from bench.shared.errors import BenchError
+
+# --- Intervals of parameters ----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A number with its interval, in SI; without ends where the data do not hold it."""
+
+    estimate: float
+    low: float
+    high: float
+
+
+# --- Intervals ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with its 95 % interval, in SI."""
+
+    value: float
+    low: float
+    high: float
+
+
+# --- Bootstrap ------------------------------------------------------------------------
+
+Statistic: TypeAlias = Callable[
+    [Float[np.ndarray, "..."], Float[np.ndarray, "..."]], Float[np.ndarray, "..."]
+]
+"""Takes values (rows, …) and how often each row counts (…, rows); returns (…)."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A number and the interval it lies in.
+
+    Attributes:
+        value: Of all rows.
+        low: Lower end.
+        high: Upper end.
+        level: How often such an interval covers.
+    """
+
+    value: float
+    low: float
+    high: float
+    level: float = 0.95
+
+
+def bootstrap(
+    values: Float[np.ndarray, "rows ..."],
+    pose: Int[np.ndarray, " rows"],
+    statistic: Statistic,
+    seed: int = 0,
+    resamples: int = 2000,
+    level: float = 0.95,
+) -> Interval:
+    """Draw poses anew and see how a statistic scatters, by the BCa method.
+
+    Two calls with one seed draw the same poses, so their results may be compared.
+
+    Args:
+        values: What the statistic is of.
+        pose: Id of the pose of each row.
+        statistic: Vectorised over weights.
+        seed: Of the draws.
+        resamples: How many.
+        level: Of the interval.
+
+    Returns:
+        The statistic of all rows, and its interval.
+
+    Raises:
+        BenchError: Where there is a single pose.
+    """
+    _, number = np.unique(pose, return_inverse=True)
+    poses = int(number.max(initial=-1)) + 1
+    if poses < 2:
+        raise BenchError("An interval over poses needs two poses or more.")
+    draw = np.random.default_rng(seed)
+    drawn = draw.multinomial(poses, np.full(poses, 1.0 / poses), size=resamples)
+    value = float(statistic(values, np.ones(len(number))))
+    replicates = np.sort(statistic(values, drawn[:, number].astype(float)))
+    without = statistic(values, (1.0 - np.eye(poses))[:, number])
+    pull = without.mean() - without
+    spread = np.sum(pull**2) ** 1.5
+    skew = np.sum(pull**3) / (6.0 * spread) if spread > 0.0 else 0.0
+    below = np.mean(replicates < value) + 0.5 * np.mean(replicates == value)
+    bias = stats.norm.ppf(np.clip(below, 1.0 / resamples, 1.0 - 1.0 / resamples))
+    ends = bias + stats.norm.ppf([0.5 - 0.5 * level, 0.5 + 0.5 * level])
+    shares = stats.norm.cdf(bias + ends / (1.0 - skew * ends))
+    low, high = np.quantile(replicates, shares)
+    return Interval(value, float(low), float(high), level)
+
+
+def share(successes: int, trials: int, level: float = 0.95) -> Interval:
+    """Return a share of trials with Clopper and Pearson's exact interval.
+
+    Args:
+        successes: How many succeeded.
+        trials: Of how many; at least one.
+        level: Of the interval, which covers at least as often.
+
+    Raises:
+        BenchError: Where the counts make no share.
+    """
+    if not 0 <= successes <= trials or trials < 1:
+        raise BenchError(
+            f"{successes} of {trials} is no share: 0 <= part <= whole >= 1."
+        )
+    ends = stats.binomtest(successes, trials).proportion_ci(level, method="exact")
+    return Interval(successes / trials, float(ends.low), float(ends.high), level)

@@ -1,0 +1,264 @@
+"""Max-T sign-flip tests over poses, gains on data left out, spatial correlation.
+
+If nothing is there, a pose's scores could as well have had the other sign.
+
+==========  ==========================================================================
+Equation    T_b = |sum_p e_p w_p,b|^2, e_p = 1 for the data and random signs for the
+            comparison; z_b = Wilson-Hilferty of T_b with b's degrees of freedom;
+            p = (1 + number of comparisons with max_b z* >= max_b z) / (1 + comparisons)
+Source      wild cluster bootstrap (Cameron, Gelbach & Miller 2008) with Rademacher
+            signs; max-T (Westfall & Young 1993); Wilson & Hilferty 1931
+Valid       poses that err independently with symmetric errors, of whatever size
+Ignores     that fitted nuisance makes scores of poses slightly dependent
+==========  ==========================================================================
+
+What neighbouring poses leave alike is not noise.
+
+==========  ==========================================================================
+Equation    pairs (i, j) of poses next to each other in posture; noise² = mean
+            |r_i − r_j|² / 2; agreement = mean r_i . r_j / mean |r|²; p-value by turning
+            the signs of half the poses at random
+Source      von Neumann 1941, "Distribution of the ratio of the mean square successive
+            difference to the variance"; sign flips: Fisher 1935
+Valid       what was left out changes slowly from pose to pose
+Ignores     what changes within the distance of neighbours: it counts as noise
+==========  ==========================================================================
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+from scipy.stats import norm
+
+from stiffness.regression.elimination import left_of, white_turn, without
+
+# --- Detection ------------------------------------------------------------------------
+
+ALARM = 0.005
+"""p-value below which there is a mismatch; the rule of the answer."""
+
+
+# --- Max-T sign-flip test -------------------------------------------------------------
+
+COMPARISONS = 4999
+"""Chosen: p-values down to 0.0002, and a verdict at 0.005 that rests on 25 of them."""
+SMALLEST = 1.0 / (1.0 + COMPARISONS)
+"""Smallest p-value that is said."""
+ROUNDING = 1e-4
+"""What single precision may err by in z: signs that are all the same, or all turned,
+come often where poses are few, and are as strong as the data themselves."""
+AT_ONCE = 500
+"""Comparisons made at once; chosen: signs of many poses never fill the memory."""
+
+
+@dataclass(frozen=True)
+class Tested:
+    """Blocks of columns against what random signs would make of them.
+
+    Attributes:
+        captured: Whitened square that each block captures.
+        freedom: Degrees of freedom of each block.
+        z: The same on the scale of a standard normal.
+        alone: p-value of each block for itself.
+        together: p-value of each block among all.
+        p_value: Of the strongest.
+    """
+
+    captured: Float[np.ndarray, " blocks"]
+    freedom: Float[np.ndarray, " blocks"]
+    z: Float[np.ndarray, " blocks"]
+    alone: Float[np.ndarray, " blocks"]
+    together: Float[np.ndarray, " blocks"]
+
+    @property
+    def p_value(self) -> float:
+        """Return the p-value of the strongest block, for all blocks looked at."""
+        return float(self.together.min()) if len(self.together) else 1.0
+
+
+def white_scores(
+    gram: Float[np.ndarray, "columns columns"],
+    score: Float[np.ndarray, "poses columns"],
+    known: Int[np.ndarray, " known"],
+    blocks: Sequence[Int[np.ndarray, " _"]],
+    raw: Float[np.ndarray, " columns"],
+) -> list[Float[np.ndarray, "poses _"]]:
+    """Return scores of blocks, each made white, with known columns taken out.
+
+    Args:
+        gram: Of all columns, over the poses of `score`.
+        score: Of data from which the known columns are already fitted away.
+        known: Columns that explain for free.
+        blocks: Columns of each block.
+        raw: Each column's information before anything was projected out.
+    """
+    share = without(gram, known)
+    white = []
+    for block in blocks:
+        left = left_of(gram, known, share, block)
+        turn = white_turn(left, raw[block])
+        white.append((score[:, block] - score[:, known] @ share[:, block]) @ turn)
+    return white
+
+
+def sign_flips(
+    white: Sequence[Float[np.ndarray, "poses _"]],
+    seed: int,
+) -> Tested:
+    """Compare blocks with random signs of poses.
+
+    Args:
+        white: White scores of each block.
+        seed: Of the signs.
+    """
+    freedom = np.array([w.shape[1] for w in white], dtype=int)
+    some = np.flatnonzero(freedom > 0)
+    if not len(some):
+        count = len(white)
+        return Tested(
+            np.zeros(count), freedom, np.full(count, -9.0), *np.ones((2, count))
+        )
+    poses = len(white[0])
+    stacked = np.concatenate([w for w in white if w.shape[1]], axis=1)
+    start = np.cumsum(freedom[some]) - freedom[some]
+    random = np.random.default_rng(seed)
+    seen = np.add.reduceat(stacked.sum(axis=0) ** 2, start)
+    single = stacked.astype(np.float32)  # compared, never reported
+    flipped = np.empty((COMPARISONS, len(some)), dtype=np.float32)
+    for at in range(0, COMPARISONS, AT_ONCE):
+        count = min(AT_ONCE, COMPARISONS - at)
+        signs = 2 * random.integers(0, 2, (count, poses)) - 1
+        square = (signs.astype(np.float32) @ single) ** 2
+        flipped[at : at + count] = np.add.reduceat(square, start, axis=1)
+    z, others = _normal(seen, freedom[some]), _normal(flipped, freedom[some])
+    strongest = np.sort(others.max(axis=1))
+    as_much = z - ROUNDING * np.maximum(np.abs(z), 1.0)  # the same signs, all or none
+    above = COMPARISONS - np.searchsorted(strongest, as_much, side="left")
+    alone = (1.0 + (others >= as_much).sum(axis=0)) / (1.0 + COMPARISONS)
+    answer = [
+        np.zeros(len(white)),
+        np.full(len(white), -9.0),
+        *np.ones((2, len(white))),
+    ]
+    answer[0][some], answer[1][some] = seen, z
+    answer[2][some], answer[3][some] = alone, (1.0 + above) / (1.0 + COMPARISONS)
+    return Tested(answer[0], freedom.astype(float), answer[1], answer[2], answer[3])
+
+
+def families(one: Tested, other: Tested) -> Tested:
+    """Return two families of blocks as one, each with half of the error."""
+    together = np.minimum(1.0, 2.0 * np.concatenate([one.together, other.together]))
+    return Tested(
+        np.concatenate([one.captured, other.captured]),
+        np.concatenate([one.freedom, other.freedom]),
+        np.concatenate([one.z, other.z]),
+        np.concatenate([one.alone, other.alone]),
+        together,
+    )
+
+
+def _normal(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+    """Return chi-squares on the scale of a standard normal (Wilson & Hilferty)."""
+    spread = 2.0 / (9.0 * freedom)
+    return (np.cbrt(square / freedom) - (1.0 - spread)) / np.sqrt(spread)
+
+
+# --- Score of a model -----------------------------------------------------------------
+
+MARGIN = 2.0
+"""Standard errors by which a term must improve the prediction of poses left out."""
+
+
+def is_clear(gain: Float[np.ndarray, " poses"]) -> bool:
+    """Return whether poses gain by more than chance.
+
+    Poses that gain nothing at all say nothing.
+    """
+    gain = gain[gain != 0.0]
+    error = np.std(gain, ddof=1) / np.sqrt(len(gain)) if len(gain) > 1 else 0.0
+    return bool(np.sum(gain) > MARGIN * error * len(gain))
+
+
+# --- Models on folds left out ---------------------------------------------------------
+
+
+def compared(
+    before: Float[np.ndarray, " folds"], after: Float[np.ndarray, " folds"]
+) -> tuple[float, float]:
+    """Return the mean gain of the logarithm of what is left, and its standard error."""
+    each = np.log(before / after)
+    return float(each.mean()), float(each.std(ddof=1) / np.sqrt(len(each)))
+
+
+# --- Gain and impossible values -------------------------------------------------------
+
+
+def gain_of(
+    before: Sequence[np.ndarray], after: Sequence[np.ndarray]
+) -> tuple[float, float]:
+    """Return the mean gain over the stretches of motions left out, and its error."""
+    gains = np.concatenate(
+        [(b - a) / b.mean() for b, a in zip(before, after, strict=True)]
+    )
+    return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains)))
+
+
+# --- Spatial correlation of residuals -------------------------------------------------
+
+FLIPS = 1999
+ALPHA = 0.005
+POWER = 0.9
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How alike residuals of neighbours are.
+
+    Attributes:
+        p_value: Of there being nothing but noise.
+        share: Of the mean square that neighbours have in common.
+        rms: Of the residuals, 3-D, in m.
+        noise: What neighbours differ by, 3-D of one pose, in m.
+        smallest: Rms of a common part that these data would have shown, in m.
+        pairs: How many.
+    """
+
+    p_value: float
+    share: float
+    rms: float
+    noise: float
+    smallest: float
+    pairs: int
+
+
+def agreement(
+    residual: Float[np.ndarray, "rows 3"], posture: Float[np.ndarray, "rows axes"]
+) -> Agreement:
+    """Compare residuals of poses that are each other's nearest."""
+    found = KDTree(posture).query(posture, k=2)
+    distance, near = (np.asarray(values) for values in found)
+    a, b = np.arange(len(posture)), near[:, 1]
+    closest = distance[:, 1] <= np.median(distance[:, 1])
+    twice = (near[b, 1] == a) & (a > b)  # count a pair of mutual neighbours once
+    a, b = a[closest & ~twice], b[closest & ~twice]
+    product = np.sum(residual[a] * residual[b], axis=1)
+    seen = float(product.mean())
+    rng = np.random.default_rng(len(posture))
+    beaten = 0
+    for _ in range(FLIPS):
+        sign = rng.choice([-1.0, 1.0], len(posture))
+        beaten += bool(np.mean(sign[a] * sign[b] * product) >= seen)
+    square = float(np.mean(np.sum(residual**2, axis=1)))
+    noise2 = float(np.mean(np.sum((residual[a] - residual[b]) ** 2, axis=1)) / 2.0)
+    reach = (norm.ppf(1.0 - ALPHA) + norm.ppf(POWER)) / np.sqrt(3.0 * len(a))
+    return Agreement(
+        p_value=(1 + beaten) / (1 + FLIPS),
+        share=seen / max(square, 1e-30),
+        rms=float(np.sqrt(square)),
+        noise=float(np.sqrt(noise2)),
+        smallest=float(np.sqrt(noise2 * reach)),
+        pairs=len(a),
+    )

@@ -1,0 +1,1 @@
+"""Nominal robot: geometry, springs, equilibrium, wrenches and the tracker's frame."""

@@ -1,0 +1,449 @@
+"""Registration of the tracker to the base: stated, by base markers, or by the arm.
+
+No tracker that is sold measures lengths as wrongly as arms are drawn.
+
+==========  ==========================================================================
+Equation    |ratio| <= 5e-4
+Source      a laser's wavelength in air changes by 1 ppm a degree and 0.27 ppm a hPa
+            (Edlen 1966, "The refractive index of air", Metrologia 2, 71): 50 ppm with
+            another day's air and another place's height; cameras are scaled by a bar or
+            wand of known length, about 0.1 to 0.3 mm a metre where it is done by hand
+Valid       instruments in order, in their own unit of length
+Ignores     an inch taken for 25 mm and the like: those are mistakes of the set-up
+==========  ==========================================================================
+
+The tracker stands somewhere beside the arm; base markers or the arm tell where.
+
+==========  ==========================================================================
+Equation    R, t = argmin sum |R p_tracker + t - p_base|^2, by the SVD of the moment
+Source      Kabsch 1976, "A solution for the best rotation to relate two sets of
+            vectors", Acta Crystallographica A32, 922
+Needs       the frame in the manifest; or three markers on the base whose places are
+            known; or markers with known places on moving bodies, not on one line
+Assumes     the arm stands where its posture says; springs, where given, are linear
+==========  ==========================================================================
+
+What the tracker saw is laid beside where the arm's bodies should have been.
+
+Where the tracker stands is first guessed from whatever the arm's markers allow.
+
+==========  ==========================================================================
+Equation    min over R, t, places of sum |R_b^T (R y + t - o_b) - place|^2: linear in a
+            free 3 x 3 matrix for R, then Gauss-Newton on turns; unknown places are
+            means over visits
+Source      Shah 2013, "Solving the robot-world/hand-eye calibration problem using the
+            Kronecker product", here with points; Kabsch 1976 where places are given
+Valid       an arm that stands roughly where its posture says
+Ignores     sag; the fit that follows takes it in
+==========  ==========================================================================
+"""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial.transform import Rotation
+
+from bench.shared.errors import Unusable
+from bench.shared.recording import UNLOADED, Recording
+from stiffness.robot.arm import Arm
+from stiffness.robot.equilibrium import equilibrium
+from stiffness.robot.kinematics import levers
+
+# --- Accuracy of trackers and of stated marker positions ------------------------------
+
+LARGEST_SCALE = 5e-4
+"""Share of a length, either way; chosen: the widest above, and half as much again."""
+
+
+# --- Nuisance parameters --------------------------------------------------------------
+
+MARKER_POSITION_SIGMA = 1e-3
+"""One sigma of a given marker place, in m: what is nominal by the rules."""
+
+
+# --- Frames ---------------------------------------------------------------------------
+
+FLAT = 1e-3
+"""Points whose second extent is below this share of the first lie on a line; chosen."""
+ENOUGH = 3
+"""Points that fix a frame."""
+
+
+@dataclass(frozen=True)
+class TrackerFrame:
+    """Where the tracker stands.
+
+    Attributes:
+        base_from_tracker: Transform, in m.
+        rms: What the fit left per coordinate, in m; 0 where the frame was stated.
+        source: The manifest, markers on the base, or markers on the moving arm.
+    """
+
+    base_from_tracker: Float[np.ndarray, "4 4"]
+    rms: float
+    source: Literal["manifest", "base markers", "arm markers"]
+
+
+def tracker_frame(
+    arm: Arm,
+    recording: Recording,
+    compliance: Float[np.ndarray, " axes"] | None = None,
+) -> TrackerFrame:
+    """Find the tracker's frame from the best source that the recording has.
+
+    Args:
+        arm: The nominal arm, with the recording's names.
+        recording: Its unloaded rows are used.
+        compliance: Springs with which the unloaded arm sags under its weight, in
+            rad/(N m); None = it stands rigid.
+
+    Returns:
+        The transform, what the fit left, and the source.
+
+    Raises:
+        Unusable: Where nothing fixes the frame.
+    """
+    if recording.base_from_tracker is not None:
+        return TrackerFrame(recording.base_from_tracker, 0.0, "manifest")
+    fixed = [arm.place(marker.body).axis < 0 for marker in recording.markers]
+    known = [marker.position is not None for marker in recording.markers]
+    on_base = np.array(fixed, dtype=bool) & np.array(known, dtype=bool)
+    frame = None
+    if recording.displacement == "absolute" and on_base.any():
+        frame = _fit(arm, recording, on_base, None, "base markers")
+    if frame is None and recording.displacement == "absolute" and any(known):
+        chosen = np.array(known, dtype=bool)
+        frame = _fit(arm, recording, chosen, compliance, "arm markers")
+    if frame is None:
+        advice = (
+            "the tracker's frame is unknown: give [frames.tracker], or position_mm of "
+            "three markers on the base or of the markers on the arm (absolute)."
+        )
+        raise Unusable(f"Recording {recording.name!r}", [advice])
+    return frame
+
+
+def kabsch(
+    source: Float[np.ndarray, "points 3"], target: Float[np.ndarray, "points 3"]
+) -> Float[np.ndarray, "4 4"]:
+    """Return the rigid transform that takes points nearest to others, in m.
+
+    Raises:
+        Unusable: Where the points lie on one line, so that a turn is free.
+    """
+    middle, aim = source.mean(axis=0), target.mean(axis=0)
+    extent = np.linalg.svd(source - middle, compute_uv=False)
+    if len(source) < ENOUGH or extent[1] < FLAT * extent[0]:
+        raise Unusable(
+            "The markers", ["they lie on one line; a turn about it is free."]
+        )
+    turn = Rotation.align_vectors(target - aim, source - middle)[0].as_matrix()
+    transform = np.eye(4)
+    transform[:3, :3] = turn
+    transform[:3, 3] = aim - turn @ middle
+    return transform
+
+
+def unloaded_rows(recording: Recording) -> Int[np.ndarray, " unloaded"]:
+    """Return the rows read without load; each visit's first where none is marked."""
+    marked = np.flatnonzero(recording.stage == UNLOADED)
+    return marked if len(marked) else np.unique(recording.visit, return_index=True)[1]
+
+
+def _fit(
+    arm: Arm,
+    recording: Recording,
+    chosen: Bool[np.ndarray, " markers"],
+    compliance: np.ndarray | None,
+    source: Literal["base markers", "arm markers"],
+) -> TrackerFrame | None:
+    """Fit the frame to some markers' nominal places; None where they are too few."""
+    assert recording.points is not None
+    rows = unloaded_rows(recording)
+    posture = recording.posture[rows]
+    if compliance is not None:
+        posture = equilibrium(arm, posture, compliance, payload=recording.tool)
+    standing = arm.at(posture)
+    seen, nominal = [], []
+    for k in np.flatnonzero(chosen):
+        marker = recording.markers[k]
+        assert marker.position is not None
+        point = recording.points[rows, k]
+        visible = np.isfinite(point).all(axis=1)
+        seen.append(point[visible])
+        nominal.append(standing.point(marker.body, marker.position)[visible])
+    source_points, target = np.concatenate(seen), np.concatenate(nominal)
+    try:
+        transform = kabsch(source_points, target)
+    except Unusable:
+        return None
+    left = source_points @ transform[:3, :3].T + transform[:3, 3] - target
+    return TrackerFrame(transform, float(np.sqrt(np.mean(left**2))), source)
+
+
+# --- Fitted frame and marker positions ------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Where the tracker stands and where the markers sit.
+
+    Attributes:
+        turn: R in p_base = R p_tracker + shift.
+        shift: In m.
+        place: Of each marker in its body's frame, in m.
+    """
+
+    turn: Float[np.ndarray, "3 3"]
+    shift: Float[np.ndarray, "3"]
+    place: Float[np.ndarray, "markers 3"]
+
+    @property
+    def transform(self) -> Float[np.ndarray, "4 4"]:
+        """Transform from the tracker's frame to the base's, in m."""
+        whole = np.eye(4)
+        whole[:3, :3], whole[:3, 3] = self.turn, self.shift
+        return whole
+
+    def moved(
+        self, twist: Float[np.ndarray, "6"], place: Float[np.ndarray, "markers 3"]
+    ) -> "Frames":
+        """Move the tracker by a small twist of the base's frame, and the markers.
+
+        A twist moves what is predicted, so readings move back.
+        """
+        back = Rotation.from_rotvec(-twist[3:]).as_matrix()
+        return replace(
+            self,
+            turn=back @ self.turn,
+            shift=back @ self.shift - twist[:3],
+            place=self.place + place,
+        )
+
+
+# --- Observations of the tracker ------------------------------------------------------
+
+FAR = 10.0
+"""A reading this many times as far from the middle as nearly all is no place where the
+arm was; chosen."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Readings of markers beside where the arm's bodies should be.
+
+    Attributes:
+        turned: From each marker's body to the base.
+        origin: Of each marker's body, in m.
+        y: Readings in the tracker's frame, in m; NaN where not seen.
+        place: Of each marker in its body, in m.
+        given: Whether that place is stated.
+        transform: base_from_tracker; None where not stated.
+    """
+
+    turned: Float[np.ndarray, "visits markers 3 3"]
+    origin: Float[np.ndarray, "visits markers 3"]
+    y: Float[np.ndarray, "visits markers 3"]
+    place: Float[np.ndarray, "markers 3"]
+    given: Bool[np.ndarray, " markers"]
+    transform: Float[np.ndarray, "4 4"] | None
+
+    @classmethod
+    def of(cls, arm: Arm, recording: Recording, posture: np.ndarray) -> "Sight":
+        """Stand the arm in the recording's postures, one for each of its rows."""
+        standing, markers = arm.at(posture), recording.markers
+        assert recording.points is not None
+        placements = {
+            m.body: standing.placement(m.body) for m in markers
+        }  # bodies carry several markers
+        all_of_them = np.stack([placements[m.body] for m in markers], axis=1)
+        return cls(
+            turned=all_of_them[..., :3, :3],
+            origin=all_of_them[..., :3, 3],
+            y=recording.points,
+            place=np.array(
+                [np.zeros(3) if m.position is None else m.position for m in markers]
+            ),
+            given=np.array([m.position is not None for m in markers]),
+            transform=recording.base_from_tracker,
+        )
+
+    @property
+    def weight(self) -> Float[np.ndarray, "visits markers"]:
+        """One for a reading, 0 where there is none or none that can be."""
+        seen = np.isfinite(self.y).all(axis=2)
+        if not seen.any():
+            return seen.astype(float)
+        off = np.abs(self.y - np.median(self.y[seen], axis=0)).max(axis=2)
+        most = np.quantile(off[seen], 0.95)
+        return (seen & (np.nan_to_num(off) <= FAR * most)).astype(float)
+
+    def misfit(self, frames: Frames) -> Float[np.ndarray, "visits markers 3"]:
+        """Return readings less where they should be, along the base's axes, in m."""
+        point = np.nan_to_num(self.y) @ frames.turn.T + frames.shift
+        return (
+            point - np.einsum("vmij,mj->vmi", self.turned, frames.place) - self.origin
+        )
+
+
+def extent_of(sight: Sight) -> float:
+    """Return over how large a box the readings go, in m."""
+    y = sight.y[sight.weight > 0]
+    return float(np.ptp(y, axis=0).max()) if len(y) else 0.0
+
+
+# --- Initial fit of the frame ---------------------------------------------------------
+
+SOME = 60
+"""Visits that a first guess is made from; chosen."""
+ODD, RARE = 8.0, 0.02
+"""Misfit over the median, and over what three in four readings of the same marker stay
+under, from which a reading has no say, as long as such are rarer than this; chosen."""
+POOR = 0.03
+"""Misfit over the extent of the readings from which every way that a cube can lie is
+tried as a start; chosen."""
+STEPS, CLOSE = 6, 1e-7
+"""Most steps of Gauss and Newton, and one in m or rad that is the last; chosen."""
+
+
+def first_frames(
+    arm: Arm, recording: Recording, compliance: Float[np.ndarray, " axes"]
+) -> Frames:
+    """Guess the tracker's frame and the markers' places.
+
+    Raises:
+        Unusable: Where nothing tells how the tracker stands or where markers sit.
+    """
+    first = np.unique(recording.visit, return_index=True)[1]
+    some = recording.take(first[:: max(1, len(first) // SOME)])
+    posture = equilibrium(arm, some.posture, compliance, payload=recording.tool)
+    sight = Sight.of(arm, some, posture)
+    if recording.displacement == "relative":
+        faults = []
+        if sight.transform is None:
+            fault = "relative readings need [frames.tracker]: they do not show it."
+            faults.append(fault)
+        hidden = [m.name for m in recording.markers if m.position is None]
+        if hidden:
+            fault = "relative readings do not show where markers sit: give position_mm "
+            faults.append(f"{fault}of {', '.join(hidden)}.")
+        if sight.transform is None or hidden:
+            raise Unusable(f"Recording {recording.name!r}", faults)
+        turn, shift = sight.transform[:3, :3], sight.transform[:3, 3]
+        return Frames(turn, shift, sight.place)
+    frames, _ = seated(sight)
+    return frames
+
+
+def seated(sight: Sight) -> tuple[Frames, float]:
+    """Fit frame and places as well as can be.
+
+    Returns:
+        Both, and the rms misfit in m.
+    """
+    frames, rms = quickly_seated(sight)
+    if sight.transform is not None or rms < POOR * extent_of(sight):
+        return frames, rms
+    for start in Rotation.create_group("O").as_matrix():
+        other, left = _refined(sight, start, sight.weight)
+        if left < rms:
+            frames, rms = other, left
+    return frames, rms
+
+
+def quickly_seated(sight: Sight) -> tuple[Frames, float]:
+    """Do the same from one start only: enough where the arm stands as it says."""
+    weight = sight.weight
+    if sight.transform is None:
+        start = _linear(sight, weight)
+        return _refined(sight, start, weight)
+    turn, shift = sight.transform[:3, :3], sight.transform[:3, 3]
+    return _judged(sight, turn, shift, weight)[:2]
+
+
+def _linear(sight: Sight, weight: np.ndarray) -> Float[np.ndarray, "3 3"]:
+    """Return the turn nearest to the matrix that fits best."""
+    y = np.nan_to_num(sight.y)
+    back = sight.turned.swapaxes(2, 3)  # (visits, markers, 3 of body, 3 of base)
+    matrix = back[..., :, :, None] * y[:, :, None, None, :]
+    design = np.concatenate([matrix.reshape(*y.shape, 9), back], axis=3)
+    aim = (
+        np.einsum("vmij,vmj->vmi", back, sight.origin)
+        + sight.place * (sight.given[:, None])
+    )
+    design, aim = _less_places(sight, weight, design, aim[..., None])
+    flat = design.reshape(-1, 12)
+    size = np.maximum(np.linalg.norm(flat, axis=0), 1e-12)
+    flat = flat / size
+    solved = np.linalg.lstsq(flat.T @ flat, flat.T @ aim.reshape(-1), rcond=1e-12)[0]
+    solved = solved / size
+    u, _, v = np.linalg.svd(solved[:9].reshape(3, 3))
+    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+
+
+def _refined(
+    sight: Sight, turn: np.ndarray, weight: np.ndarray
+) -> tuple[Frames, float]:
+    y, shift = np.nan_to_num(sight.y), np.zeros(3)
+    back = sight.turned.swapaxes(2, 3)
+    kept = weight
+    for _ in range(STEPS):
+        point = y @ turn.T + shift
+        left = np.einsum("vmij,vmj->vmi", back, sight.origin - point)
+        left = left + sight.place * sight.given[:, None]
+        design, aim = _less_places(sight, kept, back @ levers(point), left[..., None])
+        flat = design.reshape(-1, 6)
+        inner = flat.T @ flat
+        inner += 1e-10 * max(np.trace(inner), 1e-12) * np.eye(6)
+        step = np.linalg.solve(inner, flat.T @ aim.reshape(-1))
+        spin = Rotation.from_rotvec(step[3:6]).as_matrix()
+        turn, shift = spin @ turn, spin @ shift + step[:3]
+        if np.abs(step).max() < CLOSE:
+            break
+        kept = _judged(sight, turn, shift, weight)[2]
+    return _judged(sight, turn, shift, weight)[:2]
+
+
+def _judged(
+    sight: Sight, turn: np.ndarray, shift: np.ndarray, weight: np.ndarray
+) -> tuple[Frames, float, np.ndarray]:
+    """Return the frames with the places they imply, their rms, and who had a say."""
+    kept = weight
+    frames = Frames(turn, shift, sight.place)
+    inside = np.einsum(
+        "vmji,vmj->vmi",
+        sight.turned,
+        np.nan_to_num(sight.y) @ turn.T + shift - sight.origin,
+    )
+    size = np.zeros(weight.shape)
+    for _ in range(2):
+        total = np.maximum(kept.sum(axis=0), 1e-12)
+        mean = np.einsum("vm,vmi->mi", kept, inside) / total[:, None]
+        frames = replace(
+            frames, place=np.where(sight.given[:, None], sight.place, mean)
+        )
+        size = np.linalg.norm(sight.misfit(frames), axis=2)
+        kept = weight
+        if weight.any():
+            own = np.quantile(size, 0.75, axis=0)
+            usual = np.maximum(own, np.median(size[weight > 0]))
+            odd = (size > ODD * usual) & (weight > 0)
+            if odd.sum() <= RARE * weight.sum():
+                kept = weight * ~odd
+    rms = np.sqrt(np.sum(kept * size**2) / max(kept.sum(), 1.0))
+    return frames, float(rms), kept
+
+
+def _less_places(
+    sight: Sight, weight: np.ndarray, *values: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Take out of each marker's rows what its unknown place can take on."""
+    total = np.maximum(weight.sum(axis=0), 1e-12)[:, None, None]
+    free = ~sight.given[:, None, None]
+    out = []
+    for value in values:
+        mean = np.einsum("vm,vmij->mij", weight, value) / total
+        out.append((value - mean * free) * np.sqrt(weight)[..., None, None])
+    return tuple(out)

@@ -1,0 +1,332 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bench.effects.hardening import Hardening
+from bench.effects.hysteresis import Hysteresis
+from bench.effects.lost_motion import LostMotion
+from bench.effects.transmission_error import TransmissionError
+from bench.experiment import record
+from bench.instruments import ForceSensor, Instruments, Markers, Tracker
+from bench.instruments.random_streams import streams
+from bench.instruments.tracker import standpoint
+from bench.patch import Law, Patch, named, rig_of
+from bench.proof.comparison import centred, gauge_of
+from bench.proof.explained_share import Channel
+from bench.proof.model_discrimination import candidates, expected, paths
+from bench.proof.nominal_fit import columns_of, torques_of, turned_by, turns_of
+from bench.proof.proof import Proof, prove
+from bench.proof.refinement import with_effects
+from bench.proof.setup import mounted_on, world_of
+from bench.proof.simulation import Assumed, direction, replay_of, true_wrench, turned
+from bench.rig import Rig
+from bench.shared.plan import parse_path
+from bench.standard_plans import tour
+
+SEED, POSES = 3, 15
+SCALE = np.array([1.5, 0.7, 1.2, 0.8, 2.0, 0.5])
+HELD = (2, 31, 62)
+"""Poses of the table that are held out."""
+
+
+def recorded(kr10, *effects, **more):
+    rig = Rig(kr10)
+    stiffness = rig.nominal.jnt_stiffness * SCALE
+    plan = tour(rig, POSES, parse_path("0,5,10,5,0"), 0, 0)
+    instruments = Instruments(
+        Tracker(occlusions=0.02, **more), markers=Markers(placement=5e-4)
+    )
+    return record(Rig(kr10, effects, stiffness), plan, instruments, SEED)
+
+
+def frame():
+    """Where the tracker stands, some 1 mm and 1 mrad off."""
+    found = standpoint(streams(SEED)["tracker_frame"])
+    found[:3, 3] += 1e-3
+    return tuple(map(tuple, found.tolist()))
+
+
+def of_markers(proof: Proof) -> Channel:
+    assert proof.markers is not None
+    return proof.markers
+
+
+def patch(*effects):
+    return Patch(effects=tuple(map(named, effects)), base_from_tracker=frame())
+
+
+@pytest.fixture(scope="module")
+def recording(kr10):
+    return recorded(kr10, Hysteresis("a2", width_rad=3e-4))
+
+
+@pytest.fixture(scope="module")
+def held(recording):
+    ids = np.unique(recording.pose)
+    return tuple(int(p) for p in ids[::4])
+
+
+@pytest.fixture(scope="module")
+def proof(recording, kr10, held):
+    return prove(recording, kr10, patch(Hysteresis("a2", width_rad=2e-4)), held)
+
+
+def test_the_true_patch_reaches_the_noise_on_poses_held_out(proof):
+    """10 % above the noise is what 11 fitted poses allow.
+
+    Springs are up to a factor of two off, marks misplaced, the frame is unknown, and
+    the patch begins a third too small.
+    """
+    marks = proof.markers
+    assert marks.after < 1.1 * marks.noise < marks.before
+    assert 0.0 < marks.low <= marks.gain <= marks.high
+    assert marks.gain == pytest.approx(marks.before - marks.after)
+    assert len(marks.before_of) == len(proof.held_out) == len(marks.pose)
+    assert not proof.absolute
+
+
+def test_the_simulator_refines_springs_and_effect(proof, recording, kr10):
+    """4 %: eleven poses say no more."""
+    width = proof.patch.effects[0].parameters["width_rad"]
+    assert width == pytest.approx(3e-4, rel=0.04)
+    springs = np.array(list(proof.patch.stiffness_nm_per_rad.values()))
+    nominal = Rig(kr10).nominal.jnt_stiffness
+    assert_allclose(springs / nominal, SCALE, rtol=0.04)
+
+
+def test_placebos_do_not_help_and_what_is_taken_out_comes_back(proof):
+    marks = proof.markers
+    fakes = [t for t in proof.trials if t.kind == "placebo"]
+    assert len(fakes) == 2
+    assert all(t.after > 1.2 * marks.after for t in fakes)
+    (without,) = [t for t in proof.trials if t.kind == "taken_out"]
+    assert without.before > 1.2 * without.after
+    assert proof.budget["hysteresis at a2"] > marks.noise / 2
+
+
+def test_the_proof_holds_on_the_heaviest_load_and_on_regions_left_out(proof):
+    left = [t for t in proof.trials if t.kind == "left_out"]
+    assert len(left) == 3
+    assert all(t.after < 1.15 * of_markers(proof).noise < t.before for t in left)
+
+
+def test_the_same_patch_on_a_wrong_axis_does_not_reach_the_noise(recording, kr10, held):
+    wrong = prove(recording, kr10, patch(Hysteresis("a4")), held, thorough=False)
+    assert of_markers(wrong).after > 1.3 * of_markers(wrong).noise
+    assert wrong.trials == ()
+
+
+def test_without_a_patch_nothing_is_gained(recording, kr10, held):
+    bare = prove(recording, kr10, patch(), held)
+    assert of_markers(bare).gain == 0.0
+    assert of_markers(bare).before == of_markers(bare).after > of_markers(bare).noise
+
+
+def test_an_effect_of_geometry_is_proved_in_absolute_places(kr10, held):
+    true = TransmissionError("a3", amplitude_rad=3e-4)
+    seen = recorded(kr10, true)
+    found = prove(seen, kr10, patch(true), held, thorough=False)
+    assert found.absolute
+    assert (
+        of_markers(found).after
+        < 1.1 * of_markers(found).noise
+        < of_markers(found).before / 2
+    )
+
+
+def test_a_fault_of_the_force_sensor_is_read_backwards(recording):
+    """Reading = (1 + gain) Rᵀ [F; M - offset x F] + bias, solved for F and M."""
+    gain = tuple(map(tuple, np.diag([0.02, 0.0, -0.01, 0.03, 0.0, 0.01]).tolist()))
+    sensor = ForceSensor(
+        noise=0.0,
+        bias=(1.0, 0.0, 0.0, 0.0, 0.1, 0.0),
+        gain=gain,
+        mounting=(0.01, 0.02, -0.03),
+        offset=(0.02, -0.01, 0.04),
+    )
+    wrench = np.random.default_rng(0).standard_normal((7, 6))
+    reading = sensor.read(wrench, np.zeros(7, dtype=int), streams(0))
+    assert_allclose(true_wrench(sensor, reading), wrench, atol=1e-12)
+
+
+def test_a_replay_keeps_every_row_of_visits_of_any_length(recording):
+    some = recording.take(np.arange(2, len(recording.time)))
+    replay = replay_of(some)
+    assert_allclose(replay.to_rows(replay.row.ravel()), np.arange(len(some.time)))
+    assert replay.read.sum() == len(some.time)
+    assert_allclose(replay.posture[0], some.posture[0])
+
+
+def test_a_load_that_changes_late_leaves_the_one_before_until_then(recording):
+    late = recording.load_time.copy()
+    late[1] = recording.time[0] + 0.25 * (recording.time[1] - recording.time[0])
+    replay = replay_of(replace(recording, load_time=late))
+    assert replay.row[0, :3].tolist() == [0, 0, 1]
+    assert replay.read[0, :3].tolist() == [True, False, True]
+    whole = recording.time[1] - recording.time[0]
+    assert_allclose(replay.hold[0, 1:3], [0.25 * whole, 0.75 * whole])
+    assert replay_of(replace(recording, load_time=late), False).read.all()
+
+
+def test_an_arm_that_moves_all_the_time_has_a_visit_for_every_row(recording):
+    moving = recording.posture + 1e-3 * np.arange(len(recording.time))[:, None]
+    replay = replay_of(replace(recording, posture=moving))
+    assert replay.posture.shape == moving.shape
+
+
+def test_direction_is_that_of_the_last_change_of_load(recording):
+    path = direction(recording)[:5].tolist()
+    assert path == [1.0, 1.0, 1.0, -1.0, -1.0]
+
+
+@pytest.fixture(scope="module")
+def laid_out(recording, kr10):
+    bare = rig_of(Patch(), kr10)
+    rig = rig_of(Patch(mounted=mounted_on(recording, bare)), kr10)
+    place = np.array([m.position for m in recording.markers])
+    stand = np.array(frame())
+    assumed = Assumed(rig, stand[:3, :3], stand[:3, 3], place)
+    return world_of(recording, rig), assumed
+
+
+def test_columns_of_springs_are_what_the_simulator_does(laid_out):
+    """A share of 1e-3 more compliance; 2 %: torques change with it, too."""
+    world, assumed = laid_out
+    seen = world.see(assumed)
+    columns = columns_of(world, assumed, seen, places=False)
+    for k in (1, 4):
+        springs = assumed.rig.springs.copy()
+        springs[k] /= np.exp(1e-3)
+        other = world.see(replace(assumed, rig=replace(assumed.rig, stiffness=springs)))
+        moved = (other.point - seen.point).reshape(len(seen.point), -1) / 1e-3
+        error = np.abs(moved - columns.matrix[:, :, k]).max()
+        assert error < 0.02 * np.abs(moved).max()
+
+
+def test_turns_are_found_in_what_markers_did(laid_out):
+    world, assumed = laid_out
+    seen = world.see(assumed)
+    angle = np.zeros((world.replay.rows, 6))
+    angle[:, 2], angle[:, 4] = 1e-4, -5e-5
+    moved = np.sum([turned_by(world, assumed.rig, seen, k, angle) for k in range(6)], 0)
+    assert_allclose(
+        turns_of(world, assumed, seen, moved)[:, :5], angle[:, :5], atol=3e-6
+    )
+
+
+def test_torques_are_what_springs_carry(laid_out):
+    """In an unloaded row of A1, whose axis stands upright, there is none."""
+    world, assumed = laid_out
+    torque = torques_of(world, assumed, world.see(assumed))
+    unloaded = world.recording.load_mass == 0.0
+    assert np.abs(torque[unloaded, 0]).max() < 0.2  # the sensor's noise on 1 m
+    assert np.abs(torque[unloaded, 1]).max() > 20.0
+
+
+def test_means_are_those_of_the_rows_that_are_kept():
+    values = np.array([[1.0], [3.0], [8.0], [np.nan], [5.0]])
+    visit = np.array([0, 0, 0, 1, 1])
+    keep = np.array([True, True, False, False, False])
+    left = centred(values, visit, keep)[:, 0]
+    assert_allclose(left, [-1.0, 1.0, 6.0, np.nan, 0.0])
+
+
+def test_frames_make_a_reading_quieter(laid_out):
+    world, _ = laid_out
+    many = replace(
+        world,
+        recording=replace(
+            world.recording, frames=np.full(len(world.recording.time), 4)
+        ),
+    )
+    keep = np.ones(len(world.recording.time), dtype=bool)
+    one, four = (gauge_of(w, False, keep).sigma for w in (world, many))
+    assert_allclose(one, 2.0 * four)
+
+
+def test_rivals_differ_by_the_square_of_what_they_would_read(proof):
+    """|P (a - b)|² / 2σ², so four times as much for half the noise, none for twins."""
+    world, gauge = proof.world, proof.gauge
+    effects = [e for e in proof.patched.rig.effects if e.name != "hysteresis"]
+    other = with_effects(proof.patched, [*effects, LostMotion("a2", width_rad=1e-4)])
+    visits = candidates(world, proof.patched, count=3)
+    factor = expected(world, proof.patched, other, visits, gauge.sigma)
+    assert len(factor) == len(visits) > 3
+    assert np.all(factor > 0.0)
+    half = expected(world, proof.patched, other, visits, gauge.sigma / 2)
+    assert_allclose(half, 4.0 * factor)
+    assert_allclose(expected(world, other, other, visits, gauge.sigma), 0.0, atol=1e-9)
+
+
+def test_next_paths_hold_a_wait_and_a_reversal_within_a_loop():
+    course = [np.diff(path) for path in paths(10.0)]
+    assert any(np.any(change == 0.0) for change in course)
+    assert any(np.sum(np.diff(np.sign(change)) != 0) > 2 for change in course)
+    assert all(path[0] == path[-1] == 0.0 and max(path) == 10.0 for path in paths(10.0))
+
+
+def test_a_law_without_a_name_is_proved_as_a_table(kr10, held):
+    """Three slopes of a gear, tabled exactly; 10 %: as of the named one."""
+    k1, ratio, knee, second = 6.336e4 * SCALE[1], 1.8, 29.0, 3.72 * 29.0
+    k2 = k1 * (1.0 + 0.81 * (ratio - 1.0))
+    torque = np.array([-400.0, -second, -knee, 0.0, knee, second, 400.0])
+    size = np.abs(torque)
+    wound = np.minimum(size, knee) / k1 + np.clip(size - knee, 0, second - knee) / k2
+    wound += np.maximum(size - second, 0.0) / (ratio * k1)
+    extra = np.sign(torque) * wound - torque / (1.4 * k1)
+    law = Law("a2", tuple(torque), tuple(extra))
+    seen = recorded(kr10, Hardening("a2", stiffness_ratio=ratio, torque_nm=knee))
+    made = Patch({"a2": 1.4 * k1}, laws=(law,), base_from_tracker=frame())
+    found = prove(seen, kr10, made, held, thorough=False)
+    assert (
+        of_markers(found).after
+        < 1.1 * of_markers(found).noise
+        < of_markers(found).before / 2
+    )
+    assert found.patch.laws == (law,)
+
+
+@pytest.mark.parametrize("rows", [1, 3])
+def test_what_gravity_winds_up_is_proved_where_no_load_comes_and_goes(kr10, rows):
+    """One reading a visit, or several of the same: differences within prove nothing."""
+    rig, soft = Rig(kr10), LostMotion("a3", width_rad=4e-4, closing_nm=2.0)
+    plan = tour(rig, 40, parse_path(",".join(["0"] * rows)), 0, 0)
+    instruments = Instruments(Tracker(), markers=Markers(placement=5e-4))
+    seen = record(Rig(kr10, (soft,)), plan, instruments, SEED)
+    bare = replace(seen, wrench=None, wrench_sensor=None)
+    held = tuple(int(p) for p in np.unique(seen.pose)[::4])
+    found = prove(bare, kr10, patch(soft), held, thorough=False)
+    assert found.absolute
+    marks = of_markers(found)
+    assert 0.0 < marks.after < 1.1 * marks.noise < marks.before / 1.5
+    assert marks.low > 0.0
+
+
+@pytest.mark.parametrize("what", ["relative", "flange", "base", "gaps"])
+def test_any_recording_of_the_format_can_be_proved(
+    what, recording, kr10, held, laid_out
+):
+    """Places relative to the first row, the flange alone, wrenches along the base."""
+    if what == "relative":
+        first = laid_out[0].first_rows()
+        points = recording.points - recording.points[first]
+        seen = replace(recording, points=points, displacement="relative")
+    elif what == "flange":
+        seen = replace(
+            recording, markers=recording.markers[-4:], points=recording.points[:, -4:]
+        )
+    elif what == "base":
+        spec = replace(recording.wrench_sensor, frame="base")
+        wrench = turned(recording.wrench, laid_out[0].sensor_axes)
+        seen = replace(recording, wrench=wrench, wrench_sensor=spec)
+    else:
+        rows = np.delete(np.arange(len(recording.time)), [3, 17, 18, 40])
+        seen = recording.take(rows)
+    found = prove(seen, kr10, patch(Hysteresis("a2")), held, thorough=False)
+    assert (
+        of_markers(found).after
+        < 1.1 * of_markers(found).noise
+        < of_markers(found).before
+    )

@@ -1,0 +1,517 @@
+import os
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pa_parquet
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from recordings import (
+    ARM,
+    added,
+    both,
+    cell,
+    every,
+    more,
+    renamed,
+    said,
+    save,
+    table,
+    without,
+    write_good,
+)
+from scipy.spatial.transform import Rotation
+
+from bench.shared import quaternions
+from bench.shared.errors import Unusable
+from bench.shared.format.columns import UNITS
+from bench.shared.format.folder import read, write
+from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
+from bench.shared.quaternions import matrix_of, quaternion_of, unit_quaternion
+from bench.shared.recording import STAGES, Marker, Payload, Recording
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return write_good(tmp_path / "recording")
+
+
+# --- What a good folder says ---------------------------------------------------------
+
+
+def test_in_memory_everything_is_in_si_and_radians(folder):
+    recording, notes = read(folder, ARM)
+    assert notes == ()
+    assert recording.time[6] == 70.0
+    np.testing.assert_array_equal(
+        recording.posture[0], np.radians([6, 7, 8, 9, 10, 11])
+    )
+    assert recording.points is not None
+    np.testing.assert_allclose(
+        recording.points[0], [[0.1, 0.107, 0.114], [0.5, 0.507, 0.514]]
+    )
+    assert recording.tracker is not None
+    np.testing.assert_allclose(recording.tracker.repeatability, 1e-5)
+    assert recording.base_from_tracker is not None
+    np.testing.assert_allclose(recording.base_from_tracker[:3, 3], [0.1, 0, 0])
+    first, second = (marker.position for marker in recording.markers)
+    assert first is not None and second is None
+    np.testing.assert_allclose(first, [0.01, 0.02, 0.03])
+
+
+def test_a_run_of_equal_pose_is_one_visit_and_the_pose_can_come_again(folder):
+    recording, _ = read(folder)
+    np.testing.assert_array_equal(recording.visit, np.repeat([0, 1, 2, 3], 5))
+    assert recording.pose[0] == recording.pose[-1]
+
+
+def test_absent_stages_are_read_from_the_course_of_the_load(folder):
+    up_and_down = ["unloaded", "loading", "loaded", "unloading", "unloaded"]
+    assert read(folder)[0].stage.tolist() == up_and_down * 4
+    without("load_kg")(folder)  # the wrench alone says the same
+    assert read(folder)[0].stage.tolist() == up_and_down * 4
+
+
+def test_a_load_that_turns_back_halfway_is_unloading_then_loading(folder):
+    for row, load in zip(range(1, 6), ("5", "2", "8", "2", "0"), strict=True):
+        cell(row, "load_kg", load)(folder)
+    stages = ["loading", "unloading", "loaded", "unloading", "unloaded"]
+    assert read(folder)[0].stage[:5].tolist() == stages
+
+
+def test_without_load_time_the_load_changed_right_after_the_row_before(folder):
+    recording, _ = read(folder)
+    before = np.concatenate([recording.time[:1], recording.time[:-1]])
+    np.testing.assert_array_equal(recording.load_time, before)
+
+
+def test_a_second_reading_under_the_same_mass_is_a_dwell(folder):
+    cell(4, "load_kg", "10")(folder)
+    recording, _ = read(folder)
+    assert recording.load_time[2] == recording.load_time[3] == recording.time[1]
+
+
+def test_a_load_time_that_is_given_is_taken(folder):
+    added("load_time_s", "-3.5")(folder)
+    assert set(read(folder)[0].load_time) == {-3.5}
+
+
+def test_unknown_columns_are_reported_and_left_alone(folder):
+    added("operator", "who knows, NaN")(folder)
+    recording, notes = read(folder)
+    assert notes == ("samples.csv: column 'operator' left alone.",)
+    assert len(recording.time) == 20
+
+
+def test_a_blank_marker_or_link_angle_was_not_seen(folder):
+    both(added("a2_link_deg", "7"), cell(3, "a2_link_deg", ""))(folder)
+    both(cell(3, "p1_x_mm", ""), cell(3, "p1_y_mm", ""), cell(3, "p1_z_mm", " "))(
+        folder
+    )
+    recording, _ = read(folder)
+    assert recording.points is not None and recording.link_posture is not None
+    assert np.argwhere(np.isnan(recording.points)).tolist() == [
+        [2, 0, c] for c in range(3)
+    ]
+    assert np.isnan(recording.link_posture[2, 1])
+    assert np.isnan(recording.link_posture[:, 0]).all()
+    assert recording.link_posture[0, 1] == np.radians(7.0)
+
+
+def test_a_slide_axis_is_in_millimetres(folder):
+    both(renamed("a1_deg", "a1_mm"), every("a1_mm", lambda _: "250"))(folder)
+    arm = replace(ARM, slides=(True, *[False] * 5))
+    recording, _ = read(folder, replace(arm, lower=np.r_[0.0, ARM.lower[1:]]))
+    assert recording.slides == (True, False, False, False, False, False)
+    assert set(recording.posture[:, 0]) == {0.25}
+    with pytest.raises(Unusable, match="'a1_mm': 250mm is beyond the limits"):
+        read(folder, replace(arm, upper=np.r_[0.2, ARM.upper[1:]]))
+
+
+def test_an_angle_may_exceed_its_limit_by_half_a_degree(folder):
+    both(cell(3, "a2_deg", "45.5"), cell(3, "pose", "9"))(folder)
+    rows = table(folder)
+    save(folder, [rows[0], *rows[3:4], *rows[6:]])  # the second visit, and this row
+    read(folder, ARM)
+    cell(1, "a2_deg", "45.51")(folder)
+    with pytest.raises(Unusable, match="beyond the limits"):
+        read(folder, ARM)
+
+
+def test_an_angle_whose_other_sign_is_within_the_limits_is_said_to_be(folder):
+    every("a3_deg", lambda v: str(-140.0 - float(v) / 100.0))(folder)
+    with pytest.raises(Unusable, match="-120 to 156°; with the other sign all rows"):
+        read(folder, ARM)
+    every("a3_deg", lambda v: str(-float(v) * 1.2))(folder)
+    with pytest.raises(Unusable, match="-120 to 156°\\."):
+        read(folder, ARM)
+
+
+def test_parquet_says_the_same_as_csv(folder):
+    both(cell(3, "p1_x_mm", ""), added("stage", "loaded"))(folder)
+    plain, _ = read(folder)
+    rows = table(folder)
+    columns = dict(zip(rows[0], zip(*rows[1:], strict=True), strict=True))
+    numbers = {
+        n: [float(v) if v else None for v in c]
+        for n, c in columns.items()
+        if n != "stage"
+    }
+    content = pa.table(
+        {**numbers, "stage": pa.array(columns["stage"]).dictionary_encode()}
+    )
+    pa_parquet.write_table(content, folder / "samples.parquet")
+    (folder / "samples.csv").unlink()
+    assert_same(read(folder)[0], plain)
+
+
+def test_another_order_of_columns_and_blanks_around_cells_change_nothing(
+    folder,
+):
+    plain, _ = read(folder)
+    spread = [[f" {text} " for text in reversed(row)] for row in table(folder)]
+    save(folder, spread)
+    path = folder / "samples.csv"
+    path.write_bytes(
+        b"\xef\xbb\xbf" + path.read_bytes().replace(b"\n", b"\r\n") + b"\r\n\r\n"
+    )
+    assert_same(read(folder)[0], plain)
+
+
+def test_a_lab_s_own_csv_is_read_through_a_mapping(folder):
+    plain, _ = read(folder)
+    every("a1_deg", lambda v: repr(float(np.radians(float(v)))))(folder)
+    every("fz_n", lambda v: repr(float(v) / 1e3))(folder)
+    every("p1_x_mm", lambda v: repr(float(v) / 1e3))(folder)
+    both(renamed("a1_deg", "J1"), renamed("fz_n", "Kraft"), renamed("time_s", "t"))(
+        folder
+    )
+    path = folder / "samples.csv"
+    path.write_text(path.read_text().replace(",", ";").replace(".", ","))
+    more(
+        '[csv]\nseparator = ";"\ndecimal = ","\n[columns]\ntime_s = "t"\n'
+        'a1_deg = { from = "J1", unit = "rad" }\n'
+        'fz_n = { from = "Kraft", unit = "kN" }\n'
+        'p1_x_mm = { unit = "m" }\n'
+    )(folder)
+    recording, notes = read(folder, ARM)
+    assert notes == ()
+    for mine, theirs in (
+        (recording.posture, plain.posture),
+        (recording.wrench, plain.wrench),
+        (recording.points, plain.points),
+    ):
+        assert mine is not None and theirs is not None
+        np.testing.assert_allclose(mine, theirs, rtol=1e-14, atol=1e-16)
+
+
+UNIT_ROWS = [
+    ("angle", "deg", 180.0, np.pi),
+    ("angle", "rad", 2.0, 2.0),
+    ("angle", "mrad", 2.0, 0.002),
+    ("angle", "urad", 2.0, 2e-6),
+    ("angle", "arcmin", 60.0, np.pi / 180),
+    ("angle", "arcsec", 3600.0, np.pi / 180),
+    ("length", "mm", 5.0, 0.005),
+    ("length", "cm", 5.0, 0.05),
+    ("length", "m", 5.0, 5.0),
+    ("length", "um", 5.0, 5e-6),
+    ("length", "in", 1.0, 0.0254),
+    ("force", "N", 3.0, 3.0),
+    ("force", "kN", 3.0, 3000.0),
+    ("force", "mN", 3.0, 0.003),
+    ("torque", "Nm", 3.0, 3.0),
+    ("torque", "kNm", 3.0, 3000.0),
+    ("torque", "mNm", 3.0, 0.003),
+    ("torque", "Nmm", 3.0, 0.003),
+    ("time", "s", 3.0, 3.0),
+    ("time", "ms", 3.0, 0.003),
+    ("time", "us", 3.0, 3e-6),
+    ("time", "ns", 3.0, 3e-9),
+    ("time", "min", 3.0, 180.0),
+    ("time", "h", 2.0, 7200.0),
+    ("mass", "kg", 3.0, 3.0),
+    ("mass", "g", 3.0, 0.003),
+    ("temperature", "degC", 20.0, 20.0),
+    ("temperature", "K", 293.15, 20.0),
+    ("temperature", "degF", 68.0, 20.0),
+]
+
+
+@pytest.mark.parametrize(("dimension", "unit", "number", "si"), UNIT_ROWS)
+def test_a_unit_turns_a_number_into_si(dimension, unit, number, si):
+    found = UNITS[dimension][unit]
+    np.testing.assert_allclose(found.inward(np.array([number])), [si], rtol=1e-14)
+    np.testing.assert_allclose(found.outward(np.array([si])), [number], rtol=1e-14)
+
+
+def test_every_unit_that_can_be_named_is_tested_above():
+    tested = {(dimension, unit) for dimension, unit, *_ in UNIT_ROWS}
+    assert tested == {(d, u) for d, units in UNITS.items() for u in units}
+
+
+def test_the_model_s_own_names_are_kept_for_the_arm(folder):
+    more(
+        '[robot]\nname = "kr"\naxes = ["a1", "a2", "a3", "a4", "a5", "a6"]\n'
+        'bodies = { flange = "tool" }'
+    )(folder)
+    recording, _ = read(folder, ARM)
+    assert recording.robot == "kr"
+    assert recording.axes == ARM.joints and recording.bodies == {"flange": "tool"}
+
+
+def test_a_target_in_6d_is_four_markers_of_one_body(folder):
+    for name in ("p3", "p4"):
+        more(f'[markers.{name}]\nbody = "flange"\ntarget = "t"\n')(folder)
+        for axis in "xyz":
+            added(f"{name}_{axis}_mm", "1")(folder)
+    both(
+        said('body = "flange"', 'body = "flange"\ntarget = "t"'),
+        said('"link_3"', '"flange"\ntarget = "t"'),
+    )(folder)
+    assert {m.target for m in read(folder)[0].markers} == {"t"}
+
+
+def test_a_quaternion_that_is_nearly_one_is_made_one(folder):
+    said("[1, 0, 0, 0]", "[1.0009, 0, 0, 0]")(folder)
+    recording, _ = read(folder)
+    assert recording.base_from_tracker is not None
+    np.testing.assert_array_equal(recording.base_from_tracker[:3, :3], np.eye(3))
+
+
+# --- Out and in again ----------------------------------------------------------------
+
+
+CHANCE = np.random.default_rng(0)
+TURNS = [
+    quaternion_of(turn.as_matrix())
+    for turn in (Rotation.identity(), *Rotation.random(30, rng=CHANCE))
+]
+"""Made beforehand: type checks draw at random, which no strategy may."""
+
+
+def numbers(low: float, high: float):
+    return st.floats(low, high, allow_subnormal=False, width=64)
+
+
+@st.composite
+def parts(draw) -> dict:
+    """Draw a recording with or without each of its parts."""
+    rows, axes = draw(st.integers(1, 6)), draw(st.integers(1, 8))
+
+    def array(low, high, *shape):
+        return draw(hnp.arrays(float, (rows, *shape), elements=numbers(low, high)))
+
+    def perhaps(value):
+        return draw(st.sampled_from([None, value]))
+
+    def gaps(values):
+        return np.where(draw(hnp.arrays(bool, values.shape)), np.nan, values)
+
+    word = st.text("ab_ é,;\"'#.\\π🦾", min_size=1, max_size=4)
+    word = word.filter(lambda text: text == text.strip())
+    names = draw(st.lists(word, unique=True, max_size=3))
+    turn = draw(st.sampled_from(TURNS))
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = matrix_of(turn), array(-5, 5, 3)[0]
+    time = np.sort(array(0, 1e6))
+    wrench = perhaps(array(-1e3, 1e3, 6))
+    slides = tuple(draw(st.lists(st.booleans(), min_size=axes, max_size=axes)))
+    return dict(
+        name=draw(
+            st.text(min_size=1, alphabet=st.characters(exclude_categories=["Cs"]))
+        ),
+        robot=draw(st.text('kr 10\\"\x7f', max_size=5)),
+        time=time,
+        pose=np.arange(rows),
+        visit=np.cumsum(draw(hnp.arrays(np.int64, rows, elements=st.integers(1, 3)))),
+        posture=array(-3, 3, axes),
+        load_time=time - array(0, 10),
+        stage=np.array(
+            draw(st.lists(st.sampled_from(STAGES), min_size=rows, max_size=rows))
+        ),
+        axes=draw(st.sampled_from([(), tuple(f"joint {k}" for k in range(axes))])),
+        bodies=draw(st.sampled_from([{}, {"flange": "wrist 3"}])),
+        slides=slides if any(slides) else (),
+        wrench=wrench,
+        load_mass=perhaps(array(0, 50)),
+        markers=tuple(Marker(n, "flange", perhaps(array(-1, 1, 3)[0])) for n in names),
+        points=gaps(array(-9, 9, len(names), 3)) if names else None,
+        axis_torque=perhaps(array(-9, 9, axes)),
+        temperature=perhaps(array(10, 40)),
+        frames=perhaps(draw(hnp.arrays(np.int64, rows, elements=st.integers(1, 99)))),
+        base_from_tracker=perhaps(frame),
+        tracker=TrackerSpec(
+            abs(array(1e-9, 1e-3, 3)[0]), perhaps(draw(numbers(0, 1e-3)))
+        ),
+        wrench_sensor=None
+        if wrench is None
+        else WrenchSpec(
+            0.04,
+            0.002,
+            "flange",
+            array(-1, 1, 3)[0],
+            turn,
+            draw(st.sampled_from(["sensor", "base"])),
+            draw(st.booleans()),
+        ),
+        encoder_repeatability=perhaps(draw(numbers(0, 1e-3))),
+        torque_accuracy=perhaps(draw(numbers(0, 1))),
+        tool=perhaps(Payload(draw(numbers(0, 9)), array(-1, 1, 3)[0])),
+        rows=draw(st.sampled_from(["plateaus", "stream"])),
+    )
+
+
+def assert_same(mine, theirs, rtol: float = 0.0) -> None:
+    """Compare two nouns field by field, to the last bit by default."""
+    for part in fields(mine):
+        a, b = getattr(mine, part.name), getattr(theirs, part.name)
+        if isinstance(a, np.ndarray) and a.dtype.kind == "f":
+            np.testing.assert_allclose(a, b, rtol=rtol, atol=0.0, err_msg=part.name)
+        elif isinstance(a, np.ndarray):
+            np.testing.assert_array_equal(a, b, err_msg=part.name)
+        elif part.name == "markers":
+            assert len(a) == len(b)
+            for one, other in zip(a, b, strict=True):
+                assert_same(one, other, rtol)
+        elif hasattr(a, "__dataclass_fields__"):
+            assert_same(a, b, rtol)
+        elif isinstance(a, float):
+            assert a == pytest.approx(b, rel=max(rtol, 1e-300), abs=0.0)
+        else:
+            assert a == b, part.name
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(parts=parts())
+def test_what_is_written_reads_back_the_same_and_is_written_the_same(
+    tmp_path_factory, parts
+):
+    """To 1e-15 of each number the first time, and to the last bit from then on."""
+    recording, place = Recording(**parts), tmp_path_factory.mktemp("trip")
+    write(place / "a", recording)
+    again, notes = read(place / "a")
+    assert notes == ()
+    frame, told = again.base_from_tracker, recording.base_from_tracker
+    assert (frame is None) == (told is None)
+    if frame is not None and told is not None:
+        np.testing.assert_allclose(frame, told, rtol=1e-15, atol=1e-15)
+    assert_same(
+        replace(again, base_from_tracker=None),
+        replace(recording, base_from_tracker=None),
+        1e-15,
+    )
+    write(place / "b", again)
+    for file in ("recording.toml", "samples.csv"):
+        assert (place / "a" / file).read_bytes() == (place / "b" / file).read_bytes()
+    assert_same(read(place / "b")[0], again)
+
+
+@settings(max_examples=100, deadline=None)
+@given(hnp.arrays(float, 3, elements=numbers(-3, 3)))
+def test_a_quaternion_that_was_read_is_written_as_it_stood(vector):
+    turn = Rotation.from_rotvec(vector).as_matrix()
+    written = quaternion_of(turn)
+    np.testing.assert_array_equal(written, quaternion_of(matrix_of(written)))
+    np.testing.assert_array_equal(written, unit_quaternion(written))
+    np.testing.assert_allclose(matrix_of(written), turn, rtol=0, atol=2e-15)
+
+
+@pytest.mark.parametrize("vector", [(0, 0, 1e-3), (-1e-10, -1e-10, 1e-3), (0, -3, 0)])
+def test_a_turn_that_drifts_with_each_rounding_is_written_at_once(vector, monkeypatch):
+    rounds = []
+    own = quaternions.matrix_of
+    monkeypatch.setattr(quaternions, "matrix_of", lambda q: rounds.append(1) or own(q))
+    written = quaternion_of(Rotation.from_rotvec(vector).as_matrix())
+    assert len(rounds) < 50
+    np.testing.assert_array_equal(written, quaternion_of(own(written)))
+
+
+def test_only_columns_that_exist_are_written_and_truth_has_none(folder, tmp_path):
+    recording, _ = read(folder)
+    write(
+        tmp_path / "out",
+        replace(recording, wrench=None, wrench_sensor=None, load_mass=None),
+    )
+    names = table(tmp_path / "out")[0]
+    axes = [f"a{k}_deg" for k in range(1, 7)]
+    points = [f"{m}_{c}_mm" for m in ("p1", "p2") for c in "xyz"]
+    assert names == ["time_s", "load_time_s", "pose", "visit", "stage", *axes, *points]
+
+
+# --- All or nothing ------------------------------------------------------------------
+
+
+def test_writing_over_a_recording_replaces_it_whole(folder, tmp_path):
+    recording, _ = read(folder)
+    write(folder, replace(recording, name="newer"))
+    assert read(folder)[0].name == "newer"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["recording"]
+
+
+@pytest.mark.parametrize("stranger", ["notes.txt", "truth.json", ".git"])
+def test_a_folder_that_holds_anything_else_is_left_alone(folder, stranger):
+    recording, _ = read(folder)
+    (folder / stranger).write_text("mine")
+    before = {p: p.read_bytes() for p in folder.iterdir()}
+    with pytest.raises(Unusable, match="holds more than a recording"):
+        write(folder, recording)
+    assert {p: p.read_bytes() for p in folder.iterdir()} == before
+
+
+def test_a_recording_that_would_not_read_back_is_not_written(folder, tmp_path):
+    recording, _ = read(folder)
+    good = (folder / "samples.csv").read_bytes()
+    time = recording.time.copy()
+    time[3] = np.nan
+    for place in (folder, tmp_path / "new"):
+        with pytest.raises(Unusable, match="'time_s'"):
+            write(place, replace(recording, time=time))
+    assert (folder / "samples.csv").read_bytes() == good
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["recording"]
+
+
+def test_a_write_that_is_interrupted_leaves_what_was_there(
+    folder, tmp_path, monkeypatch
+):
+    recording, _ = read(folder)
+    good = (folder / "samples.csv").read_bytes()
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("bench.shared.format.folder.samples_table", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write(folder, recording)
+    assert (folder / "samples.csv").read_bytes() == good
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["recording"]
+
+
+def test_what_cannot_be_put_in_its_place_leaves_what_was_there(
+    folder, tmp_path, monkeypatch
+):
+    recording, _ = read(folder)
+    rename = os.rename
+
+    def failing(source, target):
+        if str(target) == str(folder) and Path(source).name == "new":
+            raise OSError("disk full")
+        rename(source, target)
+
+    monkeypatch.setattr("bench.shared.format.folder.os.rename", failing)
+    with pytest.raises(Unusable, match="disk full"):
+        write(folder, replace(recording, name="newer"))
+    assert read(folder)[0].name == "a small one"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["recording"]
+
+
+def test_a_file_in_the_place_of_the_folder_is_refused(folder, tmp_path):
+    recording, _ = read(folder)
+    (tmp_path / "file").write_text("mine")
+    with pytest.raises(Unusable, match="not a folder"):
+        write(tmp_path / "file", recording)
+    with pytest.raises(Unusable, match="cannot be written"):
+        write(tmp_path / "file" / "inside", recording)

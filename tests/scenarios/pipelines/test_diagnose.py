@@ -1,0 +1,525 @@
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+from saved_view import entities, timeline
+
+from bench import patch
+from bench.effects import EFFECTS
+from bench.patch import Named, effect_of
+from bench.proof.explained_share import Channel
+from bench.shared.errors import BenchError, Unusable
+from bench.shared.format import folder
+from scenarios import diagnose, record
+from scenarios.pipelines import diagnose as steps
+from scenarios.pipelines import next_experiments
+from scenarios.pipelines.diagnose import Finding, answer_of, calls_for_calibration
+from scenarios.pipelines.effect_parameters import USUAL, chance, label, size, span
+from scenarios.pipelines.inputs import arm_of
+from scenarios.pipelines.patching import STIFFEST, patch_of_diagnosis, stiffening
+from scenarios.pipelines.schema import Answer, Interval, text_of
+from scenarios.report import route, summary
+from scenarios.report.command_line import run
+from scenarios.report.output_folder import FILES, write_folder
+from scenarios.report.sections import diagnosis
+from stiffness.diagnosis.diagnose import scattered
+from stiffness.diagnosis.model_evaluation import is_held, may_be_nothing
+from stiffness.diagnosis.result import (
+    Detection,
+    Diagnosis,
+    Name,
+    NamedEffect,
+    Nominal,
+    Parameter,
+    Unexplained,
+    Warned,
+)
+from stiffness.effects.bearing_tilt import BearingTilt
+from stiffness.effects.hardening import Hardening
+from stiffness.effects.link_bending import LinkBending
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recorded") / "recording"
+    record.main(
+        record.Settings(
+            out=folder,
+            effect=("hysteresis@a2,width_rad=3e-4",),
+            poses=18,
+            path="0,5,10,5,0",
+            seed=4,
+        )
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def answered(recording, kr10, tmp_path_factory):
+    out = tmp_path_factory.mktemp("answered") / "answer"
+    settings = diagnose.Settings(recording, kr10, out)
+    return out, diagnose.main(settings)
+
+
+def on_the_command_line(monkeypatch, *words):
+    monkeypatch.setattr("sys.argv", ["diagnose", *map(str, words)])
+    run(diagnose.main, diagnose.Settings)
+
+
+def test_one_command_writes_the_whole_answer_and_nothing_else(answered):
+    out, told = answered
+    assert told.verdict != "no_mismatch"
+    assert told.named
+    assert sorted(p.name for p in out.iterdir()) == sorted(FILES)
+    assert (out / "diagnosis.rrd").stat().st_size < 5_000_000
+    assert [p for p in out.parent.iterdir() if p != out] == []
+
+
+def test_answer_has_the_fixed_form(answered):
+    out, told = answered
+    text = (out / "diagnosis.json").read_bytes()
+    assert msgspec.json.decode(text, type=Answer, strict=True) == told
+    plain = json.loads(text)
+    assert set(plain) == set(Answer.__struct_fields__)
+    assert plain["schema"] == 1
+    assert plain["proof"]["simulator"] == "mujoco"
+    assert plain["proof"]["held_out_poses"] >= 0.2 * 18
+    assert plain["proof"]["after_rms_mm"] < plain["proof"]["before_rms_mm"]
+
+
+def test_the_patched_rig_can_be_rebuilt_from_the_folder(answered):
+    out, told = answered
+    rig = patch.load(out)
+    names = {(e.name, e.where) for e in rig.effects}
+    assert {(n.effect, n.where) for n in told.named} <= names
+
+
+def test_report_is_one_file_with_its_pictures(answered):
+    out, _ = answered
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert page.count("data:image/png;base64,") >= 4
+    for word in ("hysteresis", "Before and after", "Placebos", "budget", "catalogues"):
+        assert word in page
+
+
+def test_playback_opens_on_the_timeline_of_poses(answered):
+    out, _ = answered
+    file = out / "diagnosis.rrd"
+    assert timeline(file) == "pose"
+    shown = set(entities(file))
+    assert {"/cell/before", "/cell/after", "/read_me", "/error/after"} <= shown
+    assert "/curves/a2/patch" in shown
+
+
+@pytest.mark.parametrize("spoil", ["samples.csv", "recording.toml"])
+def test_damaged_recording_ends_with_2_and_leaves_nothing(
+    spoil, recording, kr10, tmp_path, monkeypatch, capsys
+):
+    bad = tmp_path / "bad"
+    bad.mkdir()
+    for file in recording.iterdir():
+        text = file.read_text(encoding="utf-8")
+        cut = text[: len(text) // 2] if file.name == spoil else text
+        (bad / file.name).write_text(cut, encoding="utf-8")
+    with pytest.raises(SystemExit) as ended:
+        on_the_command_line(
+            monkeypatch, bad, "--robot", kr10, "--out", tmp_path / "answer"
+        )
+    assert ended.value.code == 2
+    assert not (tmp_path / "answer").exists()
+    said = capsys.readouterr().err
+    assert "fault" in said
+    assert "Traceback" not in said
+
+
+def test_a_model_that_is_missing_ends_with_2(recording, tmp_path, monkeypatch, capsys):
+    with pytest.raises(SystemExit) as ended:
+        on_the_command_line(
+            monkeypatch, recording, "--robot", tmp_path / "no.xml", "--out", tmp_path
+        )
+    assert ended.value.code == 2
+    assert "no model file" in capsys.readouterr().err
+
+
+def test_the_recording_itself_is_no_place_for_the_answer(recording, kr10):
+    with pytest.raises(Unusable, match="the recording itself"):
+        diagnose.main(diagnose.Settings(recording, kr10, recording))
+
+
+def test_interrupted_diagnosis_ends_with_130(recording, kr10, tmp_path, monkeypatch):
+    def stopped(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(route, "asked", stopped)
+    with pytest.raises(SystemExit) as ended:
+        on_the_command_line(
+            monkeypatch, recording, "--robot", kr10, "--out", tmp_path / "o"
+        )
+    assert ended.value.code == 130
+    assert not (tmp_path / "o").exists()
+
+
+def test_numbers_that_break_the_engine_are_the_recordings_fault(
+    recording, kr10, monkeypatch
+):
+    def broken(*_):
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(steps, "diagnose", broken)
+    good, _ = folder.read(recording)
+    with pytest.raises(BenchError, match="Singular matrix"):
+        steps.asked(good, arm_of(kr10))
+
+
+def test_an_answer_that_cannot_be_made_leaves_the_earlier_one(tmp_path):
+    (tmp_path / "o").mkdir()
+    (tmp_path / "o" / "model.xml").write_text("earlier", encoding="utf-8")
+
+    def makes(folder):
+        (folder / "diagnosis.json").write_text("{}", encoding="utf-8")
+
+    def fails(folder):
+        makes(folder)
+        raise OSError("disk full")
+
+    with pytest.raises(Unusable, match="disk full"):
+        write_folder(tmp_path / "o", fails)
+    assert [p.name for p in tmp_path.iterdir()] == ["o"]
+    assert [p.name for p in (tmp_path / "o").iterdir()] == ["model.xml"]
+    write_folder(tmp_path / "o", makes)
+    assert [p.name for p in (tmp_path / "o").iterdir()] == ["diagnosis.json"]
+
+
+def test_next_measurements_tell_equivalents_apart(recording, kr10):
+    good, _ = folder.read(recording)
+    arm = arm_of(kr10)
+    engine = steps.asked(good, arm)
+    one = replace(engine.named[0], equivalents=(Name("creep", "a2"),))
+    simulated, unproved = steps.proved(engine, good, arm, kr10)
+    assert unproved == ""
+    listed = next_experiments.proposed(replace(engine, named=(one,)), simulated)
+    assert 0 < len(listed) <= 3
+    for step in listed:
+        assert step.why == f"tells {one.name.effect} from creep on a2"
+        assert len(step.pose_deg) == 6
+        assert step.load_path_kg[0] == 0.0
+    factors = [step.expected_log_bayes_factor for step in listed]
+    assert factors == sorted(factors, reverse=True)
+    assert next_experiments.proposed(engine, None) == ()
+
+
+@pytest.fixture
+def found():
+    """A diagnosis as the engine gives it, by hand."""
+    return Diagnosis(
+        recording="by hand",
+        verdict="partly_explained",
+        detection=Detection(2e-4, 3e-5, 1.7e-5, 5e-7),
+        named=(
+            NamedEffect(
+                Name("hysteresis", "a2"),
+                0.98,
+                (Name("lost_motion", "a2"),),
+                {"width_rad": Parameter(1.5e-4, 1.3e-4, 1.7e-4)},
+                shape=(12.0,),
+            ),
+            NamedEffect(
+                Name("wrist_coupling", "a5"),
+                1.0,
+                (),
+                {
+                    "compliance_rad_per_nm": Parameter(5e-6, 4e-6, np.inf),
+                    "with": Parameter(4.0, 4.0, 4.0),
+                },
+                shape=(4.0,),
+            ),
+            NamedEffect(Name("channel_delay", "tracker"), 1.0, (), {}),
+        ),
+        unexplained=Unexplained(
+            "a3",
+            "odd in torque",
+            {
+                "torque_nm": (-10.0, 10.0),
+                "loading_rad": (-1e-5, 1e-5),
+                "unloading_rad": (0.0, 2e-5),
+            },
+        ),
+        nominal=Nominal(
+            np.array([2e-5, 2e-5, 2e-5, 0.0, 1e-4, 7e-4]),
+            np.array([4e-7, 0.0, 4e-7, 0.0, 4e-6, 4e-5]),
+            np.array([1e-5, 2e-5, 2.01e-5, 0.0, 1e-4, 8e-4]),
+            ("a4",),
+            np.eye(4),
+            np.zeros((0, 3)),
+            1.0,
+            np.zeros(6),
+        ),
+        held_out=(1, 2),
+    )
+
+
+def test_what_was_named_becomes_mechanisms_and_a_table(found, recording, kr10):
+    marked, _ = folder.read(recording)
+    bare = replace(marked, markers=(), points=None)
+    made = patch_of_diagnosis(found, bare, arm_of(kr10))
+    assert [e.effect for e in made.effects] == ["hysteresis", "wrist_coupling"]
+    assert made.effects[1].parameters["with"] == "a4"
+    assert made.stiffness_nm_per_rad["a4"] is None
+    assert made.stiffness_nm_per_rad["a5"] == pytest.approx(1e4)
+    assert made.laws[0].where == "a3"
+    assert len(patch.effects_of(made)) == 3
+
+
+def test_a_stop_and_slipping_springs_are_equally_stiff_before_they_slip():
+    """C - w/2r = 1 / (K (1 + stiffening))."""
+    width, stiffness, slip = 1.5e-4, 6e4, 12.0
+    extra = stiffening(width, stiffness, slip)
+    soft = 1 / stiffness - width / (2 * slip)
+    assert soft == pytest.approx(1 / (stiffness * (1 + extra)))
+    assert stiffening(1e-2, stiffness, slip) == STIFFEST
+    assert stiffening(width, None, slip) > 0.0
+
+
+def test_an_answer_without_end_or_number_says_null(found):
+    told = answer_of(found, None, "", (), 1.0, False)
+    plain = json.loads(text_of(told))
+    coupling = plain["named"][1]["parameters"]
+    assert coupling["compliance_rad_per_nm"]["high"] is None
+    assert coupling["with"]["estimate"] == "a4"
+    assert plain["proof"] is None
+    nothing = Detection(2e-4, np.nan, np.nan, np.nan)
+    warned = Warned("axis_reversed", "a3", "a3 looks reversed.")
+    stopped = Diagnosis("x", "unexplained", nothing, warnings=(warned,))
+    assert (
+        answer_of(stopped, None, "", (), 1.0, False).detection.residual_rms_mm is None
+    )
+
+
+def test_first_moments_come_with_a_mass_and_a_centre_that_have_them(found):
+    """Of the vocabulary's names, without ends, for no reading holds them."""
+    moments = {
+        "moment_x_kg_m": (0.12, 0.10, 0.14),
+        "moment_y_kg_m": (-0.05, -0.06, -0.04),
+    }
+    pull = NamedEffect(
+        Name("gravity_load", "link_2"),
+        1.0,
+        (),
+        {name: Parameter(*values) for name, values in moments.items()},
+    )
+    told = answer_of(replace(found, named=(pull,)), None, "", (), 1.0, False)
+    plain = json.loads(text_of(told))["named"][0]["parameters"]
+    mass = plain["mass_kg"]["estimate"]
+    for name, (moment, _, _) in moments.items():
+        centre = name.replace("moment", "com").replace("_kg_m", "_m")
+        assert mass * plain[centre]["estimate"] == pytest.approx(moment)
+        assert plain[centre]["low"] is None and plain[centre]["high"] is None
+        assert plain[name]["estimate"] == moment
+    values = {name: p["estimate"] for name, p in plain.items()}
+    made = effect_of(Named("gravity_load", "link_2", values)).parameters()
+    weight = float(made["mass_kg"])
+    assert weight * float(made["com_x_m"]) == pytest.approx(0.12)
+
+
+def test_story_says_what_where_and_what_stays_open(found, recording):
+    marked, _ = folder.read(recording)
+    told = answer_of(found, None, "", (), 1.0, False)
+    words = " ".join(
+        summary.sentences(Finding(marked, found, None, "why.", None, told))
+    )
+    for part in (
+        "differ (p = 0.0002)",
+        "30.0 µm, noise alone leaves 17.0 µm",
+        "hysteresis at a2, probability 0.980: width 150 µrad (130 to 170)",
+        "As well by these data: lost_motion at a2",
+        "Open: something at a3",
+        "± one sigma of noise: a1 0.5 ± 0.01.",
+        "Nothing was proved: why.",
+    ):
+        assert part in words
+
+
+def test_what_is_left_is_what_the_patched_arm_leaves_where_there_is_one(found):
+    of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
+    channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses)
+    proof: Any = SimpleNamespace(
+        markers=channel, angles=None, held_out=(1, 2), absolute=True
+    )
+    for simulated, left_mm in ((None, 0.03), (proof, 0.02)):
+        told: Any = answer_of(found, simulated, "", (), 1.0)
+        assert told.unexplained.residual_rms_mm == pytest.approx(left_mm)
+
+
+def test_title_and_first_sentence_say_that_a_name_is_not_proved(found, recording):
+    marked, _ = folder.read(recording)
+    of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 7e-5)
+    worse = Channel(3e-5, 7.6e-5, 1.7e-5, -4.6e-5, -6e-5, -3e-5, *of_poses)
+    proof: Any = SimpleNamespace(
+        markers=worse, angles=None, held_out=(1, 2), absolute=True
+    )
+    all_named = replace(found, verdict="explained", unexplained=None)
+    for simulated, why, said in (
+        (proof, "", "makes it worse: gain -46.0 µm (-60.0 to -30.0)"),
+        (None, "the simulator cannot do it (x).", "the simulator cannot do it (x)."),
+    ):
+        told = answer_of(all_named, simulated, why, (), 1.0)
+        assert told.verdict == "unproved"
+        finding = Finding(marked, all_named, simulated, why, None, told)
+        first = next(summary.sentences(finding))
+        assert first.startswith("Not proved:") and said in first
+        assert "not proved" in diagnosis.title_of(finding)
+
+
+@pytest.mark.parametrize(
+    ("absolute", "fitted", "alarms"),
+    [
+        (True, {"held_out_rms": 2.1e-5}, False),
+        (True, {"held_out_rms": 1.9e-5}, True),
+        (False, {"held_out_within_rms": 2.1e-5}, False),
+        (False, {"held_out_within_rms": 1.9e-5, "held_out_rms": 1.0}, True),
+        (False, {}, False),
+    ],
+)
+def test_an_arm_that_the_simulator_does_not_have_raises_an_alarm(
+    found, absolute, fitted, alarms
+):
+    """30 µm in the simulator; the line is 1.5 times what the fitted arm leaves."""
+    of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
+    channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses)
+    simulated: Any = SimpleNamespace(
+        markers=channel, angles=None, held_out=(1, 2), absolute=absolute
+    )
+    other = replace(found, detection=replace(found.detection, **fitted))
+    told = answer_of(other, simulated, "", (), 1.0)
+    assert [w.code for w in told.warnings] == ["simulator_disagrees"] * alarms
+    assert told.verdict == "partly_explained"  # it withholds nothing
+
+
+def test_story_of_no_mismatch_says_what_would_have_shown(found, recording):
+    marked, _ = folder.read(recording)
+    calm = Diagnosis("x", "no_mismatch", replace(found.detection, p_value=0.4))
+    told = answer_of(calm, None, "", (), 1.0, False)
+    (sentence,) = summary.sentences(Finding(marked, calm, None, "", None, told))
+    assert "agree (p = 0.4)" in sentence
+    assert "0.5 µm rms would have shown" in sentence
+
+
+def test_story_claims_no_agreement_where_poses_differ_at_random(found, recording):
+    marked, _ = folder.read(recording)
+    calm = replace(found.detection, p_value=0.4)
+    wild = Diagnosis("x", "no_mismatch", calm, warnings=scattered(219.0))
+    finding = Finding(
+        marked, wild, None, "", None, answer_of(wild, None, "", (), 1.0, False)
+    )
+    note, sentence = summary.sentences(finding)
+    assert "poses differ 14.8 times as much as the stated errors" in note
+    assert "agree" not in sentence + diagnosis.title_of(finding)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("width_rad", 1.5e-4, "150 µrad"),
+        ("u_rad_per_nm", 2e-6, "2 µrad/(N m)"),
+        ("bending_nm2", 6.3e5, "630 kN m²"),
+        ("ratio", 0.05, "0.05"),
+        ("x_m", 3e-4, "0.3 mm"),
+        ("phase_rad", 0.634, "36.3 °"),
+        ("stiffness_nm", 31684.2, "31684 N m"),
+        ("bending_nm2", None, "no bound"),
+        ("with", "a4", "a4"),
+    ],
+)
+def test_parameters_are_said_in_units_of_people(name, value, said):
+    assert size(name, value) == said
+
+
+def test_an_interval_is_said_with_its_number():
+    assert span("width_rad", Interval(1e-4, 0.5e-4, None)) == "100 µrad (50 to ?)"
+    assert span("with", Interval("a4", "a4", "a4")) == "a4"
+    assert span("delay_s", Interval(3e-3, 2.9e-3, None)) == "3 ms (2.9 to ?)"
+    assert span("phase_rad", Interval(0.5, 0.25, 1.0)) == "28.6 ° (14.3 to 57.3)"
+
+
+@pytest.mark.parametrize(
+    ("probability", "said"),
+    [(0.0, "below 0.001"), (0.5, "0.500"), (0.9999, "above 0.999")],
+)
+def test_a_probability_has_no_digits_that_nobody_can_stand_for(probability, said):
+    assert chance(probability) == said
+
+
+def test_a_count_is_said_as_the_whole_number_that_it_can_be():
+    assert span("order", Interval(2.02, 1.95, 2.05)) == "2"
+    assert span("order", Interval(1.62, 1.42, 1.81)) == "1.62 (1.42 to 1.81)"
+    assert span("order", Interval(2.0, 1.0, 3.0)) == "2 (1 to 3)"
+
+
+def test_what_the_data_do_not_hold_is_said_to_be_so_and_gets_no_ends():
+    wide = Interval(-3.08e-5, None, None)
+    assert span("z_m", wide) == "-0.0308 mm (not held by these data)"
+    assert not is_held((-0.1, 0.1), -3e-5, 2.4)
+    assert not is_held((1.0, np.inf), 1.6e8, 1.1e9)
+    assert is_held((-0.1, 0.1), -3e-5, 1e-4) and is_held(None, 0.0, 9.0)
+
+
+def test_an_effect_all_of_whose_sizes_may_be_zero_may_be_nothing():
+    zero, clear = Parameter(1e-6, -3e-6, 5e-6), Parameter(2e-6, 1e-6, 3e-6)
+    centre = Parameter(0.1, 0.05, 0.15)
+    faint = {"u_rad_per_nm": zero, "v_rad_per_nm": zero, "centre_m": centre}
+    assert may_be_nothing(BearingTilt(), faint)
+    assert not may_be_nothing(BearingTilt(), {**faint, "v_rad_per_nm": clear})
+    soft, stiff = Parameter(-7.8e5, -2e6, 5e5), Parameter(1.2e5, 8.6e4, 1.5e5)
+    assert may_be_nothing(LinkBending(), {"bending_nm2": soft})
+    assert not may_be_nothing(
+        LinkBending(), {"bending_nm2": soft, "torsion_nm2": stiff}
+    )
+    ratio = Parameter(1.0, -1.0, 3.0)
+    assert not may_be_nothing(Hardening(), {"stiffness_ratio": ratio})
+
+
+def test_an_added_mass_that_does_not_show_is_none_that_no_arm_carries(found):
+    """41 kg m would be 412 kg at a hand's breadth."""
+    pull = NamedEffect(
+        Name("gravity_load", "link_2"), 1.0, (),
+        {"moment_x_kg_m": Parameter(41.2, 40.0, 42.0)},
+    )  # fmt: skip
+    (called,) = answer_of(replace(found, named=(pull,)), None, "", (), 1.0, False).named
+    mass, centre = called.parameters["mass_kg"], called.parameters["com_x_m"]
+    assert isinstance(mass.estimate, float) and isinstance(centre.estimate, float)
+    assert mass.estimate <= 100.0 and mass.low is mass.high is None
+    assert mass.estimate * centre.estimate == pytest.approx(41.2)
+    assert label("compliance_rad_per_nm") == "compliance"
+
+
+def test_catalogue_speaks_of_parameters_that_effects_have():
+    place = {"axis": "a5", "link": "link_2", "marker": "marker:x"}
+    for kind in EFFECTS:
+        effect = kind(place.get(kind.places[0], kind.places[0]))
+        known = USUAL.get(kind.name, {})
+        assert set(known) <= set(effect.parameters())
+        assert all(u.low < u.high and u.source for u in known.values())
+
+
+@pytest.mark.parametrize(
+    ("change", "called"),
+    [
+        ({}, True),
+        ({"wrench": np.zeros((5, 6))}, False),
+        ({"displacement": "relative"}, False),
+        ({"rows": "stream"}, False),
+    ],
+)
+def test_calibration_is_asked_where_positions_without_a_load_stay_unexplained(
+    change, called
+):
+    usual = {"wrench": None, "displacement": "absolute", "rows": "plateaus"}
+    recording: Any = SimpleNamespace(**(usual | change))
+    found: Any = SimpleNamespace(nominal=object(), verdict="unexplained")
+    assert calls_for_calibration(recording, found) == called
+    explained: Any = SimpleNamespace(nominal=object(), verdict="explained")
+    assert not calls_for_calibration(recording, explained)

@@ -1,0 +1,128 @@
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from bench.kinematic_chain import moving
+from bench.model_file import load
+from bench.patch import Named, Patch
+from bench.proof.proof import prove
+from bench.rig import Rig
+from bench.shared.errors import BenchError, Unusable
+from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
+from bench.shared.recording import Marker, Recording
+from scenarios import record
+from scenarios.pipelines.inputs import arm_of, read_for
+from scenarios.pipelines.synthetic_recording import Watching
+from stiffness.effects.hysteresis import stop
+from stiffness.experiment.static_state import Situation, situation_of
+from stiffness.robot.arm import Arm
+
+ARM = (
+    '<body name="{0}_1" pos="0 {1} 0.4"><joint name="{0}_j1" axis="0 1 0"/>'
+    '<inertial pos="0.1 0 0" mass="3" diaginertia="1 1 1"/>'
+    '<body name="{0}_hand" pos="0.3 0 0"><joint name="{0}_j2" axis="0 0 1"/>'
+    '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></body>'
+)
+TORSO = (
+    '<mujoco><worldbody><body name="base"><body name="torso">'
+    '<joint name="waist" axis="0 0 1"/>'
+    '<inertial pos="0 0 0.2" mass="9" diaginertia="1 1 1"/>'
+    f"{ARM.format('left', 0.2)}{ARM.format('right', -0.2)}"
+    "</body></body></worldbody></mujoco>"
+)
+
+
+def loaded(side: str) -> tuple[Situation, np.ndarray]:
+    """Pull one hand by a force and a torque along the base's axes."""
+    arm = Arm.from_mjcf_text(TORSO)
+    posture = np.array([[0.3, 0.2, -0.4, 0.5, 0.1]] * 2)
+    wrench = np.array([np.zeros(6), [10.0, 20.0, 30.0, 3.0, 2.0, 1.0]])
+    sensor = WrenchSpec(0.1, 0.01, f"{side}_hand", np.array([0, 0, 0.1]), frame="base")
+    recording = Recording(
+        name="torso",
+        time=np.array([0.0, 10.0]),
+        pose=np.zeros(2, int),
+        visit=np.zeros(2, int),
+        posture=posture,
+        load_time=np.array([0.0, 5.0]),
+        stage=np.array(["unloaded", "loaded"]),
+        wrench=wrench,
+        markers=(Marker("m", f"{side}_hand", np.zeros(3)),),
+        points=np.zeros((2, 1, 3)),
+        tracker=TrackerSpec(np.full(3, 1e-5)),
+        wrench_sensor=sensor,
+    )
+    standing = arm.at(posture)
+    expected = standing.load_torque(wrench, sensor.body, sensor.position)
+    expected = expected + standing.gravity_torque()
+    return situation_of(arm, recording, np.zeros(5), (f"{side}_hand",)), expected
+
+
+def test_a_load_on_either_hand_turns_that_arm_s_axes_and_the_waist_alone():
+    """Torques from moments of places are those of the Jacobian."""
+    for side, others in (("left", [3, 4]), ("right", [1, 2])):
+        situation, expected = loaded(side)
+        np.testing.assert_allclose(situation.torque, expected, atol=1e-12)
+        np.testing.assert_allclose(np.diff(situation.torque[:, others], axis=0), 0.0)
+
+
+@pytest.fixture
+def torso(tmp_path) -> Path:
+    file = tmp_path / "torso.xml"
+    springs = TORSO.replace("<joint ", '<joint stiffness="2e4" range="-1.5 1.5" ')
+    file.write_text(springs.replace("<mujoco>", '<mujoco><compiler angle="radian"/>'))
+    return file
+
+
+def recorded(torso: Path, hand: str, *effects: str) -> Recording:
+    watch = Watching(targets="flange", state_frame=True)
+    out = torso.parent / hand
+    return record.main(
+        record.Settings(
+            out, effects, robot=torso, hand=hand, poses=8, path="0,40,0", watch=watch
+        )
+    )
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_one_arm_of_a_torso_is_recorded_and_proved_by_itself(torso, side):
+    hand = f"{side}_hand"
+    recording = recorded(torso, hand, f"hysteresis@{side}_j1,width_rad=5e-4")
+    assert recording.axes == ("waist", f"{side}_j1", f"{side}_j2")
+    again, arm, _ = read_for(torso.parent / hand, arm_of(torso))
+    assert arm.axes == recording.axes and arm.place("flange") == arm.place(hand)
+    named = Named("hysteresis", "a2", {"width_rad": 5e-4})
+    frame = np.asarray(recording.base_from_tracker)
+    patch = Patch(effects=(named,), base_from_tracker=tuple(map(tuple, frame.tolist())))
+    proof = prove(again, torso, patch, (1, 2), thorough=False)
+    assert proof.markers is not None
+    assert proof.markers.after < 0.5 * proof.markers.before
+
+
+def test_the_other_arm_is_held_at_zero(torso):
+    whole, one = load(torso), Rig(torso, axes=("waist", "left_j1", "left_j2")).nominal
+    assert one.njnt == 3 and one.body_mass.sum() == whole.body_mass.sum()
+    data, held = mujoco.MjData(whole), mujoco.MjData(one)
+    data.qpos[:3] = held.qpos[:] = 0.3, 0.2, -0.4
+    mujoco.mj_kinematics(whole, data)
+    mujoco.mj_kinematics(one, held)
+    np.testing.assert_allclose(held.xpos, data.xpos, atol=1e-12)
+
+
+def test_two_arms_at_once_are_told_to_be_recorded_one_by_one(torso):
+    recording = recorded(torso, "left_hand")
+    both = replace(recording, axes=(), posture=np.zeros((len(recording.time), 5)))
+    with pytest.raises(Unusable, match="record each arm by itself"):
+        moving(both, torso)
+    with pytest.raises(Unusable, match="--hand"):
+        record.main(record.Settings(torso.parent / "out", robot=torso))
+    with pytest.raises(BenchError, match="No body is called 'foot'"):
+        recorded(torso, "foot")
+
+
+def test_an_axis_that_no_load_turns_has_no_loop():
+    situation, _ = loaded("left")
+    assert np.all(stop(situation, 4, 0.0) == 0.0)

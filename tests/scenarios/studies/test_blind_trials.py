@@ -1,0 +1,553 @@
+import json
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bench import standard_plans
+from bench.effects import EFFECTS, OTHER_LAWS
+from bench.effects.creep import Creep
+from bench.effects.hysteresis import Hysteresis
+from bench.effects.hysteresis_many import ManyContacts
+from bench.effects.joint_compliance import JointCompliance
+from bench.effects.out_of_library import OUTSIDERS
+from bench.effects.places import misplaced
+from bench.effects.tracker_scale import TrackerScale
+from bench.experiment import record
+from bench.instruments import Instruments, Markers
+from bench.rig import Rig
+from bench.shared.errors import BenchError, Unusable
+from bench.shared.plan import DEFAULT_PATH
+from bench.standard_plans import tour
+from scenarios import blind_trials
+from scenarios.studies.blind_trials import run as sweeping
+from scenarios.studies.blind_trials.arms import BUILDS, arm_of
+from scenarios.studies.blind_trials.draw import kinds_of, trial_of, trials_of
+from scenarios.studies.blind_trials.effects import (
+    PERIODIC,
+    Ground,
+    drawn,
+    knees_of,
+    turning,
+)
+from scenarios.studies.blind_trials.generation import make, silent
+from scenarios.studies.blind_trials.magnitudes import OutOfReach, as_large_as, scaled
+from scenarios.studies.blind_trials.method_under_test import (
+    Question,
+    Settings,
+    answered,
+    main,
+)
+from scenarios.studies.blind_trials.rates import (
+    BINS,
+    bars,
+    calibration,
+    confusion,
+    failures,
+)
+from scenarios.studies.blind_trials.run import Sweep, digest, opened, tried
+from scenarios.studies.blind_trials.score import covered_by, score
+from scenarios.studies.blind_trials.strata import BARS, STRATA
+from scenarios.studies.blind_trials.visibility import (
+    Weight,
+    in_base,
+    projection_of,
+    scale_of,
+)
+
+KINDS = (*EFFECTS, *OTHER_LAWS, *OUTSIDERS)
+NO_MISMATCH = {"verdict": "no_mismatch", "seconds": 1.0}
+
+# --- Drawing -------------------------------------------------------------------------
+
+
+def drawing(trial):
+    """Return everything of a trial that does not depend on a simulation."""
+    draw = np.random.default_rng(trial.chance)
+    kinds = [kind.__name__ for kind in kinds_of(trial, draw, 0)]
+    return trial.name, trial.seed, trial.stiffness.tolist(), trial.instruments, kinds
+
+
+def test_trial_is_the_same_however_many_are_asked_for():
+    few = {t.label: drawing(t) for t in trials_of(5, ("one_400", "null"), 0, 2)}
+    many = {t.label: drawing(t) for t in trials_of(5, tuple(STRATA), 0, 4)}
+    assert few == {label: many[label] for label in few}
+
+
+def test_trials_differ_by_seed_kind_and_number():
+    drawn_ones = [(0, "one_400", 0), (1, "one_400", 0), (0, "one_100", 0)]
+    drawn_ones.append((0, "one_400", 1))
+    assert len({trial_of(*one).seed for one in drawn_ones}) == len(drawn_ones)
+    assert len({trial_of(*one).name for one in drawn_ones}) == len(drawn_ones)
+
+
+def test_name_of_a_trial_does_not_tell_its_kind():
+    names = {trial_of(0, stratum, 0).name for stratum in STRATA}
+    assert len(names) == len(STRATA)
+    assert not any(stratum[:3] in name for name in names for stratum in STRATA)
+
+
+def test_stiffness_is_off_by_up_to_three_either_way():
+    factors = np.array([trial_of(0, "null", k).stiffness for k in range(200)])
+    assert np.all((factors > 1 / 3) & (factors < 3))
+    assert np.min(factors) < 0.36  # 1200 draws reach both ends
+    assert np.max(factors) > 2.8
+
+
+def test_every_name_that_plateaus_can_show_has_its_turn():
+    seen = set()
+    for k in range(len(EFFECTS)):
+        trial = trial_of(0, "one_100", k)
+        seen.update(kinds_of(trial, np.random.default_rng(0), 0))
+    assert seen == set(EFFECTS)
+
+
+@pytest.mark.parametrize("arm", ["kr10", *BUILDS])
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.__name__)
+def test_effect_is_drawn_where_it_can_sit_and_can_be_any_size(kind, arm, tmp_path):
+    rig = Rig(arm_of(arm, 1, tmp_path).file)
+    hinges = turning(rig.anatomy, rig.nominal.jnt_range.T)
+    ground = Ground(rig.anatomy, ["link2_a"], 1000.0, knees_of(rig), hinges)
+    draw = np.random.default_rng(1)
+    for _ in range(5):
+        effect = drawn(kind, draw, ground)
+        assert misplaced(effect, rig.anatomy) == []
+        smaller = scaled(effect, 0.25)
+        before, after = effect.parameters(), smaller.parameters()
+        assert before != after
+        assert_allclose_parameters(scaled(smaller, 4.0).parameters(), before)
+
+
+@pytest.mark.parametrize("kind", PERIODIC, ids=lambda kind: kind.__name__)
+def test_what_comes_again_is_drawn_only_where_an_axis_turns(kind):
+    rig = Rig(trial_of(0, "null", 0).robot)
+    posture = tour(rig, 151, DEFAULT_PATH, 0, 1).posture
+    turns = turning(rig.anatomy, posture)
+    assert turns == ("a1", "a2", "a3", "a5", "a6")  # Table 1 leaves a4 at rest
+    ground = Ground(rig.anatomy, [], 1000.0, knees_of(rig), turns)
+    draw = np.random.default_rng(1)
+    assert {drawn(kind, draw, ground).where for _ in range(60)} == set(turns)
+
+
+def assert_allclose_parameters(one, other):
+    """Compare parameters, some of which are names."""
+    for name, value in one.items():
+        if isinstance(value, str):
+            assert value == other[name]
+        else:
+            assert_allclose(value, other[name], rtol=1e-9)
+
+
+def test_size_that_no_gear_has_is_out_of_reach():
+    with pytest.raises(OutOfReach, match="creep at a2"):
+        scaled(Creep("a2"), 100.0)
+
+
+# --- Size ----------------------------------------------------------------------------
+
+
+def test_size_is_found_where_an_effect_shows_what_is_asked():
+    def weigh(effect):
+        return Weight(2e18 * effect.parameters()["width_rad"] ** 2, 0.0, 0.0, 50.0)
+
+    effect, weight = as_large_as(Hysteresis("a2"), 400.0, weigh)
+    assert 400.0 <= weight.chi2 <= 500.0
+    assert weight == weigh(effect)
+
+
+def test_effect_that_few_poses_show_is_drawn_again():
+    with pytest.raises(OutOfReach, match="19 poses"):
+        as_large_as(
+            Hysteresis("a2"), 400.0, lambda effect: Weight(450.0, 0.0, 0.0, 19.0)
+        )
+
+
+def test_projection_is_generalised_least_squares():
+    """χ² of the rest of a fit with the whole covariance written out."""
+    draw = np.random.default_rng(0)
+    nominal, error = draw.normal(size=(4, 6, 3)), draw.normal(size=(4, 6, 2))
+    signal, prior = draw.normal(size=(4, 6)), np.array([1e-9, 1.0, 4.0])
+    found, share = projection_of(nominal, error, prior, np.array([7, 7, 8, 9])).left(
+        signal
+    )
+    covariance = np.zeros((24, 24))
+    for v in range(4):
+        block = slice(6 * v, 6 * v + 6)
+        covariance[block, block] = np.eye(6) + error[v] @ error[v].T
+    flat = nominal.reshape(24, 3)
+    covariance += flat @ np.diag(1.0 / prior) @ flat.T  # a prior is more noise
+    asked = signal.ravel()
+    assert_allclose(found, asked @ np.linalg.solve(covariance, asked), rtol=1e-5)
+    assert share.shape == (3,)
+
+
+@pytest.fixture(scope="module")
+def small(kr10):
+    """A few poses of Table 1, the arm, silent instruments and a scale for effects."""
+    instruments = silent(Instruments(markers=Markers(placement=5e-4)))
+    rig, plan = Rig(kr10), standard_plans.table_one_plan(12, revisits=2)
+    reference = record(rig, plan, instruments, 3)
+    scale = scale_of(rig, reference, (1e-5,) * 3, known_frame=False)
+    return rig, plan, instruments, scale
+
+
+def seen(small, *effects, stiffness=None):
+    rig, plan, instruments, _ = small
+    return record(
+        replace(rig, effects=effects, stiffness=stiffness), plan, instruments, 3
+    )
+
+
+@pytest.mark.parametrize("axis", range(6))
+def test_softer_spring_moves_markers_as_its_column_says(small, axis):
+    rig, _, _, scale = small
+    stiffness = rig.springs.copy()
+    stiffness[axis] /= 1.001
+    moved = in_base(seen(small, stiffness=stiffness)) - in_base(scale.reference)
+    column = 0.001 * scale.standing.turned(axis).reshape(moved.shape)
+    felt = scale.standing.wrench(seen(small, stiffness=stiffness))
+    moved -= scale.standing.response(felt - scale.standing.wrench(scale.reference))
+    left = np.linalg.norm(moved - column) / np.linalg.norm(column)
+    assert left < 0.03  # levers change by the deflection of the other axes
+
+
+def test_what_is_nominal_weighs_a_thousandth_of_what_it_moves(small):
+    rig, _, _, scale = small
+    softer = seen(small, stiffness=rig.springs / np.linspace(1.002, 1.01, 6))
+    moved = in_base(softer) - in_base(scale.reference)
+    assert scale.weigh(softer).whole < 1e-3 * np.sum((moved / 1e-5) ** 2)
+
+
+def test_markers_that_sit_elsewhere_weigh_nothing(small):
+    rig, plan, instruments, scale = small
+    elsewhere = replace(instruments, markers=Markers(placement=6e-4))
+    weight = scale.weigh(record(rig, plan, elsewhere, 3))
+    moved = np.sum((1e-4 / 1e-5) ** 2) * scale.reference.points.size
+    assert weight.whole < 0.01 * moved  # half of a thousandth is the prior's
+
+
+def test_twice_the_creep_weighs_four_times_as_much(small):
+    scale = small[3]
+    once = scale.weigh(seen(small, Creep("a2", 0.01)))
+    twice = scale.weigh(seen(small, Creep("a2", 0.02)))
+    assert_allclose(twice.within / once.within, 4.0, rtol=0.02)
+    assert once.chi2 == max(once.within, once.between) <= once.whole * 1.001
+
+
+# --- Making and asking ---------------------------------------------------------------
+
+
+def test_trial_is_at_least_as_large_as_its_kind_asks_and_conceals_what_it_is(tmp_path):
+    number = EFFECTS.index(TrackerScale)
+    made = make(trial_of(0, "one_400", number), tmp_path, 60)
+    assert 400.0 <= made.truth["chi2"][0] <= 500.0
+    assert [e["effect"] for e in made.truth["effects"]] == ["tracker_scale"]
+    assert made.recording.base_from_tracker is None
+    assert made.recording.link_posture is None
+    assert made.recording.name == trial_of(0, "one_400", number).name
+    hidden = np.isnan(np.asarray(made.recording.points))
+    assert hidden.mean() == pytest.approx(0.02, abs=0.005)
+
+
+@pytest.mark.parametrize("build", BUILDS)
+def test_arm_of_another_build_is_another_with_each_seed_and_can_be_tried(
+    build, tmp_path
+):
+    one, other = (arm_of(build, seed, tmp_path) for seed in (1, 2))
+    assert one.file.read_text() != other.file.read_text()
+    assert len(Rig(one.file).anatomy.axes) == one.axes == len(BUILDS[build])
+    number = EFFECTS.index(TrackerScale)
+    made = make(trial_of(0, "one_400", number, one), tmp_path, 40)
+    assert 400.0 <= made.truth["chi2"][0] <= 500.0
+    assert made.model == one.file
+
+
+def test_model_is_rigid_where_a_compliance_is_the_finding(tmp_path):
+    number = EFFECTS.index(JointCompliance)
+    made = make(trial_of(0, "one_400", number), tmp_path, 60)
+    (effect,) = made.truth["effects"]
+    stiffness = Rig(made.model).nominal.jnt_stiffness
+    axis = Rig(made.model).anatomy.axes.index(effect["where"])
+    assert np.flatnonzero(stiffness == 0.0).tolist() == [axis]
+
+
+@pytest.fixture(scope="module")
+def stubbed(tmp_path_factory):
+    """A sweep of two trials in which nothing was there, and what could be read of it.
+
+    The accused is a stub that always sees nothing.
+    """
+    readable, folder = [], tmp_path_factory.mktemp("sweep")
+
+    def asked(sweep, questions, label):
+        for question in questions:
+            readable.append(sorted(p.name for p in (sweep.folder / "truth").iterdir()))
+            text = json.dumps(NO_MISMATCH)
+            with open(question.answer, "w", encoding="utf-8") as file:
+                file.write(text)
+
+    trials = list(trials_of(0, ("null", "null_nuisance"), 0, 1))
+    for kind in ("recordings", "answers", "truth", "seals", "models"):
+        (folder / kind).mkdir()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(sweeping, "_asked", asked)
+        tried(Sweep(folder, poses=4), trials)
+    return folder, trials, readable
+
+
+@pytest.fixture
+def finished(stubbed, tmp_path):
+    """A copy of that sweep."""
+    folder, trials, _ = stubbed
+    copy = shutil.copytree(folder, tmp_path / "sweep")
+    return Sweep(copy, poses=4), trials
+
+
+def test_truth_is_on_no_disk_while_the_accused_answers(finished, stubbed):
+    sweep, trials = finished
+    assert stubbed[2] == [[], []]
+    assert all(sweep.done(trial) for trial in trials)
+    assert list((sweep.folder / "recordings").iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", ["answers", "truth"])
+def test_what_was_changed_after_it_was_sealed_is_refused(finished, kind):
+    sweep, trials = finished
+    answer, truth, _ = opened(sweep.folder, trials[0].name)
+    assert (answer, truth["stratum"]) == (NO_MISMATCH, "null")
+    file = sweep.file(kind, trials[0])
+    file.write_text(file.read_text() + " ")
+    with pytest.raises(Unusable, match="not the one that was sealed"):
+        opened(sweep.folder, trials[0].name)
+
+
+def test_answer_names_what_went_wrong_instead_of_stopping(tmp_path):
+    question = Question(str(tmp_path / "none"), str(tmp_path / "none.xml"), "")
+    assert "There is no model file" in json.loads(answered(question))["failed"]
+
+
+def test_accused_refuses_questions_that_are_none(tmp_path):
+    (tmp_path / "questions.json").write_text("[{}]")
+    with pytest.raises(Unusable, match="missing required field"):
+        main(Settings(tmp_path / "questions.json"))
+
+
+# --- Marking -------------------------------------------------------------------------
+
+
+def truth_of(*names, stratum="one_400", mechanism="X", **parameters):
+    effects = [
+        {
+            "effect": name.partition("@")[0],
+            "where": name.partition("@")[2],
+            "parameters": parameters,
+            "mechanism": mechanism,
+        }
+        for name in names
+    ]
+    return {"stratum": stratum, "effects": effects, "chi2": [450.0] * len(names)}
+
+
+def named(name, *equivalents, probability=0.99, **parameters: tuple[float, float]):
+    def at(text):
+        effect, _, where = text.partition("@")
+        return {"effect": effect, "where": where}
+
+    stated = {
+        k: {"estimate": (low + high) / 2, "low": low, "high": high}
+        for k, (low, high) in parameters.items()
+    }
+    return at(name) | {
+        "probability": probability,
+        "equivalents": [at(e) for e in equivalents],
+        "parameters": stated,
+    }
+
+
+def answer_of(*entries, verdict="explained", located="a2"):
+    return {
+        "verdict": verdict,
+        "located": [{"where": located}],
+        "named": list(entries),
+        "rivals": [],
+        "seconds": 2.0,
+    }
+
+
+def marks(answer, truth):
+    found = score("one_400 0", "x", answer, truth)
+    names = ("detected", "place_first", "right", "exact", "whole_set", "wrong_name")
+    return {n for n in (*names, "abstains", "told_apart") if getattr(found, n)}
+
+
+TRUE, OTHER = "hysteresis@a2", "lost_motion@a2"
+ALL_RIGHT = {"detected", "place_first", "right", "exact", "whole_set", "told_apart"}
+
+
+@pytest.mark.parametrize(
+    ("answer", "expected"),
+    [
+        (answer_of(named(TRUE)), ALL_RIGHT),
+        (answer_of(named(TRUE, OTHER)), ALL_RIGHT - {"told_apart"}),
+        (
+            answer_of(named(OTHER, "creep@a2", TRUE)),
+            {"detected", "place_first", "right", "whole_set"},
+        ),
+        (
+            answer_of(named(OTHER, "x@a1", "y@a1", "z@a1", TRUE)),
+            "fourth does not count",
+        ),
+        (answer_of(named("hysteresis@a3"), located="a3"), {"detected", "wrong_name"}),
+        (
+            answer_of(named(TRUE), named("creep@a4")),
+            {"detected", "place_first", "right", "wrong_name", "told_apart"},
+        ),
+        (answer_of(verdict="unexplained"), {"detected", "place_first", "abstains"}),
+        (NO_MISMATCH, set()),
+        ({"failed": "Unusable"}, set()),
+    ],
+)
+def test_answer_is_marked_by_the_rules(answer, expected):
+    if expected == "fourth does not count":
+        expected = {"detected", "place_first", "wrong_name"}
+    assert marks(answer, truth_of(TRUE)) == expected
+
+
+def test_two_names_cannot_both_stand_for_one_effect():
+    truth = truth_of(TRUE, "creep@a4", stratum="two_400")
+    both = answer_of(named(OTHER, TRUE, "creep@a4"), named("hardening@a2", TRUE))
+    assert "whole_set" in marks(both, truth)
+    twice = answer_of(named(TRUE, "creep@a4"), named("hardening@a1"))
+    assert "right" in marks(twice, truth)
+    assert "whole_set" not in marks(twice, truth)
+
+
+def test_any_name_for_a_nameless_mechanism_is_wrong():
+    truth = truth_of("softening@a2", stratum="outside")
+    assert "wrong_name" in marks(answer_of(named("hardening@a2")), truth)
+    assert "abstains" in marks(answer_of(verdict="unexplained"), truth)
+
+
+def test_interval_counts_only_for_the_true_name_and_the_same_law():
+    entry = named(TRUE, width_rad=(1e-4, 2e-4), order=(2.0, 2.0))
+    (effect,) = truth_of(TRUE, width_rad=1.5e-4, order=2)["effects"]
+    (found,) = covered_by([entry], effect)
+    assert found.parameter == "hysteresis.width_rad"
+    assert found.holds
+    (outside,) = covered_by([entry], effect | {"parameters": {"width_rad": 3e-4}})
+    assert not outside.holds
+    assert covered_by([entry], effect | {"where": "a3"}) == []
+    assert covered_by([entry], effect | {"mechanism": ManyContacts.__name__}) == []
+
+
+def test_phase_counts_round_the_circle_and_with_the_sign_of_its_wave():
+    (effect,) = truth_of("transmission_error@a2", amplitude_rad=1e-4, phase_rad=3.1)[
+        "effects"
+    ]
+    name = "transmission_error@a2"
+    near = named(name, amplitude_rad=(0.9e-4, 1.1e-4), phase_rad=(-3.3, -3.1))
+    turned = named(name, amplitude_rad=(-1.1e-4, -0.9e-4), phase_rad=(-0.1, 0.1))
+    for stated in (near, turned):
+        found = covered_by([stated], effect)
+        assert [one.holds for one in found] == [True, True]
+
+
+# --- Rates ---------------------------------------------------------------------------
+
+
+def scores():
+    """Nine right answers and a wrong one, nulls of which one alarms."""
+    right = answer_of(named(TRUE, probability=0.98, width_rad=(1e-4, 2e-4)))
+    wrong = answer_of(named("creep@a2", probability=0.96))
+    truth = truth_of(TRUE, width_rad=1.5e-4)
+    found = [score(f"one_400 {k}", f"n{k}", right, truth) for k in range(9)]
+    found.append(score("one_400 9", "n9", wrong, truth))
+    nothing = truth_of(stratum="null")
+    found += [score(f"null {k}", f"m{k}", NO_MISMATCH, nothing) for k in range(4)]
+    return [*found, score("null 4", "m4", answer_of(verdict="unexplained"), nothing)]
+
+
+def test_rates_have_the_intervals_of_clopper_and_pearson():
+    rates = {r.what: r for r in bars(scores())}
+    right = rates["right: one_400"]
+    assert (right.successes, right.trials, right.met) == (9, 10, False)
+    assert right.low == pytest.approx(0.5550, abs=5e-5)  # Clopper and Pearson 1934
+    assert right.high == pytest.approx(0.9975, abs=5e-5)
+    alarms = rates["detected: null and null_nuisance"]
+    assert (alarms.successes, alarms.trials, alarms.met) == (1, 5, False)
+    assert rates["detected: one_400"].met
+    assert rates["detected: one_100"].value is None
+    assert rates["intervals that hold their parameter"].trials == 9
+
+
+def test_failures_are_those_that_speak_against_a_bar():
+    assert [s.label for s in failures(scores())] == ["one_400 9", "null 4"]
+
+
+def test_confusion_counts_every_trial_once_and_calibration_every_statement():
+    matrix = confusion(scores())
+    assert sum(row["trials"] for row in matrix) == 15
+    mistaken = [row for row in matrix if row["answer"] == "creep"]
+    assert [(row["truth"], row["trials"]) for row in mistaken] == [("hysteresis", 1)]
+    (row,) = calibration(scores())
+    assert (row["from"], row["to"], row["statements"]) == (0.95, 0.99, 10)
+    assert row["true"] == 0.9
+    assert BINS[0] == 0.0 and BINS[-1] == 1.0
+
+
+def test_every_bar_is_of_a_kind_and_a_mark_that_exist():
+    found = scores()[0]
+    for bar in BARS:
+        assert set(bar.strata) <= set(STRATA)
+        assert isinstance(getattr(found, bar.mark), bool)
+    assert {name for bar in BARS for name in bar.strata} == set(STRATA)
+
+
+# --- The scenario --------------------------------------------------------------------
+
+
+def settings(folder, **others):
+    return blind_trials.Settings(
+        folder, trials=1, strata=("null", "null_nuisance"), poses=4, **others
+    )
+
+
+def test_finished_trials_are_kept_and_reported(finished, monkeypatch, capsys):
+    folder = finished[0].folder
+    before = digest(finished[0].file("answers", finished[1][0]).read_bytes())
+    monkeypatch.setattr(sweeping, "tried", None)  # nothing may be carried out again
+    found = blind_trials.main(settings(folder))
+    assert [s.detected for s in found] == [False, False]
+    summary = json.loads((folder / "summary.json").read_text())
+    command = json.loads((folder / "run.json").read_text())["command"]
+    assert "--strata null null_nuisance" in command
+    assert summary["failures"] == []
+    assert (summary["bars"][0]["trials"], summary["bars"][0]["met"]) == (2, True)
+    for name in ("report.html", "report.md", "confusion.csv", "confusion.png"):
+        assert (folder / name).stat().st_size > 0
+    told = (folder / "report.md").read_text()
+    assert "No trial speaks against a bar." in told
+    assert (
+        "| null_nuisance | nothing there, but instruments at their worst | 1 |" in told
+    )
+    assert "|---|\n\n" not in told
+    assert digest(finished[0].file("answers", finished[1][0]).read_bytes()) == before
+    assert "met    detected: null and null_nuisance: 0/2" in capsys.readouterr().out
+
+
+def test_folder_of_another_seed_is_refused(finished):
+    blind_trials.main(settings(finished[0].folder))
+    with pytest.raises(Unusable, match="it holds trials of kr10, seed 0, 4 poses"):
+        blind_trials.main(settings(finished[0].folder, seed=1))
+
+
+def test_wrong_flags_are_named_all_at_once(tmp_path):
+    wrong = blind_trials.Settings(tmp_path / "x", trials=0, seed=-1, strata=("nul",))
+    with pytest.raises(BenchError) as caught:
+        blind_trials.main(wrong)
+    assert [word in str(caught.value) for word in ("--trials", "--seed", "'null'")] == [
+        True
+    ] * 3
+    assert not (tmp_path / "x").exists()

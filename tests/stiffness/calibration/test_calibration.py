@@ -1,0 +1,258 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+import pytest
+
+from bench.patch import Mounted, Named, Patch, rig_of
+from bench.shared.errors import Unusable
+from bench.shared.instrument_specs import TrackerSpec
+from bench.shared.recording import UNLOADED, Marker, Payload, Recording
+from scenarios.pipelines.calibrate import calibrate_and_prove
+from scenarios.pipelines.inputs import arm_of
+from scenarios.report.sections.calibration import write_calibration
+from scenarios.studies import ur10_calibration
+from stiffness.calibration import model as geometry
+from stiffness.calibration.model import Stance, readings_of, regions_of
+from stiffness.calibration.rigid_fit import fitted
+
+ROOT = Path(__file__).resolve().parents[3]
+UR10 = ROOT / "mjcf" / "ur10" / "ur10.xml"
+KR10 = ROOT / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
+PLACE = np.array([0.03, -0.06, 0.1])
+NOISE = 1e-5
+OFFSET, SHORT, COMPLIANCE = 6e-4, -4e-4, 2e-5
+WAVES = ((7.0, 2e-4, 0.4), (16.0, 1.2e-4, -1.0))
+TRUTH = (
+    Named("encoder_offset", "a3", {"offset_rad": OFFSET}),
+    Named("geometry_error", "link_2", {"x_m": SHORT}),
+    Named("joint_compliance", "a2", {"compliance_rad_per_nm": COMPLIANCE}),
+    *(
+        Named(
+            "transmission_error",
+            "a2",
+            {"amplitude_rad": size, "order": order, "phase_rad": phase},
+        )
+        for order, size, phase in WAVES
+    ),
+)
+
+
+def recorded(
+    model: Path,
+    effects,
+    poses: int,
+    seed: int,
+    springs: dict | None = None,
+    tool: Payload | None = None,
+) -> Recording:
+    """A target on the flange, seen where MuJoCo says it is."""
+    held = Mounted(mass_kg=tool.mass, com_m=tuple(tool.com)) if tool else Mounted()
+    rig = rig_of(Patch(dict(springs or {}), tuple(effects), mounted=held), model)
+    random = np.random.default_rng(seed)
+    middle = np.array([0.0, -1.4, 1.2, 0.3, 0.8, 0.0])
+    posture = middle + random.uniform(-1.0, 1.0, (poses, 6)) * [2, 0.8, 0.8, 1, 1, 2]
+    still = np.zeros((poses, 1, 6))
+    states = rig.respond(posture, still, np.full((poses, 1), 1e-3))
+    point = states.point(rig.anatomy.flange, PLACE)
+    point = point[:, None] + random.normal(0.0, NOISE, (poses, 1, 3))
+    when = 30.0 * np.arange(poses)
+    return Recording(
+        name="an arm under its own weight",
+        time=when,
+        pose=np.arange(poses),
+        visit=np.arange(poses),
+        posture=posture,
+        load_time=when,
+        stage=np.full(poses, UNLOADED),
+        markers=(Marker("target", "flange"),),
+        points=point,
+        tracker=TrackerSpec(np.full(3, NOISE)),
+        tool=tool,
+    )
+
+
+@pytest.fixture(scope="module")
+def recording() -> Recording:
+    return recorded(UR10, TRUTH, 240, 3)
+
+
+@pytest.fixture(scope="module")
+def outcome(recording):
+    return calibrate_and_prove(recording, arm_of(UR10), UR10, quiet=True)
+
+
+def test_what_was_left_out_is_named_and_nothing_else_of_its_size(outcome):
+    names = {(n.effect, n.where) for n in outcome.answer.named}
+    assert names >= {("transmission_error", "a2"), ("joint_compliance", "a2")}
+    assert {effect for effect, _ in names} <= {
+        *("transmission_error", "joint_compliance"),
+        *("encoder_offset", "geometry_error"),
+    }
+
+
+def test_true_sizes_lie_within_a_little_more_than_their_intervals(outcome):
+    found = outcome.found.estimates
+    for value, key, name in (
+        (OFFSET, ("encoder_offset", "a3"), "offset_rad"),
+        (SHORT, ("geometry_error", "link_2"), "x_m"),
+        (COMPLIANCE, ("joint_compliance", "a2"), "compliance_rad_per_nm"),
+    ):
+        e = found[key][name]
+        half = (e.high - e.low) / 2
+        assert abs(e.value - value) < 2 * half, (key, e)
+        assert half < 0.2 * abs(value), (key, e)
+
+
+def test_the_table_of_a_gear_is_its_law_at_the_angles_that_were_fitted(outcome):
+    """Up to a line, which an offset and the next waves of the arm share with it."""
+    angle = np.linspace(-2.1, -0.7, 200)
+    true = sum(size * np.sin(order * angle + phase) for order, size, phase in WAVES)
+    apart = outcome.found.tables["a2"].at(angle) - true
+    line = np.polynomial.Polynomial.fit(angle, apart, 1)
+    assert np.std(apart - line(angle)) < 0.1 * np.std(true)
+
+
+def test_the_simulator_comes_down_to_the_noise_on_poses_kept_back(outcome):
+    proof = outcome.answer.proof
+    noise_mm = 1e3 * NOISE * np.sqrt(3.0)
+    assert proof.before_rms_mm > 10 * noise_mm
+    assert proof.after_rms_mm < 1.5 * noise_mm
+    assert proof.gain_mm.low > 0.0
+
+
+def test_nothing_kept_back_is_fitted_or_shares_a_region_with_what_is(outcome):
+    regions = outcome.found.regions
+    held = set(regions.region[regions.kept_back])
+    assert held == set(regions.held)
+    assert not held & set(regions.region[~regions.kept_back])
+    assert 0.15 < regions.kept_back.mean() < 0.45
+
+
+def test_an_arm_as_drawn_is_said_to_be_as_drawn(tmp_path):
+    """Nor has its report a picture of gears or an empty table."""
+    plain = recorded(UR10, (), 100, 4)
+    outcome = calibrate_and_prove(plain, arm_of(UR10), UR10, quiet=True)
+    assert outcome.answer.verdict == "no_mismatch"
+    assert outcome.answer.named == ()
+    write_calibration(tmp_path / "out", outcome)
+    assert not (tmp_path / "out" / "gears.png").exists()
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "no effect earned a name" in report
+    assert "gears.png" not in report
+    assert "|---|\n\n" not in report
+
+
+def test_tables_of_a_calibration_name_parameters_and_units_as_people_do(
+    outcome, tmp_path
+):
+    write_calibration(tmp_path / "out", outcome)
+    report = (tmp_path / "out" / "report.md").read_text()
+    assert "_rad" not in report
+    assert "| encoder_offset | a2 | offset -11.3 µrad |" in report
+
+
+def test_springs_that_the_model_has_are_no_finding(kr10):
+    there = recorded(
+        kr10, (Named("encoder_offset", "a3", {"offset_rad": OFFSET}),), 200, 5
+    )
+    answer = calibrate_and_prove(there, arm_of(kr10), kr10, quiet=True).answer
+    assert "joint_compliance" not in {n.effect for n in answer.named}
+
+
+def test_an_answer_is_written_whole_with_its_pictures(outcome, tmp_path):
+    write_calibration(tmp_path / "out", outcome)
+    names = {file.name for file in (tmp_path / "out").iterdir()}
+    assert names == {
+        *("diagnosis.json", "patch.json", "model.xml", "diagnosis.rrd"),
+        *("report.html", "report.md"),
+        *("before_after.png", "gears.png", "residual_map.png"),
+    }
+
+
+def test_differences_alone_are_refused_with_the_reason(recording):
+    relative = replace(recording, displacement="relative")
+    with pytest.raises(Unusable, match="absolute"):
+        readings_of(relative, arm_of(UR10))
+    with pytest.raises(Unusable, match="30 or more"):
+        readings_of(recording.take(np.arange(20)), arm_of(UR10))
+
+
+def test_columns_of_the_drawing_are_pinocchio_s_kinematic_regressor():
+    arm = arm_of(UR10)
+    posture = np.random.default_rng(2).uniform(-2, 2, (5, 6))
+    standing = arm.at(posture)
+    point = standing.point("flange", PLACE)
+    ours = geometry.columns(standing, point, range(6))
+    model = arm.file.model
+    data = model.createData()
+    last = model.njoints - 1
+    for row, q in enumerate(posture):
+        pinocchio.computeJointJacobians(model, data, q)
+        theirs = pinocchio.computeJointKinematicRegressor(
+            model, data, last, pinocchio.LOCAL_WORLD_ALIGNED
+        )
+        away = point[row] - data.oMi[last].translation
+        for k in geometry.seats_of(arm.chain):
+            turn = model.jointPlacements[k + 1].rotation
+            block = theirs[:, 6 * k : 6 * k + 6]
+            at_point = block[:3] + np.cross(block[3:], away, axis=0)
+            link = 6 + 6 * (k - 1)
+            shift, turned = at_point[:, :3] @ turn.T, at_point[:, 3:] @ turn.T
+            expected = np.hstack([shift, turned])
+            own = ours[row, :, link : link + 6]
+            np.testing.assert_allclose(own, expected, atol=1e-12)
+
+
+def test_only_what_shows_is_corrected():
+    """The first axis' offset is the frame's turn, the last link's end the target's."""
+    readings = readings_of(recorded(UR10, (), 60, 6), arm_of(UR10))
+    fit = fitted(readings, redraw=True)
+    entries = geometry.entries_of(readings.arm.chain)
+    kept = [e for e, k in zip(entries, fit.kept, strict=False) if k]
+    assert ("encoder_offset", "a1") not in {(e.effect, e.where) for e in kept}
+    a = Stance.of(readings, fit.drawn).silent().reshape(-1, len(fit.kept))[:, fit.kept]
+    scaled = a / np.linalg.norm(a, axis=0)
+    assert np.linalg.svd(scaled, compute_uv=False)[-1] > 1e-4
+
+
+def test_draws_that_share_poses_say_less_than_as_many_that_do_not():
+    """By hand: mean 2, s = 1, t(2) = 4.3027, three draws, a third kept back."""
+    rows = [
+        {"left": float(left), "poses_kept_back": 100, "poses": 400}
+        for left in (1, 2, 3)
+    ]
+    mean, low, high = ur10_calibration.interval(rows, "left")
+    half = 4.30265 * np.sqrt(1 / 3 + 1 / 3)
+    assert (mean, low, high) == pytest.approx((2.0, 2.0 - half, 2.0 + half), rel=1e-5)
+
+
+def test_another_draw_keeps_back_other_poses(recording):
+    readings = readings_of(recording, arm_of(UR10))
+    first, other = (regions_of(readings, draw).kept_back for draw in (0, 1))
+    assert (first != other).any()
+    again = regions_of(readings, 1).kept_back
+    np.testing.assert_array_equal(other, again)
+
+
+def test_the_weight_of_a_stated_tool_is_nothing_that_was_left_out():
+    tool = Payload(3.0, np.array([0.02, -0.01, 0.08]))
+    bent = recorded(KR10, (), 151, 5, tool=tool)
+    o = calibrate_and_prove(bent, arm_of(KR10), KR10, quiet=True)
+    truth = arm_of(KR10).stiffness
+    assert not o.answer.named
+    for axis, tolerance in (("a2", 0.02), ("a3", 0.02), ("a5", 0.05)):
+        own = o.found.springs[0][axis]
+        assert own == pytest.approx(truth[int(axis[1:]) - 1], rel=tolerance)
+    size = np.sqrt(np.mean(np.sum(o.proof.before**2, axis=1)))
+    assert size < 1.2 * np.sqrt(3) * NOISE
+
+
+def test_moments_of_gravity_turn_axes_as_its_torques_do():
+    tool = Payload(3.0, np.array([0.02, -0.01, 0.08]))
+    bent = recorded(KR10, (), 40, 6, tool=tool)
+    readings = readings_of(bent, arm_of(KR10))
+    stance = Stance.of(readings, fitted(readings, redraw=False).drawn)
+    along = np.einsum("krj,krj->rk", stance.standing.rotation[..., 2], stance.moment)
+    np.testing.assert_allclose(along, stance.torque, atol=1e-9)

@@ -1,0 +1,240 @@
+"""What the engine of the diagnosis promises, on small recordings of the bench."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_bench import FEW, MODEL, arm, diagnosis, prepared, recording
+
+from bench.effects.out_of_library.foot_lift_off import FootLiftOff
+from bench.experiment import record
+from bench.instruments import Instruments
+from bench.rig import Rig
+from bench.shared.errors import Unusable
+from bench.shared.recording import Recording
+from bench.standard_plans import table_one_plan
+from stiffness.diagnosis.detection import MEASURED, MISSTATED, Found, Scatter
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.model_evaluation import earns, score
+from stiffness.diagnosis.model_fit import Member, fit_set
+from stiffness.diagnosis.nominal_fit import prepare
+from stiffness.diagnosis.relinearisation import case_of
+from stiffness.diagnosis.residual_checks import unevenness
+from stiffness.diagnosis.selection import Named, Ranked, exchanged
+from stiffness.diagnosis.verdict import equivalents, posterior
+from stiffness.effects.base_tilt import BaseTilt
+from stiffness.effects.hardening import Hardening
+from stiffness.effects.hysteresis import Hysteresis
+from stiffness.regression.testing import ALARM, sign_flips
+
+CALM = Scatter(1.0, 0.01, 0.0, MISSTATED)
+
+
+def test_nothing_there_is_no_mismatch():
+    found = diagnosis()
+    assert found.verdict == "no_mismatch"
+    assert found.detection.p_value >= ALARM
+    assert found.named == ()
+
+
+def relative(made: Recording) -> Recording:
+    """Count each visit's readings from its first row."""
+    assert made.points is not None
+    start = np.searchsorted(made.visit, made.visit)
+    seen = np.isfinite(made.points[start]).all(axis=(1, 2))
+    moved = replace(made, points=made.points - made.points[start])
+    moved = moved.take(np.flatnonzero(seen))
+    tracker = prepared().frames.transform
+    return replace(moved, displacement="relative", base_from_tracker=tracker)
+
+
+def test_relative_readings_of_a_nominal_arm_are_no_mismatch():
+    """Levers and noise too are those of the same arm read absolutely."""
+    ready = prepare(relative(recording()), arm())
+    assert abs(ready.noise - 1.0) < 0.03
+    found = diagnose(relative(recording()), arm(), FEW)
+    assert found.verdict == "no_mismatch"
+
+
+def test_an_effect_is_named_from_relative_readings():
+    found = diagnose(relative(recording("bearing_tilt@a3")), arm(), FEW)
+    assert [(e.name.effect, e.name.where) for e in found.named] == [
+        ("bearing_tilt", "a3")
+    ]
+
+
+def test_relative_readings_of_marks_at_unknown_places_are_refused():
+    markers = tuple(replace(m, position=None) for m in recording().markers)
+    with pytest.raises(Unusable, match="give position_mm"):
+        diagnose(replace(relative(recording()), markers=markers), arm(), FEW)
+
+
+def test_poses_that_differ_at_random_are_no_law_but_not_passed_over():
+    """Each pose gives way its own way by 0.2 mm: ten times the noise, signs random."""
+    made = recording()
+    assert made.points is not None and made.load_mass is not None
+    pose = np.unique(made.pose, return_inverse=True)[1]
+    sign = np.random.default_rng(3).choice([-1.0, 1.0], pose.max() + 1)[pose]
+    load = made.load_mass / np.max(made.load_mass)
+    moved = made.points + 2e-4 * (sign * load)[:, None, None]
+    found = diagnose(replace(made, points=moved), arm(), FEW)
+    assert found.verdict == "unexplained"
+    assert found.named == ()
+    assert found.unexplained is not None
+    assert [one.where for one in found.located] == [found.unexplained.where]
+    assert "loop" not in found.unexplained.signature  # the sign alone changes
+    assert "scatter" not in [warned.code for warned in diagnosis().warnings]
+
+
+@pytest.mark.parametrize(
+    ("effect", "name", "where"),
+    [
+        ("hysteresis@a2", "hysteresis", "a2"),
+        ("bearing_tilt@a3", "bearing_tilt", "a3"),
+        ("encoder_offset@a3,offset_rad=2e-4", "encoder_offset", "a3"),
+    ],
+)
+def test_an_effect_is_found_placed_and_named(effect, name, where):
+    found = diagnosis(effect)
+    assert found.verdict == "explained"
+    assert [(e.name.effect, e.name.where) for e in found.named] == [(name, where)]
+    assert found.located[0].where == where
+
+
+def test_more_than_three_effects_are_named_one_after_the_other():
+    effects = (
+        *("hysteresis@a2", "hysteresis@a3", "bearing_tilt@a1", "bearing_tilt@a3"),
+        "encoder_offset@a5,offset_rad=4e-4",
+    )
+    found = diagnosis(*effects)
+    names = {f"{e.name.effect}@{e.name.where}" for e in found.named}
+    assert names == {effect.partition(",")[0] for effect in effects}
+    assert found.verdict == "explained"
+
+
+def test_member_that_stood_in_for_another_gives_way():
+    case = case_of(prepared("hysteresis@a2", "bearing_tilt@a3"), FEW)
+    shapes = {h.effect: h.shapes(case.situation, "a2")[3:4] for h in FEW}
+    stand_in = Member(FEW[0], "a2", shapes["hardening"][0])
+    tilt = Member(FEW[2], "a3", np.zeros(1))
+    fit = fit_set(case.data, case.situation, case.nominal, (stand_in, tilt), case.split)
+    best = exchanged(case, fit)[0][1]
+    assert {m.name for m in best} == {("hysteresis", "a2"), ("bearing_tilt", "a3")}
+
+
+def test_rival_that_predicts_worse_is_none_unless_a_name_would_go_with_it():
+    """Two laws of one axis; the other predicts every pose a little worse."""
+    case = case_of(prepared("hysteresis@a2"), FEW)
+    best = score(case, (Member(Hysteresis(), "a2", np.array([22.3, 0.0])),))
+    other = score(case, (Member(Hardening(), "a2", np.array([50.0])),))
+
+    def alike(behind: float) -> list[str]:
+        rival = replace(
+            other,
+            log_evidence=best.log_evidence - behind,
+            predicted=best.predicted - 0.2,
+        )
+        named = Named(best, (best, rival), _none(), _nothing(), 1.0, ())
+        weights, sets = posterior(named, 1.0)
+        return [n.effect for n in equivalents(named, 0, weights, sets)]
+
+    assert alike(2.9) == ["hardening"]  # else the name is only 0.948 probable
+    assert alike(2.99) == []
+    assert alike(3.1) == []
+
+
+def _none() -> Ranked:
+    return Ranked((), (), np.zeros(0), np.zeros(0))
+
+
+def _nothing() -> Found:
+    tested = sign_flips([np.ones((60, 1)) / np.sqrt(60)], seed=1)
+    return Found(tested, 1, 0, (), ("a1",), 1.0, 60, CALM)
+
+
+def test_few_poses_that_all_gain_are_no_proof_and_eight_are():
+    """Five signs are alike once in 32, eight once in 256; 1 in 44 is asked."""
+    none = score(case_of(prepared(), FEW), ())
+    for many, enough in ((5, False), (8, True)):
+        gain = np.concatenate([np.ones(many), np.zeros(3)])
+        more = replace(none, predicted=gain, log_evidence=none.log_evidence + 1.0)
+        less = replace(none, predicted=0.0 * gain)
+        assert earns(less, more, 1) is enough
+
+
+def test_the_interval_holds_the_true_size():
+    """Seeded; a 95 % interval widened once over."""
+    width = diagnosis("hysteresis@a2").named[0].parameters["width_rad"]
+    half = 0.5 * (width.high - width.low)
+    assert abs(width.estimate - 1.5e-4) < 2.0 * half
+
+
+def test_what_no_hypothesis_describes_gets_no_name_but_a_place():
+    found = diagnosis("creep@a2,ratio=0.2")
+    assert found.verdict == "unexplained"
+    assert found.named == ()
+    assert found.unexplained is not None
+    assert found.located[0].where == "a2"
+
+
+def test_a_reversed_axis_is_said_and_nothing_named():
+    whole = recording()
+    posture = whole.posture * [1, 1, -1, 1, 1, 1]
+    found = diagnose(replace(whole, posture=posture), arm(), FEW)
+    assert [(w.code, w.where) for w in found.warnings] == [("axis_reversed", "a3")]
+    assert found.named == () and found.verdict == "unexplained"
+
+
+def test_a_reversed_wrench_is_said_and_nothing_named():
+    whole = recording()
+    assert whole.wrench is not None
+    found = diagnose(replace(whole, wrench=-whole.wrench), arm(), FEW)
+    assert [w.code for w in found.warnings] == ["wrench_sign"]
+    assert found.named == ()
+
+
+def test_a_reading_far_off_counts_less_and_is_told():
+    whole = recording()
+    assert whole.points is not None
+    points = whole.points.copy()
+    row = int(np.flatnonzero(np.isfinite(points[:, 9, 0]))[17])
+    points[row, 9] += 1e-3
+    ready = prepare(replace(whole, points=points), arm())
+    assert (row, 9) in {(r, m) for r, m, _ in ready.doubtful}
+
+
+def test_right_law_is_the_same_in_all_groups_and_a_wrong_one_is_not():
+    """A foot that lifts off its plate is no foot that gives way."""
+    right = case_of(prepared("hysteresis@a2"), FEW)
+    law = Member(Hysteresis(), "a2", np.array([22.3, 0.0]))
+    (even,) = unevenness(right, _fitted(right, law))
+    assert even.p_value >= ALARM
+    rig = Rig(MODEL, effects=(FootLiftOff("base", 2e-6, preload_nm=20.0),))
+    seen = record(rig, table_one_plan(poses=40), Instruments(), seed=1)
+    wrong = case_of(prepare(seen, arm()), FEW)
+    law = Member(BaseTilt(), "base", np.zeros(0))
+    (uneven,) = unevenness(wrong, _fitted(wrong, law))
+    assert uneven.p_value < ALARM
+    assert uneven.captured > 25.0
+
+
+def _fitted(case, *members):
+    return fit_set(case.data, case.situation, case.nominal, members, case.split)
+
+
+def test_poses_that_differ_wildly_are_a_mismatch_though_signs_average_out():
+    """Random signs cannot see a law that changes its sign from pose to pose."""
+    random = np.random.default_rng(11)
+    tested = sign_flips([random.normal(size=(60, 1)) / np.sqrt(60)], seed=1)
+    assert tested.p_value > ALARM
+
+    def p_value(dispersion: float, wild: float) -> float:
+        return Found(
+            tested, 1, 0, (), ("a1",), dispersion, 60, replace(CALM, wild=wild)
+        ).p_value
+
+    assert p_value(1.0, MISSTATED) == tested.p_value
+    assert p_value(4.0, MISSTATED) > ALARM
+    assert p_value(9.0, MISSTATED) < ALARM
+    assert p_value(1.2, MEASURED) == tested.p_value
+    assert p_value(3.0, MEASURED) < ALARM  # where the noise was measured, it is known

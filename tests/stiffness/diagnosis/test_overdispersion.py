@@ -1,0 +1,102 @@
+"""What no law of an axis explains still shows, and where it is one mark's, is its."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from small_bench import FEW, MODEL, arm, prepared, recording
+
+from bench.experiment import record
+from bench.instruments import Instruments
+from bench.instruments.markers import Markers
+from bench.rig import Rig
+from bench.shared.recording import Recording
+from bench.standard_plans import table_one_plan
+from stiffness.diagnosis.detection import MEASURED, SCATTERED, scatter_of
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.nominal_fit import prepare
+from stiffness.diagnosis.relinearisation import case_of
+from stiffness.diagnosis.result import Diagnosis
+
+SAG = 8e-5
+"""Of a mark under its own weight, in m."""
+
+
+def sagging(made: Recording, name: str) -> Recording:
+    """Let a mark sit on a soft stalk: it sags along gravity, softest along its x."""
+    k = [marker.name for marker in made.markers].index(name)
+    turn = arm().at(made.posture).turn(made.markers[k].body)
+    down = np.einsum("rji,j->ri", turn, [0.0, 0.0, -1.0])
+    moved = np.einsum("rij,rj->ri", turn, down * [SAG, SAG / 2, 0.0])
+    assert made.points is not None
+    points = made.points.copy()
+    points[:, k] += moved @ prepared().frames.transform[:3, :3]
+    return replace(made, points=points)
+
+
+@cache
+def unloaded() -> Recording:
+    """Four marks on the flange, one row in each of 80 poses."""
+    watch = Instruments(markers=Markers("flange"))
+    whole = record(Rig(MODEL), table_one_plan(poses=80), watch, seed=2)
+    rest = whole.take(np.unique(whole.visit, return_index=True)[1])
+    return replace(rest, wrench=None, wrench_sensor=None, load_mass=None)
+
+
+@cache
+def diagnosed() -> Diagnosis:
+    return diagnose(sagging(recording(), "flange_b"), arm(), FEW)
+
+
+def test_readings_of_a_nominal_arm_scatter_by_their_errors():
+    case = case_of(prepared(), FEW)
+    found = scatter_of(case.data, case.wild)
+    assert abs(found.dispersion - 1.0) < 0.1
+    assert found.p_value(SCATTERED) > 0.5
+
+
+def test_a_mark_that_sags_is_a_mismatch_at_that_mark_and_has_no_name():
+    found = diagnosed()
+    assert found.verdict == "unexplained"
+    assert found.named == ()
+    assert found.unexplained is not None
+    assert found.unexplained.where == "marker:flange_b"
+    assert "against its body" in found.unexplained.signature
+    assert found.located[0].where == "marker:flange_b"
+
+
+def test_a_marker_alone_goes_where_its_body_goes():
+    """What is left of it is the arm's, or the tracker's."""
+    made = sagging(recording(), "flange_b")
+    k = [marker.name for marker in made.markers].index("flange_b")
+    assert made.points is not None
+    alone = replace(made, markers=(made.markers[k],), points=made.points[:, [k]])
+    case = case_of(prepare(alone, arm()), FEW)
+    found = scatter_of(case.data, case.wild)
+    assert found.markers[0].excess > 0.0
+    assert found.marker is None
+
+
+def test_few_poses_do_not_tell_scatter_from_chance():
+    made = recording()
+    some = made.take(np.flatnonzero(made.pose < np.unique(made.pose)[15]))
+    case = case_of(prepare(some, arm()), FEW)
+    assert scatter_of(case.data, case.wild).p_value(SCATTERED) > 0.5
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0])
+def test_marks_of_one_body_measure_the_noise_where_each_pose_has_one_row(factor):
+    made = unloaded()
+    assert made.points is not None and made.tracker is not None
+    noise = np.random.default_rng(5).normal(size=made.points.shape)
+    sigma = made.tracker.repeatability * np.sqrt(factor**2 - 1.0)
+    ready = prepare(replace(made, points=made.points + sigma * noise), arm())
+    assert_allclose(ready.noise, factor, rtol=0.1)
+    assert case_of(ready, FEW).wild == MEASURED
+
+
+def test_a_mark_that_sags_is_not_taken_for_noise_of_the_tracker():
+    ready = prepare(sagging(unloaded(), "flange_b"), arm())
+    assert_allclose(ready.noise, 1.0, rtol=0.15)

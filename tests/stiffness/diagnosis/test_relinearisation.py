@@ -1,0 +1,137 @@
+"""What is named changes what all else feels, and is laid out so."""
+
+from dataclasses import replace
+
+import hypothesis_truth as truth
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from small_bench import arm, recording
+
+from bench.effects.wrench_bias import WrenchBias
+from bench.effects.wrench_gain import WrenchGain
+from bench.effects.wrench_misalignment import WrenchMisalignment
+from bench.shared.recording import Payload
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.effects.base_compliance import BaseCompliance
+from stiffness.effects.bearing_tilt import BearingTilt
+from stiffness.effects.geometry_error import GeometryError
+from stiffness.effects.gravity_load import GravityLoad, seen, torques
+from stiffness.effects.hardening import Hardening
+from stiffness.effects.wrench_misalignment import WrenchMisalignment as TurnedOrBeside
+from stiffness.experiment.static_state import Situation
+
+NONE = np.zeros(0)
+MASS, CENTRE = 3.0, np.array([0.02, -0.03, 0.05])
+
+
+def carrying(mass: float) -> Situation:
+    tool = Payload(mass, CENTRE)
+    return truth.situation_in(replace(truth.recording(), tool=tool, wrench=None))
+
+
+@pytest.mark.parametrize("felt", ["force", "moment", "torque"])
+def test_mass_that_was_named_is_felt_as_one_that_was_known(felt):
+    """But for where the arm comes to rest under it, a thousandth of a radian."""
+    nothing, known = carrying(0.0), carrying(MASS)
+    size = np.array([MASS, *(MASS * CENTRE)])
+    named = truth.BY_NAME["gravity_load"].acting(nothing, "tool", NONE, size)
+    want = getattr(known, felt) - getattr(nothing, felt)
+    found = getattr(named, felt) - getattr(nothing, felt)
+    assert np.abs(want).max() > 1.0
+    assert_allclose(found, want, atol=2e-3 * np.abs(want).max())
+
+
+def test_mass_on_a_link_is_felt_by_what_carries_the_link_alone():
+    """The weight at the base, whatever carries it; nothing at the axes beyond."""
+    nothing = truth.situation()
+    size = np.array([MASS, 0.0, 0.0, 0.0])
+    hypothesis = truth.BY_NAME["gravity_load"]
+    shown = seen(nothing, torques(nothing, "link_3"))
+    named = hypothesis.acting(nothing, "link_3", NONE, size[shown])
+    more = named.force - nothing.force
+    assert_allclose(more[:, :4], np.broadcast_to([0.0, 0.0, -9.81 * MASS], (90, 4, 3)))
+    assert_array_equal(more[:, 4:], 0.0)
+    axes = named.frame[:, 1:, :, 2]
+    own = np.einsum("rai,rai->ra", axes, named.moment[:, 1:] - nothing.moment[:, 1:])
+    assert_allclose(named.torque - nothing.torque, own, atol=1e-9)
+
+
+PULLING = {"gravity_load", "wrench_bias", "wrench_gain", "wrench_misalignment"}
+
+
+@pytest.mark.parametrize("effect", sorted(set(truth.BY_NAME) - PULLING))
+def test_other_effects_pull_at_nothing(effect):
+    situation, hypothesis = truth.showing(effect), truth.BY_NAME[effect]
+    where = hypothesis.places(situation)[0]
+    shape = truth.middle(situation, hypothesis, where)
+    size = np.ones(hypothesis.signature(situation, where, shape).columns)
+    assert hypothesis.acting(situation, where, shape, size) is situation
+
+
+BIASED = WrenchBias("wrench_sensor", 5.0, -3.0, 4.0, 0.2, 0.3, -0.4)
+SCALED = WrenchGain("wrench_sensor", 0.1, -0.05, 0.08, 0.03, 0.02, 0.01)
+TURNED = WrenchMisalignment("wrench_sensor", 2e-3, -4e-3, 3e-3)
+BESIDE = WrenchMisalignment("wrench_sensor", 0.0, 0.0, 0.0, 0.02, -0.03, 0.05)
+
+
+@pytest.mark.parametrize(
+    ("fault", "shape", "about"),
+    [
+        (BIASED, NONE, 0.02),
+        (SCALED, NONE, 0.02),
+        (TURNED, np.zeros(1), 0.02),
+        (BESIDE, np.ones(1), 0.1),
+    ],
+    ids=["bias", "gain", "turn", "shift"],
+)
+@pytest.mark.parametrize("felt", ["moment", "torque", "load_torque"])
+def test_wrench_that_was_read_wrongly_pulls_as_the_right_one(fault, shape, about, felt):
+    """But for where the sensor is thought to be turned to: a shift turns the wrist."""
+    right = truth.situation()
+    wrong = truth.situation_in(truth.recording(fault))
+    size = np.array([*fault.parameters().values()])
+    if fault is SCALED:
+        size = size / (1.0 + size)
+    if isinstance(fault, WrenchMisalignment):
+        size = size[3:] if shape[0] else size[:3]
+    hypothesis = truth.BY_NAME[fault.name]
+    mended = hypothesis.acting(wrong, "wrench_sensor", shape, size)
+    off, left = (getattr(s, felt) - getattr(right, felt) for s in (wrong, mended))
+    assert np.abs(left).max() < about * np.abs(off).max()
+
+
+def test_mass_pulls_at_a_base_that_was_named_where_no_spring_shows_it():
+    """Its centre's height turns no axis and tilts the base: no name for the rest."""
+    seen = recording(
+        "base_compliance@base,rx_rad_per_nm=1.5e-6,ry_rad_per_nm=2.2e-6",
+        "gravity_load@link_3,mass_kg=6,com_x_m=0.15,com_z_m=-0.25",
+        poses=24,
+    )
+    found = diagnose(seen, arm(), (GravityLoad(), BaseCompliance(), GeometryError()))
+    assert {n.name.effect for n in found.named} == {"base_compliance", "gravity_load"}
+    assert found.verdict == "explained"
+
+
+def test_sensor_far_beside_its_place_is_sized_with_the_springs_it_feigned():
+    seen = recording("wrench_misalignment@wrench_sensor,x_m=0.06,y_m=-0.02")
+    [one] = diagnose(seen, arm(), (Hardening(), TurnedOrBeside())).named
+    shift = one.parameters["x_m"]
+    assert shift.low < 0.06 < shift.high < 0.063
+
+
+def test_mass_and_what_gives_way_under_it_are_both_named():
+    """What the one tilts of the other is in neither's own columns: 1 of 8 kg."""
+    seen = recording(
+        "bearing_tilt@a1,u_rad_per_nm=4e-6,v_rad_per_nm=2e-6",
+        "gravity_load@link_3,mass_kg=8.0",
+        poses=20,
+    )
+    found = diagnose(seen, arm(), (Hardening(), BearingTilt(), GravityLoad()))
+    names = {(n.name.effect, n.name.where) for n in found.named}
+    assert found.verdict == "explained"
+    assert names == {("bearing_tilt", "a1"), ("gravity_load", "link_3")}
+    mass = next(n for n in found.named if n.name.where == "link_3")
+    size = mass.parameters["mass_kg"]
+    assert size.low < 8.0 < size.high
+    assert size.high - size.low < 1.0

@@ -1,0 +1,42 @@
+"""A shape is moved to where it explains most, wherever the coarse grid's points lie."""
+
+import numpy as np
+import pytest
+from small_bench import prepared
+
+from stiffness.diagnosis.model_fit import Member, fit_set, refined, tried
+from stiffness.diagnosis.relinearisation import case_of
+from stiffness.effects.creep import Creep
+
+
+def test_a_creep_s_time_is_where_it_explains_most():
+    """The best time lies below a point of the grid, the parabola's top above it."""
+    case = case_of(prepared("creep@a3,ratio=0.1,time_s=23"), (Creep(),))
+    grid = Creep().shapes(case.situation, "a3")
+    coarse = min(grid, key=lambda shape: abs(np.log(shape[0] / 30.0)) + shape[1])
+
+    def gain(time: float) -> float:
+        law = Member(Creep(), "a3", np.array([time, coarse[1]]))
+        fit = fit_set(case.data, case.situation, case.nominal, (law,), case.split)
+        return fit.gain
+
+    law = Member(Creep(), "a3", coarse)
+    (best,) = refined(case.data, case.situation, case.nominal, (law,), case.split)
+    most = max(gain(time) for time in np.geomspace(10.0, 60.0, 40))
+    assert gain(best.shape[0]) > most - 0.1
+
+
+@pytest.mark.parametrize("factor", [False, True])
+def test_a_second_look_is_at_both_sides_of_the_first_s_best(factor):
+    grid = np.array([5.0, 30.0, 180.0])
+    looked = tried(32.5, grid, 1, factor)
+    values = np.exp(looked) if factor else looked
+    assert values[0] < 30.0
+    assert values[-1] > 32.5
+
+
+def test_no_value_beyond_the_grid_is_tried():
+    grid = np.array([5.0, 30.0, 180.0])
+    for sweep in (0, 1):
+        values = tried(178.0, grid, sweep, False)
+        assert grid[0] <= values[0] and values[-1] <= grid[-1]

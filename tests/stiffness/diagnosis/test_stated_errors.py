@@ -1,0 +1,219 @@
+"""What is promised where a recording states errors beyond a tracker's plain noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bench.effects.encoder_offset import EncoderOffset as ZeroOff
+from bench.effects.gravity_load import GravityLoad as AddedMass
+from bench.experiment import record
+from bench.instruments import Instruments
+from bench.instruments.markers import Markers
+from bench.model_file import load, plain_mjcf
+from bench.rig import Rig
+from bench.shared.recording import Marker, Recording
+from bench.standard_plans import table_one_plan
+from scenarios.studies.blind_trials.arms import arm_of
+from stiffness.diagnosis.detection import MEASURED, MISSTATED
+from stiffness.diagnosis.diagnose import diagnose, misfit_of
+from stiffness.diagnosis.model_evaluation import beyond_limits
+from stiffness.diagnosis.model_fit import Case, Member
+from stiffness.diagnosis.nominal_fit import prepare, rest_of, smooth_basis
+from stiffness.diagnosis.relinearisation import case_of
+from stiffness.effects.encoder_offset import EncoderOffset
+from stiffness.effects.gravity_load import GravityLoad, carried
+from stiffness.effects.hysteresis import Hysteresis
+from stiffness.experiment.residuals import weight_of
+from stiffness.experiment.sensor_noise import left_of_encoders, steadied
+from stiffness.regression.intervals import Parameter
+from stiffness.robot.arm import Arm
+
+FEW = (Hysteresis(), EncoderOffset())
+ENCODER = np.deg2rad(0.002)
+CORNERS = np.array([[60, 60, 110], [60, -60, -10], [-60, 60, -10], [-60, -60, 110]])
+
+
+@pytest.fixture(scope="module")
+def arm(kr10) -> Arm:
+    return Arm.from_mjcf_text(plain_mjcf(load(kr10)))
+
+
+@pytest.fixture(scope="module")
+def plain(kr10) -> Recording:
+    return plain_of(kr10)
+
+
+def plain_of(kr10, frames: int = 1) -> Recording:
+    watched = Instruments(markers=Markers("flange"))
+    watched = replace(watched, tracker=replace(watched.tracker, frames=frames))
+    return record(Rig(kr10), table_one_plan(poses=40), watched, seed=3)
+
+
+def jittered(seen: Recording, seed: int = 0) -> Recording:
+    """Let a controller report angles with the noise of its encoders, row by row."""
+    noise = np.random.default_rng(seed).normal(0.0, ENCODER, seen.posture.shape)
+    return replace(
+        seen, posture=seen.posture + noise, encoder_repeatability=float(ENCODER)
+    )
+
+
+# --- Encoders ------------------------------------------------------------------------
+
+
+def test_stated_noise_of_encoders_is_no_mismatch(plain, arm):
+    """Row by row it moves a marker by three times the tracker's noise."""
+    assert diagnose(jittered(plain), arm, FEW).verdict == "no_mismatch"
+
+
+def test_axes_stand_still_within_a_visit_where_only_their_encoders_differ(plain):
+    quiet = steadied(jittered(plain))
+    assert np.all(np.ptp(quiet.posture[quiet.visit == 4], axis=0) == 0.0)
+    rows = np.bincount(plain.visit)[0]
+    assert_allclose(left_of_encoders(jittered(plain)), ENCODER / np.sqrt(rows))
+    off = quiet.posture - plain.posture
+    assert_allclose(np.std(off), ENCODER / np.sqrt(rows), rtol=0.2)
+
+
+def test_axis_that_moves_by_more_than_its_encoder_errs_is_left_as_it_was_read(plain):
+    seen = jittered(plain)
+    moved = seen.posture.copy()
+    moved[:, 1] += 10 * ENCODER * (np.arange(len(moved)) % 2)
+    quiet = steadied(replace(seen, posture=moved))
+    assert np.array_equal(quiet.posture[:, 1], moved[:, 1])
+    assert not np.array_equal(quiet.posture[:, 0], moved[:, 0])
+
+
+def test_angles_without_a_stated_noise_are_taken_as_read(plain):
+    assert steadied(plain) is plain
+    assert np.all(left_of_encoders(plain) == 0.0)
+
+
+# --- Targets in 6D -------------------------------------------------------------------
+
+
+def in_6d(seen: Recording, seed: int = 0) -> Recording:
+    """Watch one target whose place and turn err, written as four markers."""
+    body, place = seen.markers[0].body, seen.markers[0].position
+    assert seen.points is not None and seen.tracker is not None and place is not None
+    random, sigma = np.random.default_rng(seed), float(seen.tracker.repeatability[0])
+    rows, lever = len(seen.time), 1e-3 * CORNERS
+    size = np.sqrt(np.mean(np.sum(lever**2, axis=1)))
+    turn = random.normal(0.0, sigma / size, (rows, 1, 3))
+    moved = random.normal(0.0, sigma, (rows, 1, 3)) + np.cross(turn, lever[None])
+    silent = np.stack([_exact(seen, at) for at in lever], axis=1)
+    markers = tuple(Marker(f"t_{k}", body, at, "t") for k, at in enumerate(lever))
+    return replace(seen, markers=markers, points=silent + moved)
+
+
+def _exact(seen: Recording, at: np.ndarray) -> np.ndarray:
+    """Return where a point of the flange is by three of its marks, in the tracker's."""
+    assert seen.points is not None
+    known = np.array([m.position for m in seen.markers[:3]])
+    frames = [_triad(known)] + [_triad(p) for p in seen.points[:, :3]]
+    origin, axes = frames[0]
+    inner = (at - origin) @ axes
+    return np.array([o + a @ inner for o, a in frames[1:]])
+
+
+def _triad(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    x = points[1] - points[0]
+    z = np.cross(x, points[2] - points[0])
+    axes = np.stack([x, np.cross(z, x), z], axis=1)
+    return points[0], axes / np.linalg.norm(axes, axis=0)
+
+
+def test_points_of_a_6d_target_count_as_one_reading(plain):
+    weight = weight_of(in_6d(plain))
+    assert_allclose(weight.sum(axis=1), 1.0)
+
+
+def test_target_in_6d_on_a_nominal_arm_is_no_mismatch(kr10, arm):
+    """Its points never move against each other: that is no sign of a better tracker."""
+    quiet = Instruments(markers=Markers("flange"))
+    quiet = replace(quiet, tracker=replace(quiet.tracker, noise=0.0))
+    seen = record(Rig(kr10), table_one_plan(poses=40), quiet, seed=3)
+    found = diagnose(in_6d(seen), arm, FEW)
+    assert found.verdict == "no_mismatch"
+    assert "noise_misstated" not in [warned.code for warned in found.warnings]
+
+
+# --- The tracker's smooth error ------------------------------------------------------
+
+
+def test_what_anchors_leave_of_a_smooth_error_is_kept_as_noise():
+    point = np.random.default_rng(0).uniform(-3.0, 3.0, (2000, 3))
+    basis = smooth_basis(point, 5e-5)
+    rest = rest_of(basis, 5e-5)
+    assert_allclose(np.sum(basis**2, axis=1) + rest, 5e-5**2)
+    assert np.median(rest) > (1e-5) ** 2  # six metres are too far for so few anchors
+
+
+# --- How far errors may be misstated -------------------------------------------------
+
+
+def laid_out(seen: Recording, arm: Arm) -> Case:
+    return case_of(prepare(seen, arm), FEW)
+
+
+def test_less_may_be_put_down_to_misstated_noise_where_noise_is_measured(plain, arm):
+    """Three marks of a body measure it; one cannot."""
+    assert plain.points is not None
+    alone = replace(plain, markers=plain.markers[:1], points=plain.points[:, :1])
+    assert laid_out(plain, arm).wild == MEASURED
+    assert laid_out(alone, arm).wild == MISSTATED
+
+
+# --- What a link can lose ------------------------------------------------------------
+
+
+def test_no_more_mass_is_taken_from_a_link_than_it_carries(plain, arm):
+    situation = prepare(plain, arm).situation
+    whole = carried(situation, "link_3")
+    assert plain.tool is not None
+    assert whole == pytest.approx(arm.chain.mass[2:].sum() + plain.tool.mass)
+
+    def withdrawn(mass: float) -> bool:
+        found = {"mass_kg": Parameter(mass, mass - 0.1, mass + 0.1)}
+        law = Member(GravityLoad(), "link_3", np.zeros(0))
+        return beyond_limits(situation, law, found)
+
+    assert not withdrawn(-whole + 0.05)
+    assert withdrawn(-whole - 0.2)
+
+
+def test_mass_on_a_tool_hangs_on_the_flange_where_the_model_has_no_tool(
+    tmp_path,
+):
+    rig = Rig(arm_of("six", 1, tmp_path).file)
+    arm = rig.anatomy
+    assert "tool" not in [body.name for body in rig.spec.bodies]
+    on_tool, on_flange = (rig.spec.copy() for _ in range(2))
+    AddedMass("tool", 0.5).build(on_tool, arm)
+    before = on_flange.body(arm.flange).mass
+    assert on_tool.body(arm.flange).mass == pytest.approx(before + 0.5)
+
+
+# --- What is missed ------------------------------------------------------------------
+
+
+def missed(seen: Recording, arm: Arm) -> float:
+    """Return the rms that the fitted nominal arm leaves over that of the noise."""
+    ready = prepare(seen, arm)
+    found = misfit_of(ready, case_of(ready, FEW))
+    return found.rms / found.noise
+
+
+def test_nominal_arm_misses_by_the_noise_however_many_frames_a_row_has(kr10, arm):
+    assert missed(plain_of(kr10), arm) == pytest.approx(1.0, abs=0.05)
+    assert missed(plain_of(kr10, frames=16), arm) == pytest.approx(1.0, abs=0.05)
+
+
+def test_what_shows_between_visits_alone_is_missed_all_the_same(kr10, arm):
+    """An axis whose zero is off moves no marker within a visit."""
+    off = Rig(kr10, effects=(ZeroOff("a3", 5e-4),))
+    seen = record(
+        off, table_one_plan(poses=40), Instruments(markers=Markers("flange")), seed=3
+    )
+    assert missed(seen, arm) > 3.0

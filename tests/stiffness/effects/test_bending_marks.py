@@ -1,0 +1,127 @@
+"""A mark on a beam goes with the part of the bend that lies before it."""
+
+from dataclasses import replace
+
+import hypothesis_truth as truth
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from small_bench import FEW, arm, moved_by, prepared
+
+from bench.shared.recording import Recording
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.effects.base import axes_of
+from stiffness.effects.jacobian import Motion, Shift, Signature
+from stiffness.effects.joint_compliance import JointCompliance
+from stiffness.effects.link_bending import LinkBending
+from stiffness.experiment.static_state import Situation
+
+LINK, PLACE = "link_2", 3
+BEYOND, WITHIN = np.array([0.0]), np.array([1.0])
+BENDING, TORSION = 4e5, 3e5
+"""EI and GJ, in N m^2."""
+
+
+def marked(along: float, beside: np.ndarray) -> tuple[Situation, np.ndarray]:
+    """Put a mark on the link, a share along it and a little beside it.
+
+    Returns:
+        The situation with this mark, and where it is in each row, in m.
+    """
+    situation = prepared().situation
+    start, end = situation.origin[0, PLACE - 1], situation.origin[0, PLACE]
+    inside = axes_of(situation, LINK)[0].T @ (end - start)
+    markers = situation.recording.markers
+    spot = along * inside + beside
+    mark = replace(markers[0], name="mark", body=LINK, position=spot)
+    points = situation.recording.points
+    assert points is not None
+    made = replace(
+        situation.recording,
+        markers=(*markers, mark),
+        points=np.concatenate([points, points[:, :1]], axis=1),
+    )
+    point = situation.origin[:, PLACE - 1] + axes_of(situation, LINK) @ spot
+    return replace(situation, recording=made, spots=None), point
+
+
+def of_mark(situation: Situation) -> np.ndarray:
+    """Return how the last marker moves per unit of 1/EI and 1/GJ, (rows, 3, 2)."""
+    law = LinkBending().signature(situation, LINK, WITHIN)
+    return truth.moved(situation, law)[:, -1]
+
+
+def test_a_mark_at_the_end_of_the_beam_moves_as_what_it_carries():
+    situation, point = marked(1.0, np.array([0.0, 0.02, -0.03]))
+    (carried,) = LinkBending().signature(situation, LINK, BEYOND).parts
+    assert isinstance(carried, Motion)
+    turned = np.cross(carried.twist[:, 3:], point[:, :, None], axis=1)
+    moved = carried.twist[:, :3] + turned
+    assert_allclose(of_mark(situation), moved, atol=1e-3 * np.abs(moved).max())
+
+
+def test_a_mark_at_the_clamp_stays():
+    situation, _ = marked(0.0, np.zeros(3))
+    assert_allclose(of_mark(situation), 0.0, atol=1e-12)
+
+
+def test_deflection_bends_as_the_moment_says():
+    """EI u'' = M(x): second difference of the deflection along the beam."""
+    step = 0.05
+    u = [
+        of_mark(marked(s, np.zeros(3))[0])[:, :, 0]
+        for s in (0.5 - step, 0.5, 0.5 + step)
+    ]
+    situation, _ = marked(0.5, np.zeros(3))
+    beam = situation.origin[:, PLACE] - situation.origin[:, PLACE - 1]
+    length = np.linalg.norm(beam, axis=1, keepdims=True)
+    w = beam / length
+    lever = np.cross(0.5 * beam, situation.force[:, PLACE])
+    expected = np.cross(lever + situation.moment[:, PLACE], w)
+    bend = (u[0] - 2 * u[1] + u[2]) / (step * length) ** 2
+    assert_allclose(bend, expected, atol=1e-6 * np.abs(expected).max())
+
+
+def test_what_marks_do_as_a_body_is_nearly_all_they_do():
+    situation = prepared().situation
+    law = LinkBending().signature(situation, LINK, WITHIN)
+    whole = truth.moved(situation, law)
+    bodies = [part for part in law.parts if not isinstance(part, Shift)]
+    left = whole - truth.moved(situation, Signature(law.columns, tuple(bodies)))
+    on_link = [
+        m for m, one in enumerate(situation.recording.markers) if one.body == LINK
+    ]
+    assert len(on_link) > 2
+    assert np.linalg.norm(left[:, on_link]) < 0.2 * np.linalg.norm(whole[:, on_link])
+
+
+def beam() -> Recording:
+    """Link 2 is a beam, and the marks on it go with it."""
+    law = LinkBending().signature(prepared().situation, LINK, WITHIN)
+    return moved_by(law, np.array([1.0 / BENDING, 1.0 / TORSION]))
+
+
+def lumped() -> Recording:
+    """Link 2 gives way at two points of it, and the marks between see the first."""
+    situation = prepared().situation
+    hinges = LinkBending().variants(situation, LINK, WITHIN)
+    start, end = situation.origin[0, PLACE - 1], situation.origin[0, PLACE]
+    half = float(np.linalg.norm(end - start)) / 2
+    one = np.array([half / BENDING, half / TORSION])
+    return moved_by(hinges, np.concatenate([0 * one, one, one, 0 * one]))
+
+
+def unmeasured() -> Recording:
+    """Nobody measured where the marks sit; they are fitted."""
+    made = beam()
+    marks = tuple(replace(mark, position=None) for mark in made.markers)
+    return replace(made, markers=marks)
+
+
+@pytest.mark.parametrize("made", [beam, lumped, unmeasured])
+def test_a_beam_with_marks_on_it_is_a_link_that_bends(made):
+    found = diagnose(made(), arm(), (*FEW, JointCompliance(), LinkBending()))
+    assert found.verdict == "explained"
+    assert [(e.name.effect, e.name.where) for e in found.named] == [
+        ("link_bending", LINK)
+    ]

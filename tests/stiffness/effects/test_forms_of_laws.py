@@ -1,0 +1,120 @@
+"""A law comes back under its name, whatever form it has and whatever it leaves."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from small_bench import FEW, arm, moved_by, prepared, recording
+
+from bench.shared.recording import Recording
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
+from stiffness.effects.base_compliance import BaseCompliance
+from stiffness.effects.base_tilt import BaseTilt
+from stiffness.effects.creep import Creep
+from stiffness.effects.gravity_load import GravityLoad
+from stiffness.effects.hardening import Hardening
+from stiffness.effects.hysteresis import Hysteresis
+from stiffness.effects.jacobian import Signature, rotate, turn
+from stiffness.effects.lost_motion import LostMotion
+from stiffness.effects.transmission_error import TransmissionError
+from stiffness.effects.wrench_gain import WrenchGain
+from stiffness.effects.wrench_misalignment import WrenchMisalignment
+
+GEAR = (Hardening(), LostMotion(), Hysteresis(), Creep())
+
+
+def with_turn(axis: int, angle: np.ndarray) -> Recording:
+    """Let an axis turn beyond what the arm does, by an angle in each row."""
+    return moved_by(turn(axis, angle), np.ones(1))
+
+
+def with_law(axis: int, law: Callable[[np.ndarray], np.ndarray]) -> Recording:
+    """Add a turn of an axis, a law of its torque along each visit, (visits, steps)."""
+    situation = prepared().situation
+    path = situation.torque[situation.steps, axis]
+    return with_turn(axis, situation.from_steps(law(path)))
+
+
+def test_gear_that_errs_with_two_harmonics_of_its_turn_is_named_as_one():
+    """Two and five periods a turn; one law alone would leave the other at its place."""
+    q = recording().posture[:, 1]
+    error = 2e-4 * np.sin(2.0 * q + 0.4) + 1.5e-4 * np.sin(5.0 * q - 1.0)
+    found = diagnose(with_turn(1, error), arm(), (*FEW, TransmissionError()))
+    assert found.verdict == "explained"
+    (named,) = found.named
+    assert (named.name.effect, named.name.where) == ("transmission_error", "a2")
+
+
+def test_spring_that_varies_with_the_cube_of_a_sine_is_named():
+    """Two and six periods a turn, for 4 sin³ x = 3 sin x - sin 3x."""
+    q, torque = recording().posture[:, 1], prepared().situation.torque[:, 1]
+    wound = 6e-6 * torque * np.sin(2.0 * q) ** 3
+    found = diagnose(with_turn(1, wound), arm(), (*FEW, AngleDependentStiffness()))
+    assert found.verdict == "explained"
+    (named,) = found.named
+    assert (named.name.effect, named.name.where) == ("angle_dependent_stiffness", "a2")
+
+
+def dahl(torque: np.ndarray) -> np.ndarray:
+    """Return the lag of a Dahl contact at rest at each visit's first reading."""
+    state, lag = np.zeros(len(torque)), [np.zeros(len(torque))]
+    for step in range(1, torque.shape[1]):
+        change = torque[:, step] - torque[:, step - 1]
+        side = np.sign(change)
+        state = side + (state - side) * np.exp(-np.abs(change) / 15.0)
+        lag.append(state)
+    return -1e-4 * np.stack(lag, axis=1)
+
+
+@pytest.mark.parametrize(
+    ("law", "name"),
+    [
+        (dahl, "hysteresis"),
+        (lambda torque: 3e-4 * np.tanh(torque / 35.0), "hardening"),
+        (lambda torque: 1e-4 * np.tanh(torque / 1.0), "lost_motion"),
+    ],
+    ids=["Dahl's contact", "a hyperbolic tangent", "a smooth dead zone"],
+)
+def test_law_of_another_form_comes_back_under_the_same_name(law, name):
+    found = diagnose(with_law(1, law), arm(), GEAR)
+    assert [(e.name.effect, e.name.where) for e in found.named] == [(name, "a2")]
+    assert found.verdict == "explained"
+
+
+def test_mass_of_some_kilograms_is_sized_with_the_springs_that_it_leaves():
+    found = diagnose(
+        recording("gravity_load@link_3,mass_kg=6,com_x_m=0.2"),
+        arm(),
+        (*FEW, GravityLoad()),
+    )
+    [one] = found.named
+    assert (one.name.effect, one.name.where) == ("gravity_load", "link_3")
+    mass = one.parameters["mass_kg"]
+    half = 0.5 * (mass.high - mass.low)
+    assert abs(mass.estimate - 6.0) < 2.0 * half < 0.6
+
+
+def test_base_whose_springs_stand_askew_is_a_base_that_gives_way():
+    """Soft about one level direction between x and y, hard about the other."""
+    moment = prepared().situation.moment[:, 0]
+    soft = np.array([0.6, 0.8, 0.0])
+    rotation = 6e-7 * soft * (moment @ soft)[:, None]
+    tip = rotate(0, rotation[:, :, None], np.zeros_like(moment))
+    names = (*FEW, BaseTilt(), BaseCompliance())
+    found = diagnose(moved_by(Signature(1, (tip,)), np.ones(1)), arm(), names)
+    assert [e.name.effect for e in found.named] == ["base_compliance"]
+    assert found.verdict == "explained"
+
+
+def test_wrench_about_another_point_is_a_sensor_beside_its_place():
+    beside = "wrench_misalignment@wrench_sensor,x_m=0.03,z_m=-0.01"
+    names = (*FEW, WrenchGain(), WrenchMisalignment())
+    found = diagnose(recording(beside), arm(), names)
+    [one] = found.named
+    assert (one.name.effect, found.verdict) == ("wrench_misalignment", "explained")
+    true = {"x_m": 0.03, "y_m": 0.0, "z_m": -0.01}
+    assert one.parameters.keys() == true.keys()
+    for name, size in one.parameters.items():
+        assert size.low < true[name] < size.high
+        assert size.high - size.low < 0.01
