@@ -21,7 +21,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.shared.recording import Recording
-from scenarios.pipelines.diagnose import setup_errors
+from scenarios.pipelines.diagnose import setup_errors_of
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.recording_check import abilities, axis_views, contents_of
 from scenarios.report.command_line import run
@@ -44,7 +44,7 @@ def main(settings: Settings) -> Recording:
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
     views = axis_views(recording, arm)
     console = Console()
-    for slip in setup_errors(recording, arm):
+    for slip in setup_errors_of(recording, arm):
         said = f"{slip.text} Until it is mended `diagnose` names no effect."
         console.print(f"Mistake ({slip.where}): {said}\n", markup=False)
     contents = _table(recording.name, "what", "in this recording")

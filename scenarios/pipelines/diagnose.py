@@ -72,7 +72,7 @@ def asked(recording: Recording, arm: Arm) -> Diagnosis:
         raise _odd(recording, error) from error
 
 
-def setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
+def setup_errors_of(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
     """Ask for the mistakes of the set-up alone.
 
     Raises:
