@@ -78,7 +78,7 @@ def observed(
     return Recording(
         name=name or plan.name,
         time=plan.time,
-        pose=plan.pose[visit],
+        posture_id=plan.posture_id[visit],
         visit=visit,
         posture=plan.posture[visit],
         load_time=plan.load_time,

@@ -55,7 +55,7 @@ Value = float | str | None
 
 
 @dataclass(frozen=True)
-class Named:
+class PatchEffect:
     """One effect with its place and its parameters.
 
     Attributes:
@@ -71,13 +71,13 @@ class Named:
     settings: dict[str, Value] = field(default_factory=dict)
 
 
-def named(effect: Effect) -> Named:
+def named(effect: Effect) -> PatchEffect:
     """Return an effect as it is written down, to the last bit."""
     known = dict(effect.parameters())
     inside = {f.name for f in fields(effect)} - {"where"}
     own = {_field(name) for name in known}
     settings = {name: getattr(effect, name) for name in sorted(inside - own)}
-    return Named(effect.name, effect.where, _written(known), _written(settings))
+    return PatchEffect(effect.name, effect.where, _written(known), _written(settings))
 
 
 def can_build(name: str) -> bool:
@@ -85,7 +85,7 @@ def can_build(name: str) -> bool:
     return any(kind.name == name for kind in EFFECTS)
 
 
-def effect_of(found: Named) -> Effect:
+def effect_of(found: PatchEffect) -> Effect:
     """Build the mechanism of a named effect; sizes that are not given are zero.
 
     Raises:
@@ -197,7 +197,7 @@ class WrittenRig(Rig):
 # --- Patch ----------------------------------------------------------------------------
 
 FILE, MODEL_FILE = "patch.json", "model.xml"
-LARGEST = 50_000_000
+MAX_BYTES = 50_000_000
 """Bytes of a patch that are still read; chosen: a hundred times a usual one."""
 
 Triple = tuple[float, float, float]
@@ -253,7 +253,7 @@ class Patch:
     """
 
     stiffness_nm_per_rad: dict[str, float | None] = field(default_factory=dict)
-    effects: tuple[Named, ...] = ()
+    effects: tuple[PatchEffect, ...] = ()
     laws: tuple[Law, ...] = ()
     mounted: Mounted = Mounted()
     base_from_tracker: tuple[tuple[float, float, float, float], ...] | None = None
@@ -320,7 +320,7 @@ def read(file: Path) -> Patch:
         BenchError: Where there is none.
         Unusable: Where it is none.
     """
-    if not file.is_file() or file.stat().st_size > LARGEST:
+    if not file.is_file() or file.stat().st_size > MAX_BYTES:
         raise BenchError(f"There is no {FILE} at {str(file)!r}, or it is too large.")
     try:
         return msgspec.json.decode(file.read_bytes(), type=Patch)

@@ -174,15 +174,15 @@ class Rig:
         for effect in self._sorted:
             if isinstance(effect, RopeEffect):
                 tension = tension + effect.tension(weight, direction)
-        ropes = np.zeros((len(plan.pose), steps, len(self.mounted.pulley)))
+        ropes = np.zeros((len(plan.posture_id), steps, len(self.mounted.pulley)))
         pulley = plan.pulley[:, None, None] % ropes.shape[2]
         np.put_along_axis(ropes, pulley, tension.reshape(-1, steps, 1), axis=2)
         hold = np.array([step.hold for step in plan.path])
         states = self._rest(
             plan.posture,
             ropes,
-            np.zeros((len(plan.pose), steps, 6)),
-            np.broadcast_to(hold, (len(plan.pose), steps)),
+            np.zeros((len(plan.posture_id), steps, 6)),
+            np.broadcast_to(hold, (len(plan.posture_id), steps)),
             0.0 if arrival is None else arrival,
         )
         return states.near(plan.posture[plan.row_visit])

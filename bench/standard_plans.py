@@ -160,7 +160,7 @@ def table_one_plan(
     once = Plan(
         name=f"Table 1, {poses} postures",
         posture=table[chosen],
-        pose=chosen,
+        posture_id=chosen,
         pulley=mixed_pulleys(poses, pulleys),
         path=path,
     )
@@ -196,7 +196,7 @@ def tour(
     once = Plan(
         name=f"{Path(rig.arm_file).stem}, {poses} postures",
         posture=postures.spread(room.limits, poses, seed, room),
-        pose=np.arange(poses),
+        posture_id=np.arange(poses),
         pulley=mixed_pulleys(poses, pulleys),
         path=path,
     )

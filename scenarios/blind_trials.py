@@ -25,7 +25,7 @@ from scenarios.studies.blind_trials.arms import arm_of
 from scenarios.studies.blind_trials.draw import trials_of
 from scenarios.studies.blind_trials.report import print_summary
 from scenarios.studies.blind_trials.run import Sweep, opened, run_trials
-from scenarios.studies.blind_trials.score import Score, score
+from scenarios.studies.blind_trials.score import TrialScore, score_answer
 from scenarios.studies.blind_trials.strata import STRATA
 
 
@@ -53,7 +53,7 @@ class Settings:
     """Trials that run side by side."""
 
 
-def main(settings: Settings) -> list[Score]:
+def main(settings: Settings) -> list[TrialScore]:
     """Carry out the trials and mark the answers."""
     s = settings
     _check(s)
@@ -68,7 +68,7 @@ def main(settings: Settings) -> list[Score]:
     scores, codes = [], set()
     for trial in trials:
         answer, truth, code = opened(s.out, trial.name)
-        scores.append(score(trial.label, trial.name, answer, truth))
+        scores.append(score_answer(trial.label, trial.name, answer, truth))
         codes.add(code)
     facts = {
         "seed": s.seed,

@@ -36,8 +36,8 @@ from scenarios.report.route import diagnose_to_folder
 from scenarios.studies.damage import (
     MISTAKES,
     WHAT,
+    CalibrationResult,
     Damage,
-    Outcome,
     Samples,
     damages,
     own_names,
@@ -58,7 +58,7 @@ class Settings:
     """Postures of the good recording."""
 
 
-def main(settings: Settings) -> Sequence[Outcome]:
+def main(settings: Settings) -> Sequence[CalibrationResult]:
     """Damage, diagnose, count."""
     with TemporaryDirectory(prefix="damaged-") as folder:
         good = good_recording(Path(folder) / "good", settings.poses)
@@ -97,25 +97,27 @@ def good_recording(folder: Path, poses: int) -> Samples:
     return Samples.of(folder)
 
 
-def outcome_of(damage: Damage, folder: Path) -> Outcome:
+def outcome_of(damage: Damage, folder: Path) -> CalibrationResult:
     """Write a damaged recording and diagnose it."""
     recording, out = folder / "recording", folder / "answer"
     recording.mkdir(parents=True)
-    damage.make(recording)
+    damage.write(recording)
     robot = OTHER if damage.other_model else synthetic_recording.KR10
     try:
         told = diagnose_to_folder(recording, robot, out, Console(quiet=True))
     except BenchError as error:
         whole = not out.exists()
-        return Outcome(damage, "refused" if whole else "half written", str(error))
+        return CalibrationResult(
+            damage, "refused" if whole else "half written", str(error)
+        )
     except Exception as error:
-        return Outcome(damage, "crashed", f"{type(error).__name__}: {error}")
+        return CalibrationResult(damage, "crashed", f"{type(error).__name__}: {error}")
     mistakes = [w for w in told.warnings if w.code in MISTAKES]
     if mistakes and not told.named:
         what = "warned" if damage.recognised(mistakes) else "misnamed"
-        return Outcome(damage, what, ", ".join(w.code for w in mistakes))
+        return CalibrationResult(damage, what, ", ".join(w.code for w in mistakes))
     names = ", ".join(f"{n.effect} at {n.where}" for n in told.named)
-    return Outcome(damage, "diagnosed", f"{told.verdict}: {names}")
+    return CalibrationResult(damage, "diagnosed", f"{told.verdict}: {names}")
 
 
 if __name__ == "__main__":

@@ -26,9 +26,9 @@ from scenarios.studies.paper.floor import (
     draw,
     finding,
     floor_rows,
+    magnitudes,
     oracle_error,
-    shown,
-    sizes,
+    report_table,
     summary,
 )
 from scenarios.studies.paper.fresh_postures import unseen
@@ -67,7 +67,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     out.mkdir(parents=True, exist_ok=True)
     fresh = unseen(experiment.rig, experiment.arm, settings.unseen, seed)
     material = Material.of(experiment, fresh)
-    count = len(sizes(default_truth())[: settings.known])
+    count = len(magnitudes(default_truth())[: settings.known])
     plain = SpringsCell(seed, effort.evaluations)
     mlp = PerceptronCell(seed, "spanning", effort, ())
     cnn = ConvolutionCell(seed, "spanning", effort)
@@ -89,7 +89,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     draw(errors, rows, place, out / "floor.png")
     blocks = [
         page.Figure(finding(rows, errors, place), "floor.png"),
-        shown(rows),
+        report_table(rows),
         page.Paragraph(
             f"A measured deflection is off by {np.abs(noise).mean():.4f} mm on average "
             "through the instruments alone. Fresh poses are judged by their true "

@@ -75,7 +75,7 @@ def main(settings: Settings) -> Recording:
         recording = plateaus_of(recording, extras.rests)
     folder.write(s.out, recording)
     rows, kind = len(recording.time), recording.rows
-    poses = len(np.unique(recording.pose))
+    poses = len(np.unique(recording.posture_id))
     print(f"{s.out}: {rows} rows ({kind}), {poses} poses.")
     for line in told:
         print(line)

@@ -33,7 +33,7 @@ from scenarios.studies.paper import (
 )
 from scenarios.studies.paper import tables_06_07 as imitation_tables
 from scenarios.studies.paper.budget import budget
-from scenarios.studies.paper.cells import Cell, Result, swept
+from scenarios.studies.paper.cells import Cell, CellResult, swept
 from scenarios.studies.paper.comparison import contenders
 from scenarios.studies.paper.experiment import Material, carry_out
 from scenarios.studies.paper.fresh_postures import unseen
@@ -76,7 +76,7 @@ def main(settings: Settings) -> discussion.Study:
     found = linear_fit.fit(experiment, seed)
     stream = playback.live(seed) if settings.view else None
 
-    def told(cell: Cell, result: Result) -> None:
+    def told(cell: Cell, result: CellResult) -> None:
         for curve in playback.curves(cell, result):
             if stream is not None:
                 playback.show_curve(stream, curve)

@@ -102,11 +102,11 @@ def main(settings: Settings) -> list[dict[str, object]]:
         page.Table(
             f"MAE and 99th percentile over all directions on {n} fresh postures each, "
             f"seeds: {told} [mm]",
-            *study.shown(rows),
+            *study.report_table(rows),
         ),
         page.Heading("Is the paper's gain reached?"),
         page.Paragraph(comparison.verdict(tuned, springs)),
-        comparison.gains(tuned, springs),
+        comparison.gains_table(tuned, springs),
         page.Paragraph(study.explanation(tuned[PLANS.index("table 5")], springs)),
     ]
     page.write(out, "What does the wrench plan cost?", study.summary(rows), blocks)

@@ -15,8 +15,13 @@ from bench.shared.plan import LoadStep, Plan, mixed_pulleys
 from bench.shared.recording import Recording
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis, point_of
-from stiffness.effects.jacobian import Motion, Shift, Signature, Turn
-from stiffness.experiment.static_state import Situation, situation_of
+from stiffness.effects.jacobian import (
+    BodyTwist,
+    EffectJacobian,
+    JointRotation,
+    MarkerDisplacement,
+)
+from stiffness.experiment.static_state import StaticState, static_state_of
 from stiffness.robot.arm import Arm
 
 KR10 = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
@@ -51,14 +56,14 @@ def recording(*effects: Effect) -> Recording:
 
 
 @cache
-def situation() -> Situation:
+def situation() -> StaticState:
     """Say where the nominal arm stands in the plan."""
     return situation_in(recording())
 
 
 def situation_in(
     recording: Recording, rigid: tuple[int, ...] = (), file: Path = KR10
-) -> Situation:
+) -> StaticState:
     """Say where the nominal arm stands in a recording, some axes rigid in the model."""
     arm = Arm.from_mjcf(file).for_recording(recording)
     stiffness = arm.stiffness.copy()
@@ -67,10 +72,10 @@ def situation_in(
     compliance = np.zeros(len(stiffness))
     compliance[stiffness > 0.0] = 1.0 / stiffness[stiffness > 0.0]
     bodies = tuple(dict.fromkeys(marker.body for marker in recording.markers))
-    return situation_of(arm, recording, compliance, bodies)
+    return static_state_of(arm, recording, compliance, bodies)
 
 
-def palletiser(folder: Path) -> Situation:
+def palletiser(folder: Path) -> StaticState:
     """Say where an arm of three upright axes and a slide stands in a plan."""
     mass = '<inertial mass="2" pos="0.1 0.01 0" diaginertia="0.1 0.1 0.1"/>'
     file = folder / "palletiser.xml"
@@ -92,7 +97,7 @@ def palletiser(folder: Path) -> Situation:
 
 
 @cache
-def swinging(late: float = 0.0, channel: str = "") -> Situation:
+def swinging(late: float = 0.0, channel: str = "") -> StaticState:
     """Say where the arm stands in a stream of slow swings under a changing pull.
 
     Args:
@@ -114,7 +119,7 @@ def swinging(late: float = 0.0, channel: str = "") -> Situation:
     stream = Recording(
         name="a stream",
         time=time,
-        pose=np.zeros(401, dtype=int),
+        posture_id=np.zeros(401, dtype=int),
         visit=np.zeros(401, dtype=int),
         posture=posture,
         load_time=time,
@@ -129,20 +134,20 @@ def swinging(late: float = 0.0, channel: str = "") -> Situation:
 
 
 @cache
-def showing(effect: str) -> Situation:
+def showing(effect: str) -> StaticState:
     """Return a situation in which an effect has a place."""
     if effect == "joint_compliance":
         return situation_in(recording(), rigid=(1, 3))
     return swinging() if effect == "channel_delay" else situation()
 
 
-def middle(situation: Situation, hypothesis: Hypothesis, where: str) -> np.ndarray:
+def middle(situation: StaticState, hypothesis: Hypothesis, where: str) -> np.ndarray:
     """Return the middle one of a hypothesis' shapes."""
     shapes = hypothesis.shapes(situation, where)
     return shapes[len(shapes) // 2]
 
 
-def expected(situation: Situation) -> np.ndarray:
+def expected(situation: StaticState) -> np.ndarray:
     """Return where the nominal arm has its markers, (rows, markers, 3), in m."""
     standing = situation.arm.at(situation.rest)
     places = []
@@ -152,7 +157,7 @@ def expected(situation: Situation) -> np.ndarray:
     return np.stack(places, axis=1)
 
 
-def moved(situation: Situation, signature: Signature) -> np.ndarray:
+def moved(situation: StaticState, signature: EffectJacobian) -> np.ndarray:
     """Return what a signature does to the markers, (rows, markers, 3, columns)."""
     places = []
     for marker in situation.recording.markers:
@@ -163,13 +168,13 @@ def moved(situation: Situation, signature: Signature) -> np.ndarray:
     for m, marker in enumerate(situation.recording.markers):
         carried = situation.carried[:, situation.bodies.index(marker.body)]
         for part in signature.parts:
-            if isinstance(part, Turn):
+            if isinstance(part, JointRotation):
                 screw = situation.screw[:, part.axis] * carried[part.axis + 1]
                 twist = screw[:, :, None] * part.law[:, None]
                 total[:, m] += at_point(twist, point[:, m])
-            elif isinstance(part, Motion):
-                total[:, m] += carried[part.place] * at_point(part.twist, point[:, m])
-            elif isinstance(part, Shift) and part.marker == m:
+            elif isinstance(part, BodyTwist):
+                total[:, m] += carried[part.site] * at_point(part.twist, point[:, m])
+            elif isinstance(part, MarkerDisplacement) and part.marker == m:
                 total[:, m] += part.displacement
     return total
 

@@ -23,7 +23,7 @@ from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
-from stiffness.effects.jacobian import Signature
+from stiffness.effects.jacobian import EffectJacobian
 from stiffness.robot.arm import Arm
 
 MODEL = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
@@ -52,7 +52,7 @@ def prepared(*effects: str) -> Prepared:
     return prepare(recording(*effects), arm())
 
 
-def moved_by(law: Signature, size: np.ndarray) -> Recording:
+def moved_by(law: EffectJacobian, size: np.ndarray) -> Recording:
     """Let the arm do a law of so much of each coefficient beyond what it does."""
     made, ready = recording(), prepared()
     assert made.points is not None

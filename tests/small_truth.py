@@ -79,7 +79,7 @@ def record(
     return Recording(
         name="small truth",
         time=np.arange(rows, dtype=float),
-        pose=visit,
+        posture_id=visit,
         visit=visit,
         posture=held,
         load_time=np.maximum(np.arange(rows, dtype=float) - 1.0, 0.0),

@@ -48,7 +48,7 @@ def parse(text: str, model: mujoco.MjModel) -> Effect:
             faults.append(f"{parameter} is given twice.")
         values[parameter] = value
     try:
-        effect = replace(_beside(kind(where=where), values), **values)
+        effect = replace(_without_other_components(kind(where=where), values), **values)
     except Unusable as error:
         effect = kind(where=where)
         faults += error.faults
@@ -85,7 +85,7 @@ def parse_all(texts: Iterable[str], model: mujoco.MjModel) -> tuple[Effect, ...]
     return tuple(effects)
 
 
-def _beside(effect: Effect, values: Mapping[str, object]) -> Effect:
+def _without_other_components(effect: Effect, values: Mapping[str, object]) -> Effect:
     """Return the effect of which only some components will be given."""
     none = effect.off()
     sizes = none.parameters().values()

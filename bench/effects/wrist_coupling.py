@@ -27,7 +27,7 @@ from bench.effects.springs import add_tendon
 from bench.kinematic_chain import Anatomy
 from bench.shared.errors import Unusable
 
-MOST = 0.45
+MAX_SHARE = 0.45
 """Largest share r; chosen: below 1/2, where the spring would have to be rigid."""
 
 
@@ -63,8 +63,8 @@ class WristCoupling(ModelEffect):
         pair = [arm.axis(self.with_axis), arm.axis(self.where)]
         root = np.sqrt([float(spec.joint(axis).stiffness[0]) for axis in pair])
         share = abs(self.compliance_rad_per_nm) * root[0] * root[1]
-        if share > MOST or pair[0] == pair[1]:
-            largest = MOST / (root[0] * root[1])
+        if share > MAX_SHARE or pair[0] == pair[1]:
+            largest = MAX_SHARE / (root[0] * root[1])
             fault = (
                 f"it couples {pair[1]} with {pair[0]} by "
                 f"{self.compliance_rad_per_nm:g} rad/(N m); "

@@ -13,23 +13,26 @@ def refuse(what: str, faults: list[str]) -> None:
         raise Unusable(what, faults)
 
 
-MOST = 1e6
+MAX_SIZE = 1e6
 """Largest size of anything, in SI; chosen: beyond it is no instrument."""
 
 
 def not_sizes(sizes: Mapping[str, object]) -> list[str]:
-    """Name every entry that is not from 0 to `MOST`."""
+    """Name every entry that is not from 0 to `MAX_SIZE`."""
     return [
-        f"{name} is {value}, expected at least 0 and at most {MOST:g}."
+        f"{name} is {value}, expected at least 0 and at most {MAX_SIZE:g}."
         for name, value in sizes.items()
-        if not np.all((np.asarray(value, float) >= 0.0) & (np.asarray(value) <= MOST))
+        if not np.all(
+            (np.asarray(value, float) >= 0.0) & (np.asarray(value) <= MAX_SIZE)
+        )
     ]
 
 
 def not_vectors(vectors: Mapping[str, tuple[float, ...]], length: int) -> list[str]:
-    """Name every entry that is not so many numbers of at most `MOST` either way."""
+    """Name every entry that is not so many numbers of at most `MAX_SIZE` either way."""
     return [
-        f"{name} is {value}, expected {length} numbers from {-MOST:g} to {MOST:g}."
+        f"{name} is {value}, expected {length} numbers from {-MAX_SIZE:g} to "
+        f"{MAX_SIZE:g}."
         for name, value in vectors.items()
-        if len(value) != length or not np.all(np.abs(value) <= MOST)
+        if len(value) != length or not np.all(np.abs(value) <= MAX_SIZE)
     ]

@@ -121,7 +121,7 @@ def inverse(
     return (point - base_from_tracker[:3, 3]) @ base_from_tracker[:3, :3]
 
 
-def moved(
+def displaced(
     point: Float[np.ndarray, "rows markers 3"],
     rate: tuple[float, ...],
     hours: Float[np.ndarray, " rows"],
@@ -218,10 +218,10 @@ class Tracker:
         """
         base_from_tracker = standpoint(chance["tracker_frame"])
         hours = time / HOUR
-        seen = moved(point, self.base_drift, hours)
+        seen = displaced(point, self.base_drift, hours)
         seen = inverse(base_from_tracker, seen)
         sight = -seen / np.linalg.norm(seen, axis=2, keepdims=True)
-        reading = moved((1.0 + self.scale) * seen, self.drift, hours)
+        reading = displaced((1.0 + self.scale) * seen, self.drift, hours)
         reading += smooth_field(self.field, chance["tracker_field"]).at(seen)
         sigma = self.noise * np.array(self.repeatability) / np.sqrt(self.frames)
         reading += sigma * chance["tracker_noise"].standard_normal(point.shape)

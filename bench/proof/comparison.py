@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from bench.proof.simulation import Assumed, Seen, World
+from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 
 SEEN_IN_MEANS = frozenset(
     {
@@ -27,7 +27,7 @@ show; chosen: below three sigmas in all, knowing its form would not make it visi
 
 
 @dataclass(frozen=True)
-class Gauge:
+class ComparisonMode:
     """How readings are compared.
 
     Attributes:
@@ -43,7 +43,9 @@ class Gauge:
     keep: Bool[np.ndarray, " rows"]
 
 
-def means_count(world: World, nominal: Assumed, patched: Assumed) -> bool:
+def means_count(
+    world: ReplaySimulation, nominal: NominalState, patched: NominalState
+) -> bool:
     """Return whether readings are compared as they are, means of visits included.
 
     Args:
@@ -56,7 +58,7 @@ def means_count(world: World, nominal: Assumed, patched: Assumed) -> bool:
     own = [e for e in patched.rig.effects if e not in nominal.rig.effects]
     if any(effect.name in SEEN_IN_MEANS for effect in own):
         return True
-    every = gauge_of(world, True, np.ones(world.replay.rows, dtype=bool))
+    every = comparison_mode_of(world, True, np.ones(world.replay.rows, dtype=bool))
     seen = world.see(patched)
     if own:  # what it does to readings
         away = residual_of(world, world.see(nominal), every)
@@ -70,7 +72,9 @@ def means_count(world: World, nominal: Assumed, patched: Assumed) -> bool:
     return float(np.nansum(within**2)) < FAINT
 
 
-def gauge_of(world: World, absolute: bool, keep: np.ndarray) -> Gauge:
+def comparison_mode_of(
+    world: ReplaySimulation, absolute: bool, keep: np.ndarray
+) -> ComparisonMode:
     """Return how a recording's readings are compared."""
     recording = world.recording
     sigma, frames = 1e-5, 1.0
@@ -79,10 +83,12 @@ def gauge_of(world: World, absolute: bool, keep: np.ndarray) -> Gauge:
     if recording.frames is not None:
         frames = float(np.mean(recording.frames))
     angle = recording.encoder_repeatability or 1e-6
-    return Gauge(absolute, max(sigma, 1e-9) / np.sqrt(frames), angle, keep)
+    return ComparisonMode(absolute, max(sigma, 1e-9) / np.sqrt(frames), angle, keep)
 
 
-def residual_of(world: World, seen: Seen, gauge: Gauge) -> np.ndarray:
+def residual_of(
+    world: ReplaySimulation, seen: SimulatedReadings, gauge: ComparisonMode
+) -> np.ndarray:
     """Return residuals of markers, then of angles, (rows, readings); NaN = not seen."""
     left = np.reshape(seen.residual, (len(seen.residual), -1))
     if seen.angle is not None:
@@ -90,7 +96,9 @@ def residual_of(world: World, seen: Seen, gauge: Gauge) -> np.ndarray:
     return left if gauge.absolute else centred(left, world.replay.visit, gauge.keep)
 
 
-def sigma_of(world: World, gauge: Gauge) -> Float[np.ndarray, " readings"]:
+def sigma_of(
+    world: ReplaySimulation, gauge: ComparisonMode
+) -> Float[np.ndarray, " readings"]:
     """Return one sigma of each entry of a row's residual."""
     sigma = np.full(3 * len(world.recording.markers), gauge.sigma)
     if world.recording.link_posture is not None:

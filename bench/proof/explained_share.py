@@ -24,17 +24,20 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import bootstrap
 
-from bench.proof.comparison import Gauge, residual_of
+from bench.proof.comparison import ComparisonMode, residual_of
 from bench.proof.nominal_fit import turned_by
 from bench.proof.proof_checks import squares
-from bench.proof.simulation import Assumed, Seen, World
+from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.rig import RIGID
 
 # --- Noise floor ----------------------------------------------------------------------
 
 
 def floor_of(
-    world: World, assumed: Assumed, seen: Seen, gauge: Gauge
+    world: ReplaySimulation,
+    assumed: NominalState,
+    seen: SimulatedReadings,
+    gauge: ComparisonMode,
 ) -> tuple[Float[np.ndarray, " rows"], float]:
     """Return the mean square that noise leaves on a marker and on an encoder.
 
@@ -56,7 +59,9 @@ def floor_of(
     return square * share, float(np.mean(angle**2 * share))
 
 
-def _through_the_wrench(world: World, assumed: Assumed, seen: Seen) -> np.ndarray:
+def _through_the_wrench(
+    world: ReplaySimulation, assumed: NominalState, seen: SimulatedReadings
+) -> np.ndarray:
     spec = world.recording.wrench_sensor
     rows, markers = seen.point.shape[:2]
     if spec is None or world.recording.wrench is None or not markers:
@@ -110,7 +115,7 @@ class Channel:
         gain: Before less after.
         low: Of its 95 % interval (BCa over poses: Efron 1987).
         high: Likewise.
-        pose: Ids of the poses.
+        posture_id: Ids of the poses.
         before_of: Rms of each pose.
         after_of: Likewise.
         explained: Share of what noise does not explain; None where nothing is left
@@ -123,7 +128,7 @@ class Channel:
     gain: float
     low: float
     high: float
-    pose: Int[np.ndarray, " poses"]
+    posture_id: Int[np.ndarray, " poses"]
     before_of: Float[np.ndarray, " poses"]
     after_of: Float[np.ndarray, " poses"]
     explained: Share | None = None
@@ -162,10 +167,10 @@ def explained_share(
 
 
 def channels_of(
-    world: World,
-    nominal: Assumed,
-    patched: Assumed,
-    gauge: Gauge,
+    world: ReplaySimulation,
+    nominal: NominalState,
+    patched: NominalState,
+    gauge: ComparisonMode,
     held: Bool[np.ndarray, " rows"],
 ) -> tuple[Channel | None, Channel | None]:
     """Return what markers and encoders say on the rows held out.
@@ -186,7 +191,7 @@ def channels_of(
     found: list[Channel | None] = []
     for one, other, noise in zip(before, after, floor, strict=True):
         quiet = np.broadcast_to(np.reshape(noise, (-1, 1)), one.shape)
-        pose = world.recording.pose
+        pose = world.recording.posture_id
         found.append(_channel(one[held], other[held], quiet[held], pose[held]))
     return found[0], found[1]
 
@@ -227,7 +232,7 @@ def _channel(before, after, noise, pose) -> Channel | None:
         gain=before_rms - after_rms,
         low=low,
         high=high,
-        pose=ids[np.bincount(index, good.sum(axis=1)) > 0],
+        posture_id=ids[np.bincount(index, good.sum(axis=1)) > 0],
         before_of=np.sqrt(one / count),
         after_of=np.sqrt(other / count),
         explained=explained_share(one, other, quiet, count),

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.cell import GRAVITY
-from bench.proof.simulation import Assumed, World
+from bench.proof.simulation import NominalState, ReplaySimulation
 
 HOLD, DWELL = 20.0, 120.0
 """How long a load stands before it is read, in s; chosen: a careful hand, a coffee."""
@@ -39,7 +39,9 @@ class Experiment:
     unit: Float[np.ndarray, "6"]
 
 
-def candidates(world: World, assumed: Assumed, count: int = 16) -> list[Experiment]:
+def candidates(
+    world: ReplaySimulation, assumed: NominalState, count: int = 16
+) -> list[Experiment]:
     """Return visits that can surely be made: poses and pulls that were made before.
 
     Args:
@@ -56,7 +58,8 @@ def candidates(world: World, assumed: Assumed, count: int = 16) -> list[Experime
     rows = [
         members[np.argmax(size[members])]
         for members in (
-            np.flatnonzero(recording.pose == pose) for pose in np.unique(recording.pose)
+            np.flatnonzero(recording.posture_id == pose)
+            for pose in np.unique(recording.posture_id)
         )
     ]
     chosen = [rows[i] for i in np.linspace(0, len(rows) - 1, count).astype(int)]
@@ -85,9 +88,9 @@ def paths(mass: float) -> tuple[tuple[float, ...], ...]:
 
 
 def expected(
-    world: World,
-    one: Assumed,
-    other: Assumed,
+    world: ReplaySimulation,
+    one: NominalState,
+    other: NominalState,
     experiments: Sequence[Experiment],
     sigma: float,
 ) -> Float[np.ndarray, " experiments"]:
@@ -105,14 +108,14 @@ def expected(
     for length in lengths:
         index = [i for i, e in enumerate(experiments) if len(e.path) == length]
         some = [experiments[i] for i in index]
-        seen = [_moved(world, assumed, some) for assumed in (one, other)]
+        seen = [_displacement(world, assumed, some) for assumed in (one, other)]
         for i, a, b in zip(index, *seen, strict=True):
             factor[i] = _distance(a, b) / (2.0 * sigma**2)
     return factor
 
 
-def _moved(
-    world: World, assumed: Assumed, experiments: Sequence[Experiment]
+def _displacement(
+    world: ReplaySimulation, assumed: NominalState, experiments: Sequence[Experiment]
 ) -> Float[np.ndarray, "visits readings"]:
     """Return what marks would do, each less its mean over the visit, in m."""
     rig = assumed.rig
@@ -123,7 +126,7 @@ def _moved(
     wrench = GRAVITY * path[:, :, None] * unit[:, None]
     same = np.diff(path, axis=1, prepend=-1.0) == 0.0
     states = rig.respond(posture, wrench, np.where(same, DWELL, HOLD))
-    point = world.points(states, assumed.place)
+    point = world.points(states, assumed.marker_positions)
     point = point.reshape(*path.shape, -1)
     return (point - point.mean(axis=1, keepdims=True)).reshape(len(path), -1)
 

@@ -32,8 +32,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from bench.proof.comparison import Gauge, centred, residual_of, sigma_of
-from bench.proof.simulation import Assumed, Seen, World
+from bench.proof.comparison import ComparisonMode, centred, residual_of, sigma_of
+from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.rig import RIGID, Rig
 
 # --- Simulated Jacobian ---------------------------------------------------------------
@@ -47,7 +47,7 @@ UNKNOWN = 1.0
 
 
 @dataclass(frozen=True)
-class Columns:
+class SimulatedJacobian:
     """What one unit of each silent parameter does to the readings.
 
     Attributes:
@@ -63,7 +63,12 @@ class Columns:
     framed: bool
 
 
-def columns_of(world: World, assumed: Assumed, seen: Seen, places: bool) -> Columns:
+def simulated_jacobian(
+    world: ReplaySimulation,
+    assumed: NominalState,
+    seen: SimulatedReadings,
+    places: bool,
+) -> SimulatedJacobian:
     """Return the columns of all that is fitted silently.
 
     Args:
@@ -87,19 +92,19 @@ def columns_of(world: World, assumed: Assumed, seen: Seen, places: bool) -> Colu
         angles += [np.zeros(seen.angle.shape)] * (len(stacked) - len(angles))
         stacked = [np.hstack(pair) for pair in zip(stacked, angles, strict=True)]
     matrix = np.stack(stacked, axis=2) if stacked else np.zeros((rows, 0, 0))
-    return Columns(matrix, np.array(prior), axes, is_framed(world))
+    return SimulatedJacobian(matrix, np.array(prior), axes, is_framed(world))
 
 
-def is_framed(world: World) -> bool:
+def is_framed(world: ReplaySimulation) -> bool:
     """Return whether the tracker's frame is unknown, and fitted."""
     recording = world.recording
     return recording.base_from_tracker is None and bool(recording.markers)
 
 
 def framing(
-    world: World,
-    assumed: Assumed,
-    seen: Seen,
+    world: ReplaySimulation,
+    assumed: NominalState,
+    seen: SimulatedReadings,
     places: bool,
     rows: Bool[np.ndarray, " rows"],
 ) -> tuple[list[np.ndarray], list[float]]:
@@ -128,7 +133,11 @@ def framing(
 
 
 def turned_by(
-    world: World, rig: Rig, seen: Seen, k: int, angle: Float[np.ndarray, "rows axes"]
+    world: ReplaySimulation,
+    rig: Rig,
+    seen: SimulatedReadings,
+    k: int,
+    angle: Float[np.ndarray, "rows axes"],
 ) -> Float[np.ndarray, "rows markers 3"]:
     """Return how markers move when axis k turns by small angles, in m."""
     states, model, arm = seen.states, rig.nominal, rig.anatomy
@@ -144,7 +153,9 @@ def turned_by(
     return block * angle[:, k, None, None] * moves[:, None]
 
 
-def wind_up(world: World, rig: Rig, seen: Seen) -> Float[np.ndarray, "rows axes"]:
+def wind_up(
+    world: ReplaySimulation, rig: Rig, seen: SimulatedReadings
+) -> Float[np.ndarray, "rows axes"]:
     """Return by how much every axis of the arm is wound, in rad."""
     posture = np.zeros(seen.states.axis_angle.shape)
     posture[:, world.order] = world.recording.posture
@@ -165,7 +176,9 @@ def carried(
     return np.array([hangs(model.body(body).id) for body in bodies], dtype=bool)
 
 
-def _on_encoders(world: World, rig: Rig, seen: Seen, k: int) -> np.ndarray:
+def _on_encoders(
+    world: ReplaySimulation, rig: Rig, seen: SimulatedReadings, k: int
+) -> np.ndarray:
     block = np.zeros((len(seen.point), len(world.order)))
     block[:, world.order.tolist().index(k)] = wind_up(world, rig, seen)[:, k]
     return block
@@ -177,7 +190,9 @@ SEVERE = 4.5
 """Sigmas from which a reading counts less (Huber 1964); chosen."""
 
 
-def fitted(world: World, start: Assumed, gauge: Gauge, rounds: int = 3) -> Assumed:
+def fitted(
+    world: ReplaySimulation, start: NominalState, gauge: ComparisonMode, rounds: int = 3
+) -> NominalState:
     """Fit what is nominal by Gauss-Newton in the simulator.
 
     Args:
@@ -191,14 +206,16 @@ def fitted(world: World, start: Assumed, gauge: Gauge, rounds: int = 3) -> Assum
         if not gauge.absolute:
             assumed = framed(world, assumed, gauge)
         seen = world.see(assumed)
-        columns = columns_of(world, assumed, seen, gauge.absolute)
+        columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
         left = residual_of(world, seen, gauge)
         step = solved(columns.matrix, columns.prior, left, world, gauge)
         assumed = stepped(assumed, columns, step)
     return assumed if gauge.absolute else framed(world, assumed, gauge)
 
 
-def framed(world: World, assumed: Assumed, gauge: Gauge) -> Assumed:
+def framed(
+    world: ReplaySimulation, assumed: NominalState, gauge: ComparisonMode
+) -> NominalState:
     """Fit frame and places alone, to the first row of every visit."""
     if world.recording.displacement == "relative" or not world.recording.markers:
         return assumed
@@ -212,42 +229,42 @@ def framed(world: World, assumed: Assumed, gauge: Gauge) -> Assumed:
     matrix = np.stack([np.reshape(b, (rows.sum(), -1)) for b in blocks], axis=2)
     left = np.reshape(seen.residual[rows], (rows.sum(), -1))
     step = least_squares(matrix, np.array(prior), left, gauge.sigma)
-    columns = Columns(matrix, np.array(prior), (), is_framed(world))
+    columns = SimulatedJacobian(matrix, np.array(prior), (), is_framed(world))
     return stepped(assumed, columns, step)
 
 
 def solved(
     matrix: Float[np.ndarray, "rows readings parameters"],
     prior: Float[np.ndarray, " parameters"],
-    left: Float[np.ndarray, "rows readings"],
-    world: World,
-    gauge: Gauge,
+    residual: Float[np.ndarray, "rows readings"],
+    world: ReplaySimulation,
+    gauge: ComparisonMode,
 ) -> Float[np.ndarray, " parameters"]:
     """Return the step of parameters that makes residuals smallest.
 
     Args:
         matrix: What one unit of each parameter does.
         prior: One sigma of each about where it stands.
-        left: Residuals, NaN where nothing was read.
+        residual: Residuals, NaN where nothing was read.
         world: The recording.
         gauge: Which rows count, and how.
     """
     if not gauge.absolute:
         matrix = centred(matrix, world.replay.visit, gauge.keep)
     rows = gauge.keep
-    return least_squares(matrix[rows], prior, left[rows], sigma_of(world, gauge))
+    return least_squares(matrix[rows], prior, residual[rows], sigma_of(world, gauge))
 
 
 def least_squares(
     matrix: Float[np.ndarray, "rows readings parameters"],
     prior: Float[np.ndarray, " parameters"],
-    left: Float[np.ndarray, "rows readings"],
+    residual: Float[np.ndarray, "rows readings"],
     sigma: Float[np.ndarray, " readings"] | float,
 ) -> Float[np.ndarray, " parameters"]:
     """Return the most probable step of parameters; far readings count less."""
-    good = np.isfinite(left) & np.isfinite(matrix).all(axis=2)
-    white = (left / sigma)[good]
-    shown = (matrix / np.broadcast_to(sigma, left.shape)[..., None])[good]
+    good = np.isfinite(residual) & np.isfinite(matrix).all(axis=2)
+    white = (residual / sigma)[good]
+    shown = (matrix / np.broadcast_to(sigma, residual.shape)[..., None])[good]
     step, weight = np.zeros(matrix.shape[2]), np.ones(len(white))
     for _ in range(2):
         heavy = shown * weight[:, None]
@@ -261,7 +278,9 @@ def least_squares(
     return step
 
 
-def stepped(assumed: Assumed, columns: Columns, step: np.ndarray) -> Assumed:
+def stepped(
+    assumed: NominalState, columns: SimulatedJacobian, step: np.ndarray
+) -> NominalState:
     """Return the assumption moved by a step of its silent parameters."""
     rig, n = assumed.rig, len(columns.axes)
     if n and np.any(np.abs(step[:n]) > 1e-12):
@@ -269,7 +288,7 @@ def stepped(assumed: Assumed, columns: Columns, step: np.ndarray) -> Assumed:
         growth = np.exp(np.clip(step[:n], -DECADE, DECADE))
         stiffness[list(columns.axes)] /= growth
         rig = replace(rig, stiffness=stiffness)
-    turn, shift, place = assumed.turn, assumed.shift, assumed.place
+    turn, shift, place = assumed.turn, assumed.shift, assumed.marker_positions
     if columns.framed:  # a column moves what is predicted, so readings move back
         move, vector = step[n : n + 3], step[n + 3 : n + 6]
         back = Rotation.from_rotvec(-vector).as_matrix()
@@ -277,7 +296,7 @@ def stepped(assumed: Assumed, columns: Columns, step: np.ndarray) -> Assumed:
     rest = step[n + 6 * columns.framed : n + 6 * columns.framed + place.size]
     if len(rest):
         place = place + rest.reshape(-1, 3)
-    return Assumed(rig, turn, shift, place)
+    return NominalState(rig, turn, shift, place)
 
 
 # --- Joint rotations from residuals ---------------------------------------------------
@@ -286,10 +305,10 @@ FAINT = 0.02
 """Lever in m below which markers do not show a turn; chosen."""
 
 
-def turns_of(
-    world: World,
-    assumed: Assumed,
-    seen: Seen,
+def joint_rotation_estimates(
+    world: ReplaySimulation,
+    assumed: NominalState,
+    seen: SimulatedReadings,
     residual: Float[np.ndarray, "rows markers 3"],
 ) -> Float[np.ndarray, "rows axes"]:
     """Return the turn of every axis of the recording that fits residuals, in rad."""
@@ -306,7 +325,7 @@ def turns_of(
 
 
 def torques_of(
-    world: World, assumed: Assumed, seen: Seen
+    world: ReplaySimulation, assumed: NominalState, seen: SimulatedReadings
 ) -> Float[np.ndarray, "rows axes"]:
     """Return the torque about each axis of an arm with nothing but springs, in N m."""
     rig = assumed.rig

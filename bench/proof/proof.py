@@ -15,13 +15,13 @@ import numpy as np
 from bench.effects.effect import Effect
 from bench.kinematic_chain import moving
 from bench.patch import Patch, effects_of, named, rig_of, with_arm
-from bench.proof.comparison import Gauge, gauge_of, means_count
+from bench.proof.comparison import ComparisonMode, comparison_mode_of, means_count
 from bench.proof.explained_share import Channel, channels_of
 from bench.proof.nominal_fit import fitted
-from bench.proof.proof_checks import Trial, left_outs, placebos
+from bench.proof.proof_checks import ProofCheck, left_outs, placebos
 from bench.proof.refinement import refined
-from bench.proof.setup import in_model, mounted_on, world_of
-from bench.proof.simulation import Assumed, World
+from bench.proof.setup import in_model, mounted_on, replay_simulation_of
+from bench.proof.simulation import NominalState, ReplaySimulation
 from bench.rig import RIGID
 from bench.shared.recording import Recording
 
@@ -46,21 +46,21 @@ class Proof:
         patch: With parameters as refined in the simulator on the poses not held out.
         nominal: The arm without the patch, as fitted.
         patched: The arm with it.
-        world: The recording, for whoever wants to simulate more.
-        gauge: How readings were compared, and which rows were fitted.
+        simulation: The recording, for whoever wants to simulate more.
+        mode: How readings were compared, and which rows were fitted.
     """
 
     held_out: tuple[int, ...]
     absolute: bool
     markers: Channel | None
     angles: Channel | None
-    trials: tuple[Trial, ...]
+    trials: tuple[ProofCheck, ...]
     budget: dict[str, float]
     patch: Patch
-    nominal: Assumed
-    patched: Assumed
-    world: World
-    gauge: Gauge
+    nominal: NominalState
+    patched: NominalState
+    simulation: ReplaySimulation
+    mode: ComparisonMode
 
 
 def prove(
@@ -91,11 +91,11 @@ def prove(
     rig = rig_of(patch, arm_file)
     own = effects_of(patch)
     bare = rig_of(replace(patch, effects=(), laws=()), arm_file)
-    world = world_of(recording, bare, own)
-    held = np.isin(recording.pose, held_out)
+    world = replay_simulation_of(recording, bare, own)
+    held = np.isin(recording.posture_id, held_out)
     start = _start(recording, patch, rig)
     unpatched = replace(start, rig=bare)
-    gauge = gauge_of(world, means_count(world, unpatched, start), ~held)
+    gauge = comparison_mode_of(world, means_count(world, unpatched, start), ~held)
     nominal = fitted(world, unpatched, gauge, FIRST_ROUNDS + 2)
     patched, slope = nominal, np.zeros((world.replay.rows, 0, 0))
     if own:
@@ -103,7 +103,7 @@ def prove(
         patched, slope, _ = refined(world, patched, gauge)
     now = tuple(e for e in patched.rig.effects if e not in bare.effects)
     markers, angles = channels_of(world, nominal, patched, gauge, held)
-    trials: list[Trial] = []
+    trials: list[ProofCheck] = []
     if thorough and own:
         trials += placebos(world, patched, now, gauge, held)
         used = replace(gauge, keep=np.ones(len(held), dtype=bool))
@@ -118,8 +118,8 @@ def prove(
         patch=_as_fitted(patch, patched, now, world),
         nominal=nominal,
         patched=patched,
-        world=world,
-        gauge=gauge,
+        simulation=world,
+        mode=gauge,
     )
 
 
@@ -135,7 +135,7 @@ def _thinned(recording: Recording) -> Recording:
     return recording.take(visit % every == 0)
 
 
-def _start(recording: Recording, patch: Patch, rig) -> Assumed:
+def _start(recording: Recording, patch: Patch, rig) -> NominalState:
     frame = np.eye(4)
     if recording.base_from_tracker is not None:
         frame = recording.base_from_tracker
@@ -148,10 +148,10 @@ def _start(recording: Recording, patch: Patch, rig) -> Assumed:
         for m in recording.markers
     ]
     place = np.array(places, dtype=float).reshape(-1, 3)
-    return Assumed(rig, frame[:3, :3], frame[:3, 3], place)
+    return NominalState(rig, frame[:3, :3], frame[:3, 3], place)
 
 
-def _budget(trials: Sequence[Trial], channel: Channel | None) -> dict[str, float]:
+def _budget(trials: Sequence[ProofCheck], channel: Channel | None) -> dict[str, float]:
     """Return the root of the square that comes back when an effect is taken out."""
     found = {
         t.what.removeprefix("without "): max(t.before**2 - t.after**2, 0.0) ** 0.5
@@ -166,7 +166,7 @@ def _budget(trials: Sequence[Trial], channel: Channel | None) -> dict[str, float
 
 
 def _as_fitted(
-    patch: Patch, patched: Assumed, own: Sequence[Effect], world: World
+    patch: Patch, patched: NominalState, own: Sequence[Effect], world: ReplaySimulation
 ) -> Patch:
     rig = patched.rig
     frame = np.eye(4)
@@ -176,7 +176,7 @@ def _as_fitted(
         axis: None if k >= RIGID else float(k)
         for axis, k in zip(rig.anatomy.axes, rig.springs, strict=True)
     }
-    pairs = zip(world.recording.markers, patched.place, strict=True)
+    pairs = zip(world.recording.markers, patched.marker_positions, strict=True)
     fitted_now = replace(
         patch,
         stiffness_nm_per_rad=springs,

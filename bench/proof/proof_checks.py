@@ -15,10 +15,10 @@ from scipy.cluster.vq import kmeans2
 
 from bench.effects.effect import Effect
 from bench.effects.places import places_for
-from bench.proof.comparison import Gauge
-from bench.proof.nominal_fit import columns_of
+from bench.proof.comparison import ComparisonMode
+from bench.proof.nominal_fit import simulated_jacobian
 from bench.proof.refinement import predicted, with_effects
-from bench.proof.simulation import Assumed, World
+from bench.proof.simulation import NominalState, ReplaySimulation
 from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
 
@@ -33,7 +33,7 @@ LEAST = 10
 
 
 @dataclass(frozen=True)
-class Trial:
+class ProofCheck:
     """One comparison on some rows.
 
     Attributes:
@@ -53,8 +53,12 @@ class Trial:
 
 
 def left_outs(
-    world: World, nominal: Assumed, patched: Assumed, slope: np.ndarray, gauge: Gauge
-) -> Iterator[Trial]:
+    world: ReplaySimulation,
+    nominal: NominalState,
+    patched: NominalState,
+    slope: np.ndarray,
+    gauge: ComparisonMode,
+) -> Iterator[ProofCheck]:
     """Try the patch on loads and postures that nothing was fitted to.
 
     Args:
@@ -72,15 +76,15 @@ def left_outs(
         sizes = []
         for assumed, own in ((nominal, None), (patched, slope)):
             seen = world.see(assumed)
-            columns = columns_of(world, assumed, seen, gauge.absolute)
+            columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
             matrix, prior = columns.matrix, columns.prior
             if own is not None and own.shape[2]:
                 matrix = np.concatenate([matrix, own], axis=2)
                 prior = np.concatenate([prior, np.ones(own.shape[2])])
             after = predicted(matrix, prior, seen, world, kept)
             sizes.append(rms(world, after, used))
-        poses = len(np.unique(world.recording.pose[used]))
-        yield Trial("left_out", what, sizes[0], sizes[1], poses)
+        poses = len(np.unique(world.recording.posture_id[used]))
+        yield ProofCheck("left_out", what, sizes[0], sizes[1], poses)
 
 
 def groups(recording: Recording) -> Iterator[tuple[str, Bool[np.ndarray, " rows"]]]:
@@ -98,7 +102,7 @@ def groups(recording: Recording) -> Iterator[tuple[str, Bool[np.ndarray, " rows"
         if len(unit) >= 2 * DIRECTIONS:
             commonest = _cluster(unit, DIRECTIONS)
             yield "one direction of pull", commonest[visit]
-    ids, first, pose = np.unique(recording.pose, True, True)
+    ids, first, pose = np.unique(recording.posture_id, True, True)
     posture = recording.posture[first]
     if len(ids) >= 2 * REGIONS:
         region = _cluster(np.hstack([np.cos(posture), np.sin(posture)]), REGIONS)
@@ -106,12 +110,12 @@ def groups(recording: Recording) -> Iterator[tuple[str, Bool[np.ndarray, " rows"
 
 
 def placebos(
-    world: World,
-    patched: Assumed,
+    world: ReplaySimulation,
+    patched: NominalState,
     own: Sequence[Effect],
-    gauge: Gauge,
+    gauge: ComparisonMode,
     held: np.ndarray,
-) -> Iterator[Trial]:
+) -> Iterator[ProofCheck]:
     """Put each effect on its neighbours, and take each out.
 
     Args:
@@ -125,50 +129,55 @@ def placebos(
     world, held = world.part(some), held[some]
     gauge = replace(gauge, keep=gauge.keep[some])
     after = refitted(world, patched, gauge, held)
-    poses = len(np.unique(world.recording.pose[held]))
+    poses = len(np.unique(world.recording.posture_id[held]))
     for effect in own:
         others = [e for e in patched.rig.effects if e is not effect]
         size = refitted(world, with_effects(patched, others), gauge, held)
         word = f"{effect.name} at {effect.where}"
-        yield Trial("taken_out", f"without {word}", size, after, poses)
-        for neighbour in _neighbours(world, patched, effect):
+        yield ProofCheck("taken_out", f"without {word}", size, after, poses)
+        for neighbour in _at_adjacent_sites(world, patched, effect):
             try:
                 moved = with_effects(patched, [*others, neighbour])
                 size_there = refitted(world, moved, gauge, held)
             except BenchError:
                 continue
             what = f"{effect.name} at {neighbour.where} instead of {effect.where}"
-            yield Trial("placebo", what, size, size_there, poses)
+            yield ProofCheck("placebo", what, size, size_there, poses)
 
 
-def some_of(world: World, held: np.ndarray) -> Bool[np.ndarray, " rows"]:
+def some_of(world: ReplaySimulation, held: np.ndarray) -> Bool[np.ndarray, " rows"]:
     """Return the rows held out and those of some other visits."""
     others = np.unique(world.replay.visit[~held])
     every = max(1, -(-len(others) // ENOUGH))
     return held | np.isin(world.replay.visit, others[::every])
 
 
-def refitted(world: World, assumed: Assumed, gauge: Gauge, held: np.ndarray) -> float:
+def refitted(
+    world: ReplaySimulation,
+    assumed: NominalState,
+    gauge: ComparisonMode,
+    held: np.ndarray,
+) -> float:
     """Return the rms on held rows once what is nominal is fitted again."""
     seen = world.see(assumed)
-    columns = columns_of(world, assumed, seen, gauge.absolute)
+    columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
     after = predicted(columns.matrix, columns.prior, seen, world, gauge)
     return rms(world, after, held)
 
 
-def rms(world: World, left: np.ndarray, rows: np.ndarray) -> float:
+def rms(world: ReplaySimulation, residual: np.ndarray, rows: np.ndarray) -> float:
     """Return the rms of markers, 3-D in m; of angles in rad where there are none."""
-    square = squares(world, left)[0 if world.recording.markers else 1][rows]
+    square = squares(world, residual)[0 if world.recording.markers else 1][rows]
     return float(np.sqrt(np.nanmean(square))) if np.isfinite(square).any() else np.nan
 
 
 def squares(
-    world: World, left: Float[np.ndarray, "rows readings"]
+    world: ReplaySimulation, residual: Float[np.ndarray, "rows readings"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return squares of markers (rows, markers) in m² and angles (rows, axes), rad²."""
     markers = len(world.recording.markers)
-    points = left[:, : 3 * markers].reshape(len(left), markers, 3)
-    return np.sum(points**2, axis=2), left[:, 3 * markers :] ** 2
+    points = residual[:, : 3 * markers].reshape(len(residual), markers, 3)
+    return np.sum(points**2, axis=2), residual[:, 3 * markers :] ** 2
 
 
 def _cluster(values: np.ndarray, count: int) -> np.ndarray:
@@ -180,7 +189,9 @@ def _cluster(values: np.ndarray, count: int) -> np.ndarray:
     return label == order[len(order) // 2]
 
 
-def _neighbours(world: World, assumed: Assumed, effect: Effect) -> list[Effect]:
+def _at_adjacent_sites(
+    world: ReplaySimulation, assumed: NominalState, effect: Effect
+) -> list[Effect]:
     if not {"axis", "link"} & set(effect.places):
         return []
     arm = assumed.rig.anatomy

@@ -18,15 +18,15 @@ from jaxtyping import Float
 from bench.effects.effect import Effect
 from bench.effects.gravity_load import GravityLoad
 from bench.effects.tabled_law import TabledLaw
-from bench.proof.comparison import Gauge, centred, residual_of, sigma_of
-from bench.proof.nominal_fit import columns_of, framed, solved, stepped
-from bench.proof.simulation import Assumed, Seen, World
+from bench.proof.comparison import ComparisonMode, centred, residual_of, sigma_of
+from bench.proof.nominal_fit import framed, simulated_jacobian, solved, stepped
+from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.shared.errors import BenchError
 
 STEP = 0.02
 """Share of a parameter over which its effect is simulated; chosen: above a solver's
 rounding, below a kink's reach."""
-LARGEST = 0.5
+MAX_STEP = 0.5
 """Share by which a parameter may move in one step; chosen."""
 ENOUGH = 2e-4
 """Share of the misfit below which another step gains nothing; chosen."""
@@ -35,7 +35,7 @@ BENT_BY = {"hysteresis": ("stiffening",), "lost_motion": ("closing_nm",)}
 
 
 @dataclass(frozen=True)
-class Knob:
+class RefinedParameter:
     """One number of one effect.
 
     Attributes:
@@ -49,7 +49,7 @@ class Knob:
     size: float
 
 
-def knobs_of(effects: Sequence[Effect]) -> tuple[Knob, ...]:
+def refined_parameters(effects: Sequence[Effect]) -> tuple[RefinedParameter, ...]:
     """Return what may be moved: all sizes that are neither zero nor without end."""
     found = []
     for e, effect in enumerate(effects):
@@ -60,16 +60,18 @@ def knobs_of(effects: Sequence[Effect]) -> tuple[Knob, ...]:
         for name in (*names, *BENT_BY.get(effect.name, ())):
             value = getattr(effect, name, None)
             if isinstance(value, float) and np.isfinite(value) and value != 0.0:
-                found.append(Knob(e, name, abs(value)))
+                found.append(RefinedParameter(e, name, abs(value)))
     return tuple(found)
 
 
-def moved(
-    effects: Sequence[Effect], knobs: Sequence[Knob], step: Float[np.ndarray, " knobs"]
+def with_changed_parameters(
+    effects: Sequence[Effect],
+    parameters: Sequence[RefinedParameter],
+    step: Float[np.ndarray, " knobs"],
 ) -> tuple[Effect, ...]:
     """Return effects whose knobs are turned by shares of their sizes."""
     changed = list(effects)
-    for knob, share in zip(knobs, step, strict=True):
+    for knob, share in zip(parameters, step, strict=True):
         effect = changed[knob.effect]
         value = getattr(effect, knob.name) + float(share) * knob.size
         least = effect.at_least.get(knob.name, -np.inf)
@@ -78,17 +80,21 @@ def moved(
 
 
 def sensitivity(
-    world: World, assumed: Assumed, knobs: Sequence[Knob]
+    world: ReplaySimulation,
+    assumed: NominalState,
+    parameters: Sequence[RefinedParameter],
 ) -> Float[np.ndarray, "rows readings knobs"]:
     """Return what a whole size more of each knob does, by small steps."""
-    everything = Gauge(True, 1.0, 1.0, np.ones(world.replay.rows, dtype=bool))
+    everything = ComparisonMode(True, 1.0, 1.0, np.ones(world.replay.rows, dtype=bool))
     before = residual_of(world, world.see(assumed), everything)
-    found = np.zeros((*before.shape, len(knobs)))
-    for i in range(len(knobs)):
-        step = np.zeros(len(knobs))
+    found = np.zeros((*before.shape, len(parameters)))
+    for i in range(len(parameters)):
+        step = np.zeros(len(parameters))
         step[i] = STEP
         try:
-            rig = with_effects(assumed, moved(assumed.rig.effects, knobs, step))
+            rig = with_effects(
+                assumed, with_changed_parameters(assumed.rig.effects, parameters, step)
+            )
             after = residual_of(world, world.see(rig), everything)
         except BenchError:  # at the edge of what can be built: left where it is
             continue
@@ -97,8 +103,11 @@ def sensitivity(
 
 
 def refined(
-    world: World, assumed: Assumed, gauge: Gauge, rounds: int = 4
-) -> tuple[Assumed, np.ndarray, tuple[Knob, ...]]:
+    world: ReplaySimulation,
+    assumed: NominalState,
+    gauge: ComparisonMode,
+    rounds: int = 4,
+) -> tuple[NominalState, np.ndarray, tuple[RefinedParameter, ...]]:
     """Move springs, frames and effects to where the simulator agrees best.
 
     A step that makes the agreement worse is halved once, then given up. What a knob
@@ -107,26 +116,26 @@ def refined(
     Returns:
         What is assumed now, what each knob does, and the knobs.
     """
-    knobs = knobs_of(assumed.rig.effects)
+    knobs = refined_parameters(assumed.rig.effects)
     slope = sensitivity(world, assumed, knobs)
-    cost = misfit(world, assumed, gauge)
+    cost = robust_chi_square(world, assumed, gauge)
     for _ in range(rounds):
         seen = world.see(assumed)
-        columns = columns_of(world, assumed, seen, gauge.absolute)
+        columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
         matrix = np.concatenate([columns.matrix, slope], axis=2)
         prior = np.concatenate([columns.prior, np.ones(len(knobs))])
         left = residual_of(world, seen, gauge)
         step = solved(matrix, prior, left, world, gauge)
         n = columns.matrix.shape[2]
         for share in (1.0, 0.5):
-            own = np.clip(share * step[n:], -LARGEST, LARGEST)
+            own = np.clip(share * step[n:], -MAX_STEP, MAX_STEP)
             try:
                 trial = stepped(assumed, columns, share * step[:n])
-                effects = moved(trial.rig.effects, knobs, own)
+                effects = with_changed_parameters(trial.rig.effects, knobs, own)
                 trial = with_effects(trial, effects)
                 if not gauge.absolute:
                     trial = framed(world, trial, gauge)
-                after = misfit(world, trial, gauge)
+                after = robust_chi_square(world, trial, gauge)
             except BenchError:
                 continue
             if after < cost:
@@ -139,7 +148,9 @@ def refined(
     return assumed, slope, knobs
 
 
-def misfit(world: World, assumed: Assumed, gauge: Gauge) -> float:
+def robust_chi_square(
+    world: ReplaySimulation, assumed: NominalState, gauge: ComparisonMode
+) -> float:
     """Return the mean square of residuals in sigmas; far ones count as 6 sigmas."""
     left = residual_of(world, world.see(assumed), gauge)[gauge.keep]
     share = left / sigma_of(world, gauge)
@@ -150,13 +161,17 @@ def misfit(world: World, assumed: Assumed, gauge: Gauge) -> float:
     return float(np.mean(np.minimum(np.abs(share[good]), 6.0 * scale) ** 2))
 
 
-def with_effects(assumed: Assumed, effects: Sequence[Effect]) -> Assumed:
+def with_effects(assumed: NominalState, effects: Sequence[Effect]) -> NominalState:
     """Return the assumption with other effects."""
     return replace(assumed, rig=replace(assumed.rig, effects=tuple(effects)))
 
 
 def predicted(
-    matrix: np.ndarray, prior: np.ndarray, seen: Seen, world: World, gauge: Gauge
+    matrix: np.ndarray,
+    prior: np.ndarray,
+    seen: SimulatedReadings,
+    world: ReplaySimulation,
+    gauge: ComparisonMode,
 ) -> Float[np.ndarray, "rows readings"]:
     """Return what is left in all rows after a fit to those kept, to first order.
 

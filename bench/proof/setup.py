@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from bench.effects.creep import Creep
 from bench.kinematic_chain import Anatomy
-from bench.patch import Mounted, Named, Patch
-from bench.proof.simulation import World, replay_of
+from bench.patch import Mounted, Patch, PatchEffect
+from bench.proof.simulation import ReplaySimulation, replay_of
 from bench.rig import Rig, States
 from bench.shared.errors import UnknownName
 from bench.shared.recording import Recording
@@ -71,7 +71,7 @@ def in_model(recording: Recording, patch: Patch, arm: Anatomy) -> Patch:
         }
         return known.get(where, where)
 
-    def renamed(effect: Named) -> Named:
+    def renamed(effect: PatchEffect) -> PatchEffect:
         partner = effect.parameters.get("with")
         parameters = dict(effect.parameters)
         if isinstance(partner, str):
@@ -87,7 +87,9 @@ def in_model(recording: Recording, patch: Patch, arm: Anatomy) -> Patch:
     )
 
 
-def world_of(recording: Recording, nominal: Rig, effects: tuple = ()) -> World:
+def replay_simulation_of(
+    recording: Recording, nominal: Rig, effects: tuple = ()
+) -> ReplaySimulation:
     """Lay out a recording for the simulator.
 
     Args:
@@ -101,7 +103,7 @@ def world_of(recording: Recording, nominal: Rig, effects: tuple = ()) -> World:
     waits = any(isinstance(effect, Creep) for effect in effects)
     replay = replay_of(recording, waits)
     rows = replay.rows
-    world = World(
+    world = ReplaySimulation(
         recording=recording,
         replay=replay,
         order=order,

@@ -37,7 +37,7 @@ from bench.effects.effect import Effect, RopeEffect
 from bench.effects.instrument_effect import InstrumentEffect
 from bench.experiment import faulty
 from bench.instruments import ForceSensor, Instruments, Markers, Tracker
-from bench.instruments.tracker import HOUR, STILL, inverse, moved
+from bench.instruments.tracker import HOUR, STILL, displaced, inverse
 from bench.rig import Rig, States
 from bench.shared.recording import Recording
 
@@ -181,8 +181,8 @@ def reading_of(
     error[:3, :3] = Rotation.from_rotvec(vector).as_matrix()
     error[:3, 3] = shift
     true = np.linalg.inv(error) @ stated
-    seen = inverse(true, moved(point, tracker.base_drift, hours))
-    return moved((1.0 + tracker.scale) * seen, tracker.drift, hours)
+    seen = inverse(true, displaced(point, tracker.base_drift, hours))
+    return displaced((1.0 + tracker.scale) * seen, tracker.drift, hours)
 
 
 def turned(
@@ -197,24 +197,24 @@ def turned(
 
 
 @dataclass(frozen=True)
-class Assumed:
+class NominalState:
     """All that a simulation takes to be so.
 
     Attributes:
         rig: Arm, springs and effects.
         turn: R in p_base = R p_tracker + shift, as stated or fitted.
         shift: In m.
-        place: Of each marker in its body's frame, in m.
+        marker_positions: Of each marker in its body's frame, in m.
     """
 
     rig: Rig
     turn: Float[np.ndarray, "3 3"]
     shift: Float[np.ndarray, "3"]
-    place: Float[np.ndarray, "markers 3"]
+    marker_positions: Float[np.ndarray, "markers 3"]
 
 
 @dataclass(frozen=True)
-class Seen:
+class SimulatedReadings:
     """What a simulation left over, and what is needed to do better.
 
     Attributes:
@@ -231,7 +231,7 @@ class Seen:
 
 
 @dataclass(frozen=True)
-class World:
+class ReplaySimulation:
     """A recording, laid out for the simulator.
 
     Attributes:
@@ -254,12 +254,12 @@ class World:
     base: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]
     _known: dict = field(default_factory=dict, repr=False)
 
-    def see(self, assumed: Assumed) -> Seen:
+    def see(self, assumed: NominalState) -> SimulatedReadings:
         """Simulate and compare."""
         rig, recording = assumed.rig, self.recording
         states = self.states(rig)
         faults = faulty(_perfect(), rig)
-        point = self.points(states, assumed.place, faults.markers)
+        point = self.points(states, assumed.marker_positions, faults.markers)
         angle = None
         if recording.link_posture is not None:
             angle = recording.link_posture - states.axis_angle[:, self.order]
@@ -272,7 +272,7 @@ class World:
             if recording.displacement == "relative":  # the first row is zero
                 first = self.first_rows()
                 residual = recording.points @ assumed.turn.T - (point - point[first])
-        return Seen(states, point, residual, angle)
+        return SimulatedReadings(states, point, residual, angle)
 
     def states(self, rig: Rig) -> States:
         """Simulate; what was asked last time is remembered."""
@@ -286,14 +286,14 @@ class World:
     def points(
         self,
         states: States,
-        place: Float[np.ndarray, "markers 3"],
+        marker_positions: Float[np.ndarray, "markers 3"],
         slipping: Markers | None = None,
     ) -> Float[np.ndarray, "rows markers 3"]:
         """Return where markers are in some states, in the base's frame, in m."""
         base, turn = self.base
         point = np.empty((len(states.axis_angle), len(self.body), 3))
         for m, marker in enumerate(self.recording.markers):
-            own = place[m]
+            own = marker_positions[m]
             if slipping is not None and slipping.slips:
                 own = own + slipping.slipped(marker.name, self.recording.time)
             b = states.bodies.index(self.body[m])
@@ -301,7 +301,7 @@ class World:
             point[:, m] = (at + states.position[:, b] - base) @ turn
         return point
 
-    def part(self, rows: Bool[np.ndarray, " rows"]) -> "World":
+    def part(self, rows: Bool[np.ndarray, " rows"]) -> "ReplaySimulation":
         """Return the world of some visits alone."""
         recording = self.recording.take(rows)
         waits = bool(np.any(~self.replay.read & (self.replay.hold > QUICK)))

@@ -160,7 +160,7 @@ class Plan:
     Attributes:
         name: What the experiment is called.
         posture: Axis angles that are commanded, in rad (slides in m).
-        pose: Id of each posture; the same id again is the same posture again.
+        posture_id: Id of each posture; the same id again is the same posture again.
         pulley: Which pulley place guides the rope, counted from 0.
         path: What hangs on the hook, done in every visit; starts without a load.
         move_time: From the last reading of a visit to the arrival at the next, in s.
@@ -172,7 +172,7 @@ class Plan:
 
     name: str
     posture: Float[np.ndarray, "visits axes"]
-    pose: Int[np.ndarray, " visits"]
+    posture_id: Int[np.ndarray, " visits"]
     pulley: Int[np.ndarray, " visits"]
     path: tuple[LoadStep, ...] = DEFAULT_PATH
     move_time: float = MOVE_TIME
@@ -187,7 +187,7 @@ class Plan:
         elif not np.all(np.isfinite(self.posture)):
             rows = np.flatnonzero(~np.isfinite(self.posture).all(axis=1))
             faults.append(f"posture is not finite in visits {rows.tolist()}.")
-        for name in ("pose", "pulley"):
+        for name in ("posture_id", "pulley"):
             value, visits = getattr(self, name), self.posture.shape[:1]
             if value.shape != visits:
                 faults.append(f"{name} has shape {value.shape}, expected {visits}.")
@@ -196,11 +196,11 @@ class Plan:
         if not (np.isfinite(self.move_time) and self.move_time >= 0):
             faults.append(f"move_time is {self.move_time} s, expected at least 0.")
         if not faults:
-            _, first, which = np.unique(self.pose, True, True)
+            _, first, which = np.unique(self.posture_id, True, True)
             moved = np.any(self.posture != self.posture[first[which]], axis=1)
             faults += [
                 f"pose {pose} names two different postures; give each its own id."
-                for pose in np.unique(self.pose[moved])
+                for pose in np.unique(self.posture_id[moved])
             ]
         if faults:
             raise Unusable(f"Plan {self.name!r}", faults)
@@ -283,7 +283,7 @@ def repeated(plan: Plan, count: int) -> Plan:
     return replace(
         plan,
         posture=plan.posture[order],
-        pose=plan.pose[order],
+        posture_id=plan.posture_id[order],
         pulley=plan.pulley[order],
     )
 

@@ -5,7 +5,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 _NORM_ROUNDING = 1e-14
-MOST = 200
+MAX_ROUNDS = 200
 """Rounds after which any is as good; in trials of 4,000 turns ten were the most."""
 
 
@@ -29,7 +29,7 @@ def quaternion_of(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4"]:
     """
     seen: list[tuple[float, ...]] = []
     found = _undrifted(matrix)
-    while found not in seen and len(seen) < MOST:
+    while found not in seen and len(seen) < MAX_ROUNDS:
         seen.append(found)
         found = _undrifted(matrix_of(np.array(found)))
     start = seen.index(found) if found in seen else 0

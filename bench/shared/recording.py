@@ -56,7 +56,7 @@ class Recording:
     Attributes:
         name: What the experiment is called.
         time: When each row was read, since the start, in s; never decreasing.
-        pose: Id of the posture visited (of the motion, in a stream).
+        posture_id: Id of the posture visited (of the motion, in a stream).
         visit: Counts visits from 0; the same pose again is another visit.
         posture: Axis angles the controller reports, in rad (slides in m).
         load_time: When the load of each row last changed, in s.
@@ -89,7 +89,7 @@ class Recording:
 
     name: str
     time: Float[np.ndarray, " rows"]
-    pose: Int[np.ndarray, " rows"]
+    posture_id: Int[np.ndarray, " rows"]
     visit: Int[np.ndarray, " rows"]
     posture: Float[np.ndarray, "rows axes"]
     load_time: Float[np.ndarray, " rows"]
@@ -120,7 +120,7 @@ class Recording:
         rows = len(self.time)
         axes = self.posture.shape[1] if self.posture.ndim == 2 else -1
         expected: dict[str, tuple[int, ...]] = {
-            "pose": (rows,),
+            "posture_id": (rows,),
             "visit": (rows,),
             "posture": (rows, axes),
             "load_time": (rows,),
@@ -146,7 +146,7 @@ class Recording:
     def take(self, rows: np.ndarray) -> "Recording":
         """Return the same recording with only these rows (indices or a mask)."""
         per_row = {
-            "time", "pose", "visit", "posture", "load_time", "stage", "wrench",
+            "time", "posture_id", "visit", "posture", "load_time", "stage", "wrench",
             "load_mass", "points", "link_posture", "axis_torque", "temperature",
             "frames",
         }  # fmt: skip

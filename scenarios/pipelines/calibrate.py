@@ -43,7 +43,7 @@ from scenarios.pipelines.schema import (
     verdict_of,
 )
 from stiffness.calibration.columns import Key
-from stiffness.calibration.model import readings_of, regions_of
+from stiffness.calibration.model import readings_of, spatial_folds_of
 from stiffness.calibration.result import Calibrated, calibrated
 from stiffness.robot.arm import Arm
 
@@ -65,7 +65,7 @@ def answer_of(
     name: str,
     found: Calibrated,
     proof: CalibrationProof,
-    remains: ResidualSummary,
+    residual: ResidualSummary,
     seconds: float,
     rejected: float = 1.0,
 ) -> Answer:
@@ -75,7 +75,7 @@ def answer_of(
         name: Of the recording.
         found: The calibration.
         proof: What the simulator says of it.
-        remains: What is left.
+        residual: Summary of what the calibrated arm leaves.
         seconds: That it took.
         rejected: p-value of the nominal arm, where another test has looked at it.
     """
@@ -94,13 +94,13 @@ def answer_of(
     )
     share = proof.explained
     explained = share and Interval(share.estimate, share.low, share.high)
-    passes = remains.p_value >= ALPHA
+    passes = residual.p_value >= ALPHA
     verdict = verdict_of(
         Findings(something, bool(names), passes, True, entry, explained)
     )
     left = None
     if verdict in ("partly_explained", "unexplained"):
-        left = Left(remains.where, remains.signature, {}, MM * rms(proof.after))
+        left = Left(residual.where, residual.signature, {}, MM * rms(proof.after))
     return Answer(
         schema=1,
         recording=name,
@@ -148,9 +148,9 @@ def _zone(found: Calibrated, own: list[Key]) -> str:
     k = int(where[1:]) - 1
     angle = np.degrees(found.readings.posture[:, k])
     low, high = np.quantile(angle, [0.01, 0.99])
-    if where in found.tables:
+    if where in found.error_tables:
         grid = np.radians(np.linspace(low, high, 721))
-        worst = np.degrees(grid[np.argmax(np.abs(found.tables[where].at(grid)))])
+        worst = np.degrees(grid[np.argmax(np.abs(found.error_tables[where].at(grid)))])
         return f"from {low:.0f}° to {high:.0f}°, most at {worst:.0f}°"
     return f"from {low:.0f}° to {high:.0f}°"
 
@@ -163,7 +163,7 @@ def _called(found: Calibrated, key: Key) -> Called:
         for name, e in found.estimates.get(key, {}).items()
     }
     if effect == "transmission_error":
-        wave = found.waves[where]
+        wave = found.harmonics[where]
         size, half = wave.size, wave.half
         turn = half / size if size > half else None  # else any phase does
         n, q = float(wave.order), wave.phase
@@ -172,7 +172,7 @@ def _called(found: Calibrated, key: Key) -> Called:
         parameters["phase_rad"] = (
             Interval(q, None, None) if turn is None else Interval(q, q - turn, q + turn)
         )
-    equivalents = [At(*other) for other in found.selected.alike.get(key, ())]
+    equivalents = [At(*other) for other in found.selected.equivalents.get(key, ())]
     if effect in LIKE:
         equivalents.append(At(LIKE[effect], where))
     elif effect == "drift":
@@ -214,7 +214,7 @@ class CalibrationOutcome:
 
     found: Calibrated
     proof: CalibrationProof
-    remains: ResidualSummary
+    residual: ResidualSummary
     answer: Answer
     model: Path
 
@@ -233,7 +233,7 @@ def calibrate_and_prove(
         recording: Absolute positions, of which the unloaded rows count.
         arm: The nominal arm, with the recording's names.
         model: Its file, for the simulator.
-        draw: Which regions are kept back; see `regions_of`.
+        draw: Which regions are kept back; see `spatial_folds_of`.
         quiet: Whether to say nothing on the way.
         rejected: p-value of the nominal arm, where another test has looked at it.
 
@@ -243,10 +243,10 @@ def calibrate_and_prove(
     started = time.perf_counter()
     console = Console(quiet=quiet)
     readings = readings_of(recording, arm)
-    found = calibrated(readings, regions_of(readings, draw), console.print)
+    found = calibrated(readings, spatial_folds_of(readings, draw), console.print)
     proof = proved(found, recording, model)
-    remains = summarise_residual(found, proof)
+    residual = summarise_residual(found, proof)
     seconds = time.perf_counter() - started
-    answer = answer_of(recording.name, found, proof, remains, seconds, rejected)
+    answer = answer_of(recording.name, found, proof, residual, seconds, rejected)
     console.print(first_sentence(answer, proof))
-    return CalibrationOutcome(found, proof, remains, answer, model)
+    return CalibrationOutcome(found, proof, residual, answer, model)

@@ -23,8 +23,8 @@ from bench.proof.simulation import reading_of
 from bench.shared.recording import Recording
 from scenarios.pipelines.effect_parameters import label
 from scenarios.pipelines.patching import FROM_SIDES, patch_of_calibration
-from stiffness.calibration.model import Drawn, Stance
-from stiffness.calibration.result import Calibrated, growing
+from stiffness.calibration.model import CalibrationState, Geometry
+from stiffness.calibration.result import Calibrated, drift_term
 from stiffness.robot.tracker_frame import kabsch
 
 # --- Proof on held-out poses ----------------------------------------------------------
@@ -66,13 +66,17 @@ def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationP
     carried = mounted_on(recording, rig_of(Patch(), model))
     patch = replace(patch_of_calibration(found), mounted=carried)
     nominal = Patch(stiffness_nm_per_rad=dict(found.springs[0]), mounted=carried)
-    before = _left(found, model, nominal, found.before, 0.0)[held]
+    before = _residual(found, model, nominal, found.before, 0.0)[held]
     moving = tuple(e for e in patch.effects if e.effect not in FROM_SIDES)
-    after = _left(
-        found, model, replace(patch, effects=moving), found.drawn, _arrival(found)
+    after = _residual(
+        found,
+        model,
+        replace(patch, effects=moving),
+        found.corrected_geometry,
+        _pose_repeatability(found),
     )[held]
-    region = found.regions.region[held]
-    poses = len(np.unique(found.readings.pose[held]))
+    region = found.spatial_folds.region[held]
+    poses = len(np.unique(found.readings.posture_id[held]))
     if not patch.effects:
         return CalibrationProof(poses, before, before, (0.0, 0.0, 0.0), 1.0, patch)
     gain, p_value = _gain(before, after, region)
@@ -88,19 +92,19 @@ def rms(residual: Float[np.ndarray, "rows 3"]) -> float:
     return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
 
 
-def _left(
+def _residual(
     found: Calibrated,
     model: Path,
     patch: Patch,
-    drawn: Drawn,
-    arrival: Float[np.ndarray, "rows axes"] | float,
+    geometry: Geometry,
+    pose_repeatability: Float[np.ndarray, "rows axes"] | float,
 ) -> Float[np.ndarray, "rows 3"]:
     """Return seen less simulated along the base's axes, in m."""
     readings = found.readings
     rig = rig_of(patch, model)
     order = [rig.anatomy.axes.index(name) for name in readings.arm.axes]
     posture = np.zeros((len(readings.seen), len(rig.anatomy.axes)))
-    posture[:, order] = readings.posture + arrival
+    posture[:, order] = readings.posture + pose_repeatability
     point = np.empty_like(readings.seen)
     for start in range(0, len(posture), AT_ONCE):
         rows = np.arange(start, min(start + AT_ONCE, len(posture)))
@@ -108,7 +112,7 @@ def _left(
         states = rig.respond(posture[rows], still, np.full((len(rows), 1), SETTLED))
         for m, body in enumerate(readings.bodies):
             own = readings.marker[rows] == m
-            at = point_in_base(rig, states, body, drawn.places[m])
+            at = point_in_base(rig, states, body, geometry.places[m])
             point[rows[own]] = at[own]
     tracker = faulty(Instruments(), rig).tracker
     eye, none = np.eye(3), np.zeros(3)
@@ -126,7 +130,7 @@ def _framed(
     return seen @ frame[:3, :3].T + frame[:3, 3] - point
 
 
-def _arrival(found: Calibrated) -> Float[np.ndarray, "rows axes"]:
+def _pose_repeatability(found: Calibrated) -> Float[np.ndarray, "rows axes"]:
     short = np.zeros_like(found.readings.posture)
     for (effect, where), numbers in found.estimates.items():
         if effect in FROM_SIDES:
@@ -182,7 +186,7 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
     """Look at what is left."""
     held, readings = found.held, found.readings
     new, by_axis = _new_angles(found)
-    left, region = proof.after, found.regions.region[held]
+    left, region = proof.after, found.spatial_folds.region[held]
     rows = tuple(
         (
             int(r),
@@ -190,7 +194,7 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
             int(np.sum(region == r)),
             float(new[region == r].mean()),
         )
-        for r in found.regions.held
+        for r in found.spatial_folds.held
     )
     last = found.at_last
     common = np.sqrt(max(last.share, 0.0)) * last.rms
@@ -223,20 +227,24 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
         "not named"
         for s in odd
     ]
-    stance = Stance.of(readings, found.drawn)
-    if grown := growing(stance, found.residual):
+    stance = CalibrationState.of(readings, found.corrected_geometry)
+    if grown := drift_term(stance, found.residual):
         words.append(
             f"{100 * grown.share:.0f} % of it grows with time as if {grown.where} "
             "changed its form, which no effect of the list does"
         )
     words = words or ["nothing beyond the noise shows on the poses kept back"]
-    where = odd[0].key[1] if odd else _strongest(found, by_axis, readings.posture[held])
+    where = (
+        odd[0].key[1]
+        if odd
+        else _most_significant_axis(found, by_axis, readings.posture[held])
+    )
     where = grown.where if grown else where
     p_value = 0.0 if grown else min(last.p_value, beyond)
     return ResidualSummary(where, "; ".join(words) + ".", p_value, new, rows)
 
 
-def _beyond_stated(found: Calibrated, left, region) -> tuple[float, float]:
+def _beyond_stated(found: Calibrated, residual, region) -> tuple[float, float]:
     """Return what the stated noise leaves, in m, and the p-value of no more than that.
 
     The noise of what was fitted counts twice: poses kept back lie at the edge.
@@ -246,7 +254,7 @@ def _beyond_stated(found: Calibrated, left, region) -> tuple[float, float]:
     square = 3.0 * found.readings.stated**2 * (1.0 + 2.0 * found.used)
     names, index = np.unique(region, return_inverse=True)
     count = np.bincount(index)
-    sums = np.bincount(index, np.sum(left**2, axis=1))
+    sums = np.bincount(index, np.sum(residual**2, axis=1))
     drawn = np.random.default_rng(0).integers(len(names), size=(RESAMPLES, len(names)))
     mean = sums[drawn].sum(axis=1) / count[drawn].sum(axis=1)
     p_value = (1 + np.sum(mean <= square)) / (1 + RESAMPLES)
@@ -257,7 +265,7 @@ def _new_angles(found: Calibrated) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     held = found.held
     posture = found.readings.posture
     by_axis = {}
-    for axis in found.tables:
+    for axis in found.error_tables:
         k = int(axis[1:]) - 1
         known = np.sort(posture[~held, k])
         angle = posture[held, k]
@@ -270,7 +278,7 @@ def _new_angles(found: Calibrated) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     return some, by_axis
 
 
-def _strongest(
+def _most_significant_axis(
     found: Calibrated,
     by_axis: dict[str, np.ndarray],
     posture: Float[np.ndarray, "rows axes"],

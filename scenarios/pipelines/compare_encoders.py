@@ -23,7 +23,7 @@ from scipy.stats import norm
 from bench.patch import Patch
 from bench.proof.explained_share import explained_share
 from bench.shared.recording import Recording
-from scenarios.pipelines.encoder_axes import Axis, compared, whole_rms
+from scenarios.pipelines.encoder_axes import Axis, heldout_comparison, whole_rms
 from scenarios.pipelines.patching import patch_of_encoders
 from scenarios.pipelines.schema import (
     Answer,
@@ -38,7 +38,7 @@ from scenarios.pipelines.schema import (
     Remark,
     verdict_of,
 )
-from stiffness.dual_encoder.fit import Trial
+from stiffness.dual_encoder.fit import SelectionStep
 from stiffness.dual_encoder.motions import axes_read_twice
 from stiffness.dual_encoder.residuals import SHOWS, followed, lasting
 from stiffness.dual_encoder.selection import BORROWED, orders_alike
@@ -62,12 +62,12 @@ DEPENDS = {
 def called(axis: Axis) -> list[Called]:
     """Return what was named of an axis; contacts that slip are one hysteresis."""
     found, names = axis.found, []
-    if found.late is not None:
-        known = {"delay_s": _interval(found.delay, found.late_half)}
+    if found.delay_step is not None:
+        known = {"delay_s": _interval(found.delay, found.delay_half)}
         if found.at_least:
             known = {"delay_s": replace(known["delay_s"], high=None)}
-        names.append(_name("channel_delay", axis, found.late, known))
-    names += [*_spring(axis), *_widths(axis), *_waves(axis)]
+        names.append(_name("channel_delay", axis, found.delay_step, known))
+    names += [*_spring(axis), *_widths(axis), *_harmonics(axis)]
     return names
 
 
@@ -77,9 +77,9 @@ def depends_on(axis: Axis) -> tuple[str, ...]:
     return tuple(dict.fromkeys(d for kind in kinds for d in DEPENDS[kind]))
 
 
-def score(axis: Axis) -> float:
+def max_significance(axis: Axis) -> float:
     """Return how many standard errors the surest name gains; 0: none was believed."""
-    late = [] if axis.found.late is None else [axis.found.late]
+    late = [] if axis.found.delay_step is None else [axis.found.delay_step]
     named = [t for t in axis.found.believed if t.term.effect != FRICTION]
     if axis.is_nominal_spring:
         named = [t for t in named if t.term.effect != WOUND]
@@ -96,7 +96,9 @@ def contradicts(axis: Axis) -> bool:
     )
 
 
-def columns_of(axis: Axis) -> Iterator[tuple[Term, Trial, np.ndarray, np.ndarray]]:
+def columns_of(
+    axis: Axis,
+) -> Iterator[tuple[Term, SelectionStep, np.ndarray, np.ndarray]]:
     """Yield every term with its trial, its coefficients and half their intervals."""
     found, i = axis.found, 0
     for term, trial in zip(found.terms, found.believed, strict=True):
@@ -129,7 +131,7 @@ def _widths(axis: Axis) -> Iterator[Called]:
             yield _name(effect, axis, surest, {"width_rad": _interval(width, half)})
 
 
-def _waves(axis: Axis) -> list[Called]:
+def _harmonics(axis: Axis) -> list[Called]:
     """Return all waves of a gear, the largest first."""
     waves = []
     for term, trial, x, half in columns_of(axis):
@@ -146,7 +148,9 @@ def _waves(axis: Axis) -> list[Called]:
     return [name for _, name in sorted(waves, key=lambda w: -w[0])]
 
 
-def _name(effect: str, axis: Axis, trial: Trial, known: dict[str, Interval]) -> Called:
+def _name(
+    effect: str, axis: Axis, trial: SelectionStep, known: dict[str, Interval]
+) -> Called:
     sure = float(np.clip(norm.cdf(_z(trial)), 0.0, SUREST))
     return Called(effect, axis.name, sure, (), known)
 
@@ -155,7 +159,7 @@ def _interval(value: float, half: float) -> Interval:
     return Interval(value, value - half, value + half)
 
 
-def _z(trial: Trial) -> float:
+def _z(trial: SelectionStep) -> float:
     return trial.gain / max(trial.error, np.finfo(float).tiny)
 
 
@@ -167,7 +171,7 @@ URAD = 1e6
 def unexplained(axes: Sequence[Axis]) -> Left:
     """Say what is left of the axis that is left most."""
     worst = max(axes, key=lambda a: whole_rms(a.after))
-    left = [worst.found.left(m) for m in worst.fitted]
+    left = [worst.found.residual(m) for m in worst.fitted]
     shares = followed(left, worst.fitted, worst.after, worst.judged)
     goes = [f"{100 * s:.0f} % with {x}" for x, s in shares.items() if s >= SHOWS]
     how = f"as in the other motions it goes {' and '.join(goes)}"
@@ -190,7 +194,7 @@ def _help(a: Axis) -> str:
 
 # --- Notices --------------------------------------------------------------------------
 
-MOST = 0.5
+MIN_EXPLAINED = 0.5
 """Share that a wind-up must explain before its sign is doubted; chosen."""
 
 
@@ -236,9 +240,9 @@ def _doubts(axes: Sequence[Axis], named: Sequence[Called]) -> Iterator[Remark]:
             yield Remark("order", n.where, text)
 
 
-def _backwards(trial: Trial) -> bool:
+def _backwards(trial: SelectionStep) -> bool:
     """Return whether a spring that pushes would explain most of what is there."""
-    return trial.coefficients[0] < 0.0 and trial.gain > MOST
+    return trial.coefficients[0] < 0.0 and trial.gain > MIN_EXPLAINED
 
 
 def _wide(order: Interval) -> bool:
@@ -315,7 +319,9 @@ def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
 
 def _p_value(axis: Axis) -> float:
     """Return that of the axis being as simulated: by its noise and by its names."""
-    named = float(norm.sf(score(axis))) if score(axis) > 0.0 else 1.0
+    named = (
+        float(norm.sf(max_significance(axis))) if max_significance(axis) > 0.0 else 1.0
+    )
     return min(axis.beyond_before, named)
 
 
@@ -422,9 +428,9 @@ def compare_encoders(recording: Recording, model: Path) -> ComparisonOutcome:
     started = time.perf_counter()
     mistakes = tuple(_mistakes(recording))
     if mistakes:
-        answer = _unnamed(recording, mistakes, time.perf_counter() - started)
+        answer = _stopped(recording, mistakes, time.perf_counter() - started)
         return ComparisonOutcome((), answer, None)
-    axes = compared(recording, model)
+    axes = heldout_comparison(recording, model)
     answer = answer_of(recording.name, axes, time.perf_counter() - started)
     patch = patch_of_encoders(axes, recording, model) if answer.named else None
     return ComparisonOutcome(tuple(axes), answer, patch)
@@ -456,7 +462,7 @@ def _slope(before: np.ndarray, after: np.ndarray) -> float | None:
     return float(np.polyfit(before[seen], after[seen], 1)[0])
 
 
-def _unnamed(
+def _stopped(
     recording: Recording, mistakes: tuple[Remark, ...], seconds: float
 ) -> Answer:
     text = "a mistake of the set-up, to be mended first"

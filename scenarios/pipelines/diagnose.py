@@ -24,7 +24,7 @@ from rich.console import Console
 
 from bench.proof.comparison import residual_of
 from bench.proof.explained_share import Channel
-from bench.proof.nominal_fit import torques_of, turns_of
+from bench.proof.nominal_fit import joint_rotation_estimates, torques_of
 from bench.proof.proof import Channel as ProofChannel
 from bench.proof.proof import Proof, prove
 from bench.shared.errors import BenchError
@@ -50,7 +50,7 @@ from scenarios.pipelines.schema import (
 )
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.result import Diagnosis, Name, NamedEffect, Warned
-from stiffness.diagnosis.setup_check import mistakes_of_set_up
+from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.robot.arm import Arm
 
 # --- Engine and simulator -------------------------------------------------------------
@@ -79,7 +79,7 @@ def setup_errors_of(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
         BenchError: Where the recording's numbers break the engine's arithmetic.
     """
     try:
-        return mistakes_of_set_up(recording, arm)
+        return setup_errors(recording, arm)
     except ODD_NUMBERS as error:
         raise _odd(recording, error) from error
 
@@ -191,7 +191,7 @@ def answer_of(
         recording=d.recording,
         verdict=verdict_of(
             Findings(
-                differs=d.verdict != "no_mismatch",
+                mismatch=d.verdict != "no_mismatch",
                 named=bool(d.named),
                 residual_passes=d.verdict == "explained",
                 proof_requested=proof_requested,
@@ -339,7 +339,7 @@ MICRO = 1e6
 
 
 @dataclass(frozen=True)
-class Finding:
+class Result:
     """A diagnosis with its proof.
 
     Attributes:
@@ -391,7 +391,7 @@ class Curves:
 
 def curves_of(simulated: Proof) -> Curves:
     """Return the residual per axis against torque, and the named law in it."""
-    world, gauge = simulated.world, simulated.gauge
+    world, gauge = simulated.simulation, simulated.mode
     seen, patched = world.see(simulated.nominal), world.see(simulated.patched)
     markers = len(world.recording.markers)
     shape = (world.replay.rows, markers, 3)
@@ -402,9 +402,9 @@ def curves_of(simulated: Proof) -> Curves:
     return Curves(
         axes=tuple(f"a{k + 1}" for k in range(len(world.order))),
         torque=torques_of(world, assumed, seen),
-        before=turns_of(world, assumed, seen, before),
-        law=turns_of(world, assumed, seen, before - after),
-        held=np.isin(world.recording.pose, simulated.held_out),
+        before=joint_rotation_estimates(world, assumed, seen, before),
+        law=joint_rotation_estimates(world, assumed, seen, before - after),
+        held=np.isin(world.recording.posture_id, simulated.held_out),
         visit=world.replay.visit,
         slides=tuple(arm.slides[k] for k in world.order),
     )

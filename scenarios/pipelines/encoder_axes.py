@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from bench.patch import Named, Patch, rig_of
+from bench.patch import Patch, PatchEffect, rig_of
 from bench.shared.recording import Recording
 from scenarios.pipelines.inputs import arm_of
 from stiffness.dual_encoder.delays import across
-from stiffness.dual_encoder.fit import Between, columns, fitted
+from stiffness.dual_encoder.fit import EncoderComparison, columns, fitted
 from stiffness.dual_encoder.motions import Motion, modelled_torque, motions_of
 from stiffness.dual_encoder.residuals import beyond, noise_of
 from stiffness.dual_encoder.terms import FRICTION, WOUND, plain_terms
@@ -58,7 +58,7 @@ class Axis:
     name: str
     fitted: tuple[Motion, ...]
     judged: Motion
-    found: Between
+    found: EncoderComparison
     before: Float[np.ndarray, " rows"]
     after: Float[np.ndarray, " rows"]
     noise: float
@@ -77,22 +77,26 @@ class Axis:
         return low <= self.give[0] <= high
 
 
-def rms(left: Float[np.ndarray, " rows"], time: Float[np.ndarray, " rows"]) -> float:
+def rms(
+    residual: Float[np.ndarray, " rows"], time: Float[np.ndarray, " rows"]
+) -> float:
     """Return the root of the mean square of means over a window, in rad."""
     part = np.floor((time - time[0]) / WINDOW + 1e-9).astype(int)
-    means = np.bincount(part, left) / np.bincount(part)
+    means = np.bincount(part, residual) / np.bincount(part)
     return float(np.sqrt(np.mean((means - means.mean()) ** 2)))
 
 
-def whole_rms(left: Float[np.ndarray, " rows"]) -> float:
+def whole_rms(residual: Float[np.ndarray, " rows"]) -> float:
     """Return the root of the mean square of all rows, in rad."""
-    return float(np.sqrt(np.mean((left - left.mean()) ** 2)))
+    return float(np.sqrt(np.mean((residual - residual.mean()) ** 2)))
 
 
 # --- The model's spring ---------------------------------------------------------------
 
 
-def give_of(motions: tuple[Motion, ...], found: Between) -> tuple[float, float] | None:
+def give_of(
+    motions: tuple[Motion, ...], found: EncoderComparison
+) -> tuple[float, float] | None:
     """Return an axis' compliance with half its interval, believed or not."""
     terms = list(found.terms)
     if not any(t.effect == WOUND for t in terms):
@@ -106,7 +110,10 @@ def give_of(motions: tuple[Motion, ...], found: Between) -> tuple[float, float] 
 
 
 def nominal_left(
-    motion: Motion, found: Between, model_give: float, give: tuple[float, float] | None
+    motion: Motion,
+    found: EncoderComparison,
+    model_give: float,
+    give: tuple[float, float] | None,
 ) -> Float[np.ndarray, " rows"]:
     """Return what the model leaves of a motion, its springs fitted within a decade."""
     if model_give == 0.0 or give is None or motion.torque is None:
@@ -124,7 +131,7 @@ def nominal_left(
 # --- Harmonics of a gear --------------------------------------------------------------
 
 
-def waves_of(name: str, found: Between) -> tuple[Named, ...]:
+def waves_of(name: str, found: EncoderComparison) -> tuple[PatchEffect, ...]:
     """Return the waves of an axis' gear."""
     effects, i = [], 0
     for term in found.terms:
@@ -136,14 +143,14 @@ def waves_of(name: str, found: Between) -> tuple[Named, ...]:
                 "order": term.order,
                 "phase_rad": float(np.arctan2(own[0], own[1])),
             }
-            effects.append(Named("transmission_error", name, known))
+            effects.append(PatchEffect("transmission_error", name, known))
     return tuple(effects)
 
 
 # --- The held-out comparison ----------------------------------------------------------
 
 
-def compared(recording: Recording, model: Path) -> tuple[Axis, ...]:
+def heldout_comparison(recording: Recording, model: Path) -> tuple[Axis, ...]:
     """Fit all motions but the last, and simulate the last one.
 
     Raises:
@@ -164,7 +171,7 @@ def _axis(
     arm: Arm,
     k: int,
     own: tuple[Motion, ...],
-    found: Between,
+    found: EncoderComparison,
 ) -> Axis:
     stiffness = float(arm.stiffness[k])
     model_give = 1.0 / stiffness if stiffness > 0.0 else 0.0
@@ -190,10 +197,14 @@ def _axis(
 
 
 def _simulated(
-    recording: Recording, model: Path, axis: int, motion: Motion, found: Between
+    recording: Recording,
+    model: Path,
+    axis: int,
+    motion: Motion,
+    found: EncoderComparison,
 ) -> Float[np.ndarray, " rows"]:
     """Return what the simulator leaves of a motion."""
-    seen = np.flatnonzero(recording.pose == motion.pose)
+    seen = np.flatnonzero(recording.posture_id == motion.posture_id)
     rows = seen[np.searchsorted(recording.time[seen], motion.time)]
     bare = rig_of(Patch(), model).anatomy.axes
     order = [bare.index(name) for name in recording.axes] or list(range(len(bare)))

@@ -31,7 +31,7 @@ def said_of_one_pose(recording: Recording) -> tuple[str, ...]:
     r = recording
     way = np.ptp(r.posture, axis=0)
     least = np.where(np.resize(r.slides or (False,), way.shape), SLIDE, SAME_POSTURE)
-    if r.rows != "stream" or len(np.unique(r.pose)) > 1 or np.all(way <= least):
+    if r.rows != "stream" or len(np.unique(r.posture_id)) > 1 or np.all(way <= least):
         return ()
     encoders = r.link_posture is not None and not r.markers
     number = "give each motion a number of its own as its `pose`"

@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from bench.effects import EFFECTS
-from bench.patch import Named, can_build, effect_of
+from bench.patch import PatchEffect, can_build, effect_of
 from bench.proof.model_discrimination import Experiment, candidates, expected
 from bench.proof.proof import Proof
 from bench.proof.proof_checks import some_of
 from bench.proof.refinement import refined, with_effects
-from bench.proof.simulation import Assumed
+from bench.proof.simulation import NominalState
 from bench.shared.errors import BenchError
 from scenarios.pipelines.schema import Next
 from stiffness.diagnosis.result import Diagnosis, Name
@@ -33,7 +33,7 @@ def proposed(diagnosis: Diagnosis, proof: Proof | None) -> tuple[Next, ...]:
         diagnosis: With equivalents and confounded pairs.
         proof: The patched arm; without it nothing can be proposed.
     """
-    if proof is None or not proof.world.recording.markers:
+    if proof is None or not proof.simulation.recording.markers:
         return ()
     found: list[Next] = []
     for own, rival in list(_pairs(diagnosis))[:MOST_PAIRS]:
@@ -62,12 +62,12 @@ def _pairs(diagnosis: Diagnosis) -> Iterator[tuple[Name, Name]]:
 
 
 def _between(proof: Proof, own: Name, rival: Name) -> list[Next]:
-    some = some_of(proof.world, np.zeros(proof.world.replay.rows, dtype=bool))
-    world = proof.world.part(some)
-    gauge = replace(proof.gauge, keep=proof.gauge.keep[some])
+    some = some_of(proof.simulation, np.zeros(proof.simulation.replay.rows, dtype=bool))
+    world = proof.simulation.part(some)
+    gauge = replace(proof.mode, keep=proof.mode.keep[some])
     effects = proof.patched.rig.effects
     others = [e for e in effects if (e.name, e.where) != (own.effect, own.where)]
-    start = effect_of(Named(rival.effect, rival.where, usual_size(rival)))
+    start = effect_of(PatchEffect(rival.effect, rival.where, usual_size(rival)))
     other, _, _ = refined(world, with_effects(proof.patched, [*others, start]), gauge)
     experiments = candidates(world, proof.patched)
     factor = expected(world, proof.patched, other, experiments, gauge.sigma)
@@ -93,7 +93,7 @@ def usual_size(name: Name) -> dict[str, float | str | None]:
     }
 
 
-def _said(experiment: Experiment, why: str, factor: float, arm: Assumed) -> Next:
+def _said(experiment: Experiment, why: str, factor: float, arm: NominalState) -> Next:
     slides = arm.rig.anatomy.slides
     pose = [
         1e3 * x if s else float(np.degrees(x))

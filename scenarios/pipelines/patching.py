@@ -27,8 +27,8 @@ from bench.patch import (
     FILE,
     MODEL_FILE,
     Law,
-    Named,
     Patch,
+    PatchEffect,
     Value,
     can_build,
     mjcf_of,
@@ -85,7 +85,7 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
     )
 
 
-def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> Named:
+def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> PatchEffect:
     """Return one named effect for the patch."""
     parameters: dict[str, Value] = {
         name: float(p.estimate) if np.isfinite(p.estimate) else None
@@ -100,7 +100,7 @@ def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> Named:
         )
     if effect.name.effect == "lost_motion" and effect.shape:
         settings["closing_nm"] = max(float(effect.shape[0]), 1e-6)
-    return Named(effect.name.effect, where, parameters, settings)
+    return PatchEffect(effect.name.effect, where, parameters, settings)
 
 
 def stiffening(width_rad: float, stiffness: float | None, slip_nm: float) -> float:
@@ -138,37 +138,39 @@ FROM_SIDES = ("hysteresis",)
 
 def patch_of_calibration(found: Calibrated) -> Patch:
     """Return everything that was found; waves below a tenth of a µrad left away."""
-    effects: list[Named] = []
+    effects: list[PatchEffect] = []
     drawing: dict[tuple[str, str], dict[str, float | str | None]] = {}
-    values = found.drawn.values
+    values = found.corrected_geometry.values
     for entry, value in zip(entries_of(found.readings.arm.chain), values, strict=True):
         if value != 0.0:
             own = drawing.setdefault((entry.effect, entry.where), {})
             own[entry.parameter] = float(value)
-    effects += [Named(effect, where, own) for (effect, where), own in drawing.items()]
+    effects += [
+        PatchEffect(effect, where, own) for (effect, where), own in drawing.items()
+    ]
     for (effect, where), numbers in found.estimates.items():
         if (effect, where) not in drawing:
             known = {name: e.value for name, e in numbers.items()}
-            effects.append(Named(effect, where, dict(known)))
-    for axis, table in found.tables.items():
+            effects.append(PatchEffect(effect, where, dict(known)))
+    for axis, table in found.error_tables.items():
         effects += _harmonics(axis, table)
-    names, places = found.readings.names, found.drawn.places
+    names, places = found.readings.names, found.corrected_geometry.places
     return Patch(
         stiffness_nm_per_rad=dict(found.springs[1]),
         effects=tuple(effects),
-        base_from_tracker=_rows(found.drawn.base_from_tracker),
+        base_from_tracker=_rows(found.corrected_geometry.base_from_tracker),
         markers={n: _triple(p) for n, p in zip(names, places, strict=True)},
     )
 
 
-def _harmonics(axis: str, table: Table) -> list[Named]:
+def _harmonics(axis: str, table: Table) -> list[PatchEffect]:
     found = []
     for order, c, s in zip(table.order, table.cos, table.sin, strict=True):
         size = math.hypot(c, s)
         if size >= FAINT:
             wave = {"amplitude_rad": size, "order": float(order)}
             phase = {"phase_rad": math.atan2(c, s)}
-            found.append(Named("transmission_error", axis, {**wave, **phase}))
+            found.append(PatchEffect("transmission_error", axis, {**wave, **phase}))
     return found
 
 
@@ -187,7 +189,7 @@ def _triple(place: np.ndarray) -> tuple[float, float, float]:
 def patch_of_axes(axes: Sequence[Axis]) -> Patch:
     """Return the gears' mechanisms: springs, contacts, play and waves."""
     springs: dict[str, float | None] = {}
-    effects: list[Named] = []
+    effects: list[PatchEffect] = []
     for a in axes:
         effects += waves_of(a.name, a.found)
         give = a.found.value(WOUND, "compliance_rad_per_nm")
@@ -198,7 +200,7 @@ def patch_of_axes(axes: Sequence[Axis]) -> Patch:
         for effect in ("hysteresis", "lost_motion"):
             width = a.found.value(effect, "width_rad")
             if width > 0.0:
-                effects.append(Named(effect, a.name, {"width_rad": width}))
+                effects.append(PatchEffect(effect, a.name, {"width_rad": width}))
     return Patch(stiffness_nm_per_rad=springs, effects=tuple(effects))
 
 

@@ -20,7 +20,7 @@ from bench.shared.errors import Unusable
 from bench.shared.recording import UNLOADING, Recording
 from stiffness.dual_encoder.motions import FEWEST, motions_of
 from stiffness.robot.arm import Arm
-from stiffness.robot.kinematics import Standing
+from stiffness.robot.kinematics import ArmState
 from stiffness.robot.wrench import wrench_in_base
 
 # --- Noise from replicates ------------------------------------------------------------
@@ -42,7 +42,9 @@ def replicate_noise(recording: Recording) -> tuple[Float[np.ndarray, "3"], int] 
         points = points - points[start]
     load = recording.load_mass
     load = np.zeros(len(visits)) if load is None else load
-    keys = np.stack([recording.pose, np.arange(len(visits)) - start, load], axis=1)
+    keys = np.stack(
+        [recording.posture_id, np.arange(len(visits)) - start, load], axis=1
+    )
     _, group = np.unique(keys, axis=0, return_inverse=True)
     squares, freedom = np.zeros(3), 0
     for members in (points[group == g] for g in np.flatnonzero(np.bincount(group) > 1)):
@@ -58,7 +60,7 @@ def replicate_noise(recording: Recording) -> tuple[Float[np.ndarray, "3"], int] 
 def contents_of(r: Recording) -> Iterator[tuple[str, str]]:
     """Say what a recording holds, row by row of a table."""
     visits = np.unique(r.visit, return_index=True)[1]
-    counts = Counter(r.pose[visits].tolist())
+    counts = Counter(r.posture_id[visits].tolist())
     again = sum(1 for count in counts.values() if count > 1)
     yield "robot", r.robot or "not named"
     yield "rows", f"{len(r.time)} {'plateaus' if r.rows == 'plateaus' else 'instants'}"
@@ -190,7 +192,7 @@ def axis_views(recording: Recording, arm: Arm) -> list[AxisView]:
         place = np.zeros(3) if marker.position is None else marker.position
         jacobian = standing.jacobian(marker.body, place)[:, :3]  # (rows, 3, axes)
         if marker.position is None:
-            seen[arm.chain.carriers(arm.place(marker.body).axis)] = True
+            seen[arm.chain.carriers(arm.attachment(marker.body).axis)] = True
         lever = np.fmax(lever, np.max(np.linalg.norm(jacobian, axis=1), axis=0))
     travel, turning = np.ptp(recording.posture, axis=0), np.ptp(torque, axis=0)
     seen |= np.nan_to_num(lever) > SMALL_LEVER
@@ -201,7 +203,7 @@ def axis_views(recording: Recording, arm: Arm) -> list[AxisView]:
     ]
 
 
-def alike(recording: Recording, arm: Arm) -> list[tuple[str, str]]:
+def confounded_axes(recording: Recording, arm: Arm) -> list[tuple[str, str]]:
     """Return pairs of axes whose give moves all markers in nearly the same way.
 
     An axis of compliance c moves a marker by J c τ. Its mean over the rows of a visit
@@ -237,7 +239,7 @@ def alike(recording: Recording, arm: Arm) -> list[tuple[str, str]]:
     ]
 
 
-def _torque(recording: Recording, standing: Standing) -> np.ndarray:
+def _torque(recording: Recording, standing: ArmState) -> np.ndarray:
     """Return the torque about each axis from weight and load, (rows, axes), N m."""
     torque = standing.gravity_torque(recording.tool)
     if (sensor := recording.wrench_sensor) is not None and recording.wrench is not None:
@@ -299,7 +301,7 @@ def abilities(
         f"read again up to {dwell:.0f} s later" if dwell else "each load is read once",
         "" if dwell else "read twice under one load, minutes apart (load_time_s)",
     )
-    axes = {arm.place(m.body).axis for m in r.markers}
+    axes = {arm.attachment(m.body).axis for m in r.markers}
     links = len(axes - {-1}) > 1 or r.link_posture is not None
     yield Ability(
         "on which link it gives way",
@@ -335,7 +337,7 @@ def abilities(
     shown = absolute and bool(r.markers)
     yield Ability("geometry, offsets of encoders", shown, *_of_places(r))
     yield from _of_axes(views, absolute)
-    pairs = [f"{a} and {b}" for a, b in alike(r, arm)]
+    pairs = [f"{a} and {b}" for a, b in confounded_axes(r, arm)]
     yield Ability(
         "which of two axes gives way",
         not pairs,

@@ -77,7 +77,7 @@ class Other(msgspec.Struct, frozen=True):
 
 
 class Left(msgspec.Struct, frozen=True):
-    """What stays open, and what is left by the patched arm, else by the nominal."""
+    """What stays open, and the residual of the patched arm, else of the nominal."""
 
     where: str
     signature: str
@@ -152,7 +152,7 @@ class Findings:
     """What a verdict rests on.
 
     Attributes:
-        differs: Whether the test found a mismatch.
+        mismatch: Whether the test found a mismatch.
         named: Whether a name was given.
         residual_passes: Whether nothing significant is left after the names.
         proof_requested: Whether a proof was asked for.
@@ -160,7 +160,7 @@ class Findings:
         explained_share: On the poses kept back; None where there is none.
     """
 
-    differs: bool
+    mismatch: bool
     named: bool
     residual_passes: bool
     proof_requested: bool
@@ -170,18 +170,18 @@ class Findings:
 
 def verdict_of(findings: Findings) -> Verdict:
     """Return the verdict."""
-    if not findings.differs:
+    if not findings.mismatch:
         return "no_mismatch"
     if not findings.named:
         return "unexplained"
-    if findings.proof_requested and not gains(findings.proof):
+    if findings.proof_requested and not gain_is_positive(findings.proof):
         return "unproved"
     if findings.residual_passes or _explains_enough(findings.explained_share):
         return "explained"
     return "partly_explained"
 
 
-def gains(proof: Proved | None) -> bool:
+def gain_is_positive(proof: Proved | None) -> bool:
     """Return whether a proof's gain is above zero for sure.
 
     Where markers and encoders were both compared, markers decide.

@@ -27,7 +27,7 @@ from scenarios.pipelines.calibration_proof import CalibrationProof, rms
 from scenarios.pipelines.diagnose import MICRO, Curves, courses_of
 from scenarios.pipelines.encoder_axes import Axis, whole_rms
 from scenarios.report.style import BLUE, GREY, ORANGE, plain_log, save
-from stiffness.calibration.model import Stance
+from stiffness.calibration.model import CalibrationState
 from stiffness.calibration.result import Calibrated
 from stiffness.dual_encoder.motions import Motion
 
@@ -79,7 +79,7 @@ def of_poses(channel: Channel, unit: str, file: Path) -> None:
     axes.axhline(
         MICRO * channel.noise, color=BLUE, lw=1.2, ls="--", label="stated noise"
     )
-    axes.set_xticks(at, [str(p) for p in channel.pose[order]], fontsize=7)
+    axes.set_xticks(at, [str(p) for p in channel.posture_id[order]], fontsize=7)
     axes.set_xlabel("pose kept back")
     axes.set_ylabel(f"rms error [{unit}]")
     axes.set_ylim(bottom=0)
@@ -119,7 +119,7 @@ def of_bodies(simulated: Proof, proved: bool, file: Path) -> None:
 
 def by_body(simulated: Proof) -> tuple[dict[str, float], dict[str, float]]:
     """Return the rms of each body's marks over all rows, before and after, in m."""
-    world, gauge = simulated.world, simulated.gauge
+    world, gauge = simulated.simulation, simulated.mode
     found = []
     names = [marker.body for marker in world.recording.markers]
     for assumed in (simulated.nominal, simulated.patched):
@@ -245,7 +245,7 @@ def calibration_before_after(
     found: Calibrated, proof: CalibrationProof, file: Path
 ) -> None:
     """Draw where the poses kept back stand and how far off the simulator is there."""
-    at = Stance.of(found.readings, found.drawn).point[found.held]
+    at = CalibrationState.of(found.readings, found.corrected_geometry).point[found.held]
     figure = Figure(figsize=(11, 4), layout="constrained")
     *places, shares = figure.subplots(1, 3, width_ratios=(1, 1, 1.15))
     sizes = [MM * np.linalg.norm(r, axis=1) for r in (proof.before, proof.after)]
@@ -283,13 +283,15 @@ def calibration_before_after(
 
 def gears(found: Calibrated, file: Path) -> None:
     """Draw each uneven gear over the angles that were fitted, and the readings."""
-    count = len(found.tables)
+    count = len(found.error_tables)
     figure = Figure(figsize=(11, 1.9 * count), layout="constrained")
     plots = figure.subplots(count, 1, squeeze=False)[:, 0]
     keep = ~found.held
-    lever = Stance.of(found.readings, found.drawn).lever[:, keep]
+    lever = CalibrationState.of(found.readings, found.corrected_geometry).lever[:, keep]
     posture, left = found.readings.posture[keep], found.residual[keep]
-    for ax, (axis, table) in zip(plots, sorted(found.tables.items()), strict=True):
+    for ax, (axis, table) in zip(
+        plots, sorted(found.error_tables.items()), strict=True
+    ):
         k = int(axis[1:]) - 1
         turn = np.sum(lever[k] ** 2, axis=1)
         clear = turn > np.quantile(turn, 0.3)
@@ -387,10 +389,10 @@ def followed(axes: Sequence[Axis]) -> str:
     told = []
     for a in axes:
         motions = (*a.fitted, a.judged)
-        speed = f"speed {_alike(motions, [m.speed for m in motions]):+.2f}"
+        speed = f"speed {_correlation(motions, [m.speed for m in motions]):+.2f}"
         torque = [m.torque for m in motions if m.torque is not None and _read(m)]
         if len(torque) == len(motions):
-            speed = f"torque {_alike(motions, torque):+.2f}, {speed}"
+            speed = f"torque {_correlation(motions, torque):+.2f}, {speed}"
         told.append(f"{a.name}: {speed}")
     over = "over the motor's torque (left) and speed (right)"
     if not _with_torque(axes):
@@ -405,7 +407,7 @@ def _legend(figure: Figure, drawn: Sequence[Line2D], said: Sequence[str]) -> Non
     figure.legend(drawn, said, loc="outside upper left", ncols=len(said), fontsize=9)
 
 
-def _alike(motions: Sequence[Motion], other: Sequence[np.ndarray]) -> float:
+def _correlation(motions: Sequence[Motion], other: Sequence[np.ndarray]) -> float:
     """Return the correlation with what goes apart, each motion's mean taken off."""
     apart = np.concatenate([m.apart for m in motions])
     beside = np.concatenate([x - x.mean() for x in other])

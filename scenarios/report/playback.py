@@ -30,10 +30,10 @@ from bench.meshes import shapes
 from bench.proof.comparison import residual_of
 from bench.proof.proof import Proof
 from scenarios.pipelines.calibration_proof import CalibrationProof
-from scenarios.pipelines.diagnose import MICRO, Curves, Finding, courses_of, curves_of
+from scenarios.pipelines.diagnose import MICRO, Curves, Result, courses_of, curves_of
 from scenarios.pipelines.encoder_axes import Axis
 from scenarios.report import summary
-from stiffness.calibration.model import Stance
+from stiffness.calibration.model import CalibrationState
 from stiffness.calibration.result import Calibrated
 
 # --- Curves of an axis ----------------------------------------------------------------
@@ -45,9 +45,9 @@ ACROSS, DOWN = (-58.0, 54.0), (-38.0, 46.0)
 GREY, ORANGE = (120, 120, 120), (240, 100, 0)
 
 
-def curves(stream: rr.RecordingStream, finding: Finding, curves: Curves) -> None:
+def curves(stream: rr.RecordingStream, finding: Result, curves: Curves) -> None:
     """Log the curves of the axes that matter."""
-    for k in shown(finding, curves):
+    for k in shown_axes(finding, curves):
         name = curves.axes[k]
         courses = courses_of(curves, name)
         torque = np.concatenate([c.torque for c in courses])
@@ -84,7 +84,7 @@ def curves(stream: rr.RecordingStream, finding: Finding, curves: Curves) -> None
         stream.log(f"/curves/{name}/labels", labels, static=True)
 
 
-def shown(finding: Finding, curves: Curves) -> list[int]:
+def shown_axes(finding: Result, curves: Curves) -> list[int]:
     """Return which axes' curves are shown: those that were named or located, or two."""
     places = [n.where for n in finding.answer.named]
     places += [x.where for x in finding.answer.located]
@@ -113,8 +113,8 @@ def bodies(
         heat: Of each body with marks, 0 to 1.
         times: Of the rows.
     """
-    states = simulated.world.see(simulated.patched).states
-    base, turn = simulated.world.base
+    states = simulated.simulation.see(simulated.patched).states
+    base, turn = simulated.simulation.base
     placed = set()
     for i, shape in enumerate(shapes(simulated.patched.rig.nominal)):
         if shape.body not in states.bodies:
@@ -151,11 +151,11 @@ def bodies(
             stream.log(f"{path}/shape_{i}", plain, static=True)
 
 
-def heat_of(simulated: Proof, left: np.ndarray) -> dict[str, np.ndarray]:
+def heat_of(simulated: Proof, residual: np.ndarray) -> dict[str, np.ndarray]:
     """Return the error of every body visit by visit, 0 at the noise, 1 at the worst."""
-    world = simulated.world
-    visit, noise = world.replay.visit, simulated.gauge.sigma * np.sqrt(3.0)
-    square = np.sum(left**2, axis=2)
+    world = simulated.simulation
+    visit, noise = world.replay.visit, simulated.mode.sigma * np.sqrt(3.0)
+    square = np.sum(residual**2, axis=2)
     found = {}
     for body in dict.fromkeys(world.body):
         own = square[:, [name == body for name in world.body]]
@@ -183,7 +183,7 @@ LONGEST = 0.15
 """Length of an arrow that few exceed, in m; chosen."""
 
 
-def show_diagnosis(finding: Finding, file: Path | None) -> None:
+def show_diagnosis(finding: Result, file: Path | None) -> None:
     """Save the playback, or stream it to a viewer where no file is given."""
     stream = rr.RecordingStream("stiffness_diagnosis", recording_id=_id(finding))
     if file is None:
@@ -202,7 +202,7 @@ def show_diagnosis(finding: Finding, file: Path | None) -> None:
 
 
 def _arm(stream: rr.RecordingStream, simulated: Proof, proved: bool) -> None:
-    world, gauge = simulated.world, simulated.gauge
+    world, gauge = simulated.simulation, simulated.mode
     seen = world.see(simulated.nominal)
     rows = _most_loaded(simulated)
     count = len(rows)
@@ -254,7 +254,7 @@ def _arm(stream: rr.RecordingStream, simulated: Proof, proved: bool) -> None:
 
 def _most_loaded(simulated: Proof) -> np.ndarray:
     """Return the row of each visit at which the load is largest."""
-    recording, visit = simulated.world.recording, simulated.world.replay.visit
+    recording, visit = simulated.simulation.recording, simulated.simulation.replay.visit
     load = np.zeros(len(visit))
     if recording.wrench is not None:
         load = np.linalg.norm(recording.wrench[:, :3], axis=1)
@@ -262,7 +262,7 @@ def _most_loaded(simulated: Proof) -> np.ndarray:
     return order[np.flatnonzero(np.diff(visit[order], append=-1))]
 
 
-def _diagnosis_blueprint(finding: Finding) -> rrb.Blueprint:
+def _diagnosis_blueprint(finding: Result) -> rrb.Blueprint:
     camera = rrb.EyeControls3D(
         position=(1.7, -1.6, 1.25), look_target=(0.35, 0.0, 0.6), eye_up=(0, 0, 1)
     )
@@ -270,7 +270,7 @@ def _diagnosis_blueprint(finding: Finding) -> rrb.Blueprint:
     views: list = [rrb.TextDocumentView(origin="/read_me", name="what was found")]
     if simulated is not None and finding.recording.markers:
         found = curves_of(simulated)
-        for k in shown(finding, found):
+        for k in shown_axes(finding, found):
             name = found.axes[k]
             view = rrb.Spatial2DView(
                 origin=f"/curves/{name}",
@@ -307,7 +307,7 @@ def _round(value: float) -> float:
     return float(max(n for n in (1, 2, 5) if n * power <= value) * power)
 
 
-def _id(finding: Finding) -> str:
+def _id(finding: Result) -> str:
     return f"{finding.answer.recording or 'recording'}-diagnosis"
 
 
@@ -329,7 +329,7 @@ def save_calibration(
     """
     stream = rr.RecordingStream("stiffness_calibration", recording_id="calibration")
     stream.save(str(file), default_blueprint=_calibration_blueprint())
-    stance = Stance.of(found.readings, found.drawn)
+    stance = CalibrationState.of(found.readings, found.corrected_geometry)
     held = np.flatnonzero(found.held)
     times = [rr.TimeColumn(POSE, sequence=np.arange(len(held)))]
     stream.log("/cell", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)

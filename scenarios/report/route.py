@@ -12,7 +12,7 @@ from rich.console import Console
 
 from scenarios.pipelines import diagnose, next_experiments
 from scenarios.pipelines.compare_encoders import calls_for_comparison, compare_encoders
-from scenarios.pipelines.diagnose import Finding, asked, proved
+from scenarios.pipelines.diagnose import Result, asked, proved
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.recording_check import replicate_noise
 from scenarios.pipelines.schema import Answer
@@ -22,7 +22,7 @@ from scenarios.report.sections import calibration
 from scenarios.report.sections.diagnosis import write_diagnosis
 from scenarios.report.sections.dual_encoder import write_outcome
 from scenarios.report.summary import tell
-from stiffness.regression.splits import sample_of
+from stiffness.regression.splits import subsample_poses
 
 
 def diagnose_to_folder(
@@ -52,7 +52,7 @@ def diagnose_to_folder(
         return compared.answer
     with console.status("comparing with the model"):
         whole = recording
-        recording, sampled = sample_of(whole)
+        recording, sampled = subsample_poses(whole)
         notes = (*notes, sampled) if sampled else notes
         found = asked(recording, arm)
     if diagnose.calls_for_calibration(recording, found):
@@ -69,7 +69,7 @@ def diagnose_to_folder(
         found, simulated, unproved, steps, time.perf_counter() - started
     )
     noise = replicate_noise(recording) if recording.markers else None
-    finding = Finding(recording, found, simulated, unproved, noise, told)
+    finding = Result(recording, found, simulated, unproved, noise, told)
     with console.status("writing"):
         write_folder(out, lambda folder: write_diagnosis(folder, finding))
     tell(console, finding, notes, out)

@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.proof.proof import Channel, Proof
-from scenarios.pipelines.diagnose import MICRO, Finding, channel_of
+from scenarios.pipelines.diagnose import MICRO, Result, channel_of
 from scenarios.pipelines.effect_parameters import chance, label, span
 from scenarios.pipelines.schema import Called, Placed
 from stiffness.diagnosis.diagnose import SCATTER
@@ -72,7 +72,7 @@ def sentence(nominal: Nominal) -> str:
 # --- The narrative --------------------------------------------------------------------
 
 
-def sentences(finding: Finding) -> Iterator[str]:
+def sentences(finding: Result) -> Iterator[str]:
     """Tell a finding, one sentence after the other."""
     d, a = finding.diagnosis, finding.answer
     if a.verdict == "unproved":
@@ -117,7 +117,7 @@ def _where(located: Sequence[Placed]) -> str:
     return f"Where: {first.where} ({first.share:.0%} of what differs){on}{zone}.{also}"
 
 
-def _detected(finding: Finding) -> str:
+def _detected(finding: Result) -> str:
     found = finding.answer.detection
     p = f"p = {found.p_value:.2g}"
     if found.residual_rms_mm is None or found.noise_rms_mm is None:
@@ -152,7 +152,7 @@ def _named(called: Called) -> str:
     return text
 
 
-def _open(finding: Finding) -> str:
+def _open(finding: Result) -> str:
     left = finding.answer.unexplained
     assert left is not None
     if left.residual_rms_mm is None:
@@ -182,7 +182,7 @@ def _proved(proof: Proof) -> str:
     )
 
 
-def _unproved(finding: Finding) -> str:
+def _unproved(finding: Result) -> str:
     """Say first that what follows was named but is not proved, and why."""
     proof = finding.proof
     channel, unit = (None, "") if proof is None else channel_of(proof)
@@ -221,7 +221,7 @@ def _list(words) -> str:
 # --- The terminal ---------------------------------------------------------------------
 
 
-def tell(console: Console, finding: Finding, notes: tuple[str, ...], out: Path) -> None:
+def tell(console: Console, finding: Result, notes: tuple[str, ...], out: Path) -> None:
     """Print the story, the table, and where the report is."""
     for sentence in sentences(finding):
         console.print(sentence, markup=False, highlight=False)

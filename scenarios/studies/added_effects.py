@@ -14,16 +14,16 @@ from jaxtyping import Float
 
 from bench.experiment import faulty
 from bench.instruments import Instruments
-from bench.patch import Named, Patch, rig_of
+from bench.patch import Patch, PatchEffect, rig_of
 from bench.proof.setup import point_in_base
 from bench.proof.simulation import reading_of
 from bench.shared.recording import Recording
-from stiffness.calibration.model import Readings, Regions, regions_of
+from stiffness.calibration.model import Readings, SpatialFolds, spatial_folds_of
 from stiffness.calibration.result import Calibrated, calibrated
 from stiffness.dual_encoder.delays import across
-from stiffness.dual_encoder.fit import Between
+from stiffness.dual_encoder.fit import EncoderComparison
 from stiffness.dual_encoder.motions import Motion, motions_of
-from stiffness.dual_encoder.terms import FRICTION, LATE, Term
+from stiffness.dual_encoder.terms import DELAY, FRICTION, Term
 
 # --- The KR300's second encoders ------------------------------------------------------
 
@@ -53,7 +53,7 @@ KR300_ADDED = tuple(
     Added(effect, axis, parameter, size, change)
     for axis in range(3)
     for effect, parameter, size, change in (
-        ("channel_delay", "delay_s", 2e-3, lambda m: _late(m, 2e-3)),
+        ("channel_delay", "delay_s", 2e-3, lambda m: _delayed(m, 2e-3)),
         (
             "joint_compliance", "compliance_rad_per_nm", 5e-7,
             lambda m: -5e-7 * np.asarray(m.torque),
@@ -84,7 +84,9 @@ def kr300_rows(recording: Recording) -> Iterator[dict[str, object]]:
         yield _row(added, plain[added.axis], found[added.axis])
 
 
-def _row(added: Added, before: Between, after: Between) -> dict[str, object]:
+def _row(
+    added: Added, before: EncoderComparison, after: EncoderComparison
+) -> dict[str, object]:
     known = _kr300_size(before, added)[0]
     named, (value, half) = _is_there(after, added), _kr300_size(after, added)
     news = _effects(after) - _effects(before)
@@ -103,13 +105,13 @@ def _row(added: Added, before: Between, after: Between) -> dict[str, object]:
     }
 
 
-def _effects(found: Between) -> set[str]:
-    late = {LATE.effect} if found.late is not None else set()
+def _effects(found: EncoderComparison) -> set[str]:
+    late = {DELAY.effect} if found.delay_step is not None else set()
     return {t.effect for t in found.terms} - {FRICTION} | late
 
 
-def _is_there(found: Between, added: Added) -> bool:
-    late = added.effect == LATE.effect and found.late is not None
+def _is_there(found: EncoderComparison, added: Added) -> bool:
+    late = added.effect == DELAY.effect and found.delay_step is not None
     return late or any(_same(term, added) for term in found.terms)
 
 
@@ -118,10 +120,10 @@ def _same(term: Term, added: Added) -> bool:
     return term.effect == added.effect and near
 
 
-def _kr300_size(found: Between, added: Added) -> tuple[float, float]:
+def _kr300_size(found: EncoderComparison, added: Added) -> tuple[float, float]:
     """Return the coefficient and half its interval; zeros where it is not there."""
-    if added.effect == LATE.effect:
-        return found.delay, found.late_half
+    if added.effect == DELAY.effect:
+        return found.delay, found.delay_half
     i = 0
     for term in found.terms:
         x = found.x[i : i + len(term.parameters)]
@@ -133,7 +135,7 @@ def _kr300_size(found: Between, added: Added) -> tuple[float, float]:
     return 0.0, 0.0
 
 
-def _late(motion: Motion, delay: float) -> Float[np.ndarray, " rows"]:
+def _delayed(motion: Motion, delay: float) -> Float[np.ndarray, " rows"]:
     angle = motion.angle + motion.apart
     return np.interp(motion.time - delay, motion.time, angle) - angle
 
@@ -167,25 +169,25 @@ class Base:
     """The readings as they are, and what was found in them."""
 
     readings: Readings
-    regions: Regions
+    spatial_folds: SpatialFolds
     found: Calibrated
 
 
 def base_of(readings: Readings) -> Base:
     """Calibrate on the readings as they are."""
     part = readings.take(np.arange(0, len(readings.seen), EVERY))
-    regions = regions_of(part)
+    regions = spatial_folds_of(part)
     return Base(part, regions, calibrated(part, regions, highest=HIGHEST))
 
 
 def ur10_rows(base: Base, model: Path) -> Iterator[dict[str, object]]:
     """Yield a row of the table for each effect that is added."""
     for effect, where, parameter, size, more in UR10_ADDED:
-        named = Named(effect, where, {parameter: size, **more})
-        moved = _moved(base.readings, model, named)
+        named = PatchEffect(effect, where, {parameter: size, **more})
+        moved = _displacement(base.readings, model, named)
         turn = base.found.before.base_from_tracker[:3, :3]
         changed = replace(base.readings, seen=base.readings.seen + moved @ turn)
-        found = calibrated(changed, base.regions, highest=HIGHEST)
+        found = calibrated(changed, base.spatial_folds, highest=HIGHEST)
         value, low, high = _ur10_size(found, base.found, named, parameter)
         news = set(found.named) - set(base.found.named) - {(effect, where)}
         yield {
@@ -212,28 +214,30 @@ def _estimate(
 
 
 def _ur10_size(
-    found: Calibrated, base: Calibrated, named: Named, parameter: str
+    found: Calibrated, base: Calibrated, named: PatchEffect, parameter: str
 ) -> tuple[float, float, float]:
     """Return how much more is found, and its interval."""
     if named.effect == "transmission_error":
-        if named.where not in found.tables:
+        if named.where not in found.error_tables:
             return 0.0, 0.0, 0.0
         k = int(named.where[1:]) - 1
         angle = found.readings.posture[:, k]
-        more = found.tables[named.where].at(angle) - base.tables[named.where].at(angle)
+        more = found.error_tables[named.where].at(angle) - base.error_tables[
+            named.where
+        ].at(angle)
         phase = UR10_ORDER * angle
         ones = np.ones_like(angle)
         a = np.stack([np.sin(phase), np.cos(phase), ones, angle], axis=1)
         x = np.linalg.lstsq(a, more, rcond=None)[0]
-        size, half = float(np.hypot(x[0], x[1])), found.waves[named.where].half
+        size, half = float(np.hypot(x[0], x[1])), found.harmonics[named.where].half
         return size, size - half, size + half
     value, half = _estimate(found, named.effect, named.where, parameter)
     known = _estimate(base, named.effect, named.where, parameter)[0]
     return value - known, value - half - known, value + half - known
 
 
-def _moved(
-    readings: Readings, model: Path, named: Named
+def _displacement(
+    readings: Readings, model: Path, named: PatchEffect
 ) -> Float[np.ndarray, "rows 3"]:
     """Return how an effect moves the target, along the base's axes, in m."""
     short = np.zeros_like(readings.posture)
@@ -242,7 +246,7 @@ def _moved(
         width = named.parameters["width_rad"]
         assert isinstance(width, float)
         short[:, k] = -width / 2 * readings.side[:, k]
-        named = Named("encoder_offset", named.where, {"offset_rad": 0.0})
+        named = PatchEffect("encoder_offset", named.where, {"offset_rad": 0.0})
     with_it = _points(readings, model, Patch(effects=(named,)), short)
     return with_it - _points(readings, model, Patch(), np.zeros_like(short))
 

@@ -87,7 +87,7 @@ class Samples:
         cells[row] = text
         return self.having(**{name: cells})
 
-    def without(self, *names: str) -> "Samples":
+    def drop_columns(self, *names: str) -> "Samples":
         """Return the same without some columns."""
         keep = [k for k, name in enumerate(self.header) if name not in names]
         return replace(
@@ -107,7 +107,7 @@ class Damage:
     Attributes:
         name: What was done.
         shows: Whether the `file` itself shows it, or only the `physics`.
-        make: Writes it into a folder.
+        write: Writes it into a folder.
         other_model: Whether the model of another arm is given.
         code: Of the warning that alone recognises it; empty: any mistake of the set-up.
         word: Has to be in that warning.
@@ -115,7 +115,7 @@ class Damage:
 
     name: str
     shows: Literal["file", "physics"]
-    make: Callable[[Path], None]
+    write: Callable[[Path], None]
     other_model: bool = False
     code: str = ""
     word: str = ""
@@ -145,7 +145,7 @@ def in_files(good: Samples, random: np.random.Generator) -> Iterator[Damage]:
     """List damages that a reader can see."""
     for name in good.header:
         if name not in OPTIONAL:
-            yield rewritten(f"{name} is missing", "file", good.without(name))
+            yield rewritten(f"{name} is missing", "file", good.drop_columns(name))
     numbers = [n for n in good.header if n not in ("stage", *OPTIONAL)]
     for text in CELLS:
         for name in random.choice(numbers, 7, replace=False):
@@ -234,38 +234,44 @@ def in_meaning(good: Samples, random: np.random.Generator) -> Iterator[Damage]:
     axes = [n for n in good.header if n.startswith("a") and n.endswith("_deg")]
     moved = [n for n in axes if _travel(good, n) > 10.0]
     for name in moved:
-        yield _told(f"{name} reversed", good.scaled(-1.0, name))
+        yield _physics_damage(f"{name} reversed", good.scaled(-1.0, name))
     for one, other in combinations(moved, 2):
         swapped = {one: good.column(other), other: good.column(one)}
-        yield _told(f"{one} and {other} swapped", good.having(**swapped))
+        yield _physics_damage(f"{one} and {other} swapped", good.having(**swapped))
     for one, other in combinations(moved, 2):
-        yield _told(f"{one} and {other} reversed", good.scaled(-1.0, one, other))
-    yield _told("angles in radians", good.scaled(np.pi / 180, *axes))
+        yield _physics_damage(
+            f"{one} and {other} reversed", good.scaled(-1.0, one, other)
+        )
+    yield _physics_damage("angles in radians", good.scaled(np.pi / 180, *axes))
     seen = [n for n in good.header if n.endswith(("_x_mm", "_y_mm", "_z_mm"))]
     for factor in (1e-3, 1e3):
-        yield _told(f"markers times {factor:g}", good.scaled(factor, *seen))
+        yield _physics_damage(f"markers times {factor:g}", good.scaled(factor, *seen))
     for end in ("_x_mm", "_y_mm", "_z_mm"):
         some = [n for n in seen if n.endswith(end)]
-        yield _told(f"{end} of the markers mirrored", good.scaled(-1.0, *some))
+        yield _physics_damage(
+            f"{end} of the markers mirrored", good.scaled(-1.0, *some)
+        )
     for one, other in combinations(("_x_mm", "_y_mm", "_z_mm"), 2):
         names = [n[:-5] for n in seen if n.endswith("_x_mm")]
         cells = {m + one: good.column(m + other) for m in names}
         cells |= {m + other: good.column(m + one) for m in names}
-        yield _told(f"{one} and {other} of the markers swapped", good.having(**cells))
+        yield _physics_damage(
+            f"{one} and {other} of the markers swapped", good.having(**cells)
+        )
     wrench = [n for n in good.header if n.endswith(("_n", "_nm")) and n[0] in "ft"]
-    yield _told("wrench reversed", good.scaled(-1.0, *wrench))
+    yield _physics_damage("wrench reversed", good.scaled(-1.0, *wrench))
     for factor in (1e-3, 9.81):
-        yield _told(f"wrench times {factor:g}", good.scaled(factor, *wrench))
+        yield _physics_damage(f"wrench times {factor:g}", good.scaled(factor, *wrench))
     torques = [n for n in wrench if n.endswith("_nm")]
-    yield _told("torques times 1000", good.scaled(1e3, *torques))
+    yield _physics_damage("torques times 1000", good.scaled(1e3, *torques))
     for number in range(3):
         order = random.permutation(len(good.rows))
         cells = {n: [good.column(n)[k] for k in order] for n in seen}
-        yield _told(f"markers of other rows {number}", good.having(**cells))
-    yield replace(_told("another arm's model", good), other_model=True)
+        yield _physics_damage(f"markers of other rows {number}", good.having(**cells))
+    yield replace(_physics_damage("another arm's model", good), other_model=True)
 
 
-def _told(name: str, samples: Samples) -> Damage:
+def _physics_damage(name: str, samples: Samples) -> Damage:
     return rewritten(name, "physics", samples)
 
 
@@ -346,7 +352,7 @@ RIGHT = {"file": ("refused",), "physics": ("warned", "refused")}
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CalibrationResult:
     """What became of one."""
 
     damage: Damage
@@ -359,7 +365,7 @@ class Outcome:
         return self.what in RIGHT[self.damage.shows]
 
 
-def own_names(outcomes: Sequence[Outcome]) -> list[str]:
+def own_names(outcomes: Sequence[CalibrationResult]) -> list[str]:
     """Count the mistakes that have to be said by their own name."""
     planted = Counter(o.damage.code for o in outcomes if o.damage.code)
     said = Counter(o.damage.code for o in outcomes if o.what == "warned")

@@ -87,7 +87,7 @@ def cost_rows(
     """Yield time and memory of one diagnosis for each number of poses."""
     whole = recorded(kind, max(counts))
     for count in counts:
-        part = whole.take(np.flatnonzero(whole.pose < count))
+        part = whole.take(np.flatnonzero(whole.posture_id < count))
         files.write(folder / str(count), part)
         wall, core, peak = spent(folder / str(count), folder / f"answer-{count}")
         yield {
@@ -110,7 +110,7 @@ def recorded(kind: Kind, poses: int) -> Recording:
     plan = Plan(
         name=f"{poses} poses, {kind}",
         posture=postures.spread(room.limits, poses, 0, room),
-        pose=np.arange(poses),
+        posture_id=np.arange(poses),
         pulley=mixed_pulleys(poses, len(rig.mounted.pulley)),
         path=tuple(map(LoadStep, masses)),
     )

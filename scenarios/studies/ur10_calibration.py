@@ -99,13 +99,13 @@ def rows(
     """Calibrate with other regions kept back; yields a row of the table for each."""
     for draw in draws:
         o = calibrate_and_prove(recording, arm, model, draw, quiet=True)
-        new, after = o.remains.new_angle, o.proof.after
+        new, after = o.residual.new_angle, o.proof.after
         here, there = after[~new], after[new]
         yield {
             "draw": draw,
-            "regions_kept_back": len(o.found.regions.held),
+            "regions_kept_back": len(o.found.spatial_folds.held),
             "poses_kept_back": o.proof.poses,
-            "poses": len(np.unique(o.found.readings.pose)),
+            "poses": len(np.unique(o.found.readings.posture_id)),
             "before_rms_mm": MM * rms(o.proof.before),
             "after_rms_mm": MM * rms(after),
             "at_new_angles": float(new.mean()),

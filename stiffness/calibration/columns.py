@@ -29,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.calibration.model import Entry, Stance, entries_of
+from stiffness.calibration.model import CalibrationState, Entry, entries_of
 from stiffness.calibration.rigid_fit import RigidFit
 from stiffness.regression.normal_equations import Normal
 from stiffness.robot.tracker_frame import LARGEST_SCALE
@@ -64,7 +64,7 @@ class Candidate:
     effect: str
     where: str
     parameters: tuple[str, ...]
-    columns: Callable[[Stance], Float[np.ndarray, "rows 3 columns"]]
+    columns: Callable[[CalibrationState], Float[np.ndarray, "rows 3 columns"]]
     least: float = -np.inf
     most: float = np.inf
     orders: tuple[int, ...] = ()
@@ -75,7 +75,9 @@ class Candidate:
         return self.effect, self.where
 
 
-def candidates_of(stance: Stance, highest: int = ORDERS[-1]) -> tuple[Candidate, ...]:
+def candidates_of(
+    stance: CalibrationState, highest: int = ORDERS[-1]
+) -> tuple[Candidate, ...]:
     """Return everything beyond the drawing that these postures could show.
 
     Args:
@@ -84,7 +86,7 @@ def candidates_of(stance: Stance, highest: int = ORDERS[-1]) -> tuple[Candidate,
     """
     chain = stance.standing.chain
     found: list[Candidate] = []
-    poses = len(np.unique(stance.readings.pose))
+    poses = len(np.unique(stance.readings.posture_id))
     for k, slides in enumerate(chain.slides):
         where = f"a{k + 1}"
         if slides:
@@ -113,7 +115,7 @@ def candidates_of(stance: Stance, highest: int = ORDERS[-1]) -> tuple[Candidate,
     return tuple(c for c in found if _shows(c, stance))
 
 
-def _shows(candidate: Candidate, stance: Stance) -> bool:
+def _shows(candidate: Candidate, stance: CalibrationState) -> bool:
     some = stance
     if candidate.orders:  # its first orders tell
         lever = stance.lever[int(candidate.where[1:]) - 1]
@@ -128,7 +130,7 @@ def _shows(candidate: Candidate, stance: Stance) -> bool:
 
 
 def stacked(
-    candidates: Sequence[Candidate], stance: Stance
+    candidates: Sequence[Candidate], stance: CalibrationState
 ) -> Float[np.ndarray, "rows 3 columns"]:
     """Return the columns of several candidates side by side."""
     rows = (*stance.point.shape, 0)
@@ -146,8 +148,8 @@ def _side(k: int):
 
 
 def _tilt(k: int, j: int):
-    def columns(s: Stance) -> np.ndarray:
-        q = s.readings.posture[:, k, None] + s.drawn.values[k]
+    def columns(s: CalibrationState) -> np.ndarray:
+        q = s.readings.posture[:, k, None] + s.geometry.values[k]
         x, y = s.standing.rotation[k, :, :, 0], s.standing.rotation[k, :, :, 1]
         seat = (np.cos(q) * x - np.sin(q) * y, np.sin(q) * x + np.cos(q) * y)[j]
         about = np.sum(seat * s.moment[k], axis=1)
@@ -157,7 +159,7 @@ def _tilt(k: int, j: int):
 
 
 def _table(k: int, orders: Sequence[int]):
-    def columns(s: Stance) -> np.ndarray:
+    def columns(s: CalibrationState) -> np.ndarray:
         angle = s.readings.posture[:, k, None] * np.array(orders)
         waves = np.stack([np.cos(angle), np.sin(angle)], axis=2).reshape(len(angle), -1)
         return s.lever[k][:, :, None] * waves[:, None, :]
@@ -165,14 +167,14 @@ def _table(k: int, orders: Sequence[int]):
     return columns
 
 
-def _drift(s: Stance) -> np.ndarray:
+def _drift(s: CalibrationState) -> np.ndarray:
     turns = [np.cross(along, s.point) for along in np.eye(3)]
     shift = np.broadcast_to(np.eye(3), (*s.point.shape, 3))
     moved = np.concatenate([shift, np.stack(turns, axis=2)], axis=2)
     return moved * s.readings.hours[:, None, None]
 
 
-def _scale(s: Stance) -> np.ndarray:
+def _scale(s: CalibrationState) -> np.ndarray:
     return s.point[:, :, None]
 
 
@@ -213,7 +215,7 @@ class Blocks:
     def of(
         cls,
         rigid: RigidFit,
-        stance: Stance,
+        stance: CalibrationState,
         candidates: Sequence[Candidate],
         sprung: Iterable[Key],
     ) -> "Blocks":
@@ -236,7 +238,7 @@ class Blocks:
             most += [c.most] * count
         entry = np.concatenate([shown, np.full(len(owner) - len(shown), -1)])
         start, own = np.zeros(len(owner)), shown[shown < len(drawing)]
-        start[: len(own)] = stance.drawn.values[own]
+        start[: len(own)] = stance.geometry.values[own]
         return cls(
             tuple(owner), tuple(parameter), np.array(order), np.array(least),
             np.array(most), entry, start, tuple(candidates),
@@ -272,18 +274,18 @@ class Blocks:
         return np.array([names.get(pair, -1) for pair in pairs])
 
     def matrix(
-        self, stance: Stance, rows: Int[np.ndarray, " some"] | None = None
+        self, stance: CalibrationState, rows: Int[np.ndarray, " some"] | None = None
     ) -> Float[np.ndarray, "n columns"]:
         """Return the columns at some rows, three lines to a row."""
         return self.problem(stance, rows)[0]
 
     def problem(
-        self, stance: Stance, rows: Int[np.ndarray, " some"] | None = None
+        self, stance: CalibrationState, rows: Int[np.ndarray, " some"] | None = None
     ) -> tuple[Float[np.ndarray, "n columns"], Float[np.ndarray, " n"]]:
         """Return the columns, and what they should add up to."""
         if rows is not None:
-            stance = Stance.of(stance.readings.take(rows), stance.drawn)
-        drawing = stance.silent()[:, :, self.entry[self.entry >= 0]]
+            stance = CalibrationState.of(stance.readings.take(rows), stance.geometry)
+        drawing = stance.nuisance_jacobian()[:, :, self.entry[self.entry >= 0]]
         both = [drawing, stacked(self.candidates, stance)]
         a = np.concatenate(both, axis=2).reshape(-1, len(self.owner))
         return a, stance.residual.ravel() + a @ self.start
@@ -296,7 +298,7 @@ CHUNK = 500
 
 
 def normals_of(
-    blocks: Blocks, stance: Stance, fold: Int[np.ndarray, " rows"], count: int
+    blocks: Blocks, stance: CalibrationState, fold: Int[np.ndarray, " rows"], count: int
 ) -> list[Normal]:
     """Return the normal equations of each fold; rows below zero are in none."""
     width = len(blocks.owner)

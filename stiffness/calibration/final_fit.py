@@ -31,9 +31,14 @@ from jaxtyping import Bool, Float, Int
 from scipy.stats import t as student
 
 from stiffness.calibration.columns import SILENT, Blocks, Key, candidates_of, normals_of
-from stiffness.calibration.model import Drawn, Readings, Stance
+from stiffness.calibration.model import CalibrationState, Geometry, Readings
 from stiffness.calibration.rigid_fit import RigidFit
-from stiffness.regression.empirical_bayes import Sizes, Solved, learnt, solved
+from stiffness.regression.empirical_bayes import (
+    Solved,
+    VarianceComponents,
+    learnt,
+    solved,
+)
 from stiffness.regression.intervals import Estimate
 
 # --- Intervals ------------------------------------------------------------------------
@@ -43,11 +48,11 @@ LEVEL = 0.95
 
 def spread(
     blocks: Blocks,
-    stance: Stance,
+    stance: CalibrationState,
     region: Int[np.ndarray, " rows"],
     columns: Int[np.ndarray, " known"],
     fit: Solved,
-    sizes: Sizes,
+    variances: VarianceComponents,
     wanted: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, " some"]:
     """Return half the width of the intervals of some coefficients.
@@ -58,7 +63,7 @@ def spread(
         region: Of each row; rows below zero were not fitted.
         columns: Those that were fitted.
         fit: Their solution.
-        sizes: Of noise and bands.
+        variances: Of noise and bands.
         wanted: Numbers of the coefficients within those that were fitted.
     """
     inverse = fit.inverse(wanted)  # (known, some)
@@ -69,7 +74,7 @@ def spread(
         a, y = blocks.problem(stance, rows)
         a = a[:, columns]
         left = y - a @ fit.x
-        score = inverse.T @ (a.T @ left / sizes.noise)
+        score = inverse.T @ (a.T @ left / variances.noise)
         total += np.outer(score, score)
     count = len(regions)
     variance = np.diag(total) * count / (count - 1)
@@ -145,12 +150,12 @@ def estimates_of(
     return found
 
 
-def drawn_of(
+def corrected_geometry_of(
     blocks: Blocks,
-    rigid: Drawn,
+    rigid: Geometry,
     known: Int[np.ndarray, " known"],
     x: Float[np.ndarray, " known"],
-) -> Drawn:
+) -> Geometry:
     """Return the drawing as corrected by what was fitted, and by nothing else.
 
     Args:
@@ -224,7 +229,7 @@ ROUNDS = 3
 
 
 @dataclass(frozen=True)
-class WholeFit:
+class FinalFit:
     """A set of columns, fitted.
 
     Attributes:
@@ -232,30 +237,30 @@ class WholeFit:
         stance: What they were made in.
         known: Those that were fitted.
         fit: Their solution.
-        sizes: Of noise and bands.
-        drawn: The drawing as corrected.
+        variances: Of noise and bands.
+        corrected_geometry: The drawing as corrected.
         residual: What is left on all rows, in m.
         used: How many coefficients the data have settled, for each coordinate fitted.
     """
 
     blocks: Blocks
-    stance: Stance
+    stance: CalibrationState
     known: Int[np.ndarray, " known"]
     fit: Solved
-    sizes: Sizes
-    drawn: Drawn
+    variances: VarianceComponents
+    corrected_geometry: Geometry
     residual: Float[np.ndarray, "rows 3"]
     used: float
 
 
-def whole_fit(
+def final_fit(
     readings: Readings,
     keep: Bool[np.ndarray, " rows"],
     rigid: RigidFit,
     wanted: set[tuple[Key, str]],
     sprung: set[Key],
     highest: int,
-) -> WholeFit:
+) -> FinalFit:
     """Fit what is nominal and what is wanted to the rows that are kept.
 
     Args:
@@ -268,7 +273,7 @@ def whole_fit(
     """
     found = _about(readings, keep, rigid, wanted, sprung, highest)
     for _ in range(ROUNDS - 1):
-        before, now = found.stance.drawn, found.drawn
+        before, now = found.stance.geometry, found.corrected_geometry
         moved = np.abs(now.values - before.values).max(initial=0.0)
         turned = np.abs(now.base_from_tracker - before.base_from_tracker).max()
         if max(moved, turned) < MOVED:
@@ -278,8 +283,8 @@ def whole_fit(
     return found
 
 
-def _about(readings, keep, rigid, wanted, sprung, highest) -> WholeFit:
-    stance = Stance.of(readings, rigid.drawn)
+def _about(readings, keep, rigid, wanted, sprung, highest) -> FinalFit:
+    stance = CalibrationState.of(readings, rigid.geometry)
     keys = {owner for owner, _ in wanted}
     every = [
         c
@@ -305,13 +310,13 @@ def _about(readings, keep, rigid, wanted, sprung, highest) -> WholeFit:
         rows = np.arange(start, min(start + 500, len(left)))
         a, y = full.problem(stance, rows)
         left[rows] = (y - a[:, known] @ fit.x).reshape(-1, 3)
-    drawn = drawn_of(full, rigid.drawn, known, fit.x)
+    drawn = corrected_geometry_of(full, rigid.geometry, known, fit.x)
     used = float(np.sum(1.0 - fit.precision * fit.spread())) / normal.count
-    return WholeFit(full, stance, known, fit, sizes, drawn, left, used)
+    return FinalFit(full, stance, known, fit, sizes, drawn, left, used)
 
 
 def springs_of(
-    found: WholeFit, nominal: Float[np.ndarray, " axes"]
+    found: FinalFit, nominal: Float[np.ndarray, " axes"]
 ) -> dict[str, float]:
     """Return the stiffness of each spring of the model as fitted, in N m/rad.
 

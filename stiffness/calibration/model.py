@@ -41,7 +41,7 @@ from bench.shared.errors import Unusable
 from bench.shared.recording import UNLOADED, Payload, Recording
 from stiffness.robot.arm import Arm
 from stiffness.robot.chain import Chain, Place
-from stiffness.robot.kinematics import Standing
+from stiffness.robot.kinematics import ArmState
 
 # --- Readings without a load ----------------------------------------------------------
 
@@ -62,7 +62,7 @@ class Readings:
         side: Of each axis, the direction in which it last moved: −1, 0 (unknown), 1.
         seen: Of the target, in the tracker's frame, in m.
         marker: Which target, by its number in `names`.
-        pose: Id of the pose.
+        posture_id: Id of the pose.
         hours: Since the middle of the recording.
         names: Of the targets.
         bodies: That the targets sit on.
@@ -76,7 +76,7 @@ class Readings:
     side: Float[np.ndarray, "rows axes"]
     seen: Float[np.ndarray, "rows 3"]
     marker: Int[np.ndarray, " rows"]
-    pose: Int[np.ndarray, " rows"]
+    posture_id: Int[np.ndarray, " rows"]
     hours: Float[np.ndarray, " rows"]
     names: tuple[str, ...]
     bodies: tuple[str, ...]
@@ -88,7 +88,7 @@ class Readings:
         """Return the same with only these rows (indices or a mask)."""
         return Readings(
             self.arm, self.posture[rows], self.side[rows], self.seen[rows],
-            self.marker[rows], self.pose[rows], self.hours[rows],
+            self.marker[rows], self.posture_id[rows], self.hours[rows],
             self.names, self.bodies, self.places, self.stated, self.tool,
         )  # fmt: skip
 
@@ -109,8 +109,8 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
         faults.append('displacement is "relative"; calibration needs "absolute".')
     if recording.rows != "plateaus":
         faults.append('rows are a "stream"; calibration needs "plateaus".')
-    if not faults and len(np.unique(recording.pose)) < FEWEST:
-        count = len(np.unique(recording.pose))
+    if not faults and len(np.unique(recording.posture_id)) < FEWEST:
+        count = len(np.unique(recording.posture_id))
         faults.append(f"it has {count} poses; calibration needs {FEWEST} or more.")
     if faults:
         raise Unusable(f"Recording {recording.name!r}", faults)
@@ -142,7 +142,7 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
         side=_sides(posture)[v],
         seen=total[v, m] / count[v, m][:, None],
         marker=m,
-        pose=rest.pose[first][v],
+        posture_id=rest.posture_id[first][v],
         hours=hours[v],
         names=tuple(x.name for x in markers),
         bodies=tuple(x.body for x in markers),
@@ -178,7 +178,7 @@ regions are about a quarter, and each of the others is a fold of its own."""
 
 
 @dataclass(frozen=True)
-class Regions:
+class SpatialFolds:
     """Where poses lie together.
 
     Attributes:
@@ -199,14 +199,16 @@ class Regions:
         return self.fold < 0
 
 
-def regions_of(readings: Readings, draw: int = 0) -> Regions:
+def spatial_folds_of(readings: Readings, draw: int = 0) -> SpatialFolds:
     """Draw regions, hold-out and folds.
 
     Args:
         readings: What was seen.
         draw: Another number draws other regions.
     """
-    ids, first, index = np.unique(readings.pose, return_index=True, return_inverse=True)
+    ids, first, index = np.unique(
+        readings.posture_id, return_index=True, return_inverse=True
+    )
     digest = hashlib.sha256(np.ascontiguousarray(readings.seen).tobytes()).digest()
     seed = [int.from_bytes(digest[:8], "big"), draw]
     rng = np.random.default_rng(seed)
@@ -222,7 +224,7 @@ def regions_of(readings: Readings, draw: int = 0) -> Regions:
     fold_of[order[left_out:]] = np.arange(count - left_out) % folds
     held = tuple(sorted(int(r) for r in order[:left_out]))
     region = label[index]
-    return Regions(region, held, fold_of[region], folds)
+    return SpatialFolds(region, held, fold_of[region], folds)
 
 
 # --- Geometry -------------------------------------------------------------------------
@@ -268,7 +270,7 @@ def seats_of(chain: Chain) -> list[int]:
     return [k for k, parent in enumerate(chain.parent) if parent >= 0]
 
 
-def redrawn(chain: Chain, values: Float[np.ndarray, " entries"]) -> Chain:
+def corrected_chain(chain: Chain, values: Float[np.ndarray, " entries"]) -> Chain:
     """Return a chain whose seats are moved and turned; offsets act on postures."""
     axes = len(chain.parent)
     before = chain.before.copy()
@@ -289,7 +291,7 @@ def link_axes(chain: Chain, axis: int) -> Float[np.ndarray, "3 3"]:
 
 
 def columns(
-    standing: Standing,
+    standing: ArmState,
     points: Float[np.ndarray, "rows 3"],
     carried: Sequence[int],
 ) -> Float[np.ndarray, "rows 3 entries"]:
@@ -319,7 +321,7 @@ def columns(
 
 
 def turning(
-    standing: Standing,
+    standing: ArmState,
     points: Float[np.ndarray, "rows 3"],
     axis: int,
     carried: Sequence[int],
@@ -337,7 +339,7 @@ def turning(
 
 
 @dataclass(frozen=True)
-class Drawn:
+class Geometry:
     """All that a rigid prediction needs.
 
     Attributes:
@@ -350,13 +352,13 @@ class Drawn:
     base_from_tracker: Float[np.ndarray, "4 4"]
     places: Float[np.ndarray, "markers 3"]
 
-    def stepped(self, step: Float[np.ndarray, " silent"]) -> "Drawn":
+    def stepped(self, step: Float[np.ndarray, " silent"]) -> "Geometry":
         """Move on by a step of entries, of the frame (3 + 3) and of the places."""
         n = len(self.values)
         away = np.eye(4)
         away[:3, :3] = Rotation.from_rotvec(-step[n + 3 : n + 6]).as_matrix()
         away[:3, 3] = -step[n : n + 3]
-        return Drawn(
+        return Geometry(
             self.values + step[:n],
             away @ self.base_from_tracker,
             self.places + step[n + 6 :].reshape(-1, 3),
@@ -364,43 +366,43 @@ class Drawn:
 
 
 @dataclass(frozen=True)
-class Stance:
+class CalibrationState:
     """Where targets should be, and every lever that could move them.
 
     Attributes:
         readings: What was seen.
-        drawn: What the arm is taken to be.
+        geometry: What the arm is taken to be.
         standing: The arm in the rows' postures.
         point: Where the targets should be, in the base's frame, in m.
         carried: Of each target, the axes that carry it.
     """
 
     readings: Readings
-    drawn: Drawn
-    standing: Standing
+    geometry: Geometry
+    standing: ArmState
     point: Float[np.ndarray, "rows 3"]
     carried: tuple[tuple[int, ...], ...]
 
     @classmethod
-    def of(cls, readings: Readings, drawn: Drawn) -> "Stance":
+    def of(cls, readings: Readings, model_geometry: Geometry) -> "CalibrationState":
         """Stand the arm as drawn."""
         arm = readings.arm
         axes = len(arm.axes)
-        chain = redrawn(arm.chain, drawn.values)
+        chain = corrected_chain(arm.chain, model_geometry.values)
         drawn_arm = replace(arm, chain=chain)
-        standing = drawn_arm.at(readings.posture + drawn.values[:axes])
+        standing = drawn_arm.at(readings.posture + model_geometry.values[:axes])
         point = np.zeros_like(readings.seen)
         carried = []
         for m, body in enumerate(readings.bodies):
             own = readings.marker == m
-            point[own] = standing.point(body, drawn.places[m])[own]
-            carried.append(tuple(chain.carriers(drawn_arm.place(body).axis)))
-        return cls(readings, drawn, standing, point, tuple(carried))
+            point[own] = standing.point(body, model_geometry.places[m])[own]
+            carried.append(tuple(chain.carriers(drawn_arm.attachment(body).axis)))
+        return cls(readings, model_geometry, standing, point, tuple(carried))
 
     @cached_property
     def residual(self) -> Float[np.ndarray, "rows 3"]:
         """Seen less said, along the base's axes, in m."""
-        frame = self.drawn.base_from_tracker
+        frame = self.geometry.base_from_tracker
         return self.readings.seen @ frame[:3, :3].T + frame[:3, 3] - self.point
 
     @cached_property
@@ -431,10 +433,10 @@ class Stance:
         moved = np.cross(about, self.point - self.standing.origin[axis])
         return np.where(self._hangs_on(axis)[:, None], moved, 0.0)
 
-    def silent(self) -> Float[np.ndarray, "rows 3 silent"]:
+    def nuisance_jacobian(self) -> Float[np.ndarray, "rows 3 silent"]:
         """Return how predictions move with entries, frame and places."""
         entries = columns
-        drawing = np.zeros((*self.point.shape, len(self.drawn.values)))
+        drawing = np.zeros((*self.point.shape, len(self.geometry.values)))
         places = np.zeros((*self.point.shape, 3 * len(self.readings.bodies)))
         for m, body in enumerate(self.readings.bodies):
             own = self.readings.marker == m

@@ -48,14 +48,20 @@ from stiffness.calibration.final_fit import (
     Table,
     Wave,
     estimates_of,
+    final_fit,
     largest_waves,
     spread,
     springs_of,
     tables_of,
     wave_of,
-    whole_fit,
 )
-from stiffness.calibration.model import Drawn, Readings, Regions, Stance, entries_of
+from stiffness.calibration.model import (
+    CalibrationState,
+    Geometry,
+    Readings,
+    SpatialFolds,
+    entries_of,
+)
 from stiffness.calibration.rigid_fit import RigidFit, fitted
 from stiffness.calibration.selection import MARGIN, Judge, Selected, selected
 from stiffness.regression.empirical_bayes import learnt
@@ -73,7 +79,7 @@ FAINT = 1e-8
 
 
 @dataclass(frozen=True)
-class Growing:
+class DriftTerm:
     """A place whose numbers change with time.
 
     Attributes:
@@ -85,16 +91,18 @@ class Growing:
     share: float
 
 
-def growing(stance: Stance, residual: Float[np.ndarray, "rows 3"]) -> Growing | None:
+def drift_term(
+    stance: CalibrationState, residual: Float[np.ndarray, "rows 3"]
+) -> DriftTerm | None:
     """Return the place that explains most of what is left by changing with time."""
     hours = stance.readings.hours[:, None, None]
-    every, rows = stance.silent(), residual.size
+    every, rows = stance.nuisance_jacobian(), residual.size
     entries = entries_of(stance.standing.chain)
     known = [every, every[:, :, len(entries) :] * hours]
     base = _basis(np.concatenate(known, axis=2).reshape(rows, -1))
     left = residual.ravel() - base @ (base.T @ residual.ravel())
     total, places = float(left @ left), {e.where for e in entries}
-    best: Growing | None = None
+    best: DriftTerm | None = None
     for where in sorted(places):
         own = [j for j, e in enumerate(entries) if e.where == where]
         a = (every[:, :, own] * hours).reshape(rows, -1)
@@ -109,7 +117,7 @@ def growing(stance: Stance, residual: Float[np.ndarray, "rows 3"]) -> Growing | 
             continue
         ratio = square / count / ((total - square) / rest)
         if fisher.sf(ratio, count, rest) * len(places) < ALPHA:
-            best = Growing(where, square / total)
+            best = DriftTerm(where, square / total)
     return best
 
 
@@ -172,14 +180,14 @@ class Calibrated:
 
     Attributes:
         readings: All that was seen.
-        regions: Which of it was kept back.
+        spatial_folds: Which of it was kept back.
         before: Arm as drawn: frame, places and springs fitted.
-        drawn: The drawing as corrected.
+        corrected_geometry: The drawing as corrected.
         springs: Stiffness of springs that the model has, in N m/rad, by axis: as
             fitted to the arm as drawn, and to the corrected one.
         estimates: Of every number but tables', with intervals, by effect and place.
-        tables: Of uneven gears, by axis.
-        waves: Of each table the largest wave that is clearly there, by axis.
+        error_tables: Of uneven gears, by axis.
+        harmonics: Of each table the largest wave that is clearly there, by axis.
         selected: How effects were chosen.
         named: Effects that are believed and whose numbers are clearly not zero, the
             one that matters most first.
@@ -191,13 +199,13 @@ class Calibrated:
     """
 
     readings: Readings
-    regions: Regions
-    before: Drawn
-    drawn: Drawn
+    spatial_folds: SpatialFolds
+    before: Geometry
+    corrected_geometry: Geometry
     springs: tuple[dict[str, float], ...]
     estimates: dict[Key, dict[str, Estimate]]
-    tables: dict[str, Table]
-    waves: dict[str, Wave]
+    error_tables: dict[str, Table]
+    harmonics: dict[str, Wave]
     selected: Selected
     named: tuple[Key, ...]
     nominal: Float[np.ndarray, "rows 3"]
@@ -209,12 +217,12 @@ class Calibrated:
     @property
     def held(self) -> Bool[np.ndarray, " rows"]:
         """Rows that decide."""
-        return self.regions.kept_back
+        return self.spatial_folds.kept_back
 
 
 def calibrated(
     readings: Readings,
-    regions: Regions,
+    spatial_folds: SpatialFolds,
     said: Callable[[str], None] = lambda _: None,
     highest: int = ORDERS[-1],
 ) -> Calibrated:
@@ -222,23 +230,23 @@ def calibrated(
 
     Args:
         readings: What was seen.
-        regions: Which of it is kept back.
+        spatial_folds: Which of it is kept back.
         said: Is told what was believed.
         highest: Order below which tables of uneven gears end.
 
     Returns:
         What was believed, with the arm as corrected.
     """
-    keep = ~regions.kept_back
+    keep = ~spatial_folds.kept_back
     fit_on = readings.take(keep)
     sprung = _sprung(readings.arm)
     plain = fitted(fit_on, redraw=False)
-    before = whole_fit(readings, keep, plain, set(), sprung, highest)
+    before = final_fit(readings, keep, plain, set(), sprung, highest)
     rigid = fitted(fit_on, redraw=True)
-    stance = Stance.of(readings, rigid.drawn)
+    stance = CalibrationState.of(readings, rigid.geometry)
     some = candidates_of(stance, min(CHOOSING, highest))
     blocks = Blocks.of(rigid, stance, some, sprung)
-    folds = normals_of(blocks, stance, regions.fold, regions.count)
+    folds = normals_of(blocks, stance, spatial_folds.fold, spatial_folds.count)
     _, sizes = learnt(total_of(folds), blocks.band)
     chosen = selected(Judge(blocks, folds, sizes), said)
     said("drawing tables in full")
@@ -246,15 +254,15 @@ def calibrated(
     del folds
     if not any(blocks.entry[j] >= 0 and blocks.owner[j] != SILENT
                for j in chosen.columns):  # fmt: skip
-        rigid = RigidFit(before.drawn, rigid.kept)
-    after = whole_fit(readings, keep, rigid, wanted, sprung, highest)
+        rigid = RigidFit(before.corrected_geometry, rigid.kept)
+    after = final_fit(readings, keep, rigid, wanted, sprung, highest)
     full, known, x = after.blocks, after.known, after.fit.x
     numbers = np.flatnonzero(full.order[known] == 0)
     waves = largest_waves(full, known, x, WAVES)
     asked = [numbers, *(w.ravel() for w in waves.values())]
-    region = np.where(keep, regions.region, -1)
+    region = np.where(keep, spatial_folds.region, -1)
     half = spread(
-        full, after.stance, region, known, after.fit, after.sizes,
+        full, after.stance, region, known, after.fit, after.variances,
         np.concatenate(asked),
     )  # fmt: skip
     ends = np.cumsum([len(a) for a in asked])
@@ -265,16 +273,16 @@ def calibrated(
         axis: wave_of(full, known, x, own, h.reshape(-1, 2))
         for (axis, own), h in by_wave
     }
-    count = len(np.unique(regions.region[keep]))
+    count = len(np.unique(spatial_folds.region[keep]))
     return Calibrated(
         readings=readings,
-        regions=regions,
-        before=before.drawn,
-        drawn=after.drawn,
+        spatial_folds=spatial_folds,
+        before=before.corrected_geometry,
+        corrected_geometry=after.corrected_geometry,
         springs=tuple(springs_of(f, readings.arm.stiffness) for f in (before, after)),
         estimates=estimates,
-        tables=tables_of(full, known, x),
-        waves=clearest,
+        error_tables=tables_of(full, known, x),
+        harmonics=clearest,
         selected=chosen,
         named=tuple(named(chosen, estimates, clearest, count)),
         nominal=before.residual,

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from stiffness.calibration.model import Drawn, Readings, Stance, entries_of
+from stiffness.calibration.model import CalibrationState, Geometry, Readings, entries_of
 from stiffness.robot.tracker_frame import kabsch
 
 LEAST = 1e-3
@@ -31,37 +31,41 @@ class RigidFit:
     """A rigid arm, its drawing corrected or not.
 
     Attributes:
-        drawn: What the arm is taken to be.
+        geometry: What the arm is taken to be.
         kept: Which entries, frame and places the data can see on their own.
     """
 
-    drawn: Drawn
+    geometry: Geometry
     kept: Bool[np.ndarray, " silent"]
 
 
 def fitted(readings: Readings, redraw: bool) -> RigidFit:
     """Fit frame and places, and the drawing where asked."""
     count = len(entries_of(readings.arm.chain))
-    start = Drawn(np.zeros(count), np.eye(4), readings.places)
-    stance = Stance.of(readings, start)
-    start = Drawn(start.values, kabsch(readings.seen, stance.point), start.places)
-    fit = _settled(readings, start, redraw=False)
-    return _settled(readings, fit.drawn, redraw=True) if redraw else fit
+    start = Geometry(np.zeros(count), np.eye(4), readings.places)
+    stance = CalibrationState.of(readings, start)
+    start = Geometry(start.values, kabsch(readings.seen, stance.point), start.places)
+    fit = _fit_until_stable(readings, start, redraw=False)
+    return _fit_until_stable(readings, fit.geometry, redraw=True) if redraw else fit
 
 
-def _settled(readings: Readings, start: Drawn, redraw: bool) -> RigidFit:
+def _fit_until_stable(readings: Readings, start: Geometry, redraw: bool) -> RigidFit:
     """Fit what shows from where things stand: a place taken for zero hides links."""
     count = len(start.values)
-    a = Stance.of(readings, start).silent().reshape(3 * len(readings.seen), -1)
+    a = (
+        CalibrationState.of(readings, start)
+        .nuisance_jacobian()
+        .reshape(3 * len(readings.seen), -1)
+    )
     fit = RigidFit(start, identifiable(a, count, redraw))
     for _ in range(ROUNDS):
-        stance = Stance.of(readings, fit.drawn)
-        a = stance.silent().reshape(3 * len(readings.seen), -1)
+        stance = CalibrationState.of(readings, fit.geometry)
+        a = stance.nuisance_jacobian().reshape(3 * len(readings.seen), -1)
         step = np.zeros(a.shape[1])
         step[fit.kept] = np.linalg.lstsq(
             a[:, fit.kept], stance.residual.ravel(), rcond=None
         )[0]
-        fit = RigidFit(fit.drawn.stepped(step), fit.kept)
+        fit = RigidFit(fit.geometry.stepped(step), fit.kept)
         if np.abs(step).max() < STILL:
             break
     return fit

@@ -50,10 +50,10 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.calibration.columns import SILENT, Blocks, Key
-from stiffness.regression.elimination import Columns, Eliminated
-from stiffness.regression.empirical_bayes import Sizes, precision_of
+from stiffness.regression.elimination import ColumnIndices, Eliminated
+from stiffness.regression.empirical_bayes import VarianceComponents, precision_of
 from stiffness.regression.normal_equations import Normal, total_of
-from stiffness.regression.testing import compared
+from stiffness.regression.testing import mean_log_gain
 
 # --- Models on folds left out ---------------------------------------------------------
 
@@ -67,37 +67,37 @@ class Judge:
     Attributes:
         blocks: The columns.
         folds: Normal equations of each fold.
-        sizes: Of noise and tables' bands.
+        variances: Of noise and tables' bands.
     """
 
     blocks: Blocks
     folds: Sequence[Normal]
-    sizes: Sizes
+    variances: VarianceComponents
 
     @cached_property
     def total(self) -> Normal:
         """All folds together."""
         return total_of(self.folds)
 
-    def on(self, columns: Columns) -> "Trial":
+    def on(self, columns: ColumnIndices) -> "CrossValidatedFit":
         """Fit a set of columns with each fold left out in turn."""
-        fits = [self._without(out).joined_by(columns) for out in self.folds]
-        return Trial(self, self.whole_on(columns), fits)
+        fits = [self._leaving_out(out).joined_by(columns) for out in self.folds]
+        return CrossValidatedFit(self, self.whole_on(columns), fits)
 
-    def whole_on(self, columns: Columns) -> Eliminated:
+    def whole_on(self, columns: ColumnIndices) -> Eliminated:
         """Fit a set of columns to all folds."""
-        return self._without(None).joined_by(columns)
+        return self._leaving_out(None).joined_by(columns)
 
-    def _without(self, out: Normal | None) -> Eliminated:
+    def _leaving_out(self, out: Normal | None) -> Eliminated:
         square = np.diag(self.total.gram)
         if out is not None:
             square = square - np.diag(out.gram)
-        own = precision_of(square, self.blocks.band, self.sizes)
-        return Eliminated.of(self.total, out, self.sizes.noise, own)
+        own = precision_of(square, self.blocks.band, self.variances)
+        return Eliminated.of(self.total, out, self.variances.noise, own)
 
 
 @dataclass(frozen=True)
-class Trial:
+class CrossValidatedFit:
     """A set of columns, fitted with each fold left out.
 
     Attributes:
@@ -111,7 +111,7 @@ class Trial:
     fits: Sequence[Eliminated]
 
     @property
-    def columns(self) -> Columns:
+    def columns(self) -> ColumnIndices:
         """The set, in the order in which it grew."""
         return self.whole.known
 
@@ -121,22 +121,26 @@ class Trial:
         return self.whole.with_each([np.zeros(0, dtype=int)])[:, 0]
 
     @cached_property
-    def left(self) -> Float[np.ndarray, " folds"]:
+    def residual_squares(self) -> Float[np.ndarray, " folds"]:
         """The sum of squares on each fold left out, in m^2."""
         none = np.zeros(0, dtype=int)
-        return left_of(self.judge.folds, [f.with_each([none]) for f in self.fits])[:, 0]
+        return residual_squares_of(
+            self.judge.folds, [f.with_each([none]) for f in self.fits]
+        )[:, 0]
 
-    def with_each(self, blocks: Sequence[Columns]) -> tuple[Tried, np.ndarray]:
+    def with_each(self, blocks: Sequence[ColumnIndices]) -> tuple[Tried, np.ndarray]:
         """Return what is left with each block added, and the solutions on all."""
         tried = (fit.with_each(blocks) for fit in self.fits)
-        return left_of(self.judge.folds, tried), self.whole.with_each(blocks)
+        return residual_squares_of(self.judge.folds, tried), self.whole.with_each(
+            blocks
+        )
 
-    def joined_by(self, own: Columns) -> "Trial":
+    def joined_by(self, own: ColumnIndices) -> "CrossValidatedFit":
         """Believe a block."""
         fits = [fit.joined_by(own) for fit in self.fits]
-        return Trial(self.judge, self.whole.joined_by(own), fits)
+        return CrossValidatedFit(self.judge, self.whole.joined_by(own), fits)
 
-    def without_each(self, blocks: Sequence[Columns]) -> Tried:
+    def without_each(self, blocks: Sequence[ColumnIndices]) -> Tried:
         """Return what is left when each block alone is taken out of the set."""
         place = np.full(len(self.whole.precision), -1)
         place[self.columns] = np.arange(len(self.columns))
@@ -151,10 +155,10 @@ class Trial:
                 x[fit.known, j] -= c[:, own] @ less
                 x[block, j] = 0.0
             tried.append(x)
-        return left_of(self.judge.folds, tried)
+        return residual_squares_of(self.judge.folds, tried)
 
 
-def left_of(folds: Sequence[Normal], solutions) -> Tried:
+def residual_squares_of(folds: Sequence[Normal], solutions) -> Tried:
     """Return the sum of squares that each fold's solutions leave on it, in m^2."""
     found = []
     for fold, x in zip(folds, solutions, strict=True):
@@ -179,7 +183,7 @@ true than gears and drawings by an order of magnitude."""
 LENGTHS: Key = ("geometry_error", "lengths")
 """All links longer or shorter together: what a tracker's scale looks like."""
 
-Unit = tuple[Key, Columns]
+Unit = tuple[Key, ColumnIndices]
 
 
 def is_rare(unit: Unit) -> bool:
@@ -187,7 +191,7 @@ def is_rare(unit: Unit) -> bool:
     return unit[0][0] in RARE
 
 
-def others_of(trial: Trial) -> list[Unit]:
+def others_of(trial: CrossValidatedFit) -> list[Unit]:
     """Return the small blocks that a trial does not hold, the commoner ones first."""
     blocks = trial.judge.blocks
     known = set(trial.columns.tolist())
@@ -200,7 +204,7 @@ def others_of(trial: Trial) -> list[Unit]:
     return sorted(free, key=is_rare)
 
 
-def lengths_of(blocks: Blocks) -> Columns:
+def lengths_of(blocks: Blocks) -> ColumnIndices:
     """Return the columns that make links longer or shorter."""
     return np.array(
         [
@@ -214,7 +218,9 @@ def lengths_of(blocks: Blocks) -> Columns:
     )
 
 
-def substitutes(trial: Trial, own: Columns, units: Sequence[Unit]) -> list[Unit]:
+def substitutes(
+    trial: CrossValidatedFit, own: ColumnIndices, units: Sequence[Unit]
+) -> list[Unit]:
     """Return the units that would do as well as some columns of a trial.
 
     Args:
@@ -235,7 +241,7 @@ def substitutes(trial: Trial, own: Columns, units: Sequence[Unit]) -> list[Unit]
     if not near:
         return []
     less = judge.on(rest)
-    gain = compared(less.left, trial.left)[0]
+    gain = mean_log_gain(less.residual_squares, trial.residual_squares)[0]
     every, solutions = less.with_each([c for _, c in near])
     return [
         (key, columns)
@@ -244,15 +250,15 @@ def substitutes(trial: Trial, own: Columns, units: Sequence[Unit]) -> list[Unit]
     ]
 
 
-def _as_good(trial: Trial, left: np.ndarray, gain: float) -> bool:
-    loss, error = compared(left, trial.left)
+def _as_good(trial: CrossValidatedFit, left: np.ndarray, gain: float) -> bool:
+    loss, error = mean_log_gain(left, trial.residual_squares)
     return loss <= max(MARGIN * error, SLIGHT * gain)
 
 
 # --- Backward elimination -------------------------------------------------------------
 
 
-def pruned(trial: Trial) -> Trial:
+def pruned(trial: CrossValidatedFit) -> CrossValidatedFit:
     """Take out what became impossible, then what folds are better without."""
     judge = trial.judge
     while True:
@@ -276,7 +282,7 @@ def pruned(trial: Trial) -> Trial:
         trial = judge.on(np.setdiff1d(trial.columns, np.concatenate(gone)))
 
 
-def _is_constant(key: Key, inside: dict[Key, Columns]) -> bool:
+def _is_constant(key: Key, inside: dict[Key, ColumnIndices]) -> bool:
     """Return whether an offset is the constant about which a table's waves go.
 
     Without it slow waves would make one, and run away where no pose was fitted.
@@ -284,23 +290,24 @@ def _is_constant(key: Key, inside: dict[Key, Columns]) -> bool:
     return key[0] == "encoder_offset" and ("transmission_error", key[1]) in inside
 
 
-def inside_of(trial: Trial) -> dict[Key, Columns]:
+def inside_of(trial: CrossValidatedFit) -> dict[Key, ColumnIndices]:
     """Return the columns of each effect that a trial holds."""
     blocks, known = trial.judge.blocks, np.sort(trial.columns)
     own = {k: np.intersect1d(blocks.columns_of([k]), known) for k in blocks.keys}
     return {key: columns for key, columns in own.items() if len(columns)}
 
 
-def budget_of(trial: Trial) -> dict[Key, tuple[float, float]]:
+def budget_of(trial: CrossValidatedFit) -> dict[Key, tuple[float, float]]:
     """Return what each effect's going alone would lose, with its standard error."""
     inside = inside_of(trial)
     left = trial.without_each(list(inside.values()))
     return {
-        key: compared(one, trial.left) for key, one in zip(inside, left.T, strict=True)
+        key: mean_log_gain(one, trial.residual_squares)
+        for key, one in zip(inside, left.T, strict=True)
     }
 
 
-def common(trial: Trial) -> Trial:
+def common(trial: CrossValidatedFit) -> CrossValidatedFit:
     """Put a common effect in the place of each rare one that it can replace."""
     blocks = trial.judge.blocks
     for key in inside_of(trial):
@@ -315,7 +322,7 @@ def common(trial: Trial) -> Trial:
     return trial
 
 
-def alike(trial: Trial, budget: dict[Key, tuple[float, float]]):
+def equivalents_of(trial: CrossValidatedFit, budget: dict[Key, tuple[float, float]]):
     """Return what would do as well as each name, by name."""
     units, found = others_of(trial), {}
     for key, own in inside_of(trial).items():
@@ -369,13 +376,13 @@ class Selected:
         steps: What was believed, in order; then what was refused.
         budget: Of each effect believed, how the logarithm of the mean square on folds
             left out grows when it alone is taken out, and its standard error.
-        alike: Of each effect believed, those that would do as well in its stead.
+        equivalents: Of each effect believed, those that would do as well in its stead.
     """
 
-    columns: Columns
+    columns: ColumnIndices
     steps: tuple[Step, ...]
     budget: dict[Key, tuple[float, float]]
-    alike: dict[Key, tuple[Key, ...]]
+    equivalents: dict[Key, tuple[Key, ...]]
 
 
 def selected(judge: Judge, said: Callable[[str], None] = lambda _: None) -> Selected:
@@ -407,30 +414,34 @@ def selected(judge: Judge, said: Callable[[str], None] = lambda _: None) -> Sele
         rest = [u for u in rest if u is not unit]
     trial = common(pruned(trial))
     budget = budget_of(trial)
-    return Selected(trial.columns, tuple(steps), budget, alike(trial, budget))
+    return Selected(trial.columns, tuple(steps), budget, equivalents_of(trial, budget))
 
 
-def _units(blocks: Blocks) -> list[tuple[Key, Columns]]:
+def _units(blocks: Blocks) -> list[tuple[Key, ColumnIndices]]:
     """Return what enters together: the drawing, each table, each bounded number."""
     claims = np.array([owner != SILENT for owner in blocks.owner])
     drawing = np.flatnonzero((blocks.entry >= 0) & claims)
-    units: list[tuple[Key, Columns]] = [(DRAWING, drawing)] if len(drawing) else []
+    units: list[tuple[Key, ColumnIndices]] = (
+        [(DRAWING, drawing)] if len(drawing) else []
+    )
     for key in blocks.keys:
         if key[0] not in ("encoder_offset", "geometry_error"):
             units += [(key, own) for own in blocks.parts(key)]
     return units
 
 
-def _tried(trial: Trial, units: Sequence[tuple[Key, Columns]]) -> Iterator[Step]:
+def _tried(
+    trial: CrossValidatedFit, units: Sequence[tuple[Key, ColumnIndices]]
+) -> Iterator[Step]:
     """Try units, each by itself."""
     blocks = trial.judge.blocks
     every, solutions = trial.with_each([own for _, own in units])
     for (key, own), left, x in zip(units, every.T, solutions.T, strict=True):
-        gain, error = compared(trial.left, left)
+        gain, error = mean_log_gain(trial.residual_squares, left)
         verdict = BELIEVED if gain > max(MARGIN * error, 0.0) else NO_GAIN
         if not blocks.holds(own, x[own]):
             verdict = IMPOSSIBLE
-        square = (left if verdict == BELIEVED else trial.left).sum()
+        square = (left if verdict == BELIEVED else trial.residual_squares).sum()
         rms = float(np.sqrt(max(square, 0.0) / trial.judge.total.count * 3.0))
         names = tuple(blocks.parameter[j] for j in own)
         yield Step(key, names, rms, gain, error, verdict)

@@ -15,19 +15,19 @@ What is unknown of tracker and markers moves readings in a few ways.
 ==========  ==========================================================================
 Equation    columns: [1, -p x] for the tracker, R_b for a marker's place, smooth
             functions of p for the tracker's field, the same for x, y and z
-Source      as `unknowns`
-Valid       as `unknowns`
-Ignores     as `unknowns`
+Source      as `nuisance_parameters`
+Valid       as `nuisance_parameters`
+Ignores     as `nuisance_parameters`
 ==========  ==========================================================================
 
 The mean of a visit's readings pulls at markers; a column feels what it moves.
 
 ==========  ==========================================================================
 Equation    product of columns with mean displacements x and y of all markers:
-            x'R'R y = x'Dy - (Hx)'(Hy), R, D and H of `Roots`
-Source      as `Roots`
-Valid       as `Between`
-Ignores     as `Between`
+            x'R'R y = x'Dy - (Hx)'(Hy), R, D and H of `Whitening`
+Source      as `Whitening`
+Valid       as `BetweenVisitModel`
+Ignores     as `BetweenVisitModel`
 ==========  ==========================================================================
 
 Between visits, where markers stand speaks of geometry, sensors and gravity.
@@ -50,15 +50,20 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import cho_factor, cho_solve
 
-from stiffness.diagnosis.design_matrix import Columns, Site, contract, sites_of
+from stiffness.diagnosis.design_matrix import (
+    DesignMatrix,
+    SiteMean,
+    contract,
+    site_means_of,
+)
 from stiffness.experiment.visits import Kept, stretches
-from stiffness.robot.kinematics import levers
+from stiffness.robot.kinematics import point_jacobian
 
 # --- Whitening of errors that readings share ------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class Roots:
+class Whitening:
     """Square roots R of inverse covariances of markers' means, visit by visit.
 
     Attributes:
@@ -75,37 +80,37 @@ class Roots:
     def of(
         cls,
         precision: Float[np.ndarray, "visits markers 3 3"],
-        feigned: Float[np.ndarray, "visits n errors"],
-    ) -> "Roots":
+        induced: Float[np.ndarray, "visits n errors"],
+    ) -> "Whitening":
         """Take the roots.
 
         Args:
             precision: D, inverse covariance of each marker's mean.
-            feigned: F, what shared errors feign, one sigma each.
+            induced: F, what shared errors feign, one sigma each.
         """
         value, vector = np.linalg.eigh(precision)
         scaled = vector * np.sqrt(np.maximum(value, 0.0))[..., None, :]
         half = scaled @ vector.swapaxes(-1, -2)
-        count = min(feigned.shape[1:])
+        count = min(induced.shape[1:])
         error, size = (
-            np.empty((*feigned.shape[:2], count)),
+            np.empty((*induced.shape[:2], count)),
             np.empty((len(half), count)),
         )
         for some in stretches(len(half)):
-            white = _blockwise(half[some], feigned[some])
+            white = _blockwise(half[some], induced[some])
             error[some], s, _ = np.linalg.svd(white, full_matrices=False)
             size[some] = s**2
         return cls(half, error, size)
 
-    def some(self, visits: Int[np.ndarray, " some"]) -> "Roots":
+    def some(self, visits: Int[np.ndarray, " some"]) -> "Whitening":
         """Return those of some visits."""
-        return Roots(self.half[visits], self.error[visits], self.size[visits])
+        return Whitening(self.half[visits], self.error[visits], self.size[visits])
 
     def white(
-        self, moved: Float[np.ndarray, "visits n columns"]
+        self, displacement: Float[np.ndarray, "visits n columns"]
     ) -> Float[np.ndarray, "visits n columns"]:
         """Return R x."""
-        return self._shrunk(_blockwise(self.half, moved))
+        return self._shrunk(_blockwise(self.half, displacement))
 
     def back(
         self, white: Float[np.ndarray, "visits n columns"]
@@ -124,9 +129,9 @@ class Roots:
         return whole + self.error @ along
 
 
-def _blockwise(half: np.ndarray, moved: np.ndarray) -> np.ndarray:
+def _blockwise(half: np.ndarray, displacement: np.ndarray) -> np.ndarray:
     visits, markers = half.shape[:2]
-    shaped = half @ moved.reshape(visits, markers, 3, -1)
+    shaped = half @ displacement.reshape(visits, markers, 3, -1)
     return shaped.reshape(visits, 3 * markers, -1)
 
 
@@ -134,7 +139,7 @@ def _blockwise(half: np.ndarray, moved: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class UnknownColumns:
+class NuisanceJacobian:
     """Columns in m per unit, frame first, then places, then field.
 
     Attributes:
@@ -177,68 +182,76 @@ class Means:
     """What means of some visits could say of columns.
 
     Attributes:
-        roots: Of their inverse covariances.
+        whitening: Of their inverse covariances.
         lever: What takes a twist to a marker's displacement.
         carries: Whether a place carries a marker.
         share: Weight of each row in each visit's mean.
         screw: Twist of what an axis carries per radian along it.
-        unknown: Displacement of the markers per unit of each unknown.
+        nuisance: Displacement of the markers per unit of each unknown.
     """
 
-    roots: Roots
+    whitening: Whitening
     lever: Float[np.ndarray, "visits markers 3 6"]
     carries: Bool[np.ndarray, "places markers"]
     share: Float[np.ndarray, "visits rows"]
     screw: Float[np.ndarray, "visits rows axes 6"]
-    unknown: Float[np.ndarray, "visits n unknowns"]
+    nuisance: Float[np.ndarray, "visits n unknowns"]
 
-    def moved(self, columns: Columns) -> Float[np.ndarray, "visits n columns"]:
+    def displacement(
+        self, columns: DesignMatrix
+    ) -> Float[np.ndarray, "visits n columns"]:
         """Return mean displacements of all markers by columns; for few."""
         visits, markers = self.lever.shape[:2]
         total = np.zeros((visits, markers, 3, len(columns.column)))
-        for site in sites_of(columns, self.share, self.screw):
+        for site in site_means_of(columns, self.share, self.screw):
             if site.marker >= 0:
                 total[:, site.marker, :, site.slots] = site.mean
             else:
-                on = np.flatnonzero(self.carries[site.place])
+                on = np.flatnonzero(self.carries[site.site])
                 moved = self.lever[:, on] @ site.mean[:, None]
                 total[:, on, :, site.slots] = moved
         return columns.joined(total.reshape(visits, 3 * markers, -1))
 
     def products(
-        self, sites: list[Site], slots: int, pull: Float[np.ndarray, "visits n pulls"]
+        self,
+        sites: list[SiteMean],
+        slots: int,
+        weighted: Float[np.ndarray, "visits n pulls"],
     ) -> Float[np.ndarray, "pulls slots"]:
         """Return the products of pulls at markers with slots, added up."""
-        total = np.zeros((pull.shape[2], slots))
+        total = np.zeros((weighted.shape[2], slots))
         places: dict[int, np.ndarray] = {}
         for site in sites:
-            at = self._at(site, pull, places)
+            at = self._at(site, weighted, places)
             total[:, site.slots] = contract(at, site.mean)
         return total
 
-    def of_unknown(
-        self, sites: list[Site], slots: int
+    def of_nuisance(
+        self, sites: list[SiteMean], slots: int
     ) -> Float[np.ndarray, "unknowns slots"]:
         """Return the products of the unknown with slots, added up."""
-        total = np.zeros((self.unknown.shape[2], slots))
+        total = np.zeros((self.nuisance.shape[2], slots))
         for site in sites:
-            at = self._at(site, self._unknown_pull, self._unknown_at)
+            at = self._at(site, self._nuisance_weighted, self._nuisance_at)
             total[:, site.slots] = contract(at, site.mean)
         return total
 
     def of_each(
-        self, sites: list[Site], slots: int, pull: Float[np.ndarray, "visits n pulls"]
+        self,
+        sites: list[SiteMean],
+        slots: int,
+        weighted: Float[np.ndarray, "visits n pulls"],
     ) -> Float[np.ndarray, "visits pulls slots"]:
         """Return the products of pulls at markers with slots, visit by visit."""
-        total = np.zeros((len(pull), pull.shape[2], slots))
+        total = np.zeros((len(weighted), weighted.shape[2], slots))
         places: dict[int, np.ndarray] = {}
         for site in sites:
-            at = self._at(site, pull, places)
+            at = self._at(site, weighted, places)
             total[:, :, site.slots] = at.swapaxes(1, 2) @ site.mean
         return total
 
     def add_gram(
-        self, sites: list[Site], total: Float[np.ndarray, "slots slots"]
+        self, sites: list[SiteMean], total: Float[np.ndarray, "slots slots"]
     ) -> None:
         """Add the products of all slots, summed over visits."""
         seen, precision = self._shared, self._precision
@@ -247,21 +260,21 @@ class Means:
             if site.marker >= 0:
                 at = seen[..., 3 * site.marker : 3 * site.marker + 3]
             else:
-                at = seen @ self._onto(site.place)
+                at = seen @ self._onto(site.site)
             shared[..., site.slots] = at @ site.mean
         flat = shared.reshape(seen.shape[0] * seen.shape[1], len(total))
         total -= flat.T @ flat
         heavy = precision @ self.lever
-        self._of_places([s for s in sites if s.place >= 0], heavy, total)
+        self._of_places([s for s in sites if s.site >= 0], heavy, total)
         self._of_markers(sites, heavy, precision, total)
 
-    def _of_places(self, sites: list[Site], heavy: np.ndarray, gram: np.ndarray):
+    def _of_places(self, sites: list[SiteMean], heavy: np.ndarray, gram: np.ndarray):
         """Add the products of motions of bodies with each other, H left out."""
         sums = self._inner
         for j, far in enumerate(sites):
             pulled: dict[bytes, np.ndarray] = {}
             for near in sites[: j + 1]:
-                both = self.carries[near.place] & self.carries[far.place]
+                both = self.carries[near.site] & self.carries[far.site]
                 key = both.tobytes()
                 if key not in sums:
                     lever = self.lever[:, both].swapaxes(2, 3)
@@ -289,44 +302,44 @@ class Means:
             twists[..., own] = heavy[:, m].swapaxes(1, 2) @ mean
             gram[shift.slots, shift.slots] += contract(mean, precision[:, m] @ mean)
         for site in sites:
-            if site.place < 0:
+            if site.site < 0:
                 continue
-            on = self.carries[site.place][marker]
+            on = self.carries[site.site][marker]
             block = np.where(on, contract(site.mean, twists), 0.0)
             gram[site.slots, start:end] += block
             gram[start:end, site.slots] += block.T
 
     def _at(
-        self, site: Site, pull: np.ndarray, places: dict[int, np.ndarray]
+        self, site: SiteMean, weighted: np.ndarray, places: dict[int, np.ndarray]
     ) -> np.ndarray:
         """Return what pulls at markers make at a site: (visits, k, pulls)."""
         if site.marker >= 0:
-            return pull[:, 3 * site.marker : 3 * site.marker + 3]
-        if site.place not in places:
-            places[site.place] = self._onto(site.place).swapaxes(1, 2) @ pull
-        return places[site.place]
+            return weighted[:, 3 * site.marker : 3 * site.marker + 3]
+        if site.site not in places:
+            places[site.site] = self._onto(site.site).swapaxes(1, 2) @ weighted
+        return places[site.site]
 
-    def _onto(self, place: int) -> np.ndarray:
+    def _onto(self, site: int) -> np.ndarray:
         """Return what takes a place's twist to displacements: (visits, n, 6)."""
         visits, markers = self.lever.shape[:2]
         apart = self.lever.reshape(visits, 3 * markers, 6)
-        return apart * np.repeat(self.carries[place], 3)[:, None]
+        return apart * np.repeat(self.carries[site], 3)[:, None]
 
     @cached_property
-    def _unknown_pull(self) -> np.ndarray:
-        return self.roots.back(self.roots.white(self.unknown))
+    def _nuisance_weighted(self) -> np.ndarray:
+        return self.whitening.back(self.whitening.white(self.nuisance))
 
     @cached_property
-    def _unknown_at(self) -> dict[int, np.ndarray]:
+    def _nuisance_at(self) -> dict[int, np.ndarray]:
         return {}
 
     @cached_property
     def _shared(self) -> np.ndarray:
-        return self.roots.shared()
+        return self.whitening.shared()
 
     @cached_property
     def _precision(self) -> np.ndarray:
-        return self.roots.half @ self.roots.half
+        return self.whitening.half @ self.whitening.half
 
     @cached_property
     def _inner(self) -> dict[bytes, np.ndarray]:
@@ -338,34 +351,34 @@ class Means:
 
 
 @dataclass(frozen=True, eq=False)
-class Between:
+class BetweenVisitModel:
     """Per-visit means of markers, whitened, with what is unknown projected out.
 
     Attributes:
-        roots: Square roots of inverse covariances of the means.
+        whitening: Square roots of inverse covariances of the means.
         lever: What takes a twist to a marker's displacement.
         carries: Whether a place carries a marker.
         share: Weight of each row in each visit's mean.
         screw: Twist of what an axis carries per radian along it, in each row.
-        unknown: Columns of places, frame and field.
+        nuisance: Columns of places, frame and field.
         scale: Of these columns over those in m, rad and sigma.
         factor: Cholesky factor of their information, prior included, scaled.
         residual: Whitened mean residuals with the unknown taken out.
-        moved: What the unknown was estimated to be.
+        nuisance_estimate: What the unknown was estimated to be.
         inner: The unknown's own Gram matrix by folds, for every division asked for.
         kept: What is laid out for the visits asked for last.
     """
 
-    roots: Roots
+    whitening: Whitening
     lever: Float[np.ndarray, "visits markers 3 6"]
     carries: Bool[np.ndarray, "places markers"]
     share: Float[np.ndarray, "visits rows"]
     screw: Float[np.ndarray, "visits rows axes 6"]
-    unknown: UnknownColumns
+    nuisance: NuisanceJacobian
     scale: Float[np.ndarray, " unknowns"]
     factor: tuple[np.ndarray, bool]
     residual: Float[np.ndarray, "visits n 1"]
-    moved: Float[np.ndarray, " unknowns"]
+    nuisance_estimate: Float[np.ndarray, " unknowns"]
     inner: dict[bytes, np.ndarray] = field(default_factory=dict)
     kept: Kept[Means] = field(default_factory=Kept[Means])
 
@@ -374,22 +387,22 @@ class Between:
         cls,
         mean: Float[np.ndarray, "visits markers 3"],
         precision: Float[np.ndarray, "visits markers 3 3"],
-        feigned: Float[np.ndarray, "visits n errors"],
-        unknown: UnknownColumns,
+        induced: Float[np.ndarray, "visits n errors"],
+        unknown: NuisanceJacobian,
         place: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
-    ) -> "Between":
+    ) -> "BetweenVisitModel":
         """Whiten and project.
 
         Args:
             mean: Mean residual of each visit, along the base's axes, in m.
             precision: Inverse covariance of it by the tracker's noise; 0 = not seen.
-            feigned: What errors of a visit feign, one sigma each, in m.
+            induced: What errors of a visit feign, one sigma each, in m.
             unknown: Columns of what is unknown, in m, and their prior sigmas.
             place: `point` of markers, `share` of rows, whether places carry markers,
                 `screw`.
         """
         visits, markers = mean.shape[:2]
-        roots = Roots.of(precision, feigned)
+        roots = Whitening.of(precision, induced)
         point, share, carried, screw = place
         information = np.diag(unknown.sigma**-2.0)
         asked = np.zeros((len(information), 1))
@@ -406,12 +419,14 @@ class Between:
         for some in stretches(visits):
             white = roots.some(some).white(unknown.of(some))
             left[some] -= white @ moved[:, None]
-        lever = levers(point)
+        lever = point_jacobian(point)
         return cls(
             roots, lever, carried, share, screw, unknown, scale, factor, left, moved
         )
 
-    def absorbed(self, columns: Columns) -> Float[np.ndarray, "unknowns columns"]:
+    def nuisance_coefficients(
+        self, columns: DesignMatrix
+    ) -> Float[np.ndarray, "unknowns columns"]:
         """Return what each unknown would take of one unit of each column.
 
         Args:
@@ -419,10 +434,10 @@ class Between:
         """
         everyone = np.arange(len(self.residual))
         means = self.some(everyone)
-        asked = means.of_unknown(
-            sites_of(columns, means.share, means.screw), len(columns.column)
+        asked = means.of_nuisance(
+            site_means_of(columns, means.share, means.screw), len(columns.column)
         )
-        return self.taken(columns.joined(asked))
+        return self.nuisance_removed(columns.joined(asked))
 
     def some(self, visits: Int[np.ndarray, " some"]) -> Means:
         """Return what means of some visits could say."""
@@ -430,22 +445,22 @@ class Between:
 
     def _means(self, visits: Int[np.ndarray, " some"]) -> Means:
         return Means(
-            self.roots.some(visits),
+            self.whitening.some(visits),
             self.lever[visits],
             self.carries,
             self.share[visits],
             self.screw[visits],
-            self.unknown.of(visits),
+            self.nuisance.of(visits),
         )
 
-    def taken(
+    def nuisance_removed(
         self, asked: Float[np.ndarray, "unknowns columns"]
     ) -> Float[np.ndarray, "unknowns columns"]:
         """Return what the unknown takes of columns from their products with it."""
         scale = self.scale[:, None]
         return scale * cho_solve(self.factor, scale * asked)
 
-    def projected(
+    def project_out(
         self,
         near: Float[np.ndarray, "folds unknowns some"],
         far: Float[np.ndarray, "folds unknowns others"],
@@ -461,18 +476,18 @@ class Between:
             far: With others; may be the same.
             label: Fold of each visit.
         """
-        one = self.taken(near.sum(axis=0))
-        other = one if near is far else self.taken(far.sum(axis=0))
-        prior = one.T @ (self.unknown.sigma[:, None] ** -2.0 * other)
+        one = self.nuisance_removed(near.sum(axis=0))
+        other = one if near is far else self.nuisance_removed(far.sum(axis=0))
+        prior = one.T @ (self.nuisance.sigma[:, None] ** -2.0 * other)
         lost = np.empty((len(near), one.shape[1], other.shape[1]))
-        inner = self._of_unknown(label, len(near))
+        inner = self._nuisance_gram(label, len(near))
         share = np.bincount(label, minlength=len(near)) / len(label)
         for f, own in enumerate(inner):
             back = far[f] - own @ other
             lost[f] = near[f].T @ other + one.T @ back - share[f] * prior
         return lost
 
-    def _of_unknown(
+    def _nuisance_gram(
         self, label: Int[np.ndarray, " visits"], folds: int
     ) -> Float[np.ndarray, "folds unknowns unknowns"]:
         """Return the unknown's own Gram matrix of each fold."""
@@ -482,11 +497,11 @@ class Between:
             total = np.zeros((folds, size, size))
             for some in stretches(len(label), label):
                 means = self.some(some)
-                flat = means.roots.white(means.unknown).reshape(-1, size)
+                flat = means.whitening.white(means.nuisance).reshape(-1, size)
                 total[label[some[0]]] += flat.T @ flat
             self.inner[key] = total
         return self.inner[key]
 
-    def less(self, residual: np.ndarray) -> "Between":
+    def with_residual(self, residual: np.ndarray) -> "BetweenVisitModel":
         """Return the same with other residuals."""
         return replace(self, residual=residual)

@@ -36,16 +36,16 @@ from stiffness.diagnosis.design_matrix import Deferred, deferred
 from stiffness.effects.base import Hypothesis, absolute, marked_point
 from stiffness.effects.jacobian import (
     NOTHING,
-    Motion,
-    Part,
-    Shift,
-    Signature,
-    Turn,
+    BodyTwist,
+    EffectJacobian,
+    JacobianBlock,
+    JointRotation,
+    MarkerDisplacement,
     rotate,
     translate,
     turn,
 )
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 # --- Errors of a levelled tracker -----------------------------------------------------
 
@@ -57,7 +57,7 @@ LEAST = 1e-3
 """Level distance in m below which a target has no azimuth; chosen."""
 
 
-def errors_of_tracker(situation: Situation) -> Signature:
+def errors_of_tracker(situation: StaticState) -> EffectJacobian:
     """Return how each marker would be seen beside its place; nothing where it cancels.
 
     A marker of unknown place is taken at its body's origin.
@@ -71,8 +71,8 @@ def errors_of_tracker(situation: Situation) -> Signature:
     parts = []
     for m in range(len(situation.recording.markers)):
         away = (marked_point(situation, m) - stand) @ axes
-        parts.append(Shift(m, axes @ along_circles(away)))
-    return Signature(COLUMNS, tuple(parts)) if parts else NOTHING
+        parts.append(MarkerDisplacement(m, axes @ along_circles(away)))
+    return EffectJacobian(COLUMNS, tuple(parts)) if parts else NOTHING
 
 
 def upright(up: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
@@ -124,15 +124,15 @@ class MapBlock:
     Attributes:
         where: The place, as in an answer.
         depends_on: What the columns speak of.
-        signature: The columns.
+        jacobian: The columns.
     """
 
     where: str
     depends_on: str
-    signature: Signature
+    jacobian: EffectJacobian
 
 
-def residual_map(situation: Situation) -> tuple[MapBlock, ...]:
+def residual_map(situation: StaticState) -> tuple[MapBlock, ...]:
     """Return the map of all places."""
     blocks = _of_base(situation)
     for k in range(len(situation.axes)):
@@ -154,7 +154,7 @@ def hats(values: np.ndarray, knots: int) -> Float[np.ndarray, "rows knots"]:
     return np.stack([np.interp(values, at, row) for row in np.eye(len(at))], axis=1)
 
 
-def _of_axis(situation: Situation, k: int) -> list[MapBlock]:
+def _of_axis(situation: StaticState, k: int) -> list[MapBlock]:
     where = situation.axes[k]
     torque, angle = situation.torque[:, k], situation.recording.posture[:, k]
     load = situation.load_torque[:, k]
@@ -172,7 +172,7 @@ def _of_axis(situation: Situation, k: int) -> list[MapBlock]:
     along = along / max(float(np.max(np.abs(along))), 1e-9)
     knots = hats(torque, KNOTS)
     up, down = knots * grows[:, None], knots * (1.0 - grows)[:, None]
-    waves = _waves(situation, k, angle)
+    waves = _harmonics(situation, k, angle)
     time = hats(situation.recording.time, TIMES)
     blocks = []
     laws = {
@@ -185,7 +185,7 @@ def _of_axis(situation: Situation, k: int) -> list[MapBlock]:
     }
     for depends_on, law in laws.items():
         if law.shape[1]:
-            signature = Signature(law.shape[1], (Turn(k, law),))
+            signature = EffectJacobian(law.shape[1], (JointRotation(k, law),))
             blocks.append(MapBlock(where, depends_on, signature))
     place = k + 1
     across = situation.seat[:, place, :, :2]
@@ -193,7 +193,7 @@ def _of_axis(situation: Situation, k: int) -> list[MapBlock]:
     m = moment / (np.max(np.abs(moment)) + 1e-9)
     rotation = np.concatenate([across * m[:, None, :], _one_sided(across, m)], axis=2)
     tilt = rotate(place, rotation, situation.origin[:, place])
-    blocks.append(MapBlock(where, "load", Signature(rotation.shape[2], (tilt,))))
+    blocks.append(MapBlock(where, "load", EffectJacobian(rotation.shape[2], (tilt,))))
     blocks.append(MapBlock(where, "geometry", _constant(situation, place)))
     return blocks
 
@@ -211,22 +211,22 @@ def _one_sided(
     return columns.reshape(len(moment), 3, -1)
 
 
-def _waves(situation: Situation, k: int, angle: np.ndarray) -> np.ndarray:
+def _harmonics(situation: StaticState, k: int, angle: np.ndarray) -> np.ndarray:
     if situation.arm.slides[k] or np.ptp(angle) < 1e-6:
         return np.zeros((len(angle), 0))
     return np.column_stack([f(n * angle) for n in HARMONICS for f in (np.cos, np.sin)])
 
 
-def _constant(situation: Situation, place: int) -> Signature:
+def _constant(situation: StaticState, place: int) -> EffectJacobian:
     """Return six constant small motions of a place, along its seat's axes."""
     seat = situation.seat[:, place]
     shift = translate(place, seat)
     turned = rotate(place, seat, situation.origin[:, place])
     twist = np.concatenate([shift.twist, turned.twist], axis=2)
-    return Signature(6, (Motion(place, twist),))
+    return EffectJacobian(6, (BodyTwist(place, twist),))
 
 
-def _of_base(situation: Situation) -> list[MapBlock]:
+def _of_base(situation: StaticState) -> list[MapBlock]:
     def scaled(values: np.ndarray) -> np.ndarray:
         return values / max(float(np.max(np.abs(values))), 1e-9)
 
@@ -235,10 +235,10 @@ def _of_base(situation: Situation) -> list[MapBlock]:
     eye = np.broadcast_to(np.eye(3), (situation.rows, 3, 3))
     origin = situation.origin[:, 0]
 
-    def block(depends_on: str, parts: list[Motion]) -> MapBlock:
+    def block(depends_on: str, parts: list[BodyTwist]) -> MapBlock:
         twist = np.concatenate([part.twist for part in parts], axis=2)
-        joined: tuple[Part, ...] = (Motion(0, twist),)
-        return MapBlock("base", depends_on, Signature(twist.shape[2], joined))
+        joined: tuple[JacobianBlock, ...] = (BodyTwist(0, twist),)
+        return MapBlock("base", depends_on, EffectJacobian(twist.shape[2], joined))
 
     loads = [
         rotate(0, eye * law[:, None, :], origin)
@@ -279,7 +279,7 @@ class Candidate:
         return self.hypothesis.effect, self.where
 
     @property
-    def freedom(self) -> int:
+    def degrees_of_freedom(self) -> int:
         """How many numbers are fitted: coefficients and shape."""
         return len(self.columns[0]) + self.shapes.shape[1]
 
@@ -298,28 +298,30 @@ class Library:
     """All signatures in a row, and who owns which columns.
 
     Attributes:
-        signatures: Nominal, then candidates, then map.
+        jacobians: Nominal, then candidates, then map.
         nominal: How many columns are nominal.
         candidates: Hypotheses at places.
         map: The residual map.
     """
 
-    signatures: tuple[Signature | Deferred, ...]
+    jacobians: tuple[EffectJacobian | Deferred, ...]
     nominal: int
     candidates: tuple[Candidate, ...]
     map: tuple[Mapped, ...]
 
 
-def springs_of(situation: Situation, springs: Sequence[int]) -> tuple[Signature, ...]:
+def springs_of(
+    situation: StaticState, springs: Sequence[int]
+) -> tuple[EffectJacobian, ...]:
     """Return what more compliance of each fitted axis does."""
     return tuple(turn(k, situation.torque[:, k]) for k in springs)
 
 
 def library_of(
-    situation: Situation, springs: Sequence[int], hypotheses: Sequence[Hypothesis]
+    situation: StaticState, springs: Sequence[int], hypotheses: Sequence[Hypothesis]
 ) -> Library:
     """Lay out nominal springs, all hypotheses at all places and shapes, and the map."""
-    signatures: list[Signature | Deferred] = [*springs_of(situation, springs)]
+    signatures: list[EffectJacobian | Deferred] = [*springs_of(situation, springs)]
     at = len(signatures)
     candidates, mapped = [], []
     for hypothesis in hypotheses:
@@ -327,7 +329,7 @@ def library_of(
             shapes = hypothesis.shapes(situation, where)
             owned = []
             for shape in shapes:
-                signature = hypothesis.signature(situation, where, shape)
+                signature = hypothesis.jacobian(situation, where, shape)
                 if len(shapes) > 1:
                     here = (hypothesis, where, shape, situation)
                     signatures.append(deferred(signature, *here))
@@ -337,8 +339,8 @@ def library_of(
                 at += signature.columns
             candidates.append(Candidate(hypothesis, where, shapes, tuple(owned)))
     for block in residual_map(situation):
-        signatures.append(block.signature)
-        owned = np.arange(at, at + block.signature.columns)
-        at += block.signature.columns
+        signatures.append(block.jacobian)
+        owned = np.arange(at, at + block.jacobian.columns)
+        at += block.jacobian.columns
         mapped.append(Mapped(block.where, block.depends_on, owned))
     return Library(tuple(signatures), len(springs), tuple(candidates), tuple(mapped))

@@ -24,8 +24,14 @@ from jaxtyping import Float, Int
 from scipy import sparse
 
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import Motion, Shift, Signature, Turn, values
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import (
+    BodyTwist,
+    EffectJacobian,
+    JointRotation,
+    MarkerDisplacement,
+    values,
+)
+from stiffness.experiment.static_state import StaticState
 
 # --- Columns worked out on demand -----------------------------------------------------
 
@@ -46,20 +52,20 @@ class Deferred:
     hypothesis: Hypothesis
     where: str
     shape: Float[np.ndarray, " parameters"]
-    situation: Situation
+    situation: StaticState
 
-    def of(self, some: Situation) -> Signature:
+    def of(self, some: StaticState) -> EffectJacobian:
         """Return the signature of some of the situation's rows."""
-        return self.hypothesis.signature(some, self.where, self.shape)
+        return self.hypothesis.jacobian(some, self.where, self.shape)
 
 
 def deferred(
-    signature: Signature,
+    signature: EffectJacobian,
     hypothesis: Hypothesis,
     where: str,
     shape: Float[np.ndarray, " parameters"],
-    situation: Situation,
-) -> Signature | Deferred:
+    situation: StaticState,
+) -> EffectJacobian | Deferred:
     """Return a signature as it is, or to be worked out where it is large.
 
     Args:
@@ -69,7 +75,9 @@ def deferred(
         shape: With which shape.
         situation: Of all rows.
     """
-    if any(isinstance(part, Motion | Shift) for part in signature.parts):
+    if any(
+        isinstance(part, BodyTwist | MarkerDisplacement) for part in signature.parts
+    ):
         return Deferred(signature.columns, hypothesis, where, shape, situation)
     return signature
 
@@ -82,34 +90,34 @@ class Group:
     """Parts of columns that act at one place in one way.
 
     Attributes:
-        place: Axis from 0 for turns, place from 0 for motions, marker for shifts.
+        site: Axis from 0 for turns, place from 0 for motions, marker for shifts.
         values: (visits, longest, columns), or with 6 (a twist) or 3 (a shift) before
             the columns.
         slots: Where they stand among all slots.
     """
 
-    place: int
+    site: int
     values: np.ndarray
     slots: slice
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class DesignMatrix:
     """The columns of a linear model in some visits, sorted by where they act.
 
     Attributes:
         count: How many columns.
         column: Number of the column that each slot belongs to.
-        turns: Along axes.
-        motions: Of what places carry.
-        shifts: Of single markers.
+        rotations: Along axes.
+        twists: Of what places carry.
+        marker_displacements: Of single markers.
     """
 
     count: int
     column: Int[np.ndarray, " slots"]
-    turns: tuple[Group, ...]
-    motions: tuple[Group, ...]
-    shifts: tuple[Group, ...]
+    rotations: tuple[Group, ...]
+    twists: tuple[Group, ...]
+    marker_displacements: tuple[Group, ...]
 
     @cached_property
     def _sums(self) -> sparse.csr_array:
@@ -133,10 +141,10 @@ class Columns:
         return self._sums @ slots @ self._sums.T
 
 
-def columns_of(
-    signatures: Sequence[Signature | Deferred],
+def design_matrix_of(
+    signatures: Sequence[EffectJacobian | Deferred],
     row: Int[np.ndarray, "visits longest"],
-) -> Columns:
+) -> DesignMatrix:
     """Put signatures side by side, in their order.
 
     Args:
@@ -144,10 +152,10 @@ def columns_of(
         row: The recording's rows of the visits that are asked for. Deferred signatures
             are all of one situation.
     """
-    kinds = (Turn, Motion, Shift)
+    kinds = (JointRotation, BodyTwist, MarkerDisplacement)
     found: dict[tuple[int, int], list[tuple[np.ndarray, np.ndarray]]] = {}
     local = np.arange(row.size).reshape(row.shape)
-    some: Situation | None = None
+    some: StaticState | None = None
     count = 0
     for signature in signatures:
         numbers = np.arange(count, count + signature.columns)
@@ -157,7 +165,7 @@ def columns_of(
             at, own = local, own.of(some)
         for part in own.parts:
             if isinstance(part, kinds):
-                where = (kinds.index(type(part)), _place(part))
+                where = (kinds.index(type(part)), _site_number(part))
                 found.setdefault(where, []).append((values(part)[at], numbers))
         count += signature.columns
     groups: tuple[list[Group], ...] = ([], [], [])
@@ -171,13 +179,13 @@ def columns_of(
         start = slots.stop
     of_slot = np.concatenate(column) if column else np.zeros(0, dtype=int)
     turns, motions, shifts = (tuple(of_kind) for of_kind in groups)
-    return Columns(count, of_slot, turns, motions, shifts)
+    return DesignMatrix(count, of_slot, turns, motions, shifts)
 
 
-def _place(part: Turn | Motion | Shift) -> int:
-    if isinstance(part, Turn):
+def _site_number(part: JointRotation | BodyTwist | MarkerDisplacement) -> int:
+    if isinstance(part, JointRotation):
         return part.axis
-    return part.place if isinstance(part, Motion) else part.marker
+    return part.site if isinstance(part, BodyTwist) else part.marker
 
 
 def contract(
@@ -192,27 +200,27 @@ def contract(
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
+class SiteMean:
     """Slots of one group, averaged over the rows of each visit.
 
     Attributes:
         slots: Where they stand among all slots.
         mean: Twists or shifts of each visit.
-        place: The place that moves; -1 where a marker shifts.
+        site: The place that moves; -1 where a marker shifts.
         marker: The marker that shifts; -1 where bodies move.
     """
 
     slots: slice
     mean: Float[np.ndarray, "visits k columns"]
-    place: int = -1
+    site: int = -1
     marker: int = -1
 
 
-def sites_of(
-    columns: Columns,
+def site_means_of(
+    columns: DesignMatrix,
     share: Float[np.ndarray, "visits rows"],
     screw: Float[np.ndarray, "visits rows axes 6"],
-) -> list[Site]:
+) -> list[SiteMean]:
     """Return the means of all groups of columns.
 
     Args:
@@ -222,14 +230,14 @@ def sites_of(
     """
     of_row = share[:, None]
     sites = []
-    for group in columns.turns:
-        along = share[..., None] * screw[:, :, group.place]
+    for group in columns.rotations:
+        along = share[..., None] * screw[:, :, group.site]
         mean = along.swapaxes(1, 2) @ group.values
-        sites.append(Site(group.slots, mean, place=group.place + 1))
-    for group in (*columns.motions, *columns.shifts):
+        sites.append(SiteMean(group.slots, mean, site=group.site + 1))
+    for group in (*columns.twists, *columns.marker_displacements):
         visits, rows, k, count = group.values.shape
         flat = of_row @ group.values.reshape(visits, rows, k * count)
         mean = flat.reshape(visits, k, count)
-        at = {"place" if k == 6 else "marker": group.place}
-        sites.append(Site(group.slots, mean, **at))
+        at = {"site" if k == 6 else "marker": group.site}
+        sites.append(SiteMean(group.slots, mean, **at))
     return sites

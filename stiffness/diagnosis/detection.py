@@ -26,14 +26,14 @@ from jaxtyping import Float, Int
 from scipy.stats import chi2, norm
 
 from stiffness.diagnosis.candidates import Library
-from stiffness.diagnosis.sufficient_statistics import Data
-from stiffness.regression.normal_equations import Evidence
+from stiffness.diagnosis.sufficient_statistics import SufficientStatistics
+from stiffness.regression.normal_equations import NormalEquations
 from stiffness.regression.testing import (
-    ALARM,
+    SIGNIFICANCE,
     SMALLEST,
-    Tested,
-    families,
-    sign_flips,
+    MaxTResult,
+    combine_tests,
+    sign_flip_test,
     white_scores,
 )
 
@@ -53,7 +53,8 @@ class Scatter:
         dispersion: Variance over that of the errors.
         error: Its standard error over poses.
         excess: Whitened square beyond the errors.
-        wild: Dispersion of poses along laws up to which errors may be misstated.
+        dispersion_limit: Dispersion of poses along laws up to which errors may be
+            misstated.
         markers: The same of each marker's means alone; empty where there are none.
         witnesses: How many other markers a marker's body has.
     """
@@ -61,7 +62,7 @@ class Scatter:
     dispersion: float
     error: float
     excess: float
-    wild: float
+    dispersion_limit: float
     markers: tuple["Scatter", ...] = ()
     witnesses: int = 0
 
@@ -85,45 +86,48 @@ class Scatter:
         return worst if seen and 2.0 * excess[worst] > sum(excess) else None
 
 
-def scatter_of(data: Data, wild: float) -> Scatter:
+def scatter_of(data: SufficientStatistics, dispersion_limit: float) -> Scatter:
     """Return how readings scatter, of both blocks the one that does more.
 
     Args:
         data: What is left.
-        wild: Dispersion of poses along laws up to which errors may be misstated.
+        dispersion_limit: Dispersion of poses along laws up to which errors may be
+            misstated.
     """
-    pose, within = data.visits.pose, data.within
-    found = _of(pose, within.square, within.freedom, wild)
+    pose, within = data.visits.posture_index, data.within
+    found = _of(pose, within.square, within.degrees_of_freedom, dispersion_limit)
     if data.between is None:
         return found
     between = data.between
-    seen = np.any(between.roots.half != 0.0, axis=(2, 3))  # (visits, markers)
+    seen = np.any(between.whitening.half != 0.0, axis=(2, 3))  # (visits, markers)
     square = np.sum(between.residual.reshape(*seen.shape, 3) ** 2, axis=2)
-    share = max(1.0 - data.unknowns / max(3.0 * seen.sum(), 1.0), 0.0)
+    share = max(1.0 - data.nuisance_count / max(3.0 * seen.sum(), 1.0), 0.0)
     freedom = 3.0 * share * seen
     body = np.unique(between.carries, axis=1, return_inverse=True)[1].ravel()
     others = np.bincount(body)[body] - 1
     markers = tuple(
-        replace(_of(pose, s, f, wild), witnesses=int(n))
+        replace(_of(pose, s, f, dispersion_limit), witnesses=int(n))
         for s, f, n in zip(square.T, freedom.T, others, strict=True)
     )
-    means = _of(pose, square.sum(axis=1), freedom.sum(axis=1), wild)
+    means = _of(pose, square.sum(axis=1), freedom.sum(axis=1), dispersion_limit)
     return replace(max(found, means, key=lambda s: s.dispersion), markers=markers)
 
 
 def _of(
     pose: Int[np.ndarray, " visits"],
     square: Float[np.ndarray, " visits"],
-    freedom: Float[np.ndarray, " visits"],
-    wild: float,
+    degrees_of_freedom: Float[np.ndarray, " visits"],
+    dispersion_limit: float,
 ) -> Scatter:
-    one, free = np.bincount(pose, square), np.bincount(pose, freedom)
+    one, free = np.bincount(pose, square), np.bincount(pose, degrees_of_freedom)
     one, free = one[free > 0.0], free[free > 0.0]
     if len(one) < FEWEST_FOR_DISPERSION:
-        return Scatter(0.0, 1.0, 0.0, wild)
+        return Scatter(0.0, 1.0, 0.0, dispersion_limit)
     ratio = float(one.sum() / free.sum())
     error = float(np.linalg.norm(one - ratio * free) / free.sum())
-    return Scatter(ratio, error, max(float(one.sum() - free.sum()), 0.0), wild)
+    return Scatter(
+        ratio, error, max(float(one.sum() - free.sum()), 0.0), dispersion_limit
+    )
 
 
 # --- Detection ------------------------------------------------------------------------
@@ -148,7 +152,7 @@ it is measured; chosen: recordings of nothing have 0.6 to 1.13."""
 
 
 @dataclass(frozen=True)
-class Found:
+class DetectionTest:
     """What the test of everything found.
 
     Candidates are one family and the map another, so that a thousand names do not
@@ -167,7 +171,7 @@ class Found:
         scatter: Of the readings themselves.
     """
 
-    tested: Tested
+    tested: MaxTResult
     candidates: int
     blocks: int
     places: tuple[str, ...]
@@ -179,30 +183,30 @@ class Found:
     @property
     def p_value(self) -> float:
         """Return the p-value: of any block, of wild poses, or of wild readings."""
-        over = self.dispersion / self.scatter.wild
+        over = self.dispersion / self.scatter.dispersion_limit
         beyond = float(chi2.sf(self.poses * over, self.poses))
-        beyond = min(beyond, self.scatter.p_value(self.calm))
+        beyond = min(beyond, self.scatter.p_value(self.scatter_limit))
         return min(self.tested.p_value, max(beyond, SMALLEST))
 
     @property
-    def calm(self) -> float:
+    def scatter_limit(self) -> float:
         """Return the scatter of readings that is still taken for noise."""
-        wild = self.scatter.wild
+        wild = self.scatter.dispersion_limit
         return SCATTERED if wild == MEASURED else wild
 
     @property
     def excess(self) -> float:
         """Return the whitened square that errors do not make: the map's, or all."""
-        of_map = float(self.tested.captured[-1] - self.tested.freedom[-1])
-        return max(of_map, self.scatter.excess) if self.scatters else of_map
+        of_map = float(self.tested.captured[-1] - self.tested.degrees_of_freedom[-1])
+        return max(of_map, self.scatter.excess) if self.is_overdispersed else of_map
 
     @property
-    def scatters(self) -> bool:
+    def is_overdispersed(self) -> bool:
         """Return whether readings surely scatter by more than noise does."""
-        return self.scatter.p_value(self.calm) < ALARM
+        return self.scatter.p_value(self.scatter_limit) < SIGNIFICANCE
 
     @property
-    def strongest(self) -> int:
+    def most_significant(self) -> int:
         """Return the number of the block that rejects most."""
         together, z = self.tested.together, self.tested.z
         return int(np.lexsort((-z, together))[0])
@@ -216,26 +220,29 @@ class Found:
 
 def detect(
     library: Library,
-    evidence: Evidence,
+    normal_equations: NormalEquations,
     score: Float[np.ndarray, "poses columns"],
     known: Int[np.ndarray, " known"],
     poses: np.ndarray,
     seed: int,
     scatter: Scatter,
-) -> Found:
+) -> DetectionTest:
     """Test every candidate and the map beyond known columns.
 
     Args:
         library: Candidates and map.
-        evidence: Gram matrices of all columns.
+        normal_equations: Gram matrices of all columns.
         score: Of the data without what the known columns explain.
         known: Columns that may explain for free.
         poses: Mask of the poses to look at.
         seed: Of the random signs.
         scatter: Of the readings.
     """
-    share = np.bincount(evidence.fold[poses], minlength=len(evidence.gram)) > 0
-    gram = evidence.gram[share].sum(axis=0)
+    share = (
+        np.bincount(normal_equations.fold[poses], minlength=len(normal_equations.gram))
+        > 0
+    )
+    gram = normal_equations.gram[share].sum(axis=0)
     own = [block for c in library.candidates for block in c.columns]
     parts = [m.columns for m in library.map]
     places = tuple(dict.fromkeys(m.where for m in library.map))
@@ -244,9 +251,10 @@ def detect(
         for place in places
     ]
     every: Sequence[np.ndarray] = [*own, *parts, *whole, np.concatenate(parts)]
-    white = white_scores(gram, score[poses], known, every, evidence.raw)
-    tested = families(
-        sign_flips(white[: len(own)], seed), sign_flips(white[len(own) :], seed + 1)
+    white = white_scores(gram, score[poses], known, every, normal_equations.raw)
+    tested = combine_tests(
+        sign_flip_test(white[: len(own)], seed),
+        sign_flip_test(white[len(own) :], seed + 1),
     )
     of_map = np.concatenate(white[len(own) : len(own) + len(parts)], axis=1)
     dispersion = float(np.sum(of_map**2) / max(1, of_map.shape[1]))
@@ -257,6 +265,6 @@ def detect(
         "",
     )
     count = int(poses.sum())
-    return Found(
+    return DetectionTest(
         tested, len(own), len(parts), places, where, dispersion, count, scatter
     )

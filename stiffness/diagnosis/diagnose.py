@@ -5,7 +5,7 @@ How far readings miss the fitted nominal arm, and how far noise alone would.
 ==========  ==========================================================================
 Equation    rms^2 = sum |d - mean d|^2 / (readings - visits) + mean |m|^2, d what rows
             of a visit leave of a marker, m what its visits' means leave; by noise:
-            mean tr S / frames + mean tr D^-1, S of one frame, D of `Roots`
+            mean tr S / frames + mean tr D^-1, S of one frame, D of `Whitening`
 Source      definition; the two are orthogonal parts of the same readings
 Valid       markers that were seen
 Ignores     what the fit of the nominal takes of the noise; how axes return and the
@@ -28,34 +28,34 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bench.shared.recording import Recording
-from stiffness.diagnosis.between_visit import Between
+from stiffness.diagnosis.between_visit import BetweenVisitModel
 from stiffness.diagnosis.detection import (
     FEWEST_POSES,
     MEASURED,
     WOULD_SHOW,
-    Found,
+    DetectionTest,
     detect,
     scatter_of,
 )
-from stiffness.diagnosis.model_fit import Case
+from stiffness.diagnosis.model_fit import SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
-from stiffness.diagnosis.relinearisation import case_of, settled
+from stiffness.diagnosis.relinearisation import build_problem, relinearise_until_stable
 from stiffness.diagnosis.result import Detection, Diagnosis, Unexplained, Warned
-from stiffness.diagnosis.setup_check import mistakes_of_set_up
+from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.diagnosis.verdict import answer_of, nominal_of
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis
 from stiffness.experiment.residuals import shares_of
-from stiffness.experiment.sensor_noise import steadied
-from stiffness.regression.testing import ALARM, SMALLEST
+from stiffness.experiment.sensor_noise import average_encoders
+from stiffness.regression.testing import SIGNIFICANCE, SMALLEST
 from stiffness.robot.arm import Arm
-from stiffness.robot.kinematics import levers
+from stiffness.robot.kinematics import point_jacobian
 
 # --- Chi-square summary of the nominal fit --------------------------------------------
 
 
 @dataclass(frozen=True)
-class Misfit:
+class ChiSquareSummary:
     """3-D rms of a reading.
 
     Attributes:
@@ -80,14 +80,14 @@ class HeldOut:
     whole: float
 
 
-def held_out_misfit(prepared: Prepared, case: Case) -> HeldOut:
+def held_out_misfit(prepared: Prepared, case: SelectionProblem) -> HeldOut:
     """Return how far the fitted nominal arm misses the poses held out; NaN without.
 
     Args:
         prepared: The recording against its nominal model.
         case: The same with springs as the readings have them.
     """
-    rows = case.split.held_out[prepared.data.visits.pose]
+    rows = case.split.held_out[prepared.data.visits.posture_index]
     apart, seen = _apart(prepared, case)
     count = int(seen[rows].sum())
     if not count:
@@ -102,7 +102,7 @@ def held_out_misfit(prepared: Prepared, case: Case) -> HeldOut:
     return HeldOut(float(np.sqrt(square)), whole)
 
 
-def misfit_of(prepared: Prepared, case: Case) -> Misfit:
+def chi_square_summary(prepared: Prepared, case: SelectionProblem) -> ChiSquareSummary:
     """Return how far readings miss the arm with its springs as they were fitted.
 
     Args:
@@ -114,10 +114,10 @@ def misfit_of(prepared: Prepared, case: Case) -> Misfit:
         share = shares_of(prepared.situation.recording)
         more, by_noise = _between(case.data.between, share)
         rms, noise = rms + more, noise + by_noise
-    return Misfit(float(np.sqrt(rms)), float(np.sqrt(noise)))
+    return ChiSquareSummary(float(np.sqrt(rms)), float(np.sqrt(noise)))
 
 
-def _within(prepared: Prepared, case: Case) -> tuple[float, float]:
+def _within(prepared: Prepared, case: SelectionProblem) -> tuple[float, float]:
     """Return mean squares of differences within visits, and by noise; 0 without."""
     apart, seen = _apart(prepared, case)
     freedom = int(np.maximum(seen.sum(axis=1) - 1, 0).sum())
@@ -125,30 +125,32 @@ def _within(prepared: Prepared, case: Case) -> tuple[float, float]:
         return 0.0, 0.0
     one = np.trace(np.linalg.inv(prepared.readings.inverse))
     share = np.broadcast_to(shares_of(prepared.situation.recording), seen.shape)
-    by_noise = one * np.mean(share[seen] / _weight(prepared)[seen])
+    by_noise = one * np.mean(share[seen] / _reading_weights(prepared)[seen])
     return float(np.sum(apart**2)) / freedom, float(by_noise)
 
 
 def _apart(
-    prepared: Prepared, case: Case
+    prepared: Prepared, case: SelectionProblem
 ) -> tuple[
     Float[np.ndarray, "visits longest markers 3"],
     Bool[np.ndarray, "visits longest markers"],
 ]:
     """Return residuals less their mean over each visit, and which were seen."""
     left = np.nan_to_num(prepared.readings.value) - _softer(prepared, case)
-    seen = _weight(prepared) > 0
+    seen = _reading_weights(prepared) > 0
     values = np.where(seen[..., None], prepared.data.visits.gather(left), 0.0)
     mean = values.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)[..., None]
     return np.where(seen[..., None], values - mean[:, None], 0.0), seen
 
 
-def _weight(prepared: Prepared) -> Float[np.ndarray, "visits longest markers"]:
+def _reading_weights(prepared: Prepared) -> Float[np.ndarray, "visits longest markers"]:
     visits = prepared.data.visits
     return visits.gather(prepared.readings.weight) * visits.counts[..., None]
 
 
-def _softer(prepared: Prepared, case: Case) -> Float[np.ndarray, "rows markers 3"]:
+def _softer(
+    prepared: Prepared, case: SelectionProblem
+) -> Float[np.ndarray, "rows markers 3"]:
     """Return how markers move as springs are not those that were prepared."""
     situation = prepared.situation
     change = case.situation.compliance - situation.compliance
@@ -156,25 +158,25 @@ def _softer(prepared: Prepared, case: Case) -> Float[np.ndarray, "rows markers 3
     carried = situation.carried[1:, prepared.readings.body].astype(float)
     expected = np.nan_to_num(prepared.readings.point - prepared.readings.value)
     of_marker = np.einsum("rki,km->rmi", twist, carried)
-    return np.einsum("rmij,rmj->rmi", levers(expected), of_marker)
+    return np.einsum("rmij,rmj->rmi", point_jacobian(expected), of_marker)
 
 
 def _between(
-    between: Between, share: Float[np.ndarray, " markers"]
+    between: BetweenVisitModel, share: Float[np.ndarray, " markers"]
 ) -> tuple[float, float]:
     """Return mean squares of what means of visits leave, and by noise."""
     left, seen = _left_of_means(between)
     rms = np.mean(np.sum(left[seen] ** 2, axis=1))
-    undone = np.linalg.pinv(between.roots.half, hermitian=True)
+    undone = np.linalg.pinv(between.whitening.half, hermitian=True)
     own = share * np.sum(undone**2, axis=(2, 3))
     return float(rms), float(np.mean(own[seen]))
 
 
 def _left_of_means(
-    between: Between,
+    between: BetweenVisitModel,
 ) -> tuple[Float[np.ndarray, "visits markers 3"], Bool[np.ndarray, "visits markers"]]:
     """Return what means of visits leave, in m, and which markers were seen."""
-    roots = between.roots
+    roots = between.whitening
     seen: Bool[np.ndarray, "visits markers"] = np.any(roots.half != 0.0, axis=(2, 3))
     undone = np.linalg.pinv(roots.half, hermitian=True)
     longer = np.sqrt(1.0 + roots.size) - 1.0
@@ -191,10 +193,10 @@ SCATTER = "scatter"
 """Code of the remark that poses differ more than anything stated allows."""
 
 
-def remarks(prepared: Prepared) -> tuple[Warned, ...]:
+def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
     """Return what is remarkable but no mistake."""
     said = []
-    poses = int(prepared.situation.pose.max()) + 1
+    poses = int(prepared.situation.posture_index.max()) + 1
     if poses < FEWEST_POSES:
         text = (
             f"in {poses} poses only what is far beyond the stated noise can show: "
@@ -204,11 +206,12 @@ def remarks(prepared: Prepared) -> tuple[Warned, ...]:
     if prepared.noise > ODD or prepared.noise < 1.0 / ODD:
         text = (
             f"readings scatter {prepared.noise:.2f} times as much as the tracker "
-            f"states ({prepared.freedom} contrasts); the measured noise was used."
+            f"states ({prepared.degrees_of_freedom} contrasts); the measured noise was "
+            "used."
         )
         said.append(Warned("noise_misstated", "tracker", text))
-    if prepared.doubtful:
-        count = len(prepared.doubtful)
+    if prepared.downweighted:
+        count = len(prepared.downweighted)
         text = f"{count} readings lie far beyond the noise and counted less."
         said.append(Warned("outliers", "tracker", text))
     for k in prepared.blind:
@@ -253,54 +256,56 @@ def diagnose(
         Unusable: Where the recording has nothing to compare, with all reasons.
     """
     started = time.perf_counter()
-    arm, recording = arm.for_recording(recording), steadied(recording)
-    mistakes = mistakes_of_set_up(recording, arm)
+    arm, recording = arm.for_recording(recording), average_encoders(recording)
+    mistakes = setup_errors(recording, arm)
     if mistakes:
         return _stopped(recording, mistakes, started)
     prepared = prepare(recording, arm)
-    case = case_of(prepared, hypotheses)
+    case = build_problem(prepared, hypotheses)
     nominal = np.arange(case.library.nominal)
     everyone = np.ones(len(case.split.fold), dtype=bool)
     found = detect(
         case.library,
-        case.evidence,
-        case.evidence.score,
+        case.normal_equations,
+        case.normal_equations.score,
         nominal,
         everyone,
         case.seed,
-        scatter_of(case.data, case.wild),
+        scatter_of(case.data, case.dispersion_limit),
     )
     detection = _detection(prepared, case, found)
-    ids = np.unique(recording.pose)
+    ids = np.unique(recording.posture_id)
     common = {
         "recording": recording.name,
         "detection": detection,
-        "warnings": remarks(prepared),
+        "warnings": data_warnings(prepared),
         "held_out": tuple(int(p) for p in ids[case.split.held_out]),
-        "doubtful": tuple(
-            (r, recording.markers[m].name, s) for r, m, s in prepared.doubtful
+        "downweighted": tuple(
+            (r, recording.markers[m].name, s) for r, m, s in prepared.downweighted
         ),
     }
-    if found.p_value >= ALARM:
-        common["warnings"] = remarks(prepared) + scattered(found.dispersion)
+    if found.p_value >= SIGNIFICANCE:
+        common["warnings"] = data_warnings(prepared) + scattered(found.dispersion)
         return Diagnosis(
             verdict="no_mismatch",
             nominal=nominal_of(prepared, np.zeros(len(prepared.springs))),
             seconds=time.perf_counter() - started,
             **common,
         )
-    case, named = settled(case, prepared, hypotheses, found)
+    case, named = relinearise_until_stable(case, prepared, hypotheses, found)
     answer = answer_of(case, prepared, found, named)
     return Diagnosis(**common, **answer, seconds=time.perf_counter() - started)
 
 
-def _detection(prepared: Prepared, case: Case, found: Found) -> Detection:
-    misfit = misfit_of(prepared, case)
+def _detection(
+    prepared: Prepared, case: SelectionProblem, found: DetectionTest
+) -> Detection:
+    misfit = chi_square_summary(prepared, case)
     one = float(np.sqrt(np.trace(np.linalg.inv(prepared.readings.inverse))))
     frames = max(float(np.sum(prepared.readings.weight)), 1.0)
     smallest = one * np.sqrt(WOULD_SHOW / (3.0 * frames))
     if found.poses < FEWEST_POSES:
-        smallest = misfit.noise * np.sqrt(case.wild)
+        smallest = misfit.noise * np.sqrt(case.dispersion_limit)
     held_out = held_out_misfit(prepared, case)
     return Detection(
         found.p_value,

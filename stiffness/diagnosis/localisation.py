@@ -41,26 +41,31 @@ from jaxtyping import Float
 
 from stiffness.diagnosis.candidates import KNOTS, Library, hats
 from stiffness.diagnosis.model_fit import (
-    Case,
-    Member,
-    SetFit,
+    ModelFit,
+    ModelTerm,
+    SelectionProblem,
     held_out_gain,
     solve,
     training,
 )
 from stiffness.diagnosis.result import Located, Name
-from stiffness.diagnosis.selection import White
-from stiffness.diagnosis.sufficient_statistics import evidence_of
-from stiffness.effects.jacobian import Signature, Turn
-from stiffness.experiment.static_state import Situation
-from stiffness.regression.normal_equations import Evidence
-from stiffness.regression.testing import ALARM, is_clear, sign_flips, white_scores
+from stiffness.diagnosis.selection import WhitenedCandidates
+from stiffness.diagnosis.sufficient_statistics import normal_equations_of
+from stiffness.effects.jacobian import EffectJacobian, JointRotation
+from stiffness.experiment.static_state import StaticState
+from stiffness.regression.normal_equations import NormalEquations
+from stiffness.regression.testing import (
+    SIGNIFICANCE,
+    is_significant,
+    sign_flip_test,
+    white_scores,
+)
 
 # --- Sites ----------------------------------------------------------------------------
 
 FAINT = 1e-3
 """Share of the largest torque on any axis below which there is none; chosen."""
-MOST = 4
+MAX_SITES = 4
 """Places that are looked for at most; chosen: more is no finding but a bad model."""
 
 DEPENDS: Mapping[str, tuple[str, ...]] = {
@@ -94,7 +99,7 @@ WORDS = {"geometry": "angle"}
 
 def places_of_map(
     library: Library,
-    evidence: Evidence,
+    evidence: NormalEquations,
     score: np.ndarray,
     known: np.ndarray,
     seed: int,
@@ -108,17 +113,17 @@ def places_of_map(
     }
     found: list[tuple[str, float, float, tuple[str, ...]]] = []
     left = list(names)
-    for _ in range(MOST):
+    for _ in range(MAX_SITES):
         white = white_scores(
             gram, score, known, [columns[n] for n in left], evidence.raw
         )
-        tested = sign_flips(white, seed)
+        tested = sign_flip_test(white, seed)
         best = int(np.argmax(tested.z))
-        if tested.together[best] >= ALARM:
+        if tested.together[best] >= SIGNIFICANCE:
             break
         where = left.pop(best)
         parts = [m for m in library.map if m.where == where]
-        of_parts = sign_flips(
+        of_parts = sign_flip_test(
             white_scores(gram, score, known, [m.columns for m in parts], evidence.raw),
             seed,
         )
@@ -132,18 +137,18 @@ def places_of_map(
 
 
 def places_of_names(
-    fit: SetFit, alone: list[float], p_value: float, situation: Situation
+    fit: ModelFit, gains: list[float], p_value: float, situation: StaticState
 ) -> tuple[Located, ...]:
     """Return where the named effects sit, strongest first.
 
     Args:
         fit: The set.
-        alone: What each member explains that the others do not.
+        gains: What each member explains that the others do not.
         p_value: Of the mismatch.
         situation: For the zone in words.
     """
-    total = max(sum(alone), 1e-12)
-    order = np.argsort(alone)[::-1]
+    total = max(sum(gains), 1e-12)
+    order = np.argsort(gains)[::-1]
     joined: dict[str, Located] = {}
     for k in order:
         member = fit.members[k]
@@ -152,7 +157,7 @@ def places_of_names(
             joined[member.where] = Located(
                 old.where,
                 old.p_value,
-                old.share + alone[k] / total,
+                old.share + gains[k] / total,
                 tuple(
                     dict.fromkeys((*old.depends_on, *DEPENDS.get(member.name[0], ())))
                 ),
@@ -162,18 +167,18 @@ def places_of_names(
         joined[member.where] = Located(
             member.where,
             p_value,
-            alone[k] / total,
+            gains[k] / total,
             DEPENDS.get(member.name[0], ()),
             zone_of(situation, member),
         )
     return tuple(joined.values())
 
 
-def zone_of(situation: Situation, member: Member) -> str:
+def zone_of(situation: StaticState, member: ModelTerm) -> str:
     """Say in words where an axis' effect is largest."""
     if member.where not in situation.axes:
         return ""
-    parts = member.signature(situation).parts
+    parts = member.jacobian(situation).parts
     if not parts or not hasattr(parts[0], "law"):
         return ""
     k = situation.axis(member.where)
@@ -201,7 +206,7 @@ TOO_ALIKE = 0.95
 
 
 def confounded_with(
-    library: Library, white: White, names: set[tuple[str, str]]
+    library: Library, white: WhitenedCandidates, names: set[tuple[str, str]]
 ) -> tuple[tuple[Name, Name], ...]:
     """Return the pairs with a named effect that these data hardly tell apart."""
     pairs = []
@@ -232,7 +237,7 @@ EVEN = 0.3
 
 
 def law_of(
-    case: Case, known: tuple[Signature, ...], where: str
+    case: SelectionProblem, known: tuple[EffectJacobian, ...], where: str
 ) -> tuple[Mapping[str, tuple[float, ...]], str]:
     """Learn an axis' extra turn against torque, and say how it looks.
 
@@ -257,18 +262,18 @@ def law_of(
     rise = np.diff(path, axis=1, prepend=path[:, :1])
     grows = situation.from_steps((np.sign(path) * np.sign(rise) >= 0).astype(float))
     width = knots.shape[1]
-    plain = Signature(width, (Turn(k, knots),))
+    plain = EffectJacobian(width, (JointRotation(k, knots),))
     both = np.concatenate([knots, knots * (2 * grows - 1)[:, None]], axis=1)
-    looped = Signature(2 * width, (Turn(k, both),))
+    looped = EffectJacobian(2 * width, (JointRotation(k, both),))
     at = np.unique(np.quantile(torque, np.linspace(0.0, 1.0, KNOTS)))
     without, single, double = (
         held_out_gain(case.data, [*known, *law], case.split)[~case.split.held_out]
         for law in ((), (plain,), (looped,))
     )
-    if is_clear(double - single):
+    if is_significant(double - single):
         fit = _fitted(case, known, looped)
         mean, half = fit[:width], fit[width:]
-    elif is_clear(single - without):
+    elif is_significant(single - without):
         mean, half = _fitted(case, known, plain), np.zeros(width)
     else:
         return {}, ""
@@ -280,10 +285,10 @@ def law_of(
 
 
 def _fitted(
-    case: Case, known: tuple[Signature, ...], law: Signature
+    case: SelectionProblem, known: tuple[EffectJacobian, ...], law: EffectJacobian
 ) -> Float[np.ndarray, " columns"]:
     """Return a law's coefficients, bounded, for hats add up to what springs do."""
-    evidence = evidence_of(case.data, [*known, law], training(case.split))
+    evidence = normal_equations_of(case.data, [*known, law], training(case.split))
     n = sum(s.columns for s in known)
     gram = evidence.gram[1].copy()
     ridge = np.zeros(len(gram))

@@ -37,20 +37,24 @@ from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from stiffness.diagnosis.model_fit import (
-    Case,
-    Member,
-    SetFit,
+    ModelFit,
+    ModelTerm,
+    SelectionProblem,
     fit_of,
     gain_left_out,
     other_forms,
     shape_columns,
     training,
 )
-from stiffness.diagnosis.sufficient_statistics import ByPose, Data, by_pose
+from stiffness.diagnosis.sufficient_statistics import (
+    PerPoseScores,
+    SufficientStatistics,
+    per_pose_scores,
+)
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import Signature
-from stiffness.experiment.static_state import Situation
-from stiffness.regression.elimination import left_of, without
+from stiffness.effects.jacobian import EffectJacobian
+from stiffness.experiment.static_state import StaticState
+from stiffness.regression.elimination import projection_coefficients, schur_complement
 from stiffness.regression.intervals import Parameter
 from stiffness.regression.splits import Split
 from stiffness.regression.testing import MARGIN
@@ -59,7 +63,7 @@ from stiffness.regression.testing import MARGIN
 
 
 @dataclass(frozen=True)
-class CloseLook:
+class ModelEvaluation:
     """What poses say of nominal springs, members, their shapes' slopes, other forms.
 
     Attributes:
@@ -71,21 +75,21 @@ class CloseLook:
         slopes: The same of springs, members and a little more of each shape.
     """
 
-    fit: SetFit
+    fit: ModelFit
     forms: int
     gain: float
     predicted: Float[np.ndarray, " poses"]
-    slopes: ByPose
+    slopes: PerPoseScores
 
 
-def close_look(
-    data: Data,
-    situation: Situation,
-    nominal: Sequence[Signature],
-    members: Sequence[Member],
-    forms: Sequence[Signature],
+def evaluate_model(
+    data: SufficientStatistics,
+    situation: StaticState,
+    nominal: Sequence[EffectJacobian],
+    members: Sequence[ModelTerm],
+    forms: Sequence[EffectJacobian],
     split: Split,
-) -> CloseLook:
+) -> ModelEvaluation:
     """Look at members closely, in one pass over the readings.
 
     Args:
@@ -96,13 +100,13 @@ def close_look(
         forms: Other accepted forms of the members' laws; they may help to predict.
         split: Which poses may be looked at.
     """
-    own = [m.signature(situation) for m in members]
+    own = [m.jacobian(situation) for m in members]
     steps = [
         s
         for m, one in zip(members, own, strict=True)
         for s in shape_columns(situation, m, np.eye(one.columns))
     ]
-    every = by_pose(data, [*nominal, *own, *forms, *steps], training(split))
+    every = per_pose_scores(data, [*nominal, *own, *forms, *steps], training(split))
     kinds = (nominal, own, forms, steps)
     ends = np.cumsum([0, *(sum(s.columns for s in kind) for kind in kinds)])
     first, with_forms = np.arange(ends[2]), np.arange(ends[3])
@@ -119,7 +123,7 @@ def close_look(
     weight = [
         part
         for member, part in zip(members, fit.coefficients, strict=True)
-        for _ in range(member.freedom)
+        for _ in range(member.degrees_of_freedom)
     ]
     mix = np.zeros((ends[4], len(first) + len(weight)))
     mix[first, first] = 1.0
@@ -128,14 +132,14 @@ def close_look(
         mix[at : at + len(part), column] = part
         at += len(part)
     count = sum(s.columns for s in forms)
-    return CloseLook(fit, count, gain, predicted, every.mixed(mix))
+    return ModelEvaluation(fit, count, gain, predicted, every.mixed(mix))
 
 
-def _some(every: ByPose, columns: Int[np.ndarray, " some"]) -> ByPose:
+def _some(every: PerPoseScores, columns: Int[np.ndarray, " some"]) -> PerPoseScores:
     inner = np.ix_(columns, columns)
     gram = every.gram[:, inner[0], inner[1]]
     own = every.own[:, inner[0], inner[1]]
-    return ByPose(gram, own, every.score[:, columns])
+    return PerPoseScores(gram, own, every.score[:, columns])
 
 
 # --- Intervals of parameters ----------------------------------------------------------
@@ -147,9 +151,9 @@ physical from which on an interval is wide; chosen."""
 
 
 def parameters_of(
-    situation: Situation,
+    situation: StaticState,
     springs: Sequence[int],
-    look: CloseLook,
+    look: ModelEvaluation,
     split: Split,
 ) -> tuple[list[dict[str, Parameter]], list[float]]:
     """Return every member's parameters of the vocabulary with 95 % intervals.
@@ -183,15 +187,16 @@ def parameters_of(
             [
                 np.arange(n),
                 np.arange(at, at + len(coefficients)),
-                np.arange(shape_at, shape_at + member.freedom),
+                np.arange(shape_at, shape_at + member.degrees_of_freedom),
             ]
         )
         own = np.arange(at, at + len(coefficients))
         others = np.delete(
-            np.arange(len(cov)), np.arange(shape_at, shape_at + member.freedom)
+            np.arange(len(cov)),
+            np.arange(shape_at, shape_at + member.degrees_of_freedom),
         )
         zero.append(_of_zero(coefficients, gram[np.ix_(others, others)], own))
-        at, shape_at = at + len(coefficients), shape_at + member.freedom
+        at, shape_at = at + len(coefficients), shape_at + member.degrees_of_freedom
         answers.append(
             _of_member(
                 situation,
@@ -208,7 +213,7 @@ def parameters_of(
 def _of_zero(coefficients: np.ndarray, gram: np.ndarray, own: np.ndarray) -> float:
     """Return the p-value of zero from a Gram matrix in which `own` are meant."""
     rest = np.delete(np.arange(len(gram)), own)
-    left = left_of(gram, rest, without(gram, rest), own)
+    left = schur_complement(gram, rest, projection_coefficients(gram, rest), own)
     return float(chi2.sf(coefficients @ left @ coefficients, len(own)))
 
 
@@ -254,7 +259,7 @@ def _of_member(situation, springs, member, fitted, cov, quantile):
 
 
 def as_held(
-    situation: Situation, member: Member, parameters: Mapping[str, Parameter]
+    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Parameter]
 ) -> dict[str, Parameter]:
     """Return parameters without ends where the data do not hold them."""
     limits = member.hypothesis.limits_at(situation, member.where)
@@ -278,7 +283,7 @@ def is_held(limits: tuple[float, float] | None, value: float, half: float) -> bo
 
 
 def beyond_limits(
-    situation: Situation, member: Member, parameters: dict[str, Parameter]
+    situation: StaticState, member: ModelTerm, parameters: dict[str, Parameter]
 ) -> bool:
     """Return whether a parameter lies outside its physical limits, interval and all."""
     limits = member.hypothesis.limits_at(situation, member.where)
@@ -294,7 +299,7 @@ def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Parameter]) 
 
     A stiffness whose interval holds zero may be without end.
     """
-    sizes = [p for name, p in parameters.items() if name in hypothesis.sizes]
+    sizes = [p for name, p in parameters.items() if name in hypothesis.magnitudes]
     return bool(sizes) and all(p.low <= 0.0 <= p.high for p in sizes)
 
 
@@ -323,7 +328,7 @@ COMPARED = 2000
 
 
 @dataclass(frozen=True)
-class Scored:
+class EvaluatedModel:
     """A set of members, fitted and judged.
 
     Attributes:
@@ -335,7 +340,7 @@ class Scored:
         zero: p-value of each member's being nothing while the others adapt.
     """
 
-    fit: SetFit
+    fit: ModelFit
     log_evidence: float
     predicted: Float[np.ndarray, " poses"]
     parameters: tuple[dict[str, Parameter], ...]
@@ -347,13 +352,13 @@ class Scored:
         return frozenset(m.name for m in self.fit.members)
 
     @property
-    def vain(self) -> bool:
+    def insignificant(self) -> bool:
         """Whether a member may be nothing, by the intervals of all its sizes."""
         laws = (member.hypothesis for member in self.fit.members)
         return any(map(may_be_nothing, laws, self.parameters))
 
 
-def score(case: Case, members: Sequence[Member]) -> Scored:
+def evaluate(case: SelectionProblem, members: Sequence[ModelTerm]) -> EvaluatedModel:
     """Fit a set and judge it.
 
     Args:
@@ -361,7 +366,7 @@ def score(case: Case, members: Sequence[Member]) -> Scored:
         members: The set.
     """
     forms = other_forms(case, members)
-    look = close_look(
+    look = evaluate_model(
         case.data, case.situation, case.nominal, members, forms, case.split
     )
     fit = look.fit
@@ -370,16 +375,20 @@ def score(case: Case, members: Sequence[Member]) -> Scored:
     evidence = max(
         0.5 * gain - 0.5 * freedom * np.log(case.poses)
         for gain, freedom in (
-            (fit.gain, fit.freedom),
-            (look.gain, fit.freedom + look.forms),
+            (fit.gain, fit.degrees_of_freedom),
+            (look.gain, fit.degrees_of_freedom + look.forms),
         )
     )
     parameters, zero = parameters_of(case.situation, case.springs, look, case.split)
     predicted = look.predicted
-    return Scored(fit, evidence + prior, predicted, tuple(parameters), tuple(zero))
+    return EvaluatedModel(
+        fit, evidence + prior, predicted, tuple(parameters), tuple(zero)
+    )
 
 
-def earns(before: Scored, after: Scored, seed: int) -> bool:
+def improves_prediction(
+    before: EvaluatedModel, after: EvaluatedModel, seed: int
+) -> bool:
     """Return whether a larger set predicts unseen poses clearly better.
 
     By random signs of the poses' gains: a few poses may gain more than all others.

@@ -24,19 +24,24 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.diagnosis.candidates import Library, springs_of
-from stiffness.diagnosis.sufficient_statistics import ByPose, Data, by_pose, evidence_of
+from stiffness.diagnosis.sufficient_statistics import (
+    PerPoseScores,
+    SufficientStatistics,
+    normal_equations_of,
+    per_pose_scores,
+)
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import Signature, values, with_values
-from stiffness.experiment.static_state import Situation
-from stiffness.regression.elimination import without
-from stiffness.regression.normal_equations import Evidence
+from stiffness.effects.jacobian import EffectJacobian, values, with_values
+from stiffness.experiment.static_state import StaticState
+from stiffness.regression.elimination import projection_coefficients
+from stiffness.regression.normal_equations import NormalEquations
 from stiffness.regression.splits import Split
 
 # --- Selection problem ----------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Case:
+class SelectionProblem:
     """Everything that naming looks at.
 
     Attributes:
@@ -44,23 +49,23 @@ class Case:
         situation: Where the arm stood.
         springs: Axes whose compliance is nominal.
         library: All columns.
-        evidence: What the readings say about them.
+        normal_equations: What the readings say about them.
         split: Which poses may be looked at.
         seed: Of random signs.
-        wild: Dispersion of poses up to which errors may be misstated.
+        dispersion_limit: Dispersion of poses up to which errors may be misstated.
     """
 
-    data: Data
-    situation: Situation
+    data: SufficientStatistics
+    situation: StaticState
     springs: tuple[int, ...]
     library: Library
-    evidence: Evidence
+    normal_equations: NormalEquations
     split: Split
     seed: int
-    wild: float
+    dispersion_limit: float
 
     @property
-    def nominal(self) -> tuple[Signature, ...]:
+    def nominal(self) -> tuple[EffectJacobian, ...]:
         """The nominal columns."""
         return springs_of(self.situation, self.springs)
 
@@ -74,7 +79,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Member:
+class ModelTerm:
     """One hypothesis at one place with one shape."""
 
     hypothesis: Hypothesis
@@ -86,18 +91,18 @@ class Member:
         """Effect and place."""
         return self.hypothesis.effect, self.where
 
-    def signature(self, situation: Situation) -> Signature:
+    def jacobian(self, situation: StaticState) -> EffectJacobian:
         """Return its columns."""
-        return self.hypothesis.signature(situation, self.where, self.shape)
+        return self.hypothesis.jacobian(situation, self.where, self.shape)
 
     @property
-    def freedom(self) -> int:
+    def degrees_of_freedom(self) -> int:
         """How many shape parameters there are."""
         return len(self.shape)
 
 
 @dataclass(frozen=True)
-class SetFit:
+class ModelFit:
     """A set of members fitted together with the nominal springs.
 
     Attributes:
@@ -105,14 +110,14 @@ class SetFit:
         gain: Whitened square explained beyond the nominal columns, training poses.
         springs: Change of each fitted compliance.
         coefficients: Of each member.
-        freedom: Coefficients and shapes.
+        degrees_of_freedom: Coefficients and shapes.
     """
 
-    members: tuple[Member, ...]
+    members: tuple[ModelTerm, ...]
     gain: float
     springs: Float[np.ndarray, " springs"]
     coefficients: tuple[Float[np.ndarray, " _"], ...]
-    freedom: int
+    degrees_of_freedom: int
 
 
 def training(split: Split) -> np.ndarray:
@@ -120,26 +125,26 @@ def training(split: Split) -> np.ndarray:
     return (split.fold > 0).astype(int)
 
 
-def fit_set(
-    data: Data,
-    situation: Situation,
-    nominal: Sequence[Signature],
-    members: Sequence[Member],
+def fit_model(
+    data: SufficientStatistics,
+    situation: StaticState,
+    nominal: Sequence[EffectJacobian],
+    members: Sequence[ModelTerm],
     split: Split,
-) -> SetFit:
+) -> ModelFit:
     """Fit members and nominal springs to the training poses."""
-    own = [m.signature(situation) for m in members]
-    found = evidence_of(data, [*nominal, *own], training(split))
+    own = [m.jacobian(situation) for m in members]
+    found = normal_equations_of(data, [*nominal, *own], training(split))
     score = found.score[~split.held_out].sum(axis=0)
     return fit_of(members, own, found.gram[1], score)
 
 
 def fit_of(
-    members: Sequence[Member],
-    own: Sequence[Signature],
+    members: Sequence[ModelTerm],
+    own: Sequence[EffectJacobian],
     gram: Float[np.ndarray, "columns columns"],
     score: Float[np.ndarray, " columns"],
-) -> SetFit:
+) -> ModelFit:
     """Solve for nominal springs, which come first, and members.
 
     Args:
@@ -154,8 +159,8 @@ def fit_of(
     gain = float(score @ solved - before)
     ends = np.cumsum([n, *(s.columns for s in own)])
     parts = tuple(solved[a:b] for a, b in pairwise(ends))
-    freedom = sum(s.columns for s in own) + sum(m.freedom for m in members)
-    return SetFit(tuple(members), gain, solved[:n], parts, freedom)
+    freedom = sum(s.columns for s in own) + sum(m.degrees_of_freedom for m in members)
+    return ModelFit(tuple(members), gain, solved[:n], parts, freedom)
 
 
 def solve(gram: np.ndarray, score: np.ndarray) -> np.ndarray:
@@ -166,17 +171,17 @@ def solve(gram: np.ndarray, score: np.ndarray) -> np.ndarray:
 
 
 def held_out_gain(
-    data: Data, signatures: Sequence[Signature], split: Split
+    data: SufficientStatistics, signatures: Sequence[EffectJacobian], split: Split
 ) -> Float[np.ndarray, " poses"]:
     """Return how much better each pose is predicted by fits that have not seen it.
 
     Half the fall in whitened square against the data as they are: an expected log
     predictive density, pose by pose; 0 for the poses of the hold-out.
     """
-    return gain_left_out(by_pose(data, signatures, training(split)), split)
+    return gain_left_out(per_pose_scores(data, signatures, training(split)), split)
 
 
-def gain_left_out(found: ByPose, split: Split) -> Float[np.ndarray, " poses"]:
+def gain_left_out(found: PerPoseScores, split: Split) -> Float[np.ndarray, " poses"]:
     """Return the same as `held_out_gain` from what poses say of the columns."""
     own, of_pose = found.own, found.score
     whole = own[~split.held_out].sum(axis=0)
@@ -196,7 +201,9 @@ def gain_left_out(found: ByPose, split: Split) -> Float[np.ndarray, " poses"]:
 # --- Test of the residual -------------------------------------------------------------
 
 
-def other_forms(case: Case, members: Sequence[Member]) -> list[Signature]:
+def other_forms(
+    case: SelectionProblem, members: Sequence[ModelTerm]
+) -> list[EffectJacobian]:
     """Return the other accepted forms of named laws.
 
     They are not held against a name, nor do they earn one for another effect.
@@ -214,19 +221,19 @@ WHOLE = ("with", "settled", "within", "beside")
 
 
 def refined(
-    data: Data,
-    situation: Situation,
-    nominal: Sequence[Signature],
-    members: Sequence[Member],
+    data: SufficientStatistics,
+    situation: StaticState,
+    nominal: Sequence[EffectJacobian],
+    members: Sequence[ModelTerm],
     split: Split,
     passes: int = 2,
-) -> tuple[Member, ...]:
+) -> tuple[ModelTerm, ...]:
     """Move each shape parameter to where the set explains most, in turn."""
     members = list(members)
-    for sweep in range(passes if sum(m.freedom for m in members) else 0):
+    for sweep in range(passes if sum(m.degrees_of_freedom for m in members) else 0):
         for k, member in enumerate(members):
             grid = member.hypothesis.shapes(situation, member.where)
-            for j in range(member.freedom):
+            for j in range(member.degrees_of_freedom):
                 if member.hypothesis.shape_names[j] in WHOLE:
                     continue
                 members[k] = _along(
@@ -235,7 +242,7 @@ def refined(
     return tuple(members)
 
 
-def _along(data, situation, nominal, at, grid, split) -> Member:
+def _along(data, situation, nominal, at, grid, split) -> ModelTerm:
     """Return a member with one shape parameter at its best between grid neighbours."""
     members, k, j, sweep = at
     member = members[k]
@@ -243,18 +250,18 @@ def _along(data, situation, nominal, at, grid, split) -> Member:
     tries = tried(float(member.shape[j]), np.unique(grid[:, j]), sweep, factor)
     if tries[-1] - tries[0] < 1e-12 * max(1.0, abs(tries[0])):
         return member
-    others = [m.signature(situation) for i, m in enumerate(members) if i != k]
+    others = [m.jacobian(situation) for i, m in enumerate(members) if i != k]
     shaped = []
     for value in tries:
         shape = member.shape.copy()
         shape[j] = np.exp(value) if factor else value
-        shaped.append(Member(member.hypothesis, member.where, shape))
-    own = [m.signature(situation) for m in shaped]
-    evidence = evidence_of(data, [*nominal, *others, *own], training(split))
+        shaped.append(ModelTerm(member.hypothesis, member.where, shape))
+    own = [m.jacobian(situation) for m in shaped]
+    evidence = normal_equations_of(data, [*nominal, *others, *own], training(split))
     gram, score = evidence.gram[1], evidence.score[~split.held_out].sum(axis=0)
     n = sum(s.columns for s in (*nominal, *others))
     known = np.arange(n)
-    share = without(gram, known)
+    share = projection_coefficients(gram, known)
     score = score - score[known] @ share
     gram = gram - gram[:, known] @ share
     width = own[0].columns
@@ -272,7 +279,7 @@ def _along(data, situation, nominal, at, grid, split) -> Member:
             value += 0.5 * (a - c) / bend * (tries[1] - tries[0])
     shape = member.shape.copy()
     shape[j] = np.exp(value) if factor else value
-    return Member(member.hypothesis, member.where, shape)
+    return ModelTerm(member.hypothesis, member.where, shape)
 
 
 def tried(
@@ -298,8 +305,8 @@ def tried(
 
 
 def shape_columns(
-    situation: Situation, member: Member, coefficients: np.ndarray
-) -> list[Signature]:
+    situation: StaticState, member: ModelTerm, coefficients: np.ndarray
+) -> list[EffectJacobian]:
     """Return what a little more of each shape parameter does, per unit of it.
 
     Args:
@@ -309,9 +316,9 @@ def shape_columns(
     """
     sets = coefficients.reshape(len(coefficients), -1)
     slopes = []
-    for j in range(member.freedom):
+    for j in range(member.degrees_of_freedom):
         if member.hypothesis.shape_names[j] in WHOLE:
-            slopes.append(Signature(sets.shape[1]))
+            slopes.append(EffectJacobian(sets.shape[1]))
             continue
         span = np.ptp(member.hypothesis.shapes(situation, member.where)[:, j])
         step = 1e-3 * (span if span > 0 else max(1.0, abs(member.shape[j])))
@@ -319,14 +326,16 @@ def shape_columns(
         for sign in (1.0, -1.0):
             shape = member.shape.copy()
             shape[j] += sign * step
-            sides.append(Member(member.hypothesis, member.where, shape))
-        high, low = (m.signature(situation) for m in sides)
+            sides.append(ModelTerm(member.hypothesis, member.where, shape))
+        high, low = (m.jacobian(situation) for m in sides)
         slopes.append(_difference(high, low, sets / (2 * step)))
     return slopes
 
 
-def _difference(high: Signature, low: Signature, weight: np.ndarray) -> Signature:
+def _difference(
+    high: EffectJacobian, low: EffectJacobian, weight: np.ndarray
+) -> EffectJacobian:
     parts = []
     for one, other in zip(high.parts, low.parts, strict=True):
         parts.append(with_values(one, (values(one) - values(other)) @ weight))
-    return Signature(weight.shape[1], tuple(parts))
+    return EffectJacobian(weight.shape[1], tuple(parts))

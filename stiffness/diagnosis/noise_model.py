@@ -63,9 +63,9 @@ from jaxtyping import Bool, Float, Int
 
 from stiffness.experiment.residuals import Residuals
 from stiffness.experiment.sensor_noise import left_of_encoders
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 from stiffness.experiment.visits import Visits, mean_of
-from stiffness.robot.kinematics import levers
+from stiffness.robot.kinematics import point_jacobian
 
 # --- Repeatability of the joints ------------------------------------------------------
 
@@ -75,7 +75,7 @@ SHORTEST_LEVER = 0.1
 """In m; chosen: a wrist's own size, for axes that go through the flange."""
 
 
-def largest_arrival(situation: Situation) -> Float[np.ndarray, " axes"]:
+def max_pose_repeatability(situation: StaticState) -> Float[np.ndarray, " axes"]:
     """Return the most by which a repeatable axis seems to miss its angle, in rad."""
     tip = situation.arm.at(situation.rest).point("flange", np.zeros(3))
     arm = tip[:, None] - situation.origin[:, 1:]
@@ -85,7 +85,7 @@ def largest_arrival(situation: Situation) -> Float[np.ndarray, " axes"]:
     return np.hypot(returned, left_of_encoders(situation.recording))
 
 
-def arrival_of(
+def pose_repeatability_of(
     white: Float[np.ndarray, "visits n"],
     lever: Float[np.ndarray, "visits n axes"],
     trend: Float[np.ndarray, "visits terms"],
@@ -132,8 +132,8 @@ TURN = np.deg2rad(0.3)
 GAIN = 0.005
 
 
-def feigned_turns(
-    situation: Situation, visits: Visits
+def induced_rotations(
+    situation: StaticState, visits: Visits
 ) -> Float[np.ndarray, "visits turns errors"]:
     """Return the turns that one sigma of each error feigns; index order axis, row.
 
@@ -206,7 +206,7 @@ def rigid_motion(
         own = np.flatnonzero(body == b)
         w, y = weight[:, :, own], residual[:, :, own]
         middle = point[:, own].mean(axis=1, keepdims=True)
-        lever = levers(point[:, own] - middle)  # (visits, own, 3, 6)
+        lever = point_jacobian(point[:, own] - middle)  # (visits, own, 3, 6)
         pull = lever.swapaxes(2, 3) @ inverse
         visits, rows, count = w.shape
         hessian = (pull @ lever).reshape(visits, count, 36)
@@ -251,14 +251,14 @@ class Checked:
     Attributes:
         weight: Of each reading.
         noise: Measured noise over the stated one; 1 where it cannot be measured.
-        freedom: Degrees of freedom that it rests on.
-        doubtful: Row, marker and size in sigma of each reading that counts less.
+        degrees_of_freedom: Degrees of freedom that it rests on.
+        downweighted: Row, marker and size in sigma of each reading that counts less.
     """
 
     weight: Float[np.ndarray, "rows markers"]
     noise: float
-    freedom: int
-    doubtful: tuple[tuple[int, int, float], ...]
+    degrees_of_freedom: int
+    downweighted: tuple[tuple[int, int, float], ...]
 
 
 def checked(
@@ -304,11 +304,11 @@ def checked(
 
 
 def _lighter(
-    left: Float[np.ndarray, "visits rows markers 3"],
+    residual: Float[np.ndarray, "visits rows markers 3"],
     weight: Float[np.ndarray, "visits rows markers"],
     inverse: Float[np.ndarray, "3 3"],
 ) -> Float[np.ndarray, "visits rows markers"]:
-    size = np.sqrt(np.sum((left @ inverse) * left, axis=3) * weight)
+    size = np.sqrt(np.sum((residual @ inverse) * residual, axis=3) * weight)
     return weight * np.minimum(1.0, (SEVERE / np.maximum(size, SEVERE)) ** 2)
 
 
@@ -321,9 +321,9 @@ chosen."""
 
 def with_shapes(
     check: Checked,
-    situation: Situation,
+    situation: StaticState,
     readings: Residuals,
-    place: Float[np.ndarray, "markers 3"],
+    marker_positions: Float[np.ndarray, "markers 3"],
     body: Int[np.ndarray, " markers"],
 ) -> Checked:
     """Return the same with noise measured between poses, where it was not within.
@@ -332,10 +332,10 @@ def with_shapes(
         check: What readings within visits say of it.
         situation: Where the arm stood.
         readings: With their noise as stated.
-        place: Of markers in their bodies' frames, in m.
+        marker_positions: Of markers in their bodies' frames, in m.
         body: Index of each marker's body.
     """
-    if check.freedom:
+    if check.degrees_of_freedom:
         return check
     standing = situation.arm.at(situation.rest)
     markers = situation.recording.markers
@@ -345,18 +345,22 @@ def with_shapes(
     groups = [body]
     for mark in range(len(body)):  # as if it were a body of its own
         groups.append(np.where(np.arange(len(body)) == mark, -1, body))
-    found = [_noise(values, own, alike, place[None], group) for group in groups]
+    found = [
+        _noise(values, own, alike, marker_positions[None], group) for group in groups
+    ]
     noise, freedom = found[0]
     least = min((n for n, free in found if free >= ENOUGH_READINGS), default=noise)
     if freedom < ENOUGH_READINGS:
         return check
     noise = least if least < SAGS * noise else noise
-    return replace(check, noise=noise, freedom=int(freedom))
+    return replace(check, noise=noise, degrees_of_freedom=int(freedom))
 
 
-def _noise(values, weight, inverse, place, body) -> tuple[float, float]:
+def _noise(values, weight, inverse, marker_positions, body) -> tuple[float, float]:
     """Return measured noise over the stated one, and degrees of freedom."""
-    fitted, enough, freedom = rigid_motion(values, weight, inverse, place, body)
+    fitted, enough, freedom = rigid_motion(
+        values, weight, inverse, marker_positions, body
+    )
     square = np.sum((values - fitted) ** 2, axis=3) * weight * inverse[0, 0]
     whole = float(np.sum(np.where(enough, square, 0.0)))
     return float(np.sqrt(whole / max(freedom, 1.0))), freedom

@@ -46,22 +46,25 @@ from scipy.spatial.distance import cdist
 
 from bench.shared.errors import Unusable
 from bench.shared.recording import Recording
-from stiffness.diagnosis.between_visit import Between, UnknownColumns
-from stiffness.diagnosis.design_matrix import Columns, columns_of
+from stiffness.diagnosis.between_visit import BetweenVisitModel, NuisanceJacobian
+from stiffness.diagnosis.design_matrix import DesignMatrix, design_matrix_of
 from stiffness.diagnosis.noise_model import (
     COMMON,
-    arrival_of,
     checked,
-    feigned_turns,
-    largest_arrival,
+    induced_rotations,
+    max_pose_repeatability,
+    pose_repeatability_of,
     rigid_motion,
     trend_of,
     with_shapes,
 )
-from stiffness.diagnosis.sufficient_statistics import Data, evidence_of
-from stiffness.diagnosis.within_visit import Within
+from stiffness.diagnosis.sufficient_statistics import (
+    SufficientStatistics,
+    normal_equations_of,
+)
+from stiffness.diagnosis.within_visit import WithinVisitModel
 from stiffness.effects.base import axes_of
-from stiffness.effects.jacobian import Signature, turn
+from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.residuals import (
     Residuals,
     bodies_of,
@@ -70,11 +73,15 @@ from stiffness.experiment.residuals import (
     seen_in_base,
     weight_of,
 )
-from stiffness.experiment.static_state import Situation, situation_of
+from stiffness.experiment.static_state import StaticState, static_state_of
 from stiffness.experiment.visits import Visits, mean_of, visits_of
 from stiffness.robot.arm import Arm
-from stiffness.robot.kinematics import levers
-from stiffness.robot.tracker_frame import MARKER_POSITION_SIGMA, Frames, first_frames
+from stiffness.robot.kinematics import point_jacobian
+from stiffness.robot.tracker_frame import (
+    MARKER_POSITION_SIGMA,
+    TrackerFit,
+    initial_tracker_frame,
+)
 
 # --- Volumetric error of the tracker --------------------------------------------------
 
@@ -119,12 +126,12 @@ FREE = 1.0
 """One sigma of what is not known at all, in m or rad."""
 
 
-def unknowns(
-    situation: Situation,
+def nuisance_parameters(
+    situation: StaticState,
     visits: Visits,
     point: Float[np.ndarray, "visits markers 3"],
     field: bool,
-) -> UnknownColumns:
+) -> NuisanceJacobian:
     """Return columns of what is unknown, and their prior sigmas.
 
     Args:
@@ -137,7 +144,7 @@ def unknowns(
     count, markers = point.shape[:2]
     frame = np.zeros((count, markers, 3, 0))
     if recording.base_from_tracker is None:
-        frame = levers(point)
+        frame = point_jacobian(point)
     places = [
         np.full(3, FREE if marker.position is None else MARKER_POSITION_SIGMA)
         for marker in recording.markers
@@ -152,16 +159,16 @@ def unknowns(
         waves = waves.reshape(count, markers, -1)
         rest = rest_of(waves, tracker.volumetric)
     sigma = [np.full(frame.shape[3], FREE), *places, np.ones(3 * waves.shape[2])]
-    return UnknownColumns(frame, turn, waves, rest, np.concatenate(sigma))
+    return NuisanceJacobian(frame, turn, waves, rest, np.concatenate(sigma))
 
 
 def frames_after(
-    frames: Frames,
-    between: Between,
-    columns: Columns,
+    frames: TrackerFit,
+    between: BetweenVisitModel,
+    columns: DesignMatrix,
     step: Float[np.ndarray, " columns"],
     known: bool,
-) -> Frames:
+) -> TrackerFit:
     """Move frame and places to where they are estimated.
 
     Args:
@@ -171,14 +178,14 @@ def frames_after(
         step: How much of it.
         known: Whether the tracker's frame is stated.
     """
-    moved = between.moved
+    moved = between.nuisance_estimate
     if columns.count:
-        moved = moved - between.absorbed(columns) @ step
-    markers = len(frames.place)
+        moved = moved - between.nuisance_coefficients(columns) @ step
+    markers = len(frames.marker_positions)
     first = 0 if known else 6
     twist = np.zeros(6) if known else moved[:6]
     place = moved[first : first + 3 * markers].reshape(markers, 3)
-    return frames.moved(twist, place)
+    return frames.displaced(twist, place)
 
 
 # --- Reduction to sufficient statistics -----------------------------------------------
@@ -189,19 +196,20 @@ stiffness is nominal over at least a decade either way."""
 
 
 def blocks(
-    situation: Situation,
+    situation: StaticState,
     visits: Visits,
     readings: Residuals,
-    arrival: Float[np.ndarray, " axes"] | None,
+    pose_repeatability: Float[np.ndarray, " axes"] | None,
     field: bool = True,
-) -> tuple[Data, Float[np.ndarray, " axes"]]:
+) -> tuple[SufficientStatistics, Float[np.ndarray, " axes"]]:
     """Compress readings to what they say within visits and between them.
 
     Args:
         situation: Where the arm stood.
         visits: How rows lie side by side.
         readings: The residuals.
-        arrival: One sigma of the axes' arrival, in rad; None: to be estimated.
+        pose_repeatability: One sigma of where the axes arrive, in rad; None: to be
+            estimated.
         field: Whether the tracker's smooth error is to be reckoned with.
 
     Returns:
@@ -212,8 +220,8 @@ def blocks(
     expected = readings.point - readings.value  # lever arms end where the model says
     point = mean_of(visits.gather(expected), weight)
     screw = visits.gather(situation.screw)
-    errors = feigned_turns(situation, visits)
-    within = Within.of(
+    errors = induced_rotations(situation, visits)
+    within = WithinVisitModel.of(
         values,
         weight,
         readings.inverse,
@@ -224,35 +232,39 @@ def blocks(
     count, longest, _ = weight.shape
     axes = screw.shape[2]
     if situation.recording.displacement == "relative":
-        return Data(visits, within, None), np.zeros(axes)
+        return SufficientStatistics(visits, within, None), np.zeros(axes)
     fitted, _, _ = rigid_motion(values, weight, readings.inverse, point, readings.body)
     complete = np.where((weight > 0)[..., None], values, fitted)
     seen = weight.max(axis=2)
     share = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1e-12)
     mean = np.einsum("vr,vrmi->vmi", share, complete)
     carried = situation.carried[:, readings.body]
-    turned = levers(point).reshape(count, -1, 6) @ screw.mean(axis=1).swapaxes(1, 2)
+    turned = point_jacobian(point).reshape(count, -1, 6) @ screw.mean(axis=1).swapaxes(
+        1, 2
+    )
     turned = turned * np.repeat(carried[1:].T, 3, axis=0)
     shared = errors.reshape(count, axes, longest, -1)[..., :COMMON].mean(axis=2)
     precision = weight.sum(axis=1)[..., None, None] * readings.inverse
-    nuisance = unknowns(situation, visits, point, field)
+    nuisance = nuisance_parameters(situation, visits, point, field)
     if nuisance.field.shape[2]:
         precision = _with_noise(precision, nuisance.rest)
     place = (point, share, carried, screw)
-    if arrival is None:
-        silent = Between.of(mean, precision, turned @ shared, nuisance, place)
+    if pose_repeatability is None:
+        silent = BetweenVisitModel.of(mean, precision, turned @ shared, nuisance, place)
         first = visits.row[:, 0]
         trend = trend_of(
             situation.rest[first],
             situation.torque[first],
             situation.recording.time[first],
         )
-        lever = silent.roots.white(turned)
-        largest = largest_arrival(situation)
-        arrival = arrival_of(silent.residual[..., 0], lever, trend, largest)
-    feigned = np.concatenate([turned * arrival, turned @ shared], axis=2)
-    between = Between.of(mean, precision, feigned, nuisance, place)
-    return Data(visits, within, between), arrival
+        lever = silent.whitening.white(turned)
+        largest = max_pose_repeatability(situation)
+        pose_repeatability = pose_repeatability_of(
+            silent.residual[..., 0], lever, trend, largest
+        )
+    feigned = np.concatenate([turned * pose_repeatability, turned @ shared], axis=2)
+    between = BetweenVisitModel.of(mean, precision, feigned, nuisance, place)
+    return SufficientStatistics(visits, within, between), pose_repeatability
 
 
 def _with_noise(
@@ -263,13 +275,16 @@ def _with_noise(
     return np.linalg.solve(np.eye(3) + variance[..., None, None] * precision, precision)
 
 
-def spring_columns(situation: Situation, springs: np.ndarray) -> list[Signature]:
+def spring_columns(situation: StaticState, springs: np.ndarray) -> list[EffectJacobian]:
     """Return what more compliance of each axis does."""
     return [turn(int(k), situation.torque[:, k]) for k in springs]
 
 
 def spring_step(
-    situation: Situation, data: Data, springs: np.ndarray, means: bool = True
+    situation: StaticState,
+    data: SufficientStatistics,
+    springs: np.ndarray,
+    means: bool = True,
 ) -> tuple[Float[np.ndarray, " springs"], Float[np.ndarray, " springs"]]:
     """Return the best change of each compliance and its standard deviation.
 
@@ -282,7 +297,7 @@ def spring_step(
     model = 1.0 / situation.arm.stiffness[springs]
     asked = data if means else replace(data, between=None)
     fold = np.zeros(data.visits.poses(), dtype=int)
-    found = evidence_of(asked, spring_columns(situation, springs), fold)
+    found = normal_equations_of(asked, spring_columns(situation, springs), fold)
     gram, score = found.gram[0], found.score.sum(axis=0)
     prior = (DECADES * model) ** -2.0
     inner = (gram + np.diag(prior)) * model * model[:, None]
@@ -298,7 +313,7 @@ ROUNDS = 3
 each gains a factor of a hundred."""
 FEW = 30
 """Visits that these rounds look at; chosen for time, the last step takes them all."""
-LEAST, MOST = 0.02, 50.0
+LEAST, GREATEST = 0.02, 50.0
 """Bounds of a compliance over the model's; chosen: well over a decade either way."""
 BLIND = 1.0
 """A compliance whose sigma is above this share of the model's own is left nominal."""
@@ -313,7 +328,7 @@ class FirstFit:
         compliance: Of each axis, in rad/(N m).
     """
 
-    frames: Frames
+    frames: TrackerFit
     compliance: Float[np.ndarray, " axes"]
 
 
@@ -330,23 +345,23 @@ def first_fit(recording: Recording, arm: Arm) -> FirstFit:
     compliance = model_compliance(arm)
     springs = np.flatnonzero(compliance > 0)
     model = compliance[springs]
-    frames = first_frames(arm, some, compliance)
+    frames = initial_tracker_frame(arm, some, compliance)
     names, _ = bodies_of(arm, some)
     for _ in range(ROUNDS):
-        situation = situation_of(arm, some, compliance, names)
-        visits = visits_of(situation.visit, situation.pose)
+        situation = static_state_of(arm, some, compliance, names)
+        visits = visits_of(situation.visit, situation.posture_index)
         readings = residuals_of(situation, frames)
         data, _ = blocks(situation, visits, readings, np.zeros(len(compliance)), False)
         step = np.zeros(0)
         if len(springs):
             step, sigma = spring_step(situation, data, springs)
-            new = np.clip(compliance[springs] + step, LEAST * model, MOST * model)
+            new = np.clip(compliance[springs] + step, LEAST * model, GREATEST * model)
             new = np.where(sigma > BLIND * model, model, new)
             step = new - compliance[springs]
             compliance = compliance.copy()
             compliance[springs] = new
         if data.between is not None:
-            columns = columns_of(spring_columns(situation, springs), visits.row)
+            columns = design_matrix_of(spring_columns(situation, springs), visits.row)
             known = some.base_from_tracker is not None
             frames = frames_after(frames, data.between, columns, step, known)
     return FirstFit(frames, compliance)
@@ -358,7 +373,7 @@ def model_compliance(arm: Arm) -> Float[np.ndarray, " axes"]:
     return np.where(stiff > 0, 1.0 / np.where(stiff > 0, stiff, 1.0), 0.0)
 
 
-def residuals_of(situation: Situation, frames: Frames) -> Residuals:
+def residuals_of(situation: StaticState, frames: TrackerFit) -> Residuals:
     """Return readings less where they should be, with the stated noise.
 
     Relative readings are counted from where a visit's first row should be.
@@ -396,22 +411,22 @@ class Prepared:
         blind: Axes with a spring that the data cannot see, left at the model's.
         sigma: Standard deviation of each fitted compliance, in rad/(N m).
         noise: Measured noise of a reading over the stated one; 1 where not measurable.
-        freedom: How many contrasts that ratio rests on.
-        doubtful: Readings (row, marker) that count less, and their size in sigma.
-        arrival: One sigma of the axes' arrival, in rad.
+        degrees_of_freedom: How many contrasts that ratio rests on.
+        downweighted: Readings (row, marker) that count less, and their size in sigma.
+        pose_repeatability: One sigma of the axes' arrival, in rad.
     """
 
-    situation: Situation
-    data: Data
-    frames: Frames
+    situation: StaticState
+    data: SufficientStatistics
+    frames: TrackerFit
     readings: Residuals
     springs: tuple[int, ...]
     blind: tuple[int, ...]
     sigma: Float[np.ndarray, " springs"]
     noise: float
-    freedom: int
-    doubtful: tuple[tuple[int, int, float], ...]
-    arrival: Float[np.ndarray, " axes"]
+    degrees_of_freedom: int
+    downweighted: tuple[tuple[int, int, float], ...]
+    pose_repeatability: Float[np.ndarray, " axes"]
 
 
 def prepare(recording: Recording, arm: Arm) -> Prepared:
@@ -433,10 +448,12 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
         raise Unusable(f"Recording {recording.name!r}", faults)
     start = first_fit(recording, arm)
     names, body = bodies_of(arm, recording)
-    situation = situation_of(arm, recording, start.compliance, names)
+    situation = static_state_of(arm, recording, start.compliance, names)
     frames = start.frames
-    situation = replace(situation, tracker=frames.transform, spots=frames.place)
-    visits = visits_of(situation.visit, situation.pose)
+    situation = replace(
+        situation, tracker=frames.transform, marker_positions=frames.marker_positions
+    )
+    visits = visits_of(situation.visit, situation.posture_index)
     readings = residuals_of(situation, frames)
     groups = rigid_groups(recording, body)
     check = checked(
@@ -447,7 +464,7 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
         readings.inverse,
         groups,
     )
-    check = with_shapes(check, situation, readings, frames.place, groups)
+    check = with_shapes(check, situation, readings, frames.marker_positions, groups)
     readings = replace(
         readings, weight=check.weight, inverse=readings.inverse / check.noise**2
     )
@@ -464,7 +481,7 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
         blind=tuple(int(k) for k in springs[blind]),
         sigma=sigma[~blind],
         noise=check.noise,
-        freedom=check.freedom,
-        doubtful=check.doubtful,
-        arrival=arrival,
+        degrees_of_freedom=check.degrees_of_freedom,
+        downweighted=check.downweighted,
+        pose_repeatability=arrival,
     )

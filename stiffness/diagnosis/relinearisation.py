@@ -19,14 +19,20 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.diagnosis.candidates import library_of, springs_of
-from stiffness.diagnosis.detection import MEASURED, MISSTATED, Found
-from stiffness.diagnosis.model_fit import Case, Member, SetFit, solve, training
+from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest
+from stiffness.diagnosis.model_fit import (
+    ModelFit,
+    ModelTerm,
+    SelectionProblem,
+    solve,
+    training,
+)
 from stiffness.diagnosis.nominal_fit import Prepared
-from stiffness.diagnosis.selection import Named, name
-from stiffness.diagnosis.sufficient_statistics import evidence_of
+from stiffness.diagnosis.selection import SelectedModel, name
+from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import Part, values, with_values
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import JacobianBlock, values, with_values
+from stiffness.experiment.static_state import StaticState
 from stiffness.regression.splits import seed_of, split_of
 
 MOVED = 0.03
@@ -39,12 +45,12 @@ TINY = 1e-9
 """A load in N or N m that is none; chosen."""
 
 
-def case_of(
+def build_problem(
     prepared: Prepared,
     hypotheses: Sequence[Hypothesis],
     softer: Float[np.ndarray, " springs"] | None = None,
-    named: SetFit | None = None,
-) -> Case:
+    named: ModelFit | None = None,
+) -> SelectionProblem:
     """Lay out everything that naming looks at.
 
     Args:
@@ -61,16 +67,16 @@ def case_of(
     if springs:
         own, moved = list(prepared.springs), situation.compliance.copy()
         if softer is None:
-            evidence = evidence_of(data, springs, training(split))
+            evidence = normal_equations_of(data, springs, training(split))
             softer = solve(evidence.gram.sum(axis=0), evidence.score.sum(axis=0))
         change = _within_a_decade(softer, moved[own])
-        data = data.less(springs, change)
+        data = data.subtract(springs, change)
         moved[own] += change
         situation = situation.with_compliance(moved)
     situation = situation if named is None else _under(situation, named)
     library = library_of(situation, prepared.springs, hypotheses)
-    evidence = evidence_of(data, library.signatures, training(split))
-    return Case(
+    evidence = normal_equations_of(data, library.jacobians, training(split))
+    return SelectionProblem(
         data,
         situation,
         prepared.springs,
@@ -78,13 +84,16 @@ def case_of(
         evidence,
         split,
         seed_of(recording),
-        MEASURED if prepared.freedom else MISSTATED,
+        MEASURED if prepared.degrees_of_freedom else MISSTATED,
     )
 
 
-def settled(
-    case: Case, prepared: Prepared, hypotheses: Sequence[Hypothesis], found: Found
-) -> tuple[Case, Named]:
+def relinearise_until_stable(
+    case: SelectionProblem,
+    prepared: Prepared,
+    hypotheses: Sequence[Hypothesis],
+    found: DetectionTest,
+) -> tuple[SelectionProblem, SelectedModel]:
     """Name what there is, and lay out anew what that changes.
 
     A load that is named no more once columns were laid out under it was none.
@@ -101,16 +110,19 @@ def settled(
         if not _softened(case, fit) and _change(case, prepared, fit) < MOVED:
             break
         softer = _total(case, prepared, fit)
-        case, laid = case_of(prepared, hypotheses, softer, fit), _pulling(case, fit)
+        case, laid = (
+            build_problem(prepared, hypotheses, softer, fit),
+            _pulling(case, fit),
+        )
         named = name(case, found)
     fit = named.best.fit
     if _pulling(case, fit) < laid:
-        case = case_of(prepared, hypotheses, _total(case, prepared, fit))
+        case = build_problem(prepared, hypotheses, _total(case, prepared, fit))
         named = name(case, found)
     return case, named
 
 
-def _under(situation: Situation, fit: SetFit) -> Situation:
+def _under(situation: StaticState, fit: ModelFit) -> StaticState:
     """Return the situation with all that the members of a set make each other feel."""
     sized = list(zip(fit.members, fit.coefficients, strict=True))
     for member, size in sized:
@@ -119,23 +131,23 @@ def _under(situation: Situation, fit: SetFit) -> Situation:
     return replace(situation, giving=giving)
 
 
-def _acting(situation: Situation, member: Member, size: np.ndarray) -> Situation:
+def _acting(situation: StaticState, member: ModelTerm, size: np.ndarray) -> StaticState:
     return member.hypothesis.acting(situation, member.where, member.shape, size)
 
 
 def _giving(
-    member: Member, size: Float[np.ndarray, " columns"]
-) -> Callable[[Situation], tuple[Part, ...]]:
+    member: ModelTerm, size: Float[np.ndarray, " columns"]
+) -> Callable[[StaticState], tuple[JacobianBlock, ...]]:
     """Return what a member does in any situation."""
 
-    def parts(situation: Situation) -> tuple[Part, ...]:
-        law = member.signature(situation).parts
+    def parts(situation: StaticState) -> tuple[JacobianBlock, ...]:
+        law = member.jacobian(situation).parts
         return tuple(with_values(p, values(p) @ size[:, None]) for p in law)
 
     return parts
 
 
-def _pulling(case: Case, fit: SetFit) -> int:
+def _pulling(case: SelectionProblem, fit: ModelFit) -> int:
     """Return how many members of a set change what the others feel."""
     here = case.situation
     felt = (
@@ -144,13 +156,13 @@ def _pulling(case: Case, fit: SetFit) -> int:
     return sum(after is not here for after in felt)
 
 
-def _softened(case: Case, fit: SetFit) -> bool:
+def _softened(case: SelectionProblem, fit: ModelFit) -> bool:
     """Return whether names leave springs so different that columns change with them."""
     before = case.situation.compliance[list(case.springs)]
     return bool(np.any(np.abs(fit.springs) > MOVED * before))
 
 
-def _change(case: Case, prepared: Prepared, fit: SetFit) -> float:
+def _change(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> float:
     """Return the largest share by which loads are others than were laid out under."""
     now, then = _under(prepared.situation, fit), case.situation
     loads = [(now.moment, then.moment), (now.torque[..., None], then.torque[..., None])]
@@ -162,7 +174,7 @@ def _change(case: Case, prepared: Prepared, fit: SetFit) -> float:
 
 
 def _total(
-    case: Case, prepared: Prepared, fit: SetFit
+    case: SelectionProblem, prepared: Prepared, fit: ModelFit
 ) -> Float[np.ndarray, " springs"]:
     """Return by how much compliances are other than prepared."""
     own = list(prepared.springs)

@@ -26,50 +26,50 @@ from jaxtyping import Int
 from scipy.cluster.vq import kmeans2
 
 from stiffness.diagnosis.candidates import Library
-from stiffness.diagnosis.detection import Found, detect, scatter_of
+from stiffness.diagnosis.detection import DetectionTest, detect, scatter_of
 from stiffness.diagnosis.model_fit import (
-    Case,
-    Member,
-    SetFit,
-    fit_set,
+    ModelFit,
+    ModelTerm,
+    SelectionProblem,
+    fit_model,
     other_forms,
     shape_columns,
 )
 from stiffness.diagnosis.sufficient_statistics import (
-    Data,
-    beside_many,
-    cross_of,
-    evidence_of,
+    SufficientStatistics,
+    cross_gram,
+    given_many,
+    normal_equations_of,
 )
-from stiffness.effects.jacobian import Signature, values, with_values
-from stiffness.experiment.static_state import Situation
-from stiffness.regression.elimination import projected
-from stiffness.regression.normal_equations import Evidence
-from stiffness.regression.testing import ALARM, sign_flips, white_scores
+from stiffness.effects.jacobian import EffectJacobian, values, with_values
+from stiffness.experiment.static_state import StaticState
+from stiffness.regression.elimination import minimum_norm_fit
+from stiffness.regression.normal_equations import NormalEquations
+from stiffness.regression.testing import SIGNIFICANCE, sign_flip_test, white_scores
 
 # --- Test of the residual -------------------------------------------------------------
 
 
-def what_is_left(case: Case, fit: SetFit) -> Found:
+def residual_test(case: SelectionProblem, fit: ModelFit) -> DetectionTest:
     """Test everything again after a set is named, other forms of its laws allowed.
 
     Other shapes of what is named are no candidates: a law is searched along a line, and
     what that leaves of a strong one is not news.
     """
-    fold = case.evidence.fold
-    after = without_set(case, fit)
-    known, own = after.known, after.evidence
+    fold = case.normal_equations.fold
+    after = residual_after(case, fit)
+    known, own = after.known, after.normal_equations
     count = own.gram.shape[1]
-    every = [*known, *case.library.signatures]
-    side, score = cross_of(after.data, known, every, fold)
-    gram = beside_many(side, case.evidence.gram)
-    raw = np.concatenate([own.raw, case.evidence.raw])
-    joint = Evidence(gram, score, fold, raw)
+    every = [*known, *case.library.jacobians]
+    side, score = cross_gram(after.data, known, every, fold)
+    gram = given_many(side, case.normal_equations.gram)
+    raw = np.concatenate([own.raw, case.normal_equations.raw])
+    joint = NormalEquations(gram, score, fold, raw)
     named = {member.name for member in fit.members}
-    library = _moved(case.library, count, named)
+    library = _with_offset_columns(case.library, count, named)
     mask = ~case.split.held_out
     known = np.arange(count)
-    scatter = scatter_of(after.data, case.wild)
+    scatter = scatter_of(after.data, case.dispersion_limit)
     return detect(library, joint, score, known, mask, case.seed + 1, scatter)
 
 
@@ -80,28 +80,30 @@ class After:
     Attributes:
         known: Nominal columns, the set's laws, a little more of their shapes, their
             other forms.
-        evidence: What the readings say of these.
+        normal_equations: What the readings say of these.
         data: The readings without what these explain.
     """
 
-    known: list[Signature]
-    evidence: Evidence
-    data: Data
+    known: list[EffectJacobian]
+    normal_equations: NormalEquations
+    data: SufficientStatistics
 
 
-def without_set(case: Case, fit: SetFit) -> After:
+def residual_after(case: SelectionProblem, fit: ModelFit) -> After:
     """Take what a set explains, in any accepted form, out of the readings."""
-    members = [m.signature(case.situation) for m in fit.members]
-    extra: list[Signature] = []
+    members = [m.jacobian(case.situation) for m in fit.members]
+    extra: list[EffectJacobian] = []
     for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
         extra.extend(shape_columns(case.situation, member, coefficients))
     known = [*case.nominal, *members, *extra, *other_forms(case, fit.members)]
-    own = evidence_of(case.data, known, case.evidence.fold)
-    beta = projected(own.gram[1], own.score[~case.split.held_out].sum(axis=0))
-    return After(known, own, case.data.less(known, beta))
+    own = normal_equations_of(case.data, known, case.normal_equations.fold)
+    beta = minimum_norm_fit(own.gram[1], own.score[~case.split.held_out].sum(axis=0))
+    return After(known, own, case.data.subtract(known, beta))
 
 
-def _moved(library: Library, by: int, named: set[tuple[str, str]]) -> Library:
+def _with_offset_columns(
+    library: Library, by: int, named: set[tuple[str, str]]
+) -> Library:
     return replace(
         library,
         candidates=tuple(
@@ -122,31 +124,33 @@ its place. Chosen: rightly named effects leave nothing that the test rejects, wr
 of the same place a hundredth and more."""
 
 
-def alone(case: Case, fit: SetFit) -> list[float]:
+def drop_one_gains(case: SelectionProblem, fit: ModelFit) -> list[float]:
     """Return what each member explains that the others do not."""
     gains = []
     for k in range(len(fit.members)):
         others = [m for i, m in enumerate(fit.members) if i != k]
-        less = fit_set(case.data, case.situation, case.nominal, others, case.split)
+        less = fit_model(case.data, case.situation, case.nominal, others, case.split)
         gains.append(max(fit.gain - less.gain, 0.0))
     return gains
 
 
-def is_own(left: Found, fit: SetFit, gains: Sequence[float]) -> bool:
+def is_same_law_residual(
+    test: DetectionTest, fit: ModelFit, gains: Sequence[float]
+) -> bool:
     """Return whether all that speaks is slight and stands where a member does.
 
     Args:
-        left: The test of what is left.
+        test: The test of what is left.
         fit: The set that was taken out.
         gains: What each member explains that the others do not.
     """
     allowed = {"": CONTRADICTS * max(gains, default=0.0)}  # of the whole map
     for member, gain in zip(fit.members, gains, strict=True):
         allowed[member.where] = max(allowed.get(member.where, 0.0), CONTRADICTS * gain)
-    loud = np.flatnonzero(left.tested.together < ALARM)
-    excess = left.tested.captured - left.tested.freedom
+    loud = np.flatnonzero(test.tested.together < SIGNIFICANCE)
+    excess = test.tested.captured - test.tested.degrees_of_freedom
     return len(loud) > 0 and all(
-        excess[at] <= allowed.get(left.where[at], -1.0) for at in loud
+        excess[at] <= allowed.get(test.where[at], -1.0) for at in loud
     )
 
 
@@ -157,21 +161,23 @@ GROUPS = 4
 
 
 @dataclass(frozen=True)
-class Uneven:
+class HomogeneityTest:
     """How a law differs between groups of one kind.
 
     Attributes:
-        between: The kind of groups.
+        grouping: The kind of groups.
         p_value: Among all laws and kinds.
         captured: Whitened square beyond chance.
     """
 
-    between: str
+    grouping: str
     p_value: float
     captured: float
 
 
-def unevenness(case: Case, fit: SetFit) -> tuple[Uneven, ...]:
+def homogeneity_tests(
+    case: SelectionProblem, fit: ModelFit
+) -> tuple[HomogeneityTest, ...]:
     """Return the kind of groups between which each member's law differs most.
 
     Args:
@@ -181,7 +187,7 @@ def unevenness(case: Case, fit: SetFit) -> tuple[Uneven, ...]:
     if not fit.members:
         return ()
     kinds = groups_of(case.situation)
-    after = without_set(case, fit)
+    after = residual_after(case, fit)
     pieces = [
         [_in_groups(_as_fitted(case, m, c), group) for group in kinds.values()]
         for m, c in zip(fit.members, fit.coefficients, strict=True)
@@ -189,32 +195,34 @@ def unevenness(case: Case, fit: SetFit) -> tuple[Uneven, ...]:
     flat = [piece for of_member in pieces for piece in of_member]
     mask = ~case.split.held_out
     every = [*after.known, *flat]
-    gram, score = cross_of(after.data, every, every, case.evidence.fold)
+    gram, score = cross_gram(after.data, every, every, case.normal_equations.fold)
     total = gram[1]
-    start = after.evidence.gram.shape[1]
+    start = after.normal_equations.gram.shape[1]
     ends = start + np.cumsum([0, *(piece.columns for piece in flat)])
     blocks = [np.arange(a, b) for a, b in pairwise(ends)]
     raw = np.maximum(np.diag(total), 0.0)
     white = white_scores(total, score[mask], np.arange(start), blocks, raw)
-    tested = sign_flips(white, case.seed + 2)
+    tested = sign_flip_test(white, case.seed + 2)
     found = []
     for k in range(len(pieces)):
         mine = slice(k * len(kinds), (k + 1) * len(kinds))
         worst = int(np.argmin(tested.together[mine] - 1e-6 * tested.z[mine]))
         at = mine.start + worst
-        excess = float(tested.captured[at] - tested.freedom[at])
-        found.append(Uneven(list(kinds)[worst], float(tested.together[at]), excess))
+        excess = float(tested.captured[at] - tested.degrees_of_freedom[at])
+        found.append(
+            HomogeneityTest(list(kinds)[worst], float(tested.together[at]), excess)
+        )
     return tuple(found)
 
 
-def groups_of(situation: Situation) -> Mapping[str, Int[np.ndarray, " rows"]]:
+def groups_of(situation: StaticState) -> Mapping[str, Int[np.ndarray, " rows"]]:
     """Return the group of each row, kind by kind; kinds with one group are left out."""
     recording = situation.recording
-    first = np.unique(situation.pose, return_index=True)[1]
+    first = np.unique(situation.posture_index, return_index=True)[1]
     posture = recording.posture[first]
     features = np.column_stack([np.cos(posture), np.sin(posture)])
     found = {
-        "postures": _clusters(features)[situation.pose],
+        "postures": _clusters(features)[situation.posture_index],
         "times": _ranks(recording.time),
     }
     if recording.wrench is not None:
@@ -241,19 +249,21 @@ def _ranks(of_rows: np.ndarray) -> Int[np.ndarray, " rows"]:
     return np.searchsorted(edges, of_rows, side="right")
 
 
-def _as_fitted(case: Case, member: Member, coefficients: np.ndarray) -> Signature:
+def _as_fitted(
+    case: SelectionProblem, member: ModelTerm, coefficients: np.ndarray
+) -> EffectJacobian:
     """Return a law with its coefficients as one column."""
     parts = []
-    for part in member.signature(case.situation).parts:
+    for part in member.jacobian(case.situation).parts:
         parts.append(with_values(part, values(part) @ coefficients[:, None]))
-    return Signature(1, tuple(parts))
+    return EffectJacobian(1, tuple(parts))
 
 
-def _in_groups(law: Signature, group: Int[np.ndarray, " rows"]) -> Signature:
+def _in_groups(law: EffectJacobian, group: Int[np.ndarray, " rows"]) -> EffectJacobian:
     """Return the law in every group but the first."""
     inside = (group[:, None] == np.unique(group)[1:]).astype(float)
     parts = []
     for part in law.parts:
         shape = (len(group), *(1,) * (values(part).ndim - 2), inside.shape[1])
         parts.append(with_values(part, values(part) * inside.reshape(shape)))
-    return Signature(inside.shape[1], tuple(parts))
+    return EffectJacobian(inside.shape[1], tuple(parts))

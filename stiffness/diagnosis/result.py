@@ -144,7 +144,7 @@ class Nominal:
         base_from_tracker: In m.
         places: Of each marker in its body's frame, in m.
         noise_ratio: Measured noise of a reading over the stated one.
-        arrival: One sigma of the axes' arrival, in rad.
+        pose_repeatability: One sigma of the axes' arrival, in rad.
     """
 
     compliance: Float[np.ndarray, " axes"]
@@ -154,7 +154,7 @@ class Nominal:
     base_from_tracker: Float[np.ndarray, "4 4"]
     places: Float[np.ndarray, "markers 3"]
     noise_ratio: float
-    arrival: Float[np.ndarray, " axes"]
+    pose_repeatability: Float[np.ndarray, " axes"]
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ class Diagnosis:
         warnings: Mistakes of the set-up and remarks.
         nominal: What was fitted silently; None where a mistake stopped the fit.
         held_out: Ids of the poses that naming has not seen.
-        doubtful: Readings that counted less: row, marker's name, size in sigma.
+        downweighted: Readings that counted less: row, marker's name, size in sigma.
         seconds: How long it took.
     """
 
@@ -188,5 +188,5 @@ class Diagnosis:
     warnings: tuple[Warned, ...] = ()
     nominal: Nominal | None = None
     held_out: tuple[int, ...] = ()
-    doubtful: tuple[tuple[int, str, float], ...] = ()
+    downweighted: tuple[tuple[int, str, float], ...] = ()
     seconds: float = 0.0

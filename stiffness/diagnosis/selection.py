@@ -32,27 +32,35 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from stiffness.diagnosis.candidates import Library
-from stiffness.diagnosis.detection import Found
+from stiffness.diagnosis.detection import DetectionTest
 from stiffness.diagnosis.model_evaluation import (
-    Scored,
+    EvaluatedModel,
     beyond_limits,
-    earns,
+    evaluate,
+    improves_prediction,
     log_prior,
-    score,
 )
 from stiffness.diagnosis.model_fit import (
-    Case,
-    Member,
-    SetFit,
+    ModelFit,
+    ModelTerm,
+    SelectionProblem,
     refined,
     shape_columns,
     solve,
 )
-from stiffness.diagnosis.residual_checks import alone, is_own, what_is_left
-from stiffness.diagnosis.sufficient_statistics import beside_many, cross_of
-from stiffness.regression.elimination import left_of, white_turn, without
-from stiffness.regression.normal_equations import Evidence
-from stiffness.regression.testing import ALARM, white_scores
+from stiffness.diagnosis.residual_checks import (
+    drop_one_gains,
+    is_same_law_residual,
+    residual_test,
+)
+from stiffness.diagnosis.sufficient_statistics import cross_gram, given_many
+from stiffness.regression.elimination import (
+    projection_coefficients,
+    schur_complement,
+    whitening_transform,
+)
+from stiffness.regression.normal_equations import NormalEquations
+from stiffness.regression.testing import SIGNIFICANCE, white_scores
 
 # --- Exhaustive search ----------------------------------------------------------------
 
@@ -62,34 +70,36 @@ RIDGE = 1e-8
 
 
 @dataclass(frozen=True)
-class Ranked:
+class RankedModels:
     """Sets of candidates with what they explain.
 
     Attributes:
-        sets: Numbers of candidates; the empty set comes first.
+        models: Numbers of candidates; the empty set comes first.
         shape: Which of each member's shapes is meant.
         gain: Whitened square that each set explains beyond what is nominal.
         log_evidence: With the prior of its size.
     """
 
-    sets: tuple[tuple[int, ...], ...]
+    models: tuple[tuple[int, ...], ...]
     shape: tuple[tuple[int, ...], ...]
-    gain: Float[np.ndarray, " sets"]
-    log_evidence: Float[np.ndarray, " sets"]
+    gain: Float[np.ndarray, " models"]
+    log_evidence: Float[np.ndarray, " models"]
 
 
 @dataclass(frozen=True)
-class White:
+class WhitenedCandidates:
     """Candidates' columns at their best shapes, each candidate's own made white."""
 
     product: Float[np.ndarray, "m m"]
     score: Float[np.ndarray, " m"]
     owned: tuple[Int[np.ndarray, " _"], ...]
     shape: tuple[int, ...]
-    alone: Float[np.ndarray, " candidates"]
+    single_gains: Float[np.ndarray, " candidates"]
 
 
-def white_candidates(library: Library, evidence: Evidence) -> White:
+def whiten_candidates(
+    library: Library, evidence: NormalEquations
+) -> WhitenedCandidates:
     """Choose every candidate's best shape and make its columns white.
 
     Args:
@@ -98,15 +108,15 @@ def white_candidates(library: Library, evidence: Evidence) -> White:
     """
     gram, score = evidence.gram.sum(axis=0), evidence.score.sum(axis=0)
     nominal = np.arange(library.nominal)
-    share = without(gram, nominal)
+    share = projection_coefficients(gram, nominal)
     score = score - score[nominal] @ share
     turns, owned, shape, alone, start = [], [], [], [], 0
     used: list[np.ndarray] = []
     for candidate in library.candidates:
         best: tuple[float, int, np.ndarray] = (-1.0, 0, np.zeros((0, 0)))
         for s, block in enumerate(candidate.columns):
-            left = left_of(gram, nominal, share, block)
-            turn = white_turn(left, evidence.raw[block])
+            left = schur_complement(gram, nominal, share, block)
+            turn = whitening_transform(left, evidence.raw[block])
             gain = float(np.sum((turn.T @ score[block]) ** 2))
             if gain > best[0]:
                 best = (gain, s, turn)
@@ -123,8 +133,8 @@ def white_candidates(library: Library, evidence: Evidence) -> White:
     for turn, own in zip(turns, owned, strict=True):
         mix[row : row + len(turn), own] = turn
         row += len(turn)
-    left = left_of(gram, nominal, share, columns)
-    return White(
+    left = schur_complement(gram, nominal, share, columns)
+    return WhitenedCandidates(
         mix.T @ left @ mix,
         mix.T @ score[columns],
         tuple(owned),
@@ -133,17 +143,19 @@ def white_candidates(library: Library, evidence: Evidence) -> White:
     )
 
 
-def gains(white: White, sets: Sequence[tuple[int, ...]]) -> Float[np.ndarray, " sets"]:
+def chi_square_gains(
+    white: WhitenedCandidates, models: Sequence[tuple[int, ...]]
+) -> Float[np.ndarray, " sets"]:
     """Return what sets of candidates explain together, all sets of one size at once."""
-    if not sets or not sets[0]:
-        return np.zeros(len(sets))
+    if not models or not models[0]:
+        return np.zeros(len(models))
     widest = max(len(own) for own in white.owned)
     pad = np.full((len(white.owned), widest), -1)
     for k, own in enumerate(white.owned):
         pad[k, : len(own)] = own
-    total = np.empty(len(sets))
-    members = np.array(sets)
-    for at in range(0, len(sets), 4096):
+    total = np.empty(len(models))
+    members = np.array(models)
+    for at in range(0, len(models), 4096):
         index = pad[members[at : at + 4096]].reshape(len(members[at : at + 4096]), -1)
         real = index >= 0
         inner = white.product[index[:, :, None], index[:, None, :]]
@@ -157,7 +169,9 @@ def gains(white: White, sets: Sequence[tuple[int, ...]]) -> Float[np.ndarray, " 
     return total
 
 
-def ranked(library: Library, white: White, poses: int, largest: int = 3) -> Ranked:
+def rank_models(
+    library: Library, white: WhitenedCandidates, poses: int, largest: int = 3
+) -> RankedModels:
     """Try all sets up to a size and rank them by evidence, the empty set first.
 
     Args:
@@ -171,27 +185,29 @@ def ranked(library: Library, white: White, poses: int, largest: int = 3) -> Rank
     total = [np.zeros(1)]
     some = np.flatnonzero([len(own) > 0 for own in white.owned])
     singles = [(int(k),) for k in some]
-    total.append(gains(white, singles))
+    total.append(chi_square_gains(white, singles))
     every += singles
     if largest > 1:
         pairs = list(combinations((int(k) for k in some), 2))
         pairs = [p for p in pairs if _distinct(library, p)]
-        total.append(gains(white, pairs))
+        total.append(chi_square_gains(white, pairs))
         every += pairs
     if largest > 2 and len(some) > 2:
         listed = _short_list(library, every, np.concatenate(total), poses)
         triples = [t for t in combinations(listed, 3) if _distinct(library, t)]
-        total.append(gains(white, triples))
+        total.append(chi_square_gains(white, triples))
         every += triples
     gain = np.concatenate(total)
-    freedom = np.array([sum(library.candidates[k].freedom for k in s) for s in every])
+    freedom = np.array(
+        [sum(library.candidates[k].degrees_of_freedom for k in s) for s in every]
+    )
     rarer = [c.hypothesis.log_prior for c in library.candidates]
     prior = np.array(
         [log_prior(len(s), count) + sum(rarer[k] for k in s) for s in every]
     )
     log_evidence = 0.5 * gain - 0.5 * freedom * np.log(poses) + prior
     shape = tuple(tuple(white.shape[k] for k in s) for s in every)
-    return Ranked(tuple(every), shape, gain, log_evidence)
+    return RankedModels(tuple(every), shape, gain, log_evidence)
 
 
 def _distinct(library: Library, members: Sequence[int]) -> bool:
@@ -201,14 +217,16 @@ def _distinct(library: Library, members: Sequence[int]) -> bool:
 
 
 def _short_list(
-    library: Library, sets: list[tuple[int, ...]], gain: np.ndarray, poses: int
+    library: Library, models: list[tuple[int, ...]], gain: np.ndarray, poses: int
 ) -> list[int]:
     """Return the candidates that come up in the best sets so far."""
-    freedom = np.array([sum(library.candidates[k].freedom for k in s) for s in sets])
+    freedom = np.array(
+        [sum(library.candidates[k].degrees_of_freedom for k in s) for s in models]
+    )
     order = np.argsort(-(gain - freedom * np.log(poses)))
     listed: list[int] = []
     for at in order:
-        listed.extend(k for k in sets[at] if k not in listed)
+        listed.extend(k for k in models[at] if k not in listed)
         if len(listed) >= SHORT_LIST:
             break
     return sorted(listed[:SHORT_LIST])
@@ -216,14 +234,14 @@ def _short_list(
 
 # --- Forward steps and exchange -------------------------------------------------------
 
-Front = list[tuple[float, tuple[Member, ...]]]
+Shortlist = list[tuple[float, tuple[ModelTerm, ...]]]
 """Sets with their log evidence, the best first."""
 TRIED = 6
 """Candidates that are looked at as the next member; chosen for time."""
 
 
 @dataclass(frozen=True)
-class _Beside:
+class _JointEquations:
     """What readings say of a set's laws beside all candidates.
 
     Attributes:
@@ -243,7 +261,7 @@ class _Beside:
     library: int
 
 
-def extended(case: Case, fit: SetFit) -> Front:
+def forward_step(case: SelectionProblem, fit: ModelFit) -> Shortlist:
     """Return sets of one member more, at coarse shapes.
 
     Args:
@@ -251,29 +269,29 @@ def extended(case: Case, fit: SetFit) -> Front:
         fit: The set so far, refined.
     """
     every = range(len(fit.members))
-    return _with_another(case, _beside(case, fit), fit.members, every)[:TRIED]
+    return _with_another(case, _joint_equations(case, fit), fit.members, every)[:TRIED]
 
 
-def exchanged(case: Case, fit: SetFit) -> Front:
+def exchange_step(case: SelectionProblem, fit: ModelFit) -> Shortlist:
     """Return sets in which a member, but for the last, gives way to another candidate.
 
     Args:
         case: What may be looked at.
         fit: The set, refined.
     """
-    beside, found = _beside(case, fit), Front()
+    joint, found = _joint_equations(case, fit), Shortlist()
     for out, member in enumerate(fit.members[:-1]):
         rest = [k for k in range(len(fit.members)) if k != out]
-        front = _with_another(case, beside, fit.members, rest)
+        front = _with_another(case, joint, fit.members, rest)
         found += [one for one in front if one[1][-1].name != member.name][:TRIED]
     return sorted(found, key=lambda one: -one[0])
 
 
-def _beside(case: Case, fit: SetFit) -> _Beside:
+def _joint_equations(case: SelectionProblem, fit: ModelFit) -> _JointEquations:
     known, laws, owned = list(case.nominal), [], []
     end = case.library.nominal
     for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
-        law = member.signature(case.situation)
+        law = member.jacobian(case.situation)
         slopes = shape_columns(case.situation, member, coefficients)
         forms = member.hypothesis.variants(case.situation, member.where, member.shape)
         kind = [s for s in (law, *slopes, forms) if s.columns]
@@ -281,48 +299,57 @@ def _beside(case: Case, fit: SetFit) -> _Beside:
         start, end = end, end + sum(s.columns for s in kind)
         laws.append(np.arange(start, start + law.columns))
         owned.append(np.arange(start, end))
-    every, fold = [*known, *case.library.signatures], case.evidence.fold
-    side, score = cross_of(case.data, known, every, fold)
+    every, fold = [*known, *case.library.jacobians], case.normal_equations.fold
+    side, score = cross_gram(case.data, known, every, fold)
     mask = ~case.split.held_out
-    gram = beside_many(side, case.evidence.gram)[np.unique(fold[mask])].sum(axis=0)
-    raw = np.concatenate([np.diag(gram)[:end], case.evidence.raw])
+    gram = given_many(side, case.normal_equations.gram)[np.unique(fold[mask])].sum(
+        axis=0
+    )
+    raw = np.concatenate([np.diag(gram)[:end], case.normal_equations.raw])
     total = score[mask].sum(axis=0)
-    return _Beside(gram, total, np.maximum(raw, 0.0), tuple(laws), tuple(owned), end)
+    return _JointEquations(
+        gram, total, np.maximum(raw, 0.0), tuple(laws), tuple(owned), end
+    )
 
 
 def _with_another(
-    case: Case, beside: _Beside, members: Sequence[Member], kept: Sequence[int]
-) -> Front:
+    case: SelectionProblem,
+    joint: _JointEquations,
+    members: Sequence[ModelTerm],
+    kept: Sequence[int],
+) -> Shortlist:
     """Return some members with each candidate that is not among them, best first."""
     rest = tuple(members[k] for k in kept)
     nominal = np.arange(case.library.nominal)
-    laws = np.concatenate([nominal, *(beside.laws[k] for k in kept)])
-    known = np.concatenate([nominal, *(beside.owned[k] for k in kept)])
-    gain = _explained(beside, laws) - _explained(beside, nominal)
-    freedom = len(laws) - len(nominal) + sum(m.freedom for m in rest)
+    laws = np.concatenate([nominal, *(joint.laws[k] for k in kept)])
+    known = np.concatenate([nominal, *(joint.owned[k] for k in kept)])
+    gain = _explained(joint, laws) - _explained(joint, nominal)
+    freedom = len(laws) - len(nominal) + sum(m.degrees_of_freedom for m in rest)
     named = {member.name for member in rest}
     free = [c for c in case.library.candidates if c.name not in named]
-    blocks = [block + beside.library for c in free for block in c.columns]
-    share = solve(beside.gram[np.ix_(known, known)], beside.score[known])
-    left = (beside.score - share @ beside.gram[known])[None]
-    white = white_scores(beside.gram, left, known, blocks, beside.raw)
+    blocks = [block + joint.library for c in free for block in c.columns]
+    share = solve(joint.gram[np.ix_(known, known)], joint.score[known])
+    left = (joint.score - share @ joint.gram[known])[None]
+    white = white_scores(joint.gram, left, known, blocks, joint.raw)
     captured = iter([float(np.sum(w**2)) for w in white])
     prior = log_prior(len(rest) + 1, len(case.library.candidates))
-    found = Front()
+    found = Shortlist()
     for candidate in free:
         own = [next(captured) for _ in candidate.columns]
         shape = candidate.shapes[int(np.argmax(own))]
-        new = Member(candidate.hypothesis, candidate.where, shape)
-        paid = 0.5 * (freedom + candidate.freedom) * np.log(case.poses) - prior
+        new = ModelTerm(candidate.hypothesis, candidate.where, shape)
+        paid = (
+            0.5 * (freedom + candidate.degrees_of_freedom) * np.log(case.poses) - prior
+        )
         paid -= sum(m.hypothesis.log_prior for m in (*rest, new))
         found.append((float(0.5 * (gain + max(own)) - paid), (*rest, new)))
     return sorted(found, key=lambda one: -one[0])
 
 
-def _explained(beside: _Beside, columns: np.ndarray) -> float:
+def _explained(joint: _JointEquations, columns: np.ndarray) -> float:
     """Return the whitened square that some columns explain."""
-    score = beside.score[columns]
-    return float(score @ solve(beside.gram[np.ix_(columns, columns)], score))
+    score = joint.score[columns]
+    return float(score @ solve(joint.gram[np.ix_(columns, columns)], score))
 
 
 # --- Selection ------------------------------------------------------------------------
@@ -334,115 +361,125 @@ LIVE = 12.0
 coarse shape rarely gains more."""
 FORMS = 0.1
 """Or share of the log evidence; chosen: what another form of a strong law may add."""
-LARGEST = 3
+MAX_EXHAUSTIVE_SIZE = 3
 """Most effects of which all sets are tried."""
-MOST = 8
+MAX_EFFECTS = 8
 """Most that a set grows to; chosen: what needs more is another machine."""
 REFINED = 10
 """Most sets of one size that are refined; chosen for time."""
 
 
 @dataclass(frozen=True)
-class Named:
+class SelectedModel:
     """The best set, its rivals of the same or a smaller size, and what is left.
 
     Attributes:
         best: The set that won; empty where nothing could be named.
         rivals: Refined rivals, best first, the winner included.
-        ranked: All sets at their coarse shapes.
-        left: The test of what is left after the best set.
+        ranking: All sets at their coarse shapes.
+        residual_test: The test of what is left after the best set.
         inflation: Noise variance over the stated one, as left.
         path: The residual tests on the way, from nothing named on.
     """
 
-    best: Scored
-    rivals: tuple[Scored, ...]
-    ranked: Ranked
-    left: Found
+    best: EvaluatedModel
+    rivals: tuple[EvaluatedModel, ...]
+    ranking: RankedModels
+    residual_test: DetectionTest
     inflation: float
-    path: tuple[Found, ...]
+    path: tuple[DetectionTest, ...]
 
 
-def name(case: Case, first: Found) -> Named:
+def name(case: SelectionProblem, first: DetectionTest) -> SelectedModel:
     """Grow the set of names as long as each new one earns its place.
 
     Args:
         case: What may be looked at.
         first: The test before anything is named.
     """
-    training = np.flatnonzero(np.arange(len(case.evidence.gram)) > 0)
+    training = np.flatnonzero(np.arange(len(case.normal_equations.gram)) > 0)
     mask = ~case.split.held_out
     seen = replace(
-        case.evidence,
-        gram=case.evidence.gram[training],
-        score=case.evidence.score[mask],
-        fold=case.evidence.fold[mask] - 1,
+        case.normal_equations,
+        gram=case.normal_equations.gram[training],
+        score=case.normal_equations.score[mask],
+        fold=case.normal_equations.fold[mask] - 1,
     )
-    white = white_candidates(case.library, seen)
-    every = ranked(case.library, white, case.poses, LARGEST)
-    best = score(case, ())
+    white = whiten_candidates(case.library, seen)
+    every = rank_models(case.library, white, case.poses, MAX_EXHAUSTIVE_SIZE)
+    best = evaluate(case, ())
     rivals, left, path = [best], first, [first]
-    while len(best.fit.members) < MOST and left.p_value < ALARM:
-        if is_own(left, best.fit, alone(case, best.fit)):
+    while len(best.fit.members) < MAX_EFFECTS and left.p_value < SIGNIFICANCE:
+        if is_same_law_residual(left, best.fit, drop_one_gains(case, best.fit)):
             break
         found = _next_size(case, every, best)
-        if not found or found[0].vain or not earns(best, found[0], case.seed):
+        if (
+            not found
+            or found[0].insignificant
+            or not improves_prediction(best, found[0], case.seed)
+        ):
             break
         best, rivals = found[0], found
-        left = what_is_left(case, best.fit)
+        left = residual_test(case, best.fit)
         path.append(left)
-    return Named(
+    return SelectedModel(
         best, tuple(rivals), every, left, max(1.0, left.dispersion), tuple(path)
     )
 
 
-def _next_size(case: Case, every: Ranked, before: Scored) -> list[Scored]:
+def _next_size(
+    case: SelectionProblem, every: RankedModels, before: EvaluatedModel
+) -> list[EvaluatedModel]:
     """Return sets of one member more, refined, the best first."""
     size = len(before.fit.members) + 1
-    if size <= LARGEST:
-        order = np.flatnonzero([len(s) == size for s in every.sets])
+    if size <= MAX_EXHAUSTIVE_SIZE:
+        order = np.flatnonzero([len(s) == size for s in every.models])
         order = order[np.argsort(-every.log_evidence[order])]
-        return _best_of(case, _front(case, every, order))
-    front = extended(case, before.fit)
+        return _best_of(case, _shortlist(case, every, order))
+    front = forward_step(case, before.fit)
     found = _best_of(case, front, passes=1)
     if not found:
         return []
-    others = exchanged(case, found[0].fit)
-    live = [one for one in others if one[0] > front[0][0] - _reach(front)]
+    others = exchange_step(case, found[0].fit)
+    live = [one for one in others if one[0] > front[0][0] - _evidence_margin(front)]
     return _ordered([*found, *_best_of(case, live, passes=1)])
 
 
-def _reach(front: Front) -> float:
+def _evidence_margin(front: Shortlist) -> float:
     """Return by how much coarse log evidence may trail the best and be looked at."""
     return max(LIVE, FORMS * front[0][0])
 
 
-def _front(case: Case, every: Ranked, order: np.ndarray) -> Front:
+def _shortlist(
+    case: SelectionProblem, every: RankedModels, order: np.ndarray
+) -> Shortlist:
     """Return the front runners of one size with their coarse log evidence."""
-    front = Front()
+    front = Shortlist()
     for at in order[: 4 * REFINED]:
-        own = [case.library.candidates[k] for k in every.sets[at]]
+        own = [case.library.candidates[k] for k in every.models[at]]
         members = tuple(
-            Member(c.hypothesis, c.where, c.shapes[s])
+            ModelTerm(c.hypothesis, c.where, c.shapes[s])
             for c, s in zip(own, every.shape[at], strict=True)
         )
         front.append((float(every.log_evidence[at]), members))
     return front
 
 
-def _best_of(case: Case, front: Front, passes: int = 2) -> list[Scored]:
+def _best_of(
+    case: SelectionProblem, front: Shortlist, passes: int = 2
+) -> list[EvaluatedModel]:
     """Refine front runners of one size, the likeliest first; return the best first."""
-    scored: list[Scored] = []
+    scored: list[EvaluatedModel] = []
     for log_evidence, coarse in front:
-        if scored and log_evidence < front[0][0] - _reach(front):
+        if scored and log_evidence < front[0][0] - _evidence_margin(front):
             break
         if len(scored) >= REFINED:
             break
         members = refined(
             case.data, case.situation, case.nominal, coarse, case.split, passes
         )
-        one = score(case, members)
-        if max(one.zero) < ALARM and not any(
+        one = evaluate(case, members)
+        if max(one.zero) < SIGNIFICANCE and not any(
             beyond_limits(case.situation, m, p)
             for m, p in zip(one.fit.members, one.parameters, strict=True)
         ):
@@ -450,8 +487,13 @@ def _best_of(case: Case, front: Front, passes: int = 2) -> list[Scored]:
     return _ordered(scored)
 
 
-def _ordered(scored: list[Scored]) -> list[Scored]:
+def _ordered(scored: list[EvaluatedModel]) -> list[EvaluatedModel]:
     """Return the best first; what may be nothing stays a rival, but wins nothing."""
     return sorted(
-        scored, key=lambda s: (s.vain, -round(s.log_evidence, 1), s.fit.freedom)
+        scored,
+        key=lambda s: (
+            s.insignificant,
+            -round(s.log_evidence, 1),
+            s.fit.degrees_of_freedom,
+        ),
     )

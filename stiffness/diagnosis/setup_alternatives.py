@@ -23,7 +23,7 @@ import numpy as np
 from bench.shared.recording import Recording
 from stiffness.diagnosis.result import Warned
 from stiffness.robot.arm import Arm
-from stiffness.robot.tracker_frame import Sight
+from stiffness.robot.tracker_frame import TrackerObservations
 
 # --- Angles ---------------------------------------------------------------------------
 
@@ -161,10 +161,10 @@ class Seeing:
     """
 
     warned: Warned
-    meant: Callable[[Sight], Sight]
+    meant: Callable[[TrackerObservations], TrackerObservations]
 
 
-def of_sight(sight: Sight) -> Iterator[Seeing]:
+def of_sight(sight: TrackerObservations) -> Iterator[Seeing]:
     """List how else what the tracker saw may be meant."""
     text = "the markers look mirrored: they fit with {} of the tracker's {}."
     for i, name in enumerate("xyz" if sight.transform is not None else "y"):
@@ -191,7 +191,7 @@ def of_sight(sight: Sight) -> Iterator[Seeing]:
             )
             yield Seeing(
                 Warned("units", "markers", text),
-                lambda s, f=factor: replace(s, place=s.place * f),
+                lambda s, f=factor: replace(s, marker_positions=s.marker_positions * f),
             )
     if sight.transform is not None:
         for factor in (1e3, 1e-3):
@@ -201,7 +201,7 @@ def of_sight(sight: Sight) -> Iterator[Seeing]:
             )
             yield Seeing(
                 Warned("units", "tracker", text),
-                lambda s, f=factor: _moved(s, f),
+                lambda s, f=factor: _with_scaled_shift(s, f),
             )
         text = (
             "[frames.tracker] looks inverted: it fits the other way round. p_base = "
@@ -210,7 +210,7 @@ def of_sight(sight: Sight) -> Iterator[Seeing]:
         yield Seeing(Warned("tracker_frame", "tracker", text), _inverted)
 
 
-def less_is_stated(sight: Sight) -> Iterator[Seeing]:
+def less_is_stated(sight: TrackerObservations) -> Iterator[Seeing]:
     """List what to doubt wholly where no other reading of it fits."""
     if sight.transform is not None:
         text = (
@@ -236,14 +236,16 @@ def _seen(matrix: np.ndarray):
     return lambda sight: replace(sight, y=sight.y @ matrix.T)
 
 
-def _moved(sight: Sight, factor: float) -> Sight:
+def _with_scaled_shift(
+    sight: TrackerObservations, factor: float
+) -> TrackerObservations:
     assert sight.transform is not None
     moved = sight.transform.copy()
     moved[:3, 3] *= factor
     return replace(sight, transform=moved)
 
 
-def _inverted(sight: Sight) -> Sight:
+def _inverted(sight: TrackerObservations) -> TrackerObservations:
     assert sight.transform is not None
     return replace(sight, transform=np.linalg.inv(sight.transform))
 

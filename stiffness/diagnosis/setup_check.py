@@ -49,15 +49,15 @@ from stiffness.diagnosis.setup_alternatives import (
     of_sight,
     of_signs,
 )
-from stiffness.diagnosis.setup_loads import mistakes_of_loads
+from stiffness.diagnosis.setup_loads import load_setup_errors
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import (
     MARKER_POSITION_SIGMA,
-    Frames,
-    Sight,
+    TrackerFit,
+    TrackerObservations,
     extent_of,
-    quickly_seated,
-    seated,
+    fit_tracker_frame,
+    fit_tracker_frame_once,
 )
 
 # --- Errors of set-up -----------------------------------------------------------------
@@ -77,14 +77,14 @@ chosen: the root of the thousand between m and mm."""
 SMALL = 0.003
 """Misfit over the arm's range below which a marker is where it should be; chosen: a
 tenth of the gross one, what a badly calibrated arm has."""
-MOST = (0.05, 0.95)
+RANGE_QUANTILES = (0.05, 0.95)
 """Quantiles between which a column's range is taken: a glint has no say; chosen."""
 VISITS_FOR_UNITS = 30
 """Visits that this looks at; chosen for time."""
 UNITS = ((1e3, "m where mm are expected"), (1e-3, "mm where m are expected"))
 
 
-def odd_units(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
+def detect_unit_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
     """Name the columns of markers that are in another unit than the rest.
 
     Args:
@@ -93,14 +93,16 @@ def odd_units(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
     """
     first = np.unique(recording.visit, return_index=True)[1]
     some = recording.take(first[:: -(-len(first) // VISITS_FOR_UNITS)])
-    sight = Sight.of(arm, some, some.posture)
+    sight = TrackerObservations.of(arm, some, some.posture)
     seen = np.isfinite(sight.y).all(axis=2).sum(axis=0) > 1
     if not seen.any():  # one visit has no range
         return ()
     moves = np.linalg.norm(np.ptp(sight.origin, axis=0), axis=1)
     way = float(moves.max())
-    ranges = np.full(sight.place.shape, np.nan)
-    ranges[seen] = np.ptp(np.nanquantile(sight.y[:, seen], MOST, axis=0), axis=0)
+    ranges = np.full(sight.marker_positions.shape, np.nan)
+    ranges[seen] = np.ptp(
+        np.nanquantile(sight.y[:, seen], RANGE_QUANTILES, axis=0), axis=0
+    )
     moving = seen & (moves > way / OFF)
     found: dict[int, tuple[str, float, tuple[int, ...]]] = {}
     for factor, words in UNITS:
@@ -111,7 +113,7 @@ def odd_units(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
         again = True
         while again:  # the frame fits better with each column that is put right
             again = False
-            frames = quickly_seated(sight)[0]
+            frames = fit_tracker_frame_once(sight)[0]
             left = [m for m in left if _away(sight, m, frames) > SMALL * way]
             for m in [m for m in left if m not in found]:
                 columns = _better(sight, m, np.flatnonzero(odd[m]), factor, way)
@@ -133,19 +135,21 @@ def _unit_warning(
     return Warned("units", "tracker", text)
 
 
-def _scaled(sight: Sight, m: int, columns: tuple[int, ...], factor: float) -> Sight:
+def _scaled(
+    sight: TrackerObservations, m: int, columns: tuple[int, ...], factor: float
+) -> TrackerObservations:
     y = sight.y.copy()
     y[:, m, list(columns)] *= factor
     return replace(sight, y=y)
 
 
 def _better(
-    sight: Sight, m: int, odd: np.ndarray, factor: float, way: float
+    sight: TrackerObservations, m: int, odd: np.ndarray, factor: float, way: float
 ) -> tuple[int, ...]:
     """Return which of a marker's odd columns fit in the other unit; none: ()."""
-    before, best, answer = _left(sight, m), np.inf, ()
+    before, best, answer = _marker_residual_rms(sight, m), np.inf, ()
     for columns in _subsets(odd.tolist()):
-        left = _left(_scaled(sight, m, columns, factor), m)
+        left = _marker_residual_rms(_scaled(sight, m, columns, factor), m)
         if left < min(best, before / BETTER, GROSS * way):
             best, answer = left, columns
     return answer
@@ -156,17 +160,19 @@ def _subsets(odd: list[int]) -> Iterator[tuple[int, ...]]:
         yield from combinations(odd, count)
 
 
-def _left(sight: Sight, m: int) -> float:
+def _marker_residual_rms(sight: TrackerObservations, m: int) -> float:
     """Return the rms misfit of one marker, all frames fitted anew, in m."""
-    return _away(sight, m, quickly_seated(sight)[0])
+    return _away(sight, m, fit_tracker_frame_once(sight)[0])
 
 
-def _away(sight: Sight, m: int, frames: Frames) -> float:
+def _away(sight: TrackerObservations, m: int, frames: TrackerFit) -> float:
     """Return the rms misfit of one marker, its own place free if unknown, in m."""
     seen = np.isfinite(sight.y[:, m]).all(axis=1)
     point = sight.y[seen, m] @ frames.turn.T + frames.shift - sight.origin[seen, m]
     inside = np.einsum("vji,vj->vi", sight.turned[seen, m], point)
-    away = inside - (sight.place[m] if sight.given[m] else np.median(inside, axis=0))
+    away = inside - (
+        sight.marker_positions[m] if sight.given[m] else np.median(inside, axis=0)
+    )
     return float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
 
 
@@ -189,14 +195,14 @@ class Mixed:
 
     Attributes:
         warned: What to say.
-        sure: Whether no turn of the body would look alike.
+        is_unambiguous: Whether no turn of the body would look alike.
     """
 
     warned: Warned
-    sure: bool
+    is_unambiguous: bool
 
 
-def mixed_markers(recording: Recording, arm: Arm) -> tuple[Mixed, ...]:
+def detect_swapped_markers(recording: Recording, arm: Arm) -> tuple[Mixed, ...]:
     """Say which markers of a body were mixed up, and when.
 
     Args:
@@ -206,7 +212,7 @@ def mixed_markers(recording: Recording, arm: Arm) -> tuple[Mixed, ...]:
     _, every = np.unique(recording.visit, return_index=True)
     first = every[:: -(-len(every) // MANY)]
     looked_at = "" if len(first) == len(every) else " looked at"
-    sight = Sight.of(arm, recording.take(first), recording.posture[first])
+    sight = TrackerObservations.of(arm, recording.take(first), recording.posture[first])
     bodies: dict[str, list[int]] = {}
     for m, marker in enumerate(recording.markers):
         bodies.setdefault(marker.body, []).append(m)
@@ -233,28 +239,28 @@ def mixed_markers(recording: Recording, arm: Arm) -> tuple[Mixed, ...]:
     return tuple(told)
 
 
-def _inside(sight: Sight) -> np.ndarray:
+def _inside(sight: TrackerObservations) -> np.ndarray:
     """Return where each marker is in its body, (visits, markers, 3), NaN unseen."""
-    frames, _ = quickly_seated(sight)
+    frames, _ = fit_tracker_frame_once(sight)
     point = sight.y @ frames.turn.T + frames.shift - sight.origin
     return np.einsum("vmji,vmj->vmi", sight.turned, point)
 
 
-def _places(inside: np.ndarray, sight: Sight) -> np.ndarray:
+def _places(inside: np.ndarray, sight: TrackerObservations) -> np.ndarray:
     seen = np.isfinite(inside).any(axis=(0, 2))
-    middle = np.full(sight.place.shape, np.nan)
+    middle = np.full(sight.marker_positions.shape, np.nan)
     middle[seen] = np.nanmedian(inside[:, seen], axis=0)
-    return np.where(sight.given[:, None], sight.place, middle)
+    return np.where(sight.given[:, None], sight.marker_positions, middle)
 
 
-def _off(inside: np.ndarray, sight: Sight, some: list[int]) -> np.ndarray:
+def _off(inside: np.ndarray, sight: TrackerObservations, some: list[int]) -> np.ndarray:
     """Return how far some markers are from their places, rms, visit by visit."""
     away = (inside - _places(inside, sight))[:, some]
     return np.sqrt(np.mean(np.sum(away**2, axis=2), axis=1))
 
 
 def _orders(
-    inside: np.ndarray, sight: Sight, own: list[int]
+    inside: np.ndarray, sight: TrackerObservations, own: list[int]
 ) -> dict[tuple[int, ...], np.ndarray]:
     """Return the orders in which a body's markers fit better, and in which visits."""
     places = _places(inside, sight)[own]
@@ -273,7 +279,9 @@ def _orders(
     return {order: np.array(some) for order, some in visits.items()}
 
 
-def _renamed(sight: Sight, visits: np.ndarray, order: tuple[int, ...]) -> Sight:
+def _renamed(
+    sight: TrackerObservations, visits: np.ndarray, order: tuple[int, ...]
+) -> TrackerObservations:
     """Give readings to the markers that they are taken for."""
     y = sight.y.copy()
     y[visits[:, None], list(order)] = sight.y[visits]
@@ -291,7 +299,7 @@ def _swap_warning(
     meant = [recording.markers[order[m]].name for m in moved]
     when = ""
     if among:
-        poses = list(Counter(recording.pose[rows].tolist()))
+        poses = list(Counter(recording.posture_id[rows].tolist()))
         more = " …" if len(poses) > SHOWN else ""
         shown = ", ".join(map(str, poses[:SHOWN]))
         when = f" in {len(rows)} of {among} (poses {shown}{more})"
@@ -319,7 +327,7 @@ PARTNERS = 8
 Told = tuple[Warned, ...]
 
 
-def mistakes_of_set_up(recording: Recording, arm: Arm) -> Told:
+def setup_errors(recording: Recording, arm: Arm) -> Told:
     """Return the gross mistakes that the readings show.
 
     Args:
@@ -330,21 +338,21 @@ def mistakes_of_set_up(recording: Recording, arm: Arm) -> Told:
         return ()
     told: Told = ()
     if recording.displacement == "absolute":
-        told = odd_units(recording, arm)
-        mixed = () if told else mixed_markers(recording, arm)
-        told = told or tuple(m.warned for m in mixed if m.sure)
+        told = detect_unit_errors(recording, arm)
+        mixed = () if told else detect_swapped_markers(recording, arm)
+        told = told or tuple(m.warned for m in mixed if m.is_unambiguous)
         told = told or _mistakes_of_places(
             recording, arm, tuple(m.warned for m in mixed)
         )
-    return told or mistakes_of_loads(recording, arm)
+    return told or load_setup_errors(recording, arm)
 
 
 def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     """Doubt angles and the tracker, then the markers' names, then what is stated."""
     some = _some(recording, arm)
     posture = some.posture
-    sight = Sight.of(arm, some, posture)
-    _, before = seated(sight)
+    sight = TrackerObservations.of(arm, some, posture)
+    _, before = fit_tracker_frame(sight)
     extent = extent_of(sight)
     assert some.tracker is not None
     noise = CLEAR * float(np.max(some.tracker.repeatability))
@@ -355,15 +363,26 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     tried: list[tuple[float, Told, np.ndarray]] = []
     for other in angles:
         meant = other.meant(posture)
-        tried.append((_misfit(Sight.of(arm, some, meant)), (other.warned,), meant))
+        tried.append(
+            (
+                _rigid_residual_rms(TrackerObservations.of(arm, some, meant)),
+                (other.warned,),
+                meant,
+            )
+        )
     told = [(left, said) for left, said, _ in tried]
-    told += [(_misfit(o.meant(sight)), (o.warned,)) for o in of_sight(sight)]
+    told += [
+        (_rigid_residual_rms(o.meant(sight)), (o.warned,)) for o in of_sight(sight)
+    ]
     answer = _best(told, before)
     if answer or (before < GROSS * extent and not mixed):
         return answer
     if mixed:
         return mixed
-    told = [(_misfit(o.meant(sight)), (o.warned,)) for o in less_is_stated(sight)]
+    told = [
+        (_rigid_residual_rms(o.meant(sight)), (o.warned,))
+        for o in less_is_stated(sight)
+    ]
     if answer := _best(told, before):
         return answer
     if answer := _best(_pairs(some, arm, tried, before), before):
@@ -384,16 +403,16 @@ def _pairs(
 ) -> Iterable[tuple[float, Told]]:
     """Try several reversed axes, then each likely reading with each other one."""
     for said, meant in of_signs(some.posture):
-        yield _misfit(Sight.of(arm, some, meant)), said
+        yield _rigid_residual_rms(TrackerObservations.of(arm, some, meant)), said
     for left, said, meant in sorted(tried, key=lambda t: t[0])[:PARTNERS]:
         if left > before:
             continue
         for other in of_angles(meant, arm.slides):
-            sight = Sight.of(arm, some, other.meant(meant))
-            yield _misfit(sight), (*said, other.warned)
-        sight = Sight.of(arm, some, meant)
+            sight = TrackerObservations.of(arm, some, other.meant(meant))
+            yield _rigid_residual_rms(sight), (*said, other.warned)
+        sight = TrackerObservations.of(arm, some, meant)
         for seeing in of_sight(sight):
-            yield _misfit(seeing.meant(sight)), (*said, seeing.warned)
+            yield _rigid_residual_rms(seeing.meant(sight)), (*said, seeing.warned)
 
 
 def _best(told: Iterable[tuple[float, Told]], before: float) -> Told:
@@ -403,9 +422,9 @@ def _best(told: Iterable[tuple[float, Told]], before: float) -> Told:
     return said if least < before / BETTER else ()
 
 
-def _misfit(sight: Sight) -> float:
+def _rigid_residual_rms(sight: TrackerObservations) -> float:
     """Return the rms of a rigid fit, in m."""
-    return quickly_seated(sight)[1]
+    return fit_tracker_frame_once(sight)[1]
 
 
 def _some(recording: Recording, arm: Arm) -> Recording:
@@ -415,7 +434,7 @@ def _some(recording: Recording, arm: Arm) -> Recording:
     chosen: list[int] = []
     of_body: dict[int, int] = {}
     for m, marker in enumerate(recording.markers):
-        axis = arm.place(marker.body).axis
+        axis = arm.attachment(marker.body).axis
         of_body[axis] = of_body.get(axis, 0) + 1
         if of_body[axis] <= OF_A_BODY:
             chosen.append(m)

@@ -51,8 +51,8 @@ from stiffness.diagnosis.setup_alternatives import (
     of_rows,
 )
 from stiffness.robot.arm import Arm
-from stiffness.robot.kinematics import Standing, levers
-from stiffness.robot.tracker_frame import Frames, first_frames
+from stiffness.robot.kinematics import ArmState, point_jacobian
+from stiffness.robot.tracker_frame import TrackerFit, initial_tracker_frame
 from stiffness.robot.wrench import wrench_in_base
 
 # --- Response to the load -------------------------------------------------------------
@@ -66,28 +66,28 @@ TENTH = 0.1
 
 
 @dataclass(frozen=True)
-class Fit:
+class LoadResponse:
     """Springs that follow a load.
 
     Attributes:
         compliance: Of each axis by springs alone, in rad/(N m); none is negative.
-        left: Rms that they leave of the deflections, in m, noise taken off.
+        residual_rms: Rms that they leave of the deflections, in m, noise taken off.
         whole: Rms of the deflections, in m, noise taken off.
         clear: Axes whose spring explains a tenth of the deflection and more.
     """
 
     compliance: np.ndarray
-    left: float
+    residual_rms: float
     whole: float
     clear: np.ndarray
 
     @property
     def explained(self) -> float:
         """Share of the squares that they explain."""
-        return 1.0 - (self.left / self.whole) ** 2 if self.whole > 0 else 0.0
+        return 1.0 - (self.residual_rms / self.whole) ** 2 if self.whole > 0 else 0.0
 
 
-def followed(some: Recording, arm: Arm, frames: Frames) -> Fit | None:
+def load_response(some: Recording, arm: Arm, frames: TrackerFit) -> LoadResponse | None:
     """Fit what gives way.
 
     Args:
@@ -124,7 +124,7 @@ def followed(some: Recording, arm: Arm, frames: Frames) -> Fit | None:
     springs, _ = nnls(turned[:, :axes], turned[:, -1])
     noise = 2.0 * np.sum(tracker.repeatability**2)
     count = seen.sum()
-    return Fit(
+    return LoadResponse(
         springs / size[:axes],
         float(np.sqrt(max(rest**2 / count - noise, noise / 10.0))),
         float(np.sqrt(max(aim @ aim / count - noise, 0.0))),
@@ -132,9 +132,9 @@ def followed(some: Recording, arm: Arm, frames: Frames) -> Fit | None:
     )
 
 
-def jacobians(some: Recording, standing: Standing, frames: Frames) -> np.ndarray:
+def jacobians(some: Recording, standing: ArmState, frames: TrackerFit) -> np.ndarray:
     """Return (rows, markers, 3, axes), in m per rad."""
-    placed = zip(some.markers, frames.place, strict=True)
+    placed = zip(some.markers, frames.marker_positions, strict=True)
     each = [standing.jacobian(marker.body, place) for marker, place in placed]
     return np.stack(each, axis=1)[:, :, :3]
 
@@ -163,7 +163,7 @@ POSTURES = 60
 """Visits whose sag is looked at; chosen for time."""
 
 
-def of_size(some: Recording, arm: Arm, fit: Fit) -> Warned | None:
+def of_size(some: Recording, arm: Arm, fit: LoadResponse) -> Warned | None:
     """Doubt units where springs come out as no arm has them."""
     assert some.wrench is not None
     if some.load_mass is not None:
@@ -198,7 +198,9 @@ def of_size(some: Recording, arm: Arm, fit: Fit) -> Warned | None:
     return Warned("units", "wrench_sensor", text)
 
 
-def of_sag(recording: Recording, arm: Arm, frames: Frames, fit: Fit) -> Warned | None:
+def of_sag(
+    recording: Recording, arm: Arm, frames: TrackerFit, fit: LoadResponse
+) -> Warned | None:
     """Doubt units where its own weight turns the arm otherwise than the load does."""
     if recording.displacement != "absolute" or fit.explained < EXPLAINS:
         return None
@@ -227,13 +229,13 @@ def _unit(ratio: float, off: float = np.inf) -> str:
 
 
 def _sag(
-    some: Recording, arm: Arm, frames: Frames, fit: Fit
+    some: Recording, arm: Arm, frames: TrackerFit, fit: LoadResponse
 ) -> tuple[float, float] | None:
     """Return s and its standard error, by leaving out each posture in turn."""
     standing, markers = arm.at(some.posture), some.markers
     jacobian = jacobians(some, standing, frames)  # (rows, markers, 3, axes)
     torque = standing.gravity_torque(some.tool)
-    placed = zip(markers, frames.place, strict=True)
+    placed = zip(markers, frames.marker_positions, strict=True)
     points = np.stack([standing.point(m.body, place) for m, place in placed], axis=1)
     assert some.points is not None
     left = some.points @ frames.turn.T + frames.shift - points
@@ -242,7 +244,7 @@ def _sag(
         places[:, m, :, 3 * m : 3 * m + 3] = standing.turn(marker.body)
     sag = (jacobian * (fit.compliance * torque)[:, None, None]).sum(axis=3)
     seen = np.isfinite(left)
-    others = np.concatenate([levers(points), jacobian, places], axis=3)[seen]
+    others = np.concatenate([point_jacobian(points), jacobian, places], axis=3)[seen]
     size = np.linalg.norm(others, axis=0)
     u, scale, _ = np.linalg.svd(others / np.where(size > 0, size, 1.0), False)
     u = u[:, scale > RANK * scale[0]]
@@ -277,7 +279,7 @@ ALIKE = 0.9
 """Rms over that of a reading told before from which this one fits alike; chosen."""
 
 
-def mistakes_of_loads(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
+def load_setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
     """Return the gross mistake that differences within visits show.
 
     Args:
@@ -288,17 +290,17 @@ def mistakes_of_loads(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
         return ()
     pairs = _pairs(recording)
     try:
-        frames = first_frames(arm, recording, np.zeros(len(arm.axes)))
+        frames = initial_tracker_frame(arm, recording, np.zeros(len(arm.axes)))
     except BenchError:
         return ()
     some = recording.take(pairs)
-    written = followed(some, arm, frames) if len(pairs) else None
+    written = load_response(some, arm, frames) if len(pairs) else None
     assert recording.tracker is not None
     noise = float(np.sqrt(2.0 * np.sum(recording.tracker.repeatability**2)))
     if written is None or written.whole < LOUD * noise:
         return ()
     answer = None
-    if written.left > RIGHT * written.whole:
+    if written.residual_rms > RIGHT * written.whole:
         others = [*of_loads(some, arm), *of_columns(some)]
         if recording.rows == "plateaus":
             others += [(warned, r.take(pairs)) for warned, r in of_rows(recording)]
@@ -326,12 +328,15 @@ def _pairs(recording: Recording) -> np.ndarray:
 
 
 def _better(
-    others: Iterable[tuple[Warned, Recording]], written: Fit, arm: Arm, frames: Frames
+    others: Iterable[tuple[Warned, Recording]],
+    written: LoadResponse,
+    arm: Arm,
+    frames: TrackerFit,
 ) -> Warned | None:
     """Return what is said of the reading that fits best, if any is believed."""
-    best, answer = written.left / BETTER, None
+    best, answer = written.residual_rms / BETTER, None
     for warned, other in others:
-        fit = followed(other, arm, frames)
-        if fit is not None and fit.left < best and fit.explained > EXPLAINS:
-            best, answer = ALIKE * fit.left, warned
+        fit = load_response(other, arm, frames)
+        if fit is not None and fit.residual_rms < best and fit.explained > EXPLAINS:
+            best, answer = ALIKE * fit.residual_rms, warned
     return answer

@@ -23,18 +23,18 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.diagnosis.between_visit import Between
-from stiffness.diagnosis.design_matrix import Deferred, columns_of, sites_of
-from stiffness.diagnosis.within_visit import Within
-from stiffness.effects.jacobian import Signature
+from stiffness.diagnosis.between_visit import BetweenVisitModel
+from stiffness.diagnosis.design_matrix import Deferred, design_matrix_of, site_means_of
+from stiffness.diagnosis.within_visit import WithinVisitModel
+from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.visits import Visits, stretches
-from stiffness.regression.normal_equations import Evidence
+from stiffness.regression.normal_equations import NormalEquations
 
 # --- Readings as two blocks -----------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Data:
+class SufficientStatistics:
     """Both blocks of a recording's readings.
 
     Attributes:
@@ -44,56 +44,58 @@ class Data:
     """
 
     visits: Visits
-    within: Within
-    between: Between | None
+    within: WithinVisitModel
+    between: BetweenVisitModel | None
 
     @property
-    def unknowns(self) -> int:
+    def nuisance_count(self) -> int:
         """How many unknowns there are in the means."""
         return 0 if self.between is None else len(self.between.scale)
 
-    def less(
+    def subtract(
         self,
-        signatures: Sequence[Signature],
+        signatures: Sequence[EffectJacobian],
         coefficients: Float[np.ndarray, " columns"],
-    ) -> "Data":
+    ) -> "SufficientStatistics":
         """Return the data without what these columns do."""
         row, between = self.visits.row, self.between
         mix = coefficients[:, None]
-        pull, square = self.within.pull.copy(), self.within.square.copy()
-        asked = np.zeros((self.unknowns, 1))
+        pull, square = self.within.weighted_residual.copy(), self.within.square.copy()
+        asked = np.zeros((self.nuisance_count, 1))
         white = []
         for some in stretches(len(row)):
-            columns = columns_of(signatures, row[some])
+            columns = design_matrix_of(signatures, row[some])
             within = self.within.some(some)
-            moved = within.moved(columns) @ mix
-            change = within.cleaned(within.raw_pulls(moved))
+            moved = within.displacement(columns) @ mix
+            change = within.centred_scores(within.raw_scores(moved))
             square[some] -= np.sum(moved * (2 * pull[:, some] - change), axis=(0, 2, 3))
             pull[:, some] -= change
             if between is not None:
                 means = between.some(some)
-                one = means.roots.white(means.moved(columns) @ mix)
-                back = means.roots.back(one)
-                asked += np.sum(means.unknown.swapaxes(1, 2) @ back, axis=0)
+                one = means.whitening.white(means.displacement(columns) @ mix)
+                back = means.whitening.back(one)
+                asked += np.sum(means.nuisance.swapaxes(1, 2) @ back, axis=0)
                 white.append(one)
-        within = self.within.less(pull, square)
+        within = self.within.with_residual(pull, square)
         if between is None:
-            return Data(self.visits, within, None)
-        residual, taken = between.residual.copy(), between.taken(asked)
+            return SufficientStatistics(self.visits, within, None)
+        residual, taken = between.residual.copy(), between.nuisance_removed(asked)
         for some, one in zip(stretches(len(row)), white, strict=True):
             means = between.some(some)
-            residual[some] += means.roots.white(means.unknown @ taken) - one
-        return Data(self.visits, within, between.less(residual))
+            residual[some] += means.whitening.white(means.nuisance @ taken) - one
+        return SufficientStatistics(
+            self.visits, within, between.with_residual(residual)
+        )
 
 
 # --- Normal equations -----------------------------------------------------------------
 
 
-def evidence_of(
-    data: Data,
-    signatures: Sequence[Signature | Deferred],
+def normal_equations_of(
+    data: SufficientStatistics,
+    signatures: Sequence[EffectJacobian | Deferred],
     fold: Int[np.ndarray, " poses"],
-) -> Evidence:
+) -> NormalEquations:
     """Let the readings speak about signatures.
 
     Args:
@@ -102,47 +104,47 @@ def evidence_of(
         fold: Of each pose.
     """
     visits, between = data.visits, data.between
-    of_visit, folds = fold[visits.pose], int(fold.max()) + 1
-    empty = columns_of(signatures, visits.row[:1])
+    of_visit, folds = fold[visits.posture_index], int(fold.max()) + 1
+    empty = design_matrix_of(signatures, visits.row[:1])
     slots = len(empty.column)
     gram, of_means = np.zeros((2, folds, slots, slots))
-    asked = np.zeros((folds, data.unknowns, slots))
-    by_unknown = np.zeros((visits.poses(), data.unknowns))
+    asked = np.zeros((folds, data.nuisance_count, slots))
+    by_unknown = np.zeros((visits.poses(), data.nuisance_count))
     score = np.zeros((visits.poses(), empty.count))
     for some in stretches(len(visits.row), of_visit):
-        f, pose = of_visit[some[0]], visits.pose[some]
-        columns = columns_of(signatures, visits.row[some])
+        f, pose = of_visit[some[0]], visits.posture_index[some]
+        columns = design_matrix_of(signatures, visits.row[some])
         within = data.within.some(some)
         within.add_gram(columns, gram[f])
-        own = within.of_each(columns, within.pull)
+        own = within.of_each(columns, within.weighted_residual)
         if between is not None:
             means = between.some(some)
-            sites = sites_of(columns, means.share, means.screw)
+            sites = site_means_of(columns, means.share, means.screw)
             means.add_gram(sites, of_means[f])
-            asked[f] += means.of_unknown(sites, slots)
-            pull = means.roots.back(between.residual[some])
+            asked[f] += means.of_nuisance(sites, slots)
+            pull = means.whitening.back(between.residual[some])
             own += means.of_each(sites, slots, pull)
-            back = means.unknown.swapaxes(1, 2) @ pull
+            back = means.nuisance.swapaxes(1, 2) @ pull
             np.add.at(by_unknown, pose, back[..., 0])
         np.add.at(score, pose, columns.joined(own[:, 0]))
     total = np.stack([empty.both_joined(own) for own in gram + of_means])
     if between is not None:
         by_fold = empty.joined(asked)
-        taken = between.taken(by_fold.sum(axis=0))
-        total -= between.projected(by_fold, by_fold, of_visit)
+        taken = between.nuisance_removed(by_fold.sum(axis=0))
+        total -= between.project_out(by_fold, by_fold, of_visit)
         score -= by_unknown @ taken
     whole = empty.both_joined(of_means.sum(axis=0))
     raw = np.maximum(np.diagonal(total.sum(axis=0)), 0.0) + np.diag(whole)
-    return Evidence(total, score, fold, raw)
+    return NormalEquations(total, score, fold, raw)
 
 
 # --- Cross products with many columns -------------------------------------------------
 
 
-def cross_of(
-    data: Data,
-    few: Sequence[Signature],
-    many: Sequence[Signature | Deferred],
+def cross_gram(
+    data: SufficientStatistics,
+    few: Sequence[EffectJacobian],
+    many: Sequence[EffectJacobian | Deferred],
     fold: Int[np.ndarray, " poses"],
 ) -> tuple[Float[np.ndarray, "folds few many"], Float[np.ndarray, "poses many"]]:
     """Return the products of a few columns with many by fold, and the many's scores.
@@ -154,43 +156,43 @@ def cross_of(
         fold: Of each pose.
     """
     visits, between = data.visits, data.between
-    of_visit, folds = fold[visits.pose], int(fold.max()) + 1
-    one, other = (columns_of(s, visits.row[:1]) for s in (few, many))
-    slots, unknowns = len(other.column), data.unknowns
+    of_visit, folds = fold[visits.posture_index], int(fold.max()) + 1
+    one, other = (design_matrix_of(s, visits.row[:1]) for s in (few, many))
+    slots, unknowns = len(other.column), data.nuisance_count
     gram = np.zeros((folds, one.count, slots))
     near = np.zeros((folds, unknowns, one.count))
     far = np.zeros((folds, unknowns, slots))
     by_unknown = np.zeros((visits.poses(), unknowns))
     score = np.zeros((visits.poses(), other.count))
     for some in stretches(len(visits.row), of_visit):
-        f, pose = of_visit[some[0]], visits.pose[some]
-        few_here = columns_of(few, visits.row[some])
-        many_here = columns_of(many, visits.row[some])
+        f, pose = of_visit[some[0]], visits.posture_index[some]
+        few_here = design_matrix_of(few, visits.row[some])
+        many_here = design_matrix_of(many, visits.row[some])
         within = data.within.some(some)
-        gram[f] += within.products(many_here, within.pulls(few_here))
-        own = within.of_each(many_here, within.pull)
+        gram[f] += within.products(many_here, within.scores(few_here))
+        own = within.of_each(many_here, within.weighted_residual)
         if between is not None:
             means = between.some(some)
-            sites = sites_of(many_here, means.share, means.screw)
-            moved = means.moved(few_here)
-            pull = means.roots.back(means.roots.white(moved))
-            residual = means.roots.back(between.residual[some])
-            far[f] += means.of_unknown(sites, slots)
+            sites = site_means_of(many_here, means.share, means.screw)
+            moved = means.displacement(few_here)
+            pull = means.whitening.back(means.whitening.white(moved))
+            residual = means.whitening.back(between.residual[some])
+            far[f] += means.of_nuisance(sites, slots)
             gram[f] += means.products(sites, slots, pull)
-            near[f] += np.sum(means.unknown.swapaxes(1, 2) @ pull, axis=0)
+            near[f] += np.sum(means.nuisance.swapaxes(1, 2) @ pull, axis=0)
             own += means.of_each(sites, slots, residual)
-            back = means.unknown.swapaxes(1, 2) @ residual
+            back = means.nuisance.swapaxes(1, 2) @ residual
             np.add.at(by_unknown, pose, back[..., 0])
         np.add.at(score, pose, many_here.joined(own[:, 0]))
     total = other.joined(gram)
     if between is not None:
         far = other.joined(far)
-        total -= between.projected(near, far, of_visit)
-        score -= by_unknown @ between.taken(far.sum(axis=0))
+        total -= between.project_out(near, far, of_visit)
+        score -= by_unknown @ between.nuisance_removed(far.sum(axis=0))
     return total, score
 
 
-def beside_many(
+def given_many(
     cross: Float[np.ndarray, "folds few both"],
     gram: Float[np.ndarray, "folds many many"],
 ) -> Float[np.ndarray, "folds both both"]:
@@ -208,7 +210,7 @@ def beside_many(
 
 
 @dataclass(frozen=True)
-class ByPose:
+class PerPoseScores:
     """Gram matrices and scores of a few columns.
 
     Attributes:
@@ -221,15 +223,17 @@ class ByPose:
     own: Float[np.ndarray, "poses columns columns"]
     score: Float[np.ndarray, "poses columns"]
 
-    def mixed(self, mix: Float[np.ndarray, "columns others"]) -> "ByPose":
+    def mixed(self, mix: Float[np.ndarray, "columns others"]) -> "PerPoseScores":
         """Return the same of sums of the columns."""
         gram, own = mix.T @ self.gram @ mix, mix.T @ self.own @ mix
-        return ByPose(gram, own, self.score @ mix)
+        return PerPoseScores(gram, own, self.score @ mix)
 
 
-def by_pose(
-    data: Data, signatures: Sequence[Signature], fold: Int[np.ndarray, " poses"]
-) -> ByPose:
+def per_pose_scores(
+    data: SufficientStatistics,
+    signatures: Sequence[EffectJacobian],
+    fold: Int[np.ndarray, " poses"],
+) -> PerPoseScores:
     """Let every pose speak about a few signatures.
 
     Args:
@@ -238,40 +242,40 @@ def by_pose(
         fold: Of each pose.
     """
     visits, between = data.visits, data.between
-    of_visit, folds = fold[visits.pose], int(fold.max()) + 1
+    of_visit, folds = fold[visits.posture_index], int(fold.max()) + 1
     count = sum(s.columns for s in signatures)
     gram = np.zeros((folds, count, count))
     own = np.zeros((visits.poses(), count, count))
     score = np.zeros((visits.poses(), count))
-    asked = np.zeros((folds, data.unknowns, count))
+    asked = np.zeros((folds, data.nuisance_count, count))
     means_of = []
     for some in stretches(len(visits.row), of_visit):
-        f, pose = of_visit[some[0]], visits.pose[some]
-        columns = columns_of(signatures, visits.row[some])
+        f, pose = of_visit[some[0]], visits.posture_index[some]
+        columns = design_matrix_of(signatures, visits.row[some])
         within = data.within.some(some)
-        moved = within.moved(columns)
-        pull = within.cleaned(within.raw_pulls(moved))
+        moved = within.displacement(columns)
+        pull = within.centred_scores(within.raw_scores(moved))
         each = np.sum(moved.swapaxes(2, 3) @ pull, axis=0)
-        asks = np.sum(moved.swapaxes(2, 3) @ within.pull, axis=0)[..., 0]
+        asks = np.sum(moved.swapaxes(2, 3) @ within.weighted_residual, axis=0)[..., 0]
         gram[f] += each.sum(axis=0)
         np.add.at(own, pose, each)
         np.add.at(score, pose, asks)
         if between is not None:
             means = between.some(some)
-            white = means.roots.white(means.moved(columns))
-            back = means.roots.back(white)
+            white = means.whitening.white(means.displacement(columns))
+            back = means.whitening.back(white)
             flat = white.reshape(white.shape[0] * white.shape[1], count)
             gram[f] += flat.T @ flat
-            asked[f] += np.sum(means.unknown.swapaxes(1, 2) @ back, axis=0)
+            asked[f] += np.sum(means.nuisance.swapaxes(1, 2) @ back, axis=0)
             means_of.append((some, white))
     if between is None:
-        return ByPose(gram, own, score)
-    taken = between.taken(asked.sum(axis=0))
-    gram -= between.projected(asked, asked, of_visit)
+        return PerPoseScores(gram, own, score)
+    taken = between.nuisance_removed(asked.sum(axis=0))
+    gram -= between.project_out(asked, asked, of_visit)
     for some, white in means_of:
-        pose = visits.pose[some]
+        pose = visits.posture_index[some]
         means = between.some(some)
-        left = white - means.roots.white(means.unknown @ taken)
+        left = white - means.whitening.white(means.nuisance @ taken)
         np.add.at(own, pose, left.swapaxes(1, 2) @ left)
         np.add.at(score, pose, (left.swapaxes(1, 2) @ between.residual[some])[..., 0])
-    return ByPose(gram, own, score)
+    return PerPoseScores(gram, own, score)

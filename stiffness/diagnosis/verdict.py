@@ -13,17 +13,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from stiffness.diagnosis.detection import Found
+from stiffness.diagnosis.detection import DetectionTest
 from stiffness.diagnosis.localisation import (
     confounded_with,
     law_of,
     places_of_map,
     places_of_names,
 )
-from stiffness.diagnosis.model_evaluation import Scored, as_held
-from stiffness.diagnosis.model_fit import Case, Member
+from stiffness.diagnosis.model_evaluation import EvaluatedModel, as_held
+from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared
-from stiffness.diagnosis.residual_checks import CONTRADICTS, Uneven, alone, unevenness
+from stiffness.diagnosis.residual_checks import (
+    CONTRADICTS,
+    HomogeneityTest,
+    drop_one_gains,
+    homogeneity_tests,
+)
 from stiffness.diagnosis.result import (
     Located,
     Name,
@@ -32,27 +37,27 @@ from stiffness.diagnosis.result import (
     Rival,
     Unexplained,
 )
-from stiffness.diagnosis.selection import ALIKE, Named, white_candidates
-from stiffness.regression.testing import ALARM, is_clear
+from stiffness.diagnosis.selection import ALIKE, SelectedModel, whiten_candidates
+from stiffness.regression.testing import SIGNIFICANCE, is_significant
 
 # --- Rejection and posterior ----------------------------------------------------------
 
 SURE = 0.95
 """Probability from which a set explains; the rule of the answer."""
-DWARFS = 0.1
+RESIDUAL_SHARE_LIMIT = 0.1
 """The same, where what is left over is elsewhere or everywhere. Chosen: a name may
 stand beside a stranger that is ten times weaker; one that is not may be what feigns
 it."""
 
 ANYWHERE = ("wrench_sensor", "rig", "tracker")
 """Places of instruments, whose faults show all over the arm."""
-DIFFERS = 0.01
+INHOMOGENEITY_LIMIT = 0.01
 """Share of what a name explains by which its law may differ between groups of rows.
 Chosen: a tenth of its size, squared; laws are no truer than that."""
 
 
-def contradicted(
-    named: Named, gains: Sequence[float], uneven: Sequence[Uneven]
+def is_contradicted(
+    named: SelectedModel, gains: Sequence[float], uneven: Sequence[HomogeneityTest]
 ) -> list[bool]:
     """Return which members are contradicted.
 
@@ -60,9 +65,9 @@ def contradicted(
     is another at other poses, loads or times. With a name that is taken back go all
     weaker ones: they mended a wrong law.
     """
-    near = _contradicted_by_what_is_left(named, gains)
+    near = _rejected_by_residual(named, gains)
     answer = [
-        gone or differs(found, gain)
+        gone or is_inhomogeneous(found, gain)
         for gone, found, gain in zip(near, uneven, gains, strict=True)
     ]
     wrong = max(
@@ -71,29 +76,30 @@ def contradicted(
     return [gone or gain < wrong for gone, gain in zip(answer, gains, strict=True)]
 
 
-def differs(found: Uneven, gain: float) -> bool:
+def is_inhomogeneous(found: HomogeneityTest, gain: float) -> bool:
     """Return whether a law that explains so much is surely and clearly uneven."""
-    return found.p_value < ALARM and found.captured > DIFFERS * gain
+    return found.p_value < SIGNIFICANCE and found.captured > INHOMOGENEITY_LIMIT * gain
 
 
-def _contradicted_by_what_is_left(named: Named, gains: Sequence[float]) -> list[bool]:
-    left = named.left
-    if left.p_value >= ALARM:
+def _rejected_by_residual(named: SelectedModel, gains: Sequence[float]) -> list[bool]:
+    left = named.residual_test
+    if left.p_value >= SIGNIFICANCE:
         return [False] * len(gains)
-    excess = left.tested.captured - left.tested.freedom
-    dwarfed = [left.excess > DWARFS * gain for gain in gains]
-    if left.tested.p_value >= ALARM:  # poses differ, but not along any law
+    excess = left.tested.captured - left.tested.degrees_of_freedom
+    dwarfed = [left.excess > RESIDUAL_SHARE_LIMIT * gain for gain in gains]
+    if left.tested.p_value >= SIGNIFICANCE:  # poses differ, but not along any law
         return dwarfed
-    at = left.strongest
-    loudest = left.where[at] or left_over(left)
+    at = left.most_significant
+    loudest = left.where[at] or largest_residual_site(left)
     return [
         gone
-        or float(excess[at]) > (CONTRADICTS if _near(m, loudest) else DWARFS) * gain
+        or float(excess[at])
+        > (CONTRADICTS if _near(m, loudest) else RESIDUAL_SHARE_LIMIT) * gain
         for m, gain, gone in zip(named.best.fit.members, gains, dwarfed, strict=True)
     ]
 
 
-def _near(member: Member, loudest: str) -> bool:
+def _near(member: ModelTerm, loudest: str) -> bool:
     """Return whether what is left somewhere may be a member's own.
 
     A wrong wrench or tracker feigns effects anywhere, and any effect feigns them; a
@@ -105,15 +111,15 @@ def _near(member: Member, loudest: str) -> bool:
         return True
     if _weighs_on(member, loudest):
         return True
-    return abs(_place(member.where) - _place(loudest)) <= 1
+    return abs(_site_number(member.where) - _site_number(loudest)) <= 1
 
 
-def _place(where: str) -> int:
+def _site_number(where: str) -> int:
     """Return the place of the map where something shows: of a link, the axis after."""
     return _number(where) + where.startswith("link_")
 
 
-def _weighs_on(member: Member, place: str) -> bool:
+def _weighs_on(member: ModelTerm, place: str) -> bool:
     """Return whether a weight acts at a place of the map: at all before it."""
     return member.name[0] == "gravity_load" and _number(place) <= _number(member.where)
 
@@ -124,7 +130,9 @@ def _number(where: str) -> int:
     return int(digits) if digits.isdigit() else 0 if where == "base" else 99
 
 
-def posterior(named: Named, inflation: float) -> tuple[list[float], list[Scored]]:
+def posterior(
+    named: SelectedModel, inflation: float
+) -> tuple[list[float], list[EvaluatedModel]]:
     """Return the probabilities of the refined sets of the winner's size."""
     sets = list(named.rivals)
     log = np.array([s.log_evidence for s in sets]) / inflation
@@ -133,7 +141,7 @@ def posterior(named: Named, inflation: float) -> tuple[list[float], list[Scored]
 
 
 def equivalents(
-    named: Named, k: int, weights: list[float], sets: list[Scored]
+    named: SelectedModel, k: int, weights: list[float], models: list[EvaluatedModel]
 ) -> list[Name]:
     """Return names that would do as well as a member: the other members staying.
 
@@ -155,43 +163,46 @@ def equivalents(
         if name != own:
             (apart if _predicts_worse(rival, best) else close).append(Name(*name))
     alike = list(dict.fromkeys(close))
-    if probability_of(own, alike, weights, sets) < SURE:
+    if probability_of(own, alike, weights, models) < SURE:
         alike = list(dict.fromkeys([*close, *apart]))
     return alike
 
 
-def _predicts_worse(rival: Scored, best: Scored) -> bool:
+def _predicts_worse(rival: EvaluatedModel, best: EvaluatedModel) -> bool:
     """Return whether a rival predicts poses left out clearly worse."""
     gap = best.predicted - rival.predicted
-    return bool(np.sum(gap) > ALIKE) and is_clear(gap)
+    return bool(np.sum(gap) > ALIKE) and is_significant(gap)
 
 
 def probability_of(
     name: tuple[str, str],
     alike: Sequence[Name],
     weights: list[float],
-    sets: list[Scored],
+    models: list[EvaluatedModel],
 ) -> float:
     """Return the posterior of a name or one of its equivalents."""
     wanted = {name, *((n.effect, n.where) for n in alike)}
     return float(
-        min(1.0, sum(w for w, s in zip(weights, sets, strict=True) if s.names & wanted))
+        min(
+            1.0,
+            sum(w for w, s in zip(weights, models, strict=True) if s.names & wanted),
+        )
     )
 
 
 def rivals_of(
-    named: Named, weights: list[float], sets: list[Scored]
+    named: SelectedModel, weights: list[float], models: list[EvaluatedModel]
 ) -> tuple[Rival, ...]:
     """Return the other sets with their probabilities, the first five."""
     listed = [
         Rival(float(w), tuple(Name(*n) for n in sorted(s.names)))
-        for w, s in zip(weights, sets, strict=True)
+        for w, s in zip(weights, models, strict=True)
         if s is not named.best and s.names
     ]
     return tuple(sorted(listed, key=lambda r: -r.probability)[:5])
 
 
-def left_over(found: Found) -> str:
+def largest_residual_site(found: DetectionTest) -> str:
     """Return the place of the map where most is left."""
     z = found.of_places(found.tested.z)
     return max(z, key=lambda place: z[place]) if z else ""
@@ -200,7 +211,12 @@ def left_over(found: Found) -> str:
 # --- Assembly of the result -----------------------------------------------------------
 
 
-def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dict:
+def answer_of(
+    case: SelectionProblem,
+    prepared: Prepared,
+    found: DetectionTest,
+    named: SelectedModel,
+) -> dict:
     """Return verdict, places, names and what is left, by the names in `Diagnosis`.
 
     Args:
@@ -209,9 +225,9 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
         found: The test before anything was named.
         named: What was named, and its rivals.
     """
-    gains = alone(case, named.best.fit)
-    uneven = unevenness(case, named.best.fit)
-    taken_back = contradicted(named, gains, uneven)
+    gains = drop_one_gains(case, named.best.fit)
+    uneven = homogeneity_tests(case, named.best.fit)
+    taken_back = is_contradicted(named, gains, uneven)
     kept = [k for k, gone in enumerate(taken_back) if not gone]
     weights, sets = posterior(named, named.inflation)
     effects = []
@@ -230,20 +246,26 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
         )
     sure = [e for e in effects if e.probability >= SURE]
     between = [
-        u.between for u, gain in zip(uneven, gains, strict=True) if differs(u, gain)
+        u.grouping
+        for u, gain in zip(uneven, gains, strict=True)
+        if is_inhomogeneous(u, gain)
     ]
-    rejects = named.left.p_value < ALARM or bool(between)
+    rejects = named.residual_test.p_value < SIGNIFICANCE or bool(between)
     whole = bool(sure) and len(sure) == len(taken_back)
     verdict = "unexplained"
     if sure:
         verdict = "explained" if whole and not rejects else "partly_explained"
-    last = named.left if sure else found
+    last = named.residual_test if sure else found
     nominal = np.arange(case.library.nominal)
-    white = white_candidates(case.library, case.evidence)
+    white = whiten_candidates(case.library, case.normal_equations)
     located = places_of_names(named.best.fit, gains, found.p_value, case.situation)
     if not whole:
         of_map = places_of_map(
-            case.library, case.evidence, case.evidence.score, nominal, case.seed
+            case.library,
+            case.normal_equations,
+            case.normal_equations.score,
+            nominal,
+            case.seed,
         )
         total = max(sum(c for _, _, c, _ in of_map), 1e-12)
         mapped = [Located(w, p, c / total, d, "") for w, p, c, d in of_map]
@@ -278,18 +300,18 @@ def answer_of(case: Case, prepared: Prepared, found: Found, named: Named) -> dic
 
 
 def _unexplained(
-    case: Case,
-    last: Found,
-    known: Sequence[Member],
+    case: SelectionProblem,
+    last: DetectionTest,
+    known: Sequence[ModelTerm],
     located: tuple[Located, ...],
     loose: Located | None,
 ) -> Unexplained:
-    where = left_over(last)
+    where = largest_residual_site(last)
     if loose is not None:
         where = loose.where
     elif not known and located:
         where = located[0].where
-    laws = [m.signature(case.situation) for m in known]
+    laws = [m.jacobian(case.situation) for m in known]
     law, look = law_of(case, (*case.nominal, *laws), where)
     words = [look] if look else []
     depends = next((one.depends_on for one in located if one.where == where), ())
@@ -297,12 +319,12 @@ def _unexplained(
         words.append("depends on " + ", ".join(depends))
     if loose is not None:
         words.append("against its body, from pose to pose")
-    if not words and last.scatters:
+    if not words and last.is_overdispersed:
         words.append(
             f"readings scatter {np.sqrt(last.scatter.dispersion):.1f} times as much as "
             "their errors, along no law of one axis' torque, angle or time"
         )
-    if not words and last.dispersion > last.scatter.wild:
+    if not words and last.dispersion > last.scatter.dispersion_limit:
         words.append(
             f"poses differ {np.sqrt(last.dispersion):.1f} times as much as the stated "
             "errors, along no law of one axis' torque, angle or time"
@@ -310,9 +332,11 @@ def _unexplained(
     return Unexplained(where, "; ".join(words), law)
 
 
-def _loose(case: Case, found: Found, last: Found) -> Located | None:
+def _loose(
+    case: SelectionProblem, found: DetectionTest, last: DetectionTest
+) -> Located | None:
     """Return the marker that moves against its body, where one does."""
-    marker = last.scatter.marker if last.scatters else None
+    marker = last.scatter.marker if last.is_overdispersed else None
     if marker is None:
         return None
     name = f"marker:{case.situation.recording.markers[marker].name}"
@@ -321,7 +345,7 @@ def _loose(case: Case, found: Found, last: Found) -> Located | None:
 
 
 def nominal_of(
-    prepared: Prepared, springs: np.ndarray, case: Case | None = None
+    prepared: Prepared, springs: np.ndarray, case: SelectionProblem | None = None
 ) -> Nominal:
     """Return what was fitted silently, `springs` more than the situation says."""
     compliance = (case or prepared).situation.compliance.copy()
@@ -335,7 +359,7 @@ def nominal_of(
         prepared.situation.arm.compliance,
         tuple(f"a{k + 1}" for k in prepared.blind),
         prepared.frames.transform,
-        prepared.frames.place,
+        prepared.frames.marker_positions,
         prepared.noise,
-        prepared.arrival,
+        prepared.pose_repeatability,
     )

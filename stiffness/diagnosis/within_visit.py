@@ -22,9 +22,9 @@ Equation    pull of a motion: information of each body times its motion, less th
             the turns U (1 + U' information U)^-1 U' (pull on turns) which the wrench's
             errors would feign; product of two columns: the one's motion times the
             other's pull; of two turns at once from the information between turns
-Source      as `Information`
-Valid       as `Information`
-Ignores     as `Information`
+Source      as `FisherInformation`
+Valid       as `FisherInformation`
+Ignores     as `FisherInformation`
 ==========  ==========================================================================
 
 Within a visit a marker rests where it likes; what moves it is the load.
@@ -33,8 +33,8 @@ Within a visit a marker rests where it likes; what moves it is the load.
 Equation    y_mr = rest_m + G_m xi_br + noise; pull of the readings on each body =
             sum L_m (x) G_m' T^-1 y_m, less what the wrench's errors feigned
 Source      Gauss-Markov with the rest positions marginalised
-Valid       as `Information`
-Ignores     as `Information`
+Valid       as `FisherInformation`
+Ignores     as `FisherInformation`
 ==========  ==========================================================================
 """
 
@@ -45,15 +45,15 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from stiffness.diagnosis.design_matrix import Columns, Group, contract
+from stiffness.diagnosis.design_matrix import DesignMatrix, Group, contract
 from stiffness.experiment.visits import Kept, stretches
-from stiffness.robot.kinematics import levers
+from stiffness.robot.kinematics import point_jacobian
 
 # --- Fisher information ---------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class Information:
+class FisherInformation:
     """Information on twists in some visits, laid out when it is asked for.
 
     Attributes:
@@ -88,7 +88,7 @@ class Information:
         return laplace
 
     @cached_property
-    def on_turns(self) -> Float[np.ndarray, "visits turns turns"]:
+    def on_rotations(self) -> Float[np.ndarray, "visits turns turns"]:
         """Raw information between the axes' turns."""
         visits, rows = self.screw.shape[:2]
         blocks = []
@@ -97,14 +97,12 @@ class Information:
             blocks.append(np.einsum("vtrc,vrc->vtr", onto, self.screw[:, :, k]))
         return np.concatenate(blocks, axis=2)
 
-    def through(self, place: int) -> Float[np.ndarray, "visits turns n"]:
+    def through(self, site: int) -> Float[np.ndarray, "visits turns n"]:
         """Return the raw information between the axes' turns and a place's motions."""
-        if place not in self._through:
-            blocks = [
-                self._turned(k, self.both(k + 1, place)) for k in range(self.axes)
-            ]
-            self._through[place] = np.concatenate(blocks, axis=1)
-        return self._through[place]
+        if site not in self._through:
+            blocks = [self._turned(k, self.both(k + 1, site)) for k in range(self.axes)]
+            self._through[site] = np.concatenate(blocks, axis=1)
+        return self._through[site]
 
     def of(self, bodies: tuple[int, ...]) -> Float[np.ndarray, "visits n n"]:
         """Return the information on a motion that these bodies share."""
@@ -159,146 +157,150 @@ class Information:
 
 
 @dataclass(frozen=True, eq=False)
-class Contrasts:
+class WithinVisitContrasts:
     """What differences within some visits say about twists.
 
     Attributes:
         information: What they could say.
         kernel: U (1 + U' information U)^-1 U' of the wrench's errors U.
         raw: Information between turns.
-        turns: The same with the wrench's errors taken out.
-        pull: Of the readings, without what the wrench's errors feigned.
+        rotation_information: The same with the wrench's errors taken out.
+        weighted_residual: Of the readings, without what the wrench's errors feigned.
     """
 
-    information: Information
+    information: FisherInformation
     kernel: Float[np.ndarray, "visits turns turns"]
     raw: Float[np.ndarray, "visits turns turns"]
-    turns: Float[np.ndarray, "visits turns turns"]
-    pull: Float[np.ndarray, "bodies visits n 1"]
+    rotation_information: Float[np.ndarray, "visits turns turns"]
+    weighted_residual: Float[np.ndarray, "bodies visits n 1"]
 
     def add_gram(
-        self, columns: Columns, total: Float[np.ndarray, "slots slots"]
+        self, columns: DesignMatrix, total: Float[np.ndarray, "slots slots"]
     ) -> None:
         """Add the products of all slots, summed over visits; shifts have none."""
-        self._of_turns(columns, total)
-        if columns.motions:
-            self._of_motions(columns, total)
+        self._of_rotations(columns, total)
+        if columns.twists:
+            self._of_twists(columns, total)
 
-    def pulls(self, columns: Columns) -> Float[np.ndarray, "bodies visits n columns"]:
+    def scores(
+        self, columns: DesignMatrix
+    ) -> Float[np.ndarray, "bodies visits n columns"]:
         """Return the pull of each column; for few columns."""
-        return self.cleaned(self.raw_pulls(self.moved(columns)))
+        return self.centred_scores(self.raw_scores(self.displacement(columns)))
 
-    def products(self, columns: Columns, pull: np.ndarray) -> np.ndarray:
+    def products(self, columns: DesignMatrix, weighted: np.ndarray) -> np.ndarray:
         """Return the products of pulls with slots, added up: (pulls, slots)."""
-        total = np.zeros((pull.shape[3], len(columns.column)))
-        for group, at in self._sites(columns, pull):
+        total = np.zeros((weighted.shape[3], len(columns.column)))
+        for group, at in self._sites(columns, weighted):
             visits, n, k = at.shape
             laid = group.values.reshape(visits * n, -1)
             total[:, group.slots] = at.reshape(visits * n, k).T @ laid
         return total
 
-    def of_each(self, columns: Columns, pull: np.ndarray) -> np.ndarray:
+    def of_each(self, columns: DesignMatrix, weighted: np.ndarray) -> np.ndarray:
         """Return the products of pulls with slots: (visits, pulls, slots)."""
-        shape = (pull.shape[1], pull.shape[3], len(columns.column))
+        shape = (weighted.shape[1], weighted.shape[3], len(columns.column))
         total = np.zeros(shape)
-        for group, at in self._sites(columns, pull):
+        for group, at in self._sites(columns, weighted):
             laid = group.values.reshape(*at.shape[:2], -1)
             total[:, :, group.slots] = at.swapaxes(1, 2) @ laid
         return total
 
-    def moved(self, columns: Columns) -> Float[np.ndarray, "bodies visits n columns"]:
+    def displacement(
+        self, columns: DesignMatrix
+    ) -> Float[np.ndarray, "bodies visits n columns"]:
         """Return how columns move the bodies."""
         info = self.information
         visits, rows = info.screw.shape[:2]
         bodies = info.carried.shape[1]
         total = np.zeros((bodies, visits, rows, 6, len(columns.column)))
-        for group in columns.turns:
-            screw = info.screw[:, :, group.place, :, None]
-            on = info.carried[group.place + 1]
+        for group in columns.rotations:
+            screw = info.screw[:, :, group.site, :, None]
+            on = info.carried[group.site + 1]
             total[on, ..., group.slots] = screw * group.values[:, :, None]
-        for group in columns.motions:
-            total[info.carried[group.place], ..., group.slots] = group.values
+        for group in columns.twists:
+            total[info.carried[group.site], ..., group.slots] = group.values
         return columns.joined(total.reshape(bodies, visits, rows * 6, -1))
 
-    def raw_pulls(self, moved: np.ndarray) -> np.ndarray:
+    def raw_scores(self, displacement: np.ndarray) -> np.ndarray:
         """Return the pull of motions of bodies, what errors feign included."""
         info = self.information
-        return np.stack([info.of((b,)) @ own for b, own in enumerate(moved)])
+        return np.stack([info.of((b,)) @ own for b, own in enumerate(displacement)])
 
-    def cleaned(self, pull: np.ndarray) -> np.ndarray:
+    def centred_scores(self, weighted: np.ndarray) -> np.ndarray:
         """Return pulls without what the wrench's errors most likely feign."""
         info = self.information
         visits, rows = info.screw.shape[:2]
-        feigned = self.kernel @ self.on_turns(pull)
+        feigned = self.kernel @ self.on_rotations(weighted)
         shaped = feigned.reshape(visits, info.axes, rows, 1, -1)
-        moved = np.zeros((len(pull), visits, rows, 6, pull.shape[3]))
+        moved = np.zeros((len(weighted), visits, rows, 6, weighted.shape[3]))
         for k in range(info.axes):
             moved[info.carried[k + 1]] += info.screw[:, :, k, :, None] * shaped[:, k]
-        return pull - self.raw_pulls(moved.reshape(pull.shape))
+        return weighted - self.raw_scores(moved.reshape(weighted.shape))
 
-    def on_turns(self, pull: np.ndarray) -> np.ndarray:
+    def on_rotations(self, weighted: np.ndarray) -> np.ndarray:
         """Return pulls along all axes: (visits, turns, pulls)."""
-        along = [self._along(k, pull) for k in range(self.information.axes)]
+        along = [self._along(k, weighted) for k in range(self.information.axes)]
         return np.concatenate(along, axis=1)
 
-    def _along(self, k: int, pull: np.ndarray) -> np.ndarray:
+    def _along(self, k: int, weighted: np.ndarray) -> np.ndarray:
         info = self.information
         visits, rows = info.screw.shape[:2]
-        total = pull[info.carried[k + 1]].sum(axis=0)
+        total = weighted[info.carried[k + 1]].sum(axis=0)
         shaped = total.reshape(visits, rows, 6, -1)
         return (info.screw[:, :, None, k] @ shaped)[:, :, 0]
 
     def _sites(
-        self, columns: Columns, pull: np.ndarray
+        self, columns: DesignMatrix, weighted: np.ndarray
     ) -> Iterator[tuple[Group, np.ndarray]]:
-        for group in columns.turns:
-            yield group, self._along(group.place, pull)
-        for group in columns.motions:
-            on = self.information.carried[group.place]
-            yield group, pull[on].sum(axis=0)
+        for group in columns.rotations:
+            yield group, self._along(group.site, weighted)
+        for group in columns.twists:
+            on = self.information.carried[group.site]
+            yield group, weighted[on].sum(axis=0)
 
-    def _of_turns(self, columns: Columns, gram: np.ndarray) -> None:
+    def _of_rotations(self, columns: DesignMatrix, gram: np.ndarray) -> None:
         """Add the products of turns with turns."""
         visits, rows = self.information.screw.shape[:2]
-        end = columns.turns[-1].slots.stop if columns.turns else 0
-        for i, near in enumerate(columns.turns):
-            one = slice(near.place * rows, near.place * rows + rows)
+        end = columns.rotations[-1].slots.stop if columns.rotations else 0
+        for i, near in enumerate(columns.rotations):
+            one = slice(near.site * rows, near.site * rows + rows)
             pulled = np.empty((visits, rows, end - near.slots.start))
-            for far in columns.turns[i:]:
-                other = slice(far.place * rows, far.place * rows + rows)
+            for far in columns.rotations[i:]:
+                other = slice(far.site * rows, far.site * rows + rows)
                 at = slice(
                     far.slots.start - near.slots.start,
                     far.slots.stop - near.slots.start,
                 )
-                pulled[..., at] = self.turns[:, one, other] @ far.values
+                pulled[..., at] = self.rotation_information[:, one, other] @ far.values
             block = contract(near.values, pulled)
             after = slice(near.slots.stop, end)
             gram[near.slots, near.slots.start : end] += block
             gram[after, near.slots] += block[:, near.values.shape[2] :].T
 
-    def _of_motions(self, columns: Columns, gram: np.ndarray) -> None:
+    def _of_twists(self, columns: DesignMatrix, gram: np.ndarray) -> None:
         """Add the products of motions with turns and with motions."""
         info = self.information
         visits, rows = info.screw.shape[:2]
-        start, end = columns.motions[0].slots.start, columns.motions[-1].slots.stop
-        laid = [g.values.reshape(visits, rows * 6, -1) for g in columns.motions]
-        through = [info.through(g.place) for g in columns.motions]
+        start, end = columns.twists[0].slots.start, columns.twists[-1].slots.stop
+        laid = [g.values.reshape(visits, rows * 6, -1) for g in columns.twists]
+        through = [info.through(g.site) for g in columns.twists]
         along = np.concatenate(
             [t @ x for t, x in zip(through, laid, strict=True)], axis=2
         )
         feigned = self.kernel @ along
         own = slice(start, end)
         left = along - self.raw @ feigned
-        for near in columns.turns:
-            one = slice(near.place * rows, near.place * rows + rows)
+        for near in columns.rotations:
+            one = slice(near.site * rows, near.site * rows + rows)
             block = contract(near.values, left[:, one])
             gram[near.slots, own] += block
             gram[own, near.slots] += block.T
         gram[own, own] -= contract(along, feigned)
-        for j, (far, y) in enumerate(zip(columns.motions, laid, strict=True)):
+        for j, (far, y) in enumerate(zip(columns.twists, laid, strict=True)):
             pulled: dict[tuple[int, ...], np.ndarray] = {}
-            for near, x in zip(columns.motions[: j + 1], laid, strict=False):
-                bodies = info.both(near.place, far.place)
+            for near, x in zip(columns.twists[: j + 1], laid, strict=False):
+                bodies = info.both(near.site, far.site)
                 if bodies not in pulled:
                     pulled[bodies] = info.of(bodies) @ y
                 block = contract(x, pulled[bodies])
@@ -311,7 +313,7 @@ class Contrasts:
 
 
 @dataclass(frozen=True, eq=False)
-class Within:
+class WithinVisitModel:
     """What differences within visits say about twists, visit by visit.
 
     Attributes:
@@ -323,10 +325,10 @@ class Within:
         screw: Twist of what an axis carries per radian along it.
         kernel: U (1 + U' information U)^-1 U' of the wrench's errors U.
         raw: Information between turns.
-        turns: The same with the wrench's errors taken out.
-        pull: Of the readings, without what the wrench's errors feigned.
+        rotation_information: The same with the wrench's errors taken out.
+        weighted_residual: Of the readings, without what the wrench's errors feigned.
         square: Whitened sum of squares of each visit's differences, the same taken out.
-        freedom: How many differences of coordinates each visit has.
+        degrees_of_freedom: How many differences of coordinates each visit has.
         kept: What is laid out for the visits asked for last.
     """
 
@@ -338,11 +340,11 @@ class Within:
     screw: Float[np.ndarray, "visits rows axes 6"]
     kernel: Float[np.ndarray, "visits turns turns"]
     raw: Float[np.ndarray, "visits turns turns"]
-    turns: Float[np.ndarray, "visits turns turns"]
-    pull: Float[np.ndarray, "bodies visits n 1"]
+    rotation_information: Float[np.ndarray, "visits turns turns"]
+    weighted_residual: Float[np.ndarray, "bodies visits n 1"]
     square: Float[np.ndarray, " visits"]
-    freedom: Float[np.ndarray, " visits"]
-    kept: Kept[Information] = field(default_factory=Kept[Information])
+    degrees_of_freedom: Float[np.ndarray, " visits"]
+    kept: Kept[FisherInformation] = field(default_factory=Kept[FisherInformation])
 
     @classmethod
     def of(
@@ -353,7 +355,7 @@ class Within:
         point: Float[np.ndarray, "visits markers 3"],
         body: Int[np.ndarray, " markers"],
         frame: tuple[np.ndarray, np.ndarray, np.ndarray],
-    ) -> "Within":
+    ) -> "WithinVisitModel":
         """Compress readings to what they say about bodies.
 
         Args:
@@ -372,12 +374,12 @@ class Within:
         kernel, raw, on_turns = np.empty((3, visits, turns, turns))
         pull = np.zeros((bodies, visits, rows * 6, 1))
         square = np.empty(visits)
-        lever = levers(point)
+        lever = point_jacobian(point)
         for some in stretches(visits):
-            info = Information(
+            info = FisherInformation(
                 weight[some], lever[some], inverse, body, carried, screw[some]
             )
-            u, own = noise[some], info.on_turns
+            u, own = noise[some], info.on_rotations
             inner = np.eye(u.shape[2]) + u.swapaxes(1, 2) @ own @ u
             kernel[some] = u @ np.linalg.solve(inner, u.swapaxes(1, 2))
             raw[some], on_turns[some] = own, own - own @ kernel[some] @ own
@@ -387,26 +389,34 @@ class Within:
             for b in range(bodies):
                 of_body = asked[:, body == b].sum(axis=1)
                 pull[b, some] = of_body.reshape(len(of_body), -1, 1)
-            seen = Contrasts(info, kernel[some], own, on_turns[some], pull[:, some])
-            along = seen.on_turns(seen.pull)
+            seen = WithinVisitContrasts(
+                info, kernel[some], own, on_turns[some], pull[:, some]
+            )
+            along = seen.on_rotations(seen.weighted_residual)
             feigned = np.sum(along * (kernel[some] @ along), axis=(1, 2))
             whole = np.sum(values * (contrast @ inverse), axis=(1, 2, 3))
             square[some] = whole - feigned
-            pull[:, some] = seen.cleaned(seen.pull)
+            pull[:, some] = seen.centred_scores(seen.weighted_residual)
         freedom = 3.0 * np.maximum((weight > 0).sum(axis=1) - 1, 0).sum(axis=1)
         return cls(
             weight, lever, inverse, body, carried, screw,
             kernel, raw, on_turns, pull, square, freedom,
         )  # fmt: skip
 
-    def some(self, visits: Int[np.ndarray, " some"]) -> Contrasts:
+    def some(self, visits: Int[np.ndarray, " some"]) -> WithinVisitContrasts:
         """Return what differences within some visits say."""
         info = self.kept.of(visits, self._information)
-        kernel, raw, turns = self.kernel[visits], self.raw[visits], self.turns[visits]
-        return Contrasts(info, kernel, raw, turns, self.pull[:, visits])
+        kernel, raw, turns = (
+            self.kernel[visits],
+            self.raw[visits],
+            self.rotation_information[visits],
+        )
+        return WithinVisitContrasts(
+            info, kernel, raw, turns, self.weighted_residual[:, visits]
+        )
 
-    def _information(self, visits: Int[np.ndarray, " some"]) -> Information:
-        return Information(
+    def _information(self, visits: Int[np.ndarray, " some"]) -> FisherInformation:
+        return FisherInformation(
             self.weight[visits],
             self.lever[visits],
             self.inverse,
@@ -415,6 +425,8 @@ class Within:
             self.screw[visits],
         )
 
-    def less(self, pull: np.ndarray, square: np.ndarray) -> "Within":
+    def with_residual(
+        self, weighted_residual: np.ndarray, square: np.ndarray
+    ) -> "WithinVisitModel":
         """Return the same with another pull and whitened square."""
-        return replace(self, pull=pull, square=square)
+        return replace(self, weighted_residual=weighted_residual, square=square)

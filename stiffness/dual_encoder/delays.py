@@ -24,11 +24,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stiffness.dual_encoder.fit import Between, Trial
+from stiffness.dual_encoder.fit import EncoderComparison, SelectionStep
 from stiffness.dual_encoder.motions import Motion
-from stiffness.dual_encoder.residuals import Axes, gain_between, is_quiet, left
+from stiffness.dual_encoder.residuals import (
+    Axes,
+    gain_between,
+    is_quiet,
+    residual_mean_square,
+)
 from stiffness.dual_encoder.selection import LEAST, MARGIN, between, own_delay
-from stiffness.dual_encoder.terms import LATE, WOUND, plain_terms, usual_friction
+from stiffness.dual_encoder.terms import DELAY, WOUND, plain_terms, usual_friction
 
 CLEARLY = 0.5
 """Share of what is left that a clock of its own must take off; chosen."""
@@ -40,7 +45,7 @@ CLOSE = 0.01
 
 
 @dataclass(frozen=True)
-class Late:
+class DelayFit:
     """What a delay makes of some axes.
 
     Attributes:
@@ -51,10 +56,10 @@ class Late:
 
     delay: float
     half: dict[int, float]
-    found: dict[int, Between]
+    found: dict[int, EncoderComparison]
 
 
-def across(axes: Axes, stated: float | None = None) -> dict[int, Between]:
+def across(axes: Axes, stated: float | None = None) -> dict[int, EncoderComparison]:
     """Find what lies between the encoders of all axes of a recording.
 
     Args:
@@ -74,13 +79,15 @@ def across(axes: Axes, stated: float | None = None) -> dict[int, Between]:
             own = _shared({k: m})
             step = float(np.median(np.diff(m[0].time)))
             alike = replace(found[k], delay=own.found[k].delay)
-            less = left(m, alike) < CLEARLY * left(m, found[k])
+            less = residual_mean_square(m, alike) < CLEARLY * residual_mean_square(
+                m, found[k]
+            )
             if less and own.found[k].delay > -step:
                 found |= _with_trials({k: m}, found, own)
     return found
 
 
-def _shared(axes: Axes) -> Late:
+def _shared(axes: Axes) -> DelayFit:
     """Find the delay of some axes' common clock, and the rest beside it."""
     guesses = np.array([_guesses(m) for m in axes.values()])
     tries = [_followed(axes, float(g)) for g in np.median(guesses, axis=0)]
@@ -90,20 +97,22 @@ def _shared(axes: Axes) -> Late:
     return exact if gain > MARGIN * error else creeping
 
 
-def _exactly(axes: Axes, common: float, half: float, creeps: bool) -> Late:
+def _exactly(axes: Axes, common: float, half: float, velocity_lag: bool) -> DelayFit:
     """Judge all axes beside a common delay, each as exact as it tells."""
     found, halves = {}, {}
     for k, m in axes.items():
         shared = common if len(axes) > 1 else None
-        own = between(m, common, shared=shared, creeps=creeps)
+        own = between(m, common, shared=shared, velocity_lag=velocity_lag)
         halves[k] = half
         change, told = _own(m, own)
         if not _hidden(m, own) and abs(change) <= told:
-            exact = between(m, common + change, shared=shared, creeps=creeps)
+            exact = between(
+                m, common + change, shared=shared, velocity_lag=velocity_lag
+            )
             if not _hidden(m, exact):
                 own, halves[k] = exact, told
         found[k] = own
-    return Late(common, halves, found)
+    return DelayFit(common, halves, found)
 
 
 def _followed(axes: Axes, delay: float) -> tuple[float, float, float]:
@@ -120,9 +129,11 @@ def _followed(axes: Axes, delay: float) -> tuple[float, float, float]:
     return left_over, delay, half
 
 
-def _size(axes: Axes, found: Mapping[int, Between]) -> float:
+def _size(axes: Axes, found: Mapping[int, EncoderComparison]) -> float:
     """Return how much is left of motions left out, all axes alike."""
-    return float(sum(np.log(left(m, found[k])) for k, m in axes.items()))
+    return float(
+        sum(np.log(residual_mean_square(m, found[k])) for k, m in axes.items())
+    )
 
 
 def _guesses(motions: tuple[Motion, ...]) -> tuple[float, float]:
@@ -133,7 +144,7 @@ def _guesses(motions: tuple[Motion, ...]) -> tuple[float, float]:
     return own_delay((), motions)[0], own_delay(wound, motions)[0]
 
 
-def _change(axes: Axes, found: Mapping[int, Between]) -> tuple[float, float]:
+def _change(axes: Axes, found: Mapping[int, EncoderComparison]) -> tuple[float, float]:
     """Return by how much a delay should change, and half its interval."""
     told = {k: _own(m, found[k]) for k, m in axes.items()}
     clear = [told[k] for k, m in axes.items() if not _hidden(m, found[k])]
@@ -143,18 +154,20 @@ def _change(axes: Axes, found: Mapping[int, Between]) -> tuple[float, float]:
     return float(change), float(half / np.sqrt(len(clear)))
 
 
-def _own(motions: tuple[Motion, ...], found: Between) -> tuple[float, float]:
+def _own(motions: tuple[Motion, ...], found: EncoderComparison) -> tuple[float, float]:
     then = tuple(map(found.then, motions))
     rest = [t for t in found.terms if t.parameters != ("friction_s",)]
     return own_delay(rest, then)
 
 
-def _hidden(motions: tuple[Motion, ...], found: Between) -> bool:
+def _hidden(motions: tuple[Motion, ...], found: EncoderComparison) -> bool:
     """Return whether friction in a torque that winds up the gear may hide a delay."""
     return motions[0].measured and any(t.effect == WOUND for t in found.terms)
 
 
-def _believed(axes: Axes, before: Mapping[int, Between], late: Late) -> bool:
+def _believed(
+    axes: Axes, before: Mapping[int, EncoderComparison], late: DelayFit
+) -> bool:
     if late.delay < 0.0 and any(_hidden(m, late.found[k]) for k, m in axes.items()):
         return False  # friction makes such a delay of nothing
     gain, error = gain_between(axes, before, late.found)
@@ -167,14 +180,16 @@ def _believed(axes: Axes, before: Mapping[int, Between], late: Late) -> bool:
 
 
 def _with_trials(
-    axes: Axes, before: Mapping[int, Between], late: Late
-) -> dict[int, Between]:
+    axes: Axes, before: Mapping[int, EncoderComparison], late: DelayFit
+) -> dict[int, EncoderComparison]:
     """Put the delay first among what was believed of each axis."""
     found = {}
     least = all(_hidden(m, late.found[k]) for k, m in axes.items())
     for k, m in axes.items():
         own = late.found[k]
         gain, error = gain_between({k: m}, before, late.found)
-        trial = Trial(LATE, (own.delay,), gain, error, "")
-        found[k] = replace(own, late=trial, late_half=late.half[k], at_least=least)
+        trial = SelectionStep(DELAY, (own.delay,), gain, error, "")
+        found[k] = replace(
+            own, delay_step=trial, delay_half=late.half[k], at_least=least
+        )
     return dict(before) | found

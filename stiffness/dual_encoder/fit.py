@@ -92,20 +92,20 @@ def left_out(
 
 
 def moving_squares(
-    left: Float[np.ndarray, " rows"], motion: Motion
+    residual: Float[np.ndarray, " rows"], motion: Motion
 ) -> Float[np.ndarray, " stretches"]:
     """Return mean squares of the stretches of a motion that move."""
     stretch, moves = motion.stretches(), np.abs(motion.speed)
     count = np.bincount(stretch)
     fast = np.bincount(stretch, moves) / np.maximum(count, 1) > RESTS * moves.mean()
-    return np.bincount(stretch, left**2)[fast] / count[fast]
+    return np.bincount(stretch, residual**2)[fast] / count[fast]
 
 
 # --- Result for an axis ---------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Trial:
+class SelectionStep:
     """A term that was tried.
 
     Attributes:
@@ -114,7 +114,7 @@ class Trial:
         gain: Mean over stretches of motions left out.
         error: Its standard error.
         reason: Why it was refused; empty: it was believed.
-        beside: What was tried together with it.
+        tried_with: What was tried together with it.
     """
 
     term: Term
@@ -122,11 +122,11 @@ class Trial:
     gain: float
     error: float
     reason: str
-    beside: tuple[Term, ...] = ()
+    tried_with: tuple[Term, ...] = ()
 
 
 @dataclass(frozen=True)
-class Between:
+class EncoderComparison:
     """What lies between the encoders of an axis.
 
     Attributes:
@@ -136,31 +136,31 @@ class Between:
         refused: What was tried last and not believed.
         believed: How each was believed.
         delay: By how much the second encoder tells late, in s.
-        creeps: Whether it only lags in proportion to speed; see `Motion.later`.
-        late: How that was believed; None: there is no delay.
-        late_half: Half the width of its 95 % interval.
+        velocity_lag: Whether it only lags in proportion to speed; see `Motion.later`.
+        delay_step: How that was believed; None: there is no delay.
+        delay_half: Half the width of its 95 % interval.
         at_least: Whether it may be longer, since friction hides it on every axis.
     """
 
     terms: tuple[Term, ...]
     x: Float[np.ndarray, " columns"]
     half: Float[np.ndarray, " columns"]
-    refused: tuple[Trial, ...]
-    believed: tuple[Trial, ...]
+    refused: tuple[SelectionStep, ...]
+    believed: tuple[SelectionStep, ...]
     delay: float = 0.0
-    creeps: bool = False
-    late: "Trial | None" = None
-    late_half: float = 0.0
+    velocity_lag: bool = False
+    delay_step: "SelectionStep | None" = None
+    delay_half: float = 0.0
     at_least: bool = False
 
-    def left(self, motion: Motion) -> Float[np.ndarray, " rows"]:
+    def residual(self, motion: Motion) -> Float[np.ndarray, " rows"]:
         """Return what stays unexplained of a motion, its own constant taken off."""
         then = self.then(motion)
         return then.apart - columns(self.terms, then) @ self.x
 
     def then(self, motion: Motion) -> Motion:
         """Return the motion that the second encoder tells of."""
-        return motion.later(self.delay, self.creeps)
+        return motion.later(self.delay, self.velocity_lag)
 
     def value(self, effect: str, parameter: str) -> float:
         """Return the sum of a parameter's coefficients; 0 where there is none."""

@@ -44,7 +44,7 @@ class Motion:
     """One axis during one motion.
 
     Attributes:
-        pose: Id of the motion.
+        posture_id: Id of the motion.
         time: Since the start of the recording, in s.
         angle: Before the gear, referred to the axis, in rad.
         speed: Of it, in rad/s.
@@ -54,7 +54,7 @@ class Motion:
         apart: Angle after the gear less the one before it, mean taken off, in rad.
     """
 
-    pose: int
+    posture_id: int
     time: Float[np.ndarray, " rows"]
     angle: Float[np.ndarray, " rows"]
     speed: Float[np.ndarray, " rows"]
@@ -69,13 +69,14 @@ class Motion:
         part = (self.time - self.time[0]) / span * STRETCHES
         return np.minimum(part.astype(int), STRETCHES - 1)
 
-    def later(self, delay: float, creeps: bool = False) -> "Motion":
+    def later(self, delay: float, velocity_lag: bool = False) -> "Motion":
         """Return what the second encoder tells of if it tells `delay` s late.
 
         Args:
             delay: In s.
-            creeps: Whether it lags in proportion to speed alone, as what a controller
-                extrapolates does; else it tells exactly what was `delay` ago.
+            velocity_lag: Whether it lags in proportion to speed alone, as what a
+                controller extrapolates does; else it tells exactly what was `delay`
+                ago.
         """
         if delay == 0.0:
             return self
@@ -85,7 +86,7 @@ class Motion:
             return CubicSpline(self.time, values)(then)
 
         angle = ago(self.angle)
-        lag = delay * self.speed if creeps else self.angle - angle
+        lag = delay * self.speed if velocity_lag else self.angle - angle
         apart = self.apart + lag
         return replace(
             self,
@@ -148,7 +149,7 @@ def motions_of(
         faults.append("no axis has an angle after its gear (a1_link_deg …).")
     every = {}
     if not faults:
-        ids = np.unique(recording.pose)
+        ids = np.unique(recording.posture_id)
         for axis in axes:
             found = [_motion(recording, axis, int(i), torque) for i in ids]
             motions = sorted((m for m in found if m), key=lambda m: m.time[0])
@@ -177,7 +178,7 @@ def _motion(
 ) -> Motion | None:
     assert recording.link_posture is not None
     link = recording.link_posture[:, axis]
-    rows = np.flatnonzero((recording.pose == pose) & np.isfinite(link))
+    rows = np.flatnonzero((recording.posture_id == pose) & np.isfinite(link))
     rows = rows[np.diff(recording.time[rows], prepend=-np.inf) > 0.0]
     if len(rows) < SHORTEST:
         return None
@@ -191,7 +192,7 @@ def _motion(
     if torque is not None and measured:
         scatter = _scatter(torque[rows, axis] - smooth, time)
     return Motion(
-        pose=pose,
+        posture_id=pose,
         time=time,
         angle=angle,
         speed=np.gradient(angle, time),
@@ -213,14 +214,14 @@ def modelled_torque(
     None of a model without gravity: it says nothing of what the arm carries.
 
     Args:
-        recording: A stream; motions told apart by `pose`.
+        recording: A stream; motions told apart by `posture_id`.
         arm: With the recording's axes.
     """
     if not np.any(arm.chain.gravity):
         return None
     torque = -arm.gravity_torque(recording.posture, recording.tool)
-    for pose in np.unique(recording.pose):
-        rows = np.flatnonzero(recording.pose == pose)
+    for pose in np.unique(recording.posture_id):
+        rows = np.flatnonzero(recording.posture_id == pose)
         if len(rows) >= SHORTEST:
             q, time = recording.posture[rows], recording.time[rows]
             rate, acceleration = (smoothed(q, time, order) for order in (1, 2))

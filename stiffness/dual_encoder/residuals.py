@@ -31,7 +31,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import t as student
 
-from stiffness.dual_encoder.fit import Between, left_out, moving_squares
+from stiffness.dual_encoder.fit import EncoderComparison, left_out, moving_squares
 from stiffness.dual_encoder.motions import Motion
 from stiffness.dual_encoder.terms import WOUND
 from stiffness.regression.testing import gain_of
@@ -45,7 +45,7 @@ SEEN = 2.0
 
 
 def noise_of(
-    motions: Sequence[Motion], found: Between | None, stated: float | None
+    motions: Sequence[Motion], found: EncoderComparison | None, stated: float | None
 ) -> float:
     """Return the noise of a row of an axis, in rad.
 
@@ -69,7 +69,7 @@ def white(motions: Sequence[Motion]) -> float:
 
 
 def beyond(
-    left: Sequence[Float[np.ndarray, " _"]],
+    residual: Sequence[Float[np.ndarray, " _"]],
     motions: Sequence[Motion],
     noise: float,
     stated: bool,
@@ -77,7 +77,7 @@ def beyond(
     """Return the p-value of more being left than noise.
 
     Args:
-        left: Of each motion, in rad.
+        residual: Of each motion, in rad.
         motions: The unit of independence is a stretch of each.
         noise: One sigma of a row, in rad.
         stated: Whether an instrument states it.
@@ -85,7 +85,7 @@ def beyond(
     most = ((STATED if stated else SEEN) * noise) ** 2
     parts = [
         moving_squares(part - part.mean(), m)
-        for part, m in zip(left, motions, strict=True)
+        for part, m in zip(residual, motions, strict=True)
     ]
     squares = np.concatenate(parts) / max(most, np.finfo(float).tiny)
     often = _above(np.log(np.maximum(squares, np.finfo(float).tiny)), 0.0)
@@ -105,7 +105,9 @@ Axes = Mapping[int, tuple[Motion, ...]]
 
 
 def gain_between(
-    axes: Axes, before: Mapping[int, Between], after: Mapping[int, Between]
+    axes: Axes,
+    before: Mapping[int, EncoderComparison],
+    after: Mapping[int, EncoderComparison],
 ) -> tuple[float, float]:
     """Return what is gained over stretches of all axes, and its standard error."""
     squares = [
@@ -116,19 +118,27 @@ def gain_between(
     return gain_of(*zip(*squares, strict=True))
 
 
-def left(motions: tuple[Motion, ...], found: Between) -> float:
+def residual_mean_square(
+    motions: tuple[Motion, ...], found: EncoderComparison
+) -> float:
     """Return the mean square that is left of motions left out, in rad^2."""
     return float(np.mean(np.concatenate(_squares(motions, found))))
 
 
 def is_quiet(
-    motions: tuple[Motion, ...], found: Between, stated: float | None, times: float
+    motions: tuple[Motion, ...],
+    found: EncoderComparison,
+    stated: float | None,
+    times: float,
 ) -> bool:
     """Return whether no more is left of an axis than some times its noise."""
-    return left(motions, found) <= (times * noise_of(motions, found, stated)) ** 2
+    return (
+        residual_mean_square(motions, found)
+        <= (times * noise_of(motions, found, stated)) ** 2
+    )
 
 
-def _squares(motions: tuple[Motion, ...], found: Between) -> list[np.ndarray]:
+def _squares(motions: tuple[Motion, ...], found: EncoderComparison) -> list[np.ndarray]:
     return left_out(found.terms, [found.then(m) for m in motions])
 
 
@@ -140,7 +150,7 @@ SHOWS = 0.1
 
 
 def followed(
-    left: Sequence[Float[np.ndarray, " _"]],
+    residual: Sequence[Float[np.ndarray, " _"]],
     motions: Sequence[Motion],
     judged_left: Float[np.ndarray, " rows"],
     judged: Motion,
@@ -153,14 +163,14 @@ def followed(
         if own is None or any(x is None for x in others):
             continue
         shares[name] = _share(
-            np.concatenate(others), np.concatenate(list(left)), own, judged_left
+            np.concatenate(others), np.concatenate(list(residual)), own, judged_left
         )
     return shares
 
 
-def lasting(left: Float[np.ndarray, " rows"], motion: Motion) -> float:
+def lasting(residual: Float[np.ndarray, " rows"], motion: Motion) -> float:
     """Return after which time what is left no longer resembles itself, in s."""
-    y = left - left.mean()
+    y = residual - residual.mean()
     spectrum = np.abs(np.fft.rfft(y, 2 * len(y))) ** 2
     alike = np.fft.irfft(spectrum)[: len(y)]
     gone = np.flatnonzero(alike < alike[0] / np.e)

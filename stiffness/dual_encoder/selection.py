@@ -31,8 +31,8 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.dual_encoder.fit import (
-    Between,
-    Trial,
+    EncoderComparison,
+    SelectionStep,
     coefficients,
     columns,
     fitted,
@@ -41,8 +41,8 @@ from stiffness.dual_encoder.fit import (
 )
 from stiffness.dual_encoder.motions import Motion
 from stiffness.dual_encoder.terms import (
+    DELAY,
     FRICTION,
-    LATE,
     MANY_TURNS,
     ORDER_STEP,
     WOUND,
@@ -68,19 +68,21 @@ BORROWED = "it lives on the delay"
 
 
 def tried(
-    so_far: Between,
+    so_far: EncoderComparison,
     more: tuple[Term, ...],
     motions: tuple[Motion, ...],
     shared: float | None = None,
-) -> Trial:
+) -> SelectionStep:
     """Try one more term, or some that go together; see `between`."""
     terms = (*so_far.terms, *more)
     x = coefficients(terms, motions)
     before, after = left_out(so_far.terms, motions), left_out(terms, motions)
     gain, error = gain_of(before, after)
-    spread = Between(terms, x, x, (), ()).value(WOUND, "compliance_rad_per_nm")
+    spread = EncoderComparison(terms, x, x, (), ()).value(
+        WOUND, "compliance_rad_per_nm"
+    )
     worse = [  # beyond what the noise of a torque makes of it
-        m.pose
+        m.posture_id
         for m, b, a in zip(motions, before, after, strict=True)
         if a.mean() >= b.mean() + spread**2 * m.scatter**2
     ]
@@ -97,7 +99,7 @@ def tried(
         reason = "it takes less than a hundredth off what is left"
     if not reason and shared is not None and _may_borrow(more):
         reason = _borrowed(so_far, terms, motions, shared)
-    return Trial(more[0], tuple(own.tolist()), gain, error, reason, more[1:])
+    return SelectionStep(more[0], tuple(own.tolist()), gain, error, reason, more[1:])
 
 
 def _numbers(more: tuple[Term, ...], motions: tuple[Motion, ...]) -> int:
@@ -107,7 +109,7 @@ def _numbers(more: tuple[Term, ...], motions: tuple[Motion, ...]) -> int:
 
 
 def orders_alike(
-    found: Between, motions: Sequence[Motion], term: Term
+    found: EncoderComparison, motions: Sequence[Motion], term: Term
 ) -> tuple[float, float]:
     """Return the lowest and highest order of a wave that would do as well.
 
@@ -115,13 +117,13 @@ def orders_alike(
     """
     then = tuple(map(found.then, motions))
     rest = [t for t in found.terms if t is not term]
-    best = np.concatenate(_left_of((*rest, term), then))
+    best = np.concatenate(_residual_squares((*rest, term), then))
     reach = max(1.0, 1.0 / turns_of(wave(1.0), then))
     ends = []
     for way in (-ORDER_STEP, ORDER_STEP):
         order = term.order
         while abs(order + way - term.order) <= reach and order + way >= ORDER_STEP:
-            other = _left_of((*rest, wave(order + way)), then)
+            other = _residual_squares((*rest, wave(order + way)), then)
             more = np.concatenate(other) - best
             if more.mean() > MARGIN * more.std(ddof=1) / np.sqrt(len(more)):
                 break
@@ -131,7 +133,9 @@ def orders_alike(
     return ends[0] - half, ends[1] + half
 
 
-def _left_of(terms: Sequence[Term], motions: Sequence[Motion]) -> list[np.ndarray]:
+def _residual_squares(
+    terms: Sequence[Term], motions: Sequence[Motion]
+) -> list[np.ndarray]:
     x = coefficients(terms, motions)
     return [moving_squares(m.apart - columns(terms, m) @ x, m) for m in motions]
 
@@ -142,7 +146,7 @@ def _scatter(motions: Sequence[Motion]) -> float:
 
 def own_delay(terms: Sequence[Term], motions: Sequence[Motion]) -> tuple[float, float]:
     """Return how much later an axis is than it was taken for, and half its interval."""
-    x, half = fitted([LATE, *terms], motions)
+    x, half = fitted([DELAY, *terms], motions)
     return float(x[0]), float(half[0])
 
 
@@ -152,7 +156,7 @@ def _may_borrow(more: tuple[Term, ...]) -> bool:
 
 
 def _borrowed(
-    so_far: Between,
+    so_far: EncoderComparison,
     terms: Sequence[Term],
     motions: Sequence[Motion],
     shared: float,
@@ -201,8 +205,8 @@ def between(
     delay: float = 0.0,
     waves: bool = True,
     shared: float | None = None,
-    creeps: bool = False,
-) -> Between:
+    velocity_lag: bool = False,
+) -> EncoderComparison:
     """Find what lies between the encoders of an axis.
 
     Args:
@@ -210,14 +214,16 @@ def between(
         delay: By how much the second encoder tells late, in s.
         waves: Whether waves are looked for.
         shared: Delay of the other axes, in s; None: there are none, or no delay.
-        creeps: See `Motion.later`.
+        velocity_lag: See `Motion.later`.
     """
-    motions = tuple(m.later(delay, creeps) for m in motions)
+    motions = tuple(m.later(delay, velocity_lag) for m in motions)
     terms: tuple[Term, ...] = ()
-    believed: list[Trial] = []
+    believed: list[SelectionStep] = []
     while True:
         terms, x, half = _refined(terms, motions)
-        so_far = Between(terms, x, half, (), tuple(believed), delay, creeps)
+        so_far = EncoderComparison(
+            terms, x, half, (), tuple(believed), delay, velocity_lag
+        )
         trials = [
             tried(so_far, t, motions, shared)
             for t in _candidates(so_far, motions, waves)
@@ -229,18 +235,18 @@ def between(
         best = max(good, key=lambda t: t.gain)
         if wound and 0.0 < turns_of(best.term, motions) < MANY_TURNS:
             best = max(wound, key=lambda t: t.gain)  # gravity is a slow wave as well
-        for term in (best.term, *best.beside):
-            believed.append(replace(best, term=term, beside=()))
+        for term in (best.term, *best.tried_with):
+            believed.append(replace(best, term=term, tried_with=()))
             terms = (*terms, term)
         if len(terms) >= MOST_TERMS:
             terms, x, half = _refined(terms, motions)
-            return Between(
-                terms, x, half, tuple(trials), tuple(believed), delay, creeps
+            return EncoderComparison(
+                terms, x, half, tuple(trials), tuple(believed), delay, velocity_lag
             )
 
 
 def _candidates(
-    so_far: Between, motions: tuple[Motion, ...], waves: bool
+    so_far: EncoderComparison, motions: tuple[Motion, ...], waves: bool
 ) -> list[tuple[Term, ...]]:
     plain = plain_terms(motions, so_far.terms)
     found: list[tuple[Term, ...]] = [(_without_friction(t, so_far),) for t in plain]
@@ -263,7 +269,7 @@ def _refined(
     """Take the friction found off every contact's torque, and look for its slip."""
     x = coefficients(terms, motions)
     for i in 2 * [i for i, t in enumerate(terms) if t.shape]:
-        so_far = Between(terms, x, x, (), ())
+        so_far = EncoderComparison(terms, x, x, (), ())
         trials = []
         for factor in FINER:
             term = _without_friction(terms[i], so_far)
@@ -284,7 +290,7 @@ def _squares(terms: Sequence[Term], x: np.ndarray, motions: Sequence[Motion]) ->
     return sum(float(part @ part) for part in left)
 
 
-def _without_friction(term: Term, so_far: Between) -> Term:
+def _without_friction(term: Term, so_far: EncoderComparison) -> Term:
     """Return a contact that feels the torque without the friction found so far."""
     give = so_far.value(WOUND, "compliance_rad_per_nm")
     if term.effect != "hysteresis" or give <= 0.0:

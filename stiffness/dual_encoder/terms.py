@@ -133,7 +133,7 @@ def _plain(term: Term, motion: Motion) -> Float[np.ndarray, " rows"]:
     return 0.5 * stop(motion.torque - motion.smooth(lost), slip)
 
 
-LATE = Term("channel_delay", ("delay_s",))
+DELAY = Term("channel_delay", ("delay_s",))
 
 
 def plain_terms(
@@ -201,20 +201,20 @@ def turns_of(term: Term, motions: tuple[Motion, ...]) -> float:
 
 def strongest_waves(
     motions: tuple[Motion, ...],
-    left: tuple[Float[np.ndarray, " _"], ...],
+    residual: tuple[Float[np.ndarray, " _"], ...],
     known: tuple[Float[np.ndarray, "_ columns"], ...],
 ) -> tuple[Term, ...]:
     """Return, of each octave, the waves that take most off what is left.
 
     Args:
         motions: Of one axis.
-        left: Of each motion, in rad.
+        residual: Of each motion, in rad.
         known: Columns of what was believed, of each motion.
     """
     turns = ORDERS * turns_of(wave(1.0), motions)
     slow = turns < MANY_TURNS
     gains = np.where(
-        slow, _in_levels(motions, left, known), _in_differences(motions, left)
+        slow, _in_levels(motions, residual, known), _in_differences(motions, residual)
     )
     gains[turns < FEWEST_TURNS] = -np.inf
     octave = np.floor(np.log2(ORDERS)).astype(int) + 100 * slow
@@ -228,7 +228,7 @@ def _groups(number: np.ndarray) -> list[np.ndarray]:
 
 def _in_levels(
     motions: tuple[Motion, ...],
-    left: tuple[np.ndarray, ...],
+    residual: tuple[np.ndarray, ...],
     known: tuple[np.ndarray, ...],
 ) -> Float[np.ndarray, " orders"]:
     """Return the gain of each order beside what is known."""
@@ -237,7 +237,7 @@ def _in_levels(
     gram = np.zeros((len(ORDERS), 2, 2))
     across = np.zeros((len(ORDERS), 2, count))
     within = np.zeros((count, count))
-    for m, y, a in zip(motions, left, known, strict=True):
+    for m, y, a in zip(motions, residual, known, strict=True):
         rows = len(y)
         aim += _pair(_sums(m.angle, y))
         within += a.T @ a
@@ -257,12 +257,12 @@ def _in_levels(
 
 
 def _in_differences(
-    motions: tuple[Motion, ...], left: tuple[np.ndarray, ...]
+    motions: tuple[Motion, ...], residual: tuple[np.ndarray, ...]
 ) -> Float[np.ndarray, " orders"]:
     """Return the gain of each order in differences from row to row."""
     aim = np.zeros((len(ORDERS), 2))
     size = np.zeros(len(ORDERS))
-    for m, y in zip(motions, left, strict=True):
+    for m, y in zip(motions, residual, strict=True):
         step = np.diff(y)
         aim += _pair(_sums(m.angle, -np.diff(step, prepend=0.0, append=0.0)))
         still = _sums(np.diff(m.angle), np.ones(len(step)))

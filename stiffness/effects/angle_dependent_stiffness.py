@@ -20,8 +20,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, orders, sprung
-from stiffness.effects.jacobian import Signature, beside, turn
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import EffectJacobian, hstack, turn
+from stiffness.experiment.static_state import StaticState
 
 
 @dataclass(frozen=True)
@@ -37,21 +37,24 @@ class AngleDependentStiffness(Hypothesis):
     }
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         return tuple(
             a for a in sprung(situation) if len(orders(situation, situation.axis(a)))
         )
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return orders(situation, situation.axis(where))[:, None]
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         phase = shape[0] * situation.recording.posture[:, k]
         torque = situation.torque[:, k]
@@ -59,15 +62,18 @@ class AngleDependentStiffness(Hypothesis):
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
-        others = (self.signature(situation, where, n * shape) for n in (2.0, 3.0))
-        return beside([*others])
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
+        others = (self.jacobian(situation, where, n * shape) for n in (2.0, 3.0))
+        return hstack([*others])
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

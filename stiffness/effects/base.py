@@ -20,8 +20,8 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from stiffness.effects.jacobian import Signature
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import EffectJacobian
+from stiffness.experiment.static_state import StaticState
 
 # --- Hypothesis -----------------------------------------------------------------------
 
@@ -46,9 +46,9 @@ class Hypothesis(ABC):
         limits: Lowest and highest physical value of each reported parameter, in SI.
             Parameters beyond them are another physics: the name is then withdrawn. A
             limit is wide (what any arm could have), not what is likely.
-        sizes: Parameters that are zero, or stiff without end, where the effect is not
-            there: what may be so in all of them gets no name. Ratios, and what is no
-            size, such as a phase, say nothing here.
+        magnitudes: Parameters that are zero, or stiff without end, where the effect is
+            not there: what may be so in all of them gets no name. Ratios, and what is
+            no size, such as a phase, say nothing here.
         logarithmic: Parameters whose error is a factor rather than a difference.
         linear: Whether it gives way in proportion to the loads of a row, and to nothing
             else.
@@ -58,13 +58,13 @@ class Hypothesis(ABC):
     effect: ClassVar[str]
     shape_names: ClassVar[tuple[str, ...]] = ()
     limits: ClassVar[Mapping[str, tuple[float, float]]]
-    sizes: ClassVar[tuple[str, ...]] = ()
+    magnitudes: ClassVar[tuple[str, ...]] = ()
     logarithmic: ClassVar[tuple[str, ...]] = ()
     linear: ClassVar[bool] = False
     log_prior: ClassVar[float] = 0.0
 
     @abstractmethod
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         """Return where the effect could sit and could be seen, as `where` in an answer.
 
         Leave out a place where these rows cannot show it (creep where nothing waits,
@@ -73,7 +73,7 @@ class Hypothesis(ABC):
 
     @abstractmethod
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         """Return a coarse grid of shapes within their physical bounds, one a row.
 
@@ -83,15 +83,21 @@ class Hypothesis(ABC):
         """
 
     @abstractmethod
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         """Return what one unit of each coefficient does."""
 
     @abstractmethod
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         """Return what other accepted forms of the same law add, once it is named.
 
         A gear's hardening is tabled in three pieces or written with a tanh: both are
@@ -103,7 +109,7 @@ class Hypothesis(ABC):
     @abstractmethod
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -116,11 +122,11 @@ class Hypothesis(ABC):
 
     def acting(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
-    ) -> Situation:
+    ) -> StaticState:
         """Return the situation as springs and other effects feel it with this in it.
 
         The same, unless overridden, as masses and a wrench that is read wrongly do:
@@ -129,12 +135,12 @@ class Hypothesis(ABC):
         return situation
 
     def limits_at(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Mapping[str, tuple[float, float]]:
         """Return the limits at a place; `limits` wherever it is, unless overridden."""
         return self.limits
 
-    def grain(self, situation: Situation) -> Mapping[str, float]:
+    def grain(self, situation: StaticState) -> Mapping[str, float]:
         """Return by how much a parameter can change without changing any reading."""
         return {}
 
@@ -150,20 +156,20 @@ LEAST_REVERSAL = 0.01
 """Torque of the weaker sign over the largest, from which on it counts; chosen."""
 
 
-def sprung(situation: Situation) -> tuple[str, ...]:
+def sprung(situation: StaticState) -> tuple[str, ...]:
     """Return the axes with a spring that is fitted silently."""
     soft = situation.compliance > 0.0
     return tuple(a for a, s in zip(situation.axes, soft, strict=True) if s)
 
 
-def reversing(situation: Situation) -> tuple[str, ...]:
+def reversing(situation: StaticState) -> tuple[str, ...]:
     """Return the axes whose torque comes with either sign."""
     high, low = situation.torque.max(axis=0), situation.torque.min(axis=0)
     both = np.minimum(high, -low) > LEAST_REVERSAL * np.maximum(high, -low)
     return tuple(a for a, b in zip(situation.axes, both, strict=True) if b)
 
 
-def orders(situation: Situation, axis: int) -> Float[np.ndarray, " orders"]:
+def orders(situation: StaticState, axis: int) -> Float[np.ndarray, " orders"]:
     """Return the periods per turn that an axis' postures go through far enough.
 
     None for a slide, which has no turn.
@@ -174,17 +180,17 @@ def orders(situation: Situation, axis: int) -> Float[np.ndarray, " orders"]:
     return ORDERS[ORDERS * span >= LEAST_PHASE]
 
 
-def still(situation: Situation, axis: int) -> bool:
+def still(situation: StaticState, axis: int) -> bool:
     """Return whether a hinge hardly turns, so that a law of its angle has one value."""
     return not situation.arm.slides[axis] and not len(orders(situation, axis))
 
 
-def middle_angle(situation: Situation, axis: int) -> float:
+def middle_angle(situation: StaticState, axis: int) -> float:
     """Return the mean reported angle of an axis, in rad."""
     return float(np.mean(situation.recording.posture[:, axis]))
 
 
-def absolute(situation: Situation) -> bool:
+def absolute(situation: StaticState) -> bool:
     """Return whether what stays the same throughout a visit can be seen."""
     return situation.recording.displacement == "absolute"
 
@@ -192,14 +198,14 @@ def absolute(situation: Situation) -> bool:
 # --- Bodies and their markers ---------------------------------------------------------
 
 
-def axes_of(situation: Situation, body: str) -> Float[np.ndarray, "rows 3 3"]:
+def axes_of(situation: StaticState, body: str) -> Float[np.ndarray, "rows 3 3"]:
     """Return a body's axes as columns along the base's."""
-    place = situation.arm.place(body)
+    place = situation.arm.attachment(body)
     return situation.frame[:, place.axis + 1] @ place.placement[:3, :3]
 
 
 def point_of(
-    situation: Situation, body: str, position: Float[np.ndarray, "3"]
+    situation: StaticState, body: str, position: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "rows 3"]:
     """Return where a point of a body is, in the base's frame, in m.
 
@@ -208,11 +214,14 @@ def point_of(
         body: Which body.
         position: The point in the body's frame, in m.
     """
-    axis, inside = situation.arm.place(body).axis, inside_of(situation, body, position)
+    axis, inside = (
+        situation.arm.attachment(body).axis,
+        inside_of(situation, body, position),
+    )
     return situation.origin[:, axis + 1] + situation.frame[:, axis + 1] @ inside
 
 
-def marked_point(situation: Situation, m: int) -> Float[np.ndarray, "rows 3"]:
+def marked_point(situation: StaticState, m: int) -> Float[np.ndarray, "rows 3"]:
     """Return where a marker is, or its body's origin where its place is not stated."""
     marker = situation.recording.markers[m]
     place = np.zeros(3) if marker.position is None else marker.position
@@ -220,8 +229,8 @@ def marked_point(situation: Situation, m: int) -> Float[np.ndarray, "rows 3"]:
 
 
 def inside_of(
-    situation: Situation, body: str, position: Float[np.ndarray, "3"]
+    situation: StaticState, body: str, position: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "3"]:
     """Return a point of a body in the frame of the place that carries it, in m."""
-    placement = situation.arm.place(body).placement
+    placement = situation.arm.attachment(body).placement
     return placement[:3, :3] @ position + placement[:3, 3]

@@ -19,8 +19,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import Motion, Signature
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import BodyTwist, EffectJacobian
+from stiffness.experiment.static_state import StaticState
 
 TURNS = ("rx_rad_per_nm", "ry_rad_per_nm", "rz_rad_per_nm")
 SHIFTS = ("x_m_per_n", "y_m_per_n", "z_m_per_n")
@@ -40,32 +40,38 @@ class BaseCompliance(Hypothesis):
         **dict.fromkeys(TURNS, (0.0, 1e-4)),
         **dict.fromkeys(SHIFTS, (0.0, 1e-5)),
     }
-    sizes: ClassVar[tuple[str, ...]] = (*TURNS, *SHIFTS)
+    magnitudes: ClassVar[tuple[str, ...]] = (*TURNS, *SHIFTS)
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         return ("base",)
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         give = np.zeros((situation.rows, 6, 6))
         along = np.arange(3)
         give[:, 3 + along, along] = situation.moment[:, 0]
         give[:, along, 3 + along] = situation.force[:, 0]
-        return Signature(6, (Motion(0, give),))
+        return EffectJacobian(6, (BodyTwist(0, give),))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         moment, force = situation.moment[:, 0], situation.force[:, 0]
         give = np.zeros((situation.rows, 6, 5))
         for column, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
@@ -74,12 +80,12 @@ class BaseCompliance(Hypothesis):
         for column, (i, j) in enumerate(((0, 1), (1, 0)), start=3):
             give[:, i, column] = moment[:, j]
             give[:, 3 + j, column] = force[:, i]
-        return Signature(5, (Motion(0, give),))
+        return EffectJacobian(5, (BodyTwist(0, give),))
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

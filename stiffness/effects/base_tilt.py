@@ -20,8 +20,8 @@ from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.base_compliance import TURNS, BaseCompliance
-from stiffness.effects.jacobian import Motion, Signature, values
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import BodyTwist, EffectJacobian, values
+from stiffness.experiment.static_state import StaticState
 
 
 @dataclass(frozen=True)
@@ -33,37 +33,43 @@ class BaseTilt(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         name: BaseCompliance.limits[name] for name in TURNS[:2]
     }
-    sizes: ClassVar[tuple[str, ...]] = TURNS[:2]
+    magnitudes: ClassVar[tuple[str, ...]] = TURNS[:2]
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         return ("base",)
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return springs(situation, where, (0, 1))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         beside = springs(situation, where, (2, 3, 4, 5))
         coupled = BaseCompliance().variants(situation, where, shape)
         twists = [values(part) for part in (*beside.parts, *coupled.parts)]
-        return Signature(9, (Motion(0, np.concatenate(twists, axis=2)),))
+        return EffectJacobian(9, (BodyTwist(0, np.concatenate(twists, axis=2)),))
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -71,8 +77,10 @@ class BaseTilt(Hypothesis):
         return dict(zip(TURNS[:2], coefficients, strict=True))
 
 
-def springs(situation: Situation, where: str, chosen: tuple[int, ...]) -> Signature:
+def springs(
+    situation: StaticState, where: str, chosen: tuple[int, ...]
+) -> EffectJacobian:
     """Return some of the six springs: rx, ry, rz, x, y, z."""
-    parts = BaseCompliance().signature(situation, where, np.zeros(0)).parts
-    moved = [p.twist[:, :, chosen] for p in parts if isinstance(p, Motion)]
-    return Signature(len(chosen), tuple(Motion(0, twist) for twist in moved))
+    parts = BaseCompliance().jacobian(situation, where, np.zeros(0)).parts
+    moved = [p.twist[:, :, chosen] for p in parts if isinstance(p, BodyTwist)]
+    return EffectJacobian(len(chosen), tuple(BodyTwist(0, twist) for twist in moved))

@@ -20,8 +20,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import Signature, rotate
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import EffectJacobian, rotate
+from stiffness.experiment.static_state import StaticState
 
 
 @dataclass(frozen=True)
@@ -36,39 +36,45 @@ class BearingTilt(Hypothesis):
         "v_rad_per_nm": (0.0, 1e-3),
         "centre_m": (-0.5, 0.5),
     }
-    sizes: ClassVar[tuple[str, ...]] = ("u_rad_per_nm", "v_rad_per_nm")
+    magnitudes: ClassVar[tuple[str, ...]] = ("u_rad_per_nm", "v_rad_per_nm")
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         return situation.axes
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.array([-0.3, -0.15, -0.05, 0.0, 0.05, 0.15, 0.3])[:, None]
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         seat, moment, centre = _across(situation, where, shape[0])
         rotation = seat * np.einsum("rij,ri->rj", seat, moment)[:, None, :]
-        return Signature(2, (rotate(situation.axis(where) + 1, rotation, centre),))
+        return EffectJacobian(2, (rotate(situation.axis(where) + 1, rotation, centre),))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         seat, moment, centre = _across(situation, where, shape[0])
         about = np.einsum("rij,ri->rj", seat, moment)[:, ::-1]
         askew = np.einsum("rij,rj->ri", seat, about)[:, :, None]
-        return Signature(1, (rotate(situation.axis(where) + 1, askew, centre),))
+        return EffectJacobian(1, (rotate(situation.axis(where) + 1, askew, centre),))
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -78,7 +84,7 @@ class BearingTilt(Hypothesis):
 
 
 def _across(
-    situation: Situation, where: str, centre: float
+    situation: StaticState, where: str, centre: float
 ) -> tuple[
     Float[np.ndarray, "rows 3 2"],
     Float[np.ndarray, "rows 3"],

@@ -18,9 +18,16 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, sprung
-from stiffness.effects.jacobian import NOTHING, Part, Reading, Signature, Turn, turn
+from stiffness.effects.jacobian import (
+    NOTHING,
+    EffectJacobian,
+    EncoderError,
+    JacobianBlock,
+    JointRotation,
+    turn,
+)
 from stiffness.effects.statics import along_sensor, reading, torque_at_sensor, wind_up
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 
 @dataclass(frozen=True)
@@ -33,9 +40,9 @@ class ChannelDelay(Hypothesis):
     }
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         recording = situation.recording
-        if recording.rows != "stream" or not steady(situation):
+        if recording.rows != "stream" or not has_time_series(situation):
             return ()
         moves = np.ptp(recording.posture, axis=0) > 0.0
         found = [a for a, m in zip(situation.axes, moves, strict=True) if m]
@@ -47,35 +54,44 @@ class ChannelDelay(Hypothesis):
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         if where == "wrench_sensor":
             return wind_up(situation, torque_at_sensor(situation, _later(situation)))
         if where != "tracker":
             k = situation.axis(where)
             return turn(k, rate(situation, situation.recording.posture)[:, k])
         speed = rate(situation, situation.rest)
-        parts: list[Part] = []
+        parts: list[JacobianBlock] = []
         for k in range(len(situation.axes)):
-            parts += [Turn(k, -speed[:, k, None]), Reading(k, speed[:, k, None])]
-        return Signature(1, tuple(parts))
+            parts += [
+                JointRotation(k, -speed[:, k, None]),
+                EncoderError(k, speed[:, k, None]),
+            ]
+        return EffectJacobian(1, tuple(parts))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -83,7 +99,7 @@ class ChannelDelay(Hypothesis):
         return {"delay_s": coefficients[0]}
 
 
-def steady(situation: Situation) -> bool:
+def has_time_series(situation: StaticState) -> bool:
     """Return whether every visit lasts for rows enough, none at the time of another."""
     time = situation.recording.time[situation.steps]
     again = np.diff(situation.steps, axis=1) == 0  # short visits repeat their last
@@ -91,7 +107,7 @@ def steady(situation: Situation) -> bool:
 
 
 def rate(
-    situation: Situation, values: Float[np.ndarray, "rows channels"]
+    situation: StaticState, values: Float[np.ndarray, "rows channels"]
 ) -> Float[np.ndarray, "rows channels"]:
     """Return how fast channels change, per s, by differences within each visit."""
     speed = np.zeros_like(values)
@@ -103,7 +119,7 @@ def rate(
     return speed
 
 
-def _later(situation: Situation) -> Float[np.ndarray, "rows 6 1"]:
+def _later(situation: StaticState) -> Float[np.ndarray, "rows 6 1"]:
     """Return how the wrench changes in a second, as the axes that report it see it."""
     sensor = situation.recording.wrench_sensor
     if sensor is not None and sensor.frame == "base":

@@ -20,8 +20,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, sprung
-from stiffness.effects.jacobian import Signature, turn
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import EffectJacobian, turn
+from stiffness.experiment.static_state import StaticState
 
 FASTEST, SLOWEST = 0.25, 4.0
 """T over the shortest wait and over the longest visit; chosen: beyond them creep is a
@@ -41,14 +41,14 @@ class Creep(Hypothesis):
     }
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         if situation.steps.shape[1] < 2 or not np.any(waits(situation) > 0.0):
             return ()
         return sprung(situation)
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         recording, steps = situation.recording, situation.steps
         stands = waits(situation)
@@ -58,16 +58,22 @@ class Creep(Hypothesis):
         return np.array([(time, settled) for settled in (0.0, 1.0) for time in times])
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         return turn(k, followed(situation, k, shape[0], bool(shape[1])))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         time, settled = shape[0], bool(shape[1])
         beside = [followed(situation, k, f * time, settled) for f in (1 / 3, 3.0)]
@@ -76,7 +82,7 @@ class Creep(Hypothesis):
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -85,13 +91,13 @@ class Creep(Hypothesis):
         return {"ratio": coefficients[0] / compliance, "time_s": shape[0]}
 
 
-def waits(situation: Situation) -> Float[np.ndarray, " rows"]:
+def waits(situation: StaticState) -> Float[np.ndarray, " rows"]:
     """Return for how long each row's load has stood when it is read, in s."""
     return situation.recording.time - situation.recording.load_time
 
 
 def followed(
-    situation: Situation, axis: int, time_constant: float, settled: bool = False
+    situation: StaticState, axis: int, time_constant: float, settled: bool = False
 ) -> Float[np.ndarray, " rows"]:
     """Return how far a creeping element has followed its torque by each reading, N m.
 

@@ -19,8 +19,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import Motion, Signature, rotate, translate
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import BodyTwist, EffectJacobian, rotate, translate
+from stiffness.experiment.static_state import StaticState
 
 HOUR = 3600.0
 NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
@@ -37,10 +37,10 @@ class Drift(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         f"{name}_per_h": (-0.1, 0.1) for name in NAMES
     }
-    sizes: ClassVar[tuple[str, ...]] = tuple(f"{name}_per_h" for name in NAMES)
+    magnitudes: ClassVar[tuple[str, ...]] = tuple(f"{name}_per_h" for name in NAMES)
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         recording = situation.recording
         if not recording.markers or np.ptp(recording.time) == 0.0:
             return ()
@@ -48,21 +48,27 @@ class Drift(Hypothesis):
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         hours = situation.recording.time / HOUR
         return wander(situation, where, hours)
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         recording = situation.recording
         hours, temperature = recording.time / HOUR, recording.temperature
         courses = [hours**2]
@@ -73,7 +79,7 @@ class Drift(Hypothesis):
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -83,8 +89,8 @@ class Drift(Hypothesis):
 
 
 def wander(
-    situation: Situation, where: str, *courses: Float[np.ndarray, " rows"]
-) -> Signature:
+    situation: StaticState, where: str, *courses: Float[np.ndarray, " rows"]
+) -> EffectJacobian:
     """Return what six speeds do that go on with each course, from row to row."""
     frame = situation.tracker
     if where == "base" or frame is None:
@@ -94,4 +100,6 @@ def wander(
     for course in courses:
         along = course[:, None, None] * frame[:3, :3]
         twists += [translate(0, along).twist, rotate(0, along, centre).twist]
-    return Signature(6 * len(courses), (Motion(0, np.concatenate(twists, axis=2)),))
+    return EffectJacobian(
+        6 * len(courses), (BodyTwist(0, np.concatenate(twists, axis=2)),)
+    )

@@ -23,9 +23,9 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import NOTHING, Signature
-from stiffness.effects.statics import beside
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import NOTHING, EffectJacobian
+from stiffness.effects.statics import encoder_offset_response
+from stiffness.experiment.static_state import StaticState
 
 
 @dataclass(frozen=True)
@@ -38,36 +38,42 @@ class EncoderOffset(Hypothesis):
 
     effect: ClassVar[str] = "encoder_offset"
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"offset_rad": (-0.1, 0.1)}
-    sizes: ClassVar[tuple[str, ...]] = ("offset_rad",)
+    magnitudes: ClassVar[tuple[str, ...]] = ("offset_rad",)
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         if situation.recording.displacement == "relative":
             return ()
         return situation.axes
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
-        return beside(situation, situation.axis(where))
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
+        return encoder_offset_response(situation, situation.axis(where))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

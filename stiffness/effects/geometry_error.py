@@ -19,8 +19,14 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, axes_of
-from stiffness.effects.jacobian import NOTHING, Motion, Signature, rotate, translate
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import (
+    NOTHING,
+    BodyTwist,
+    EffectJacobian,
+    rotate,
+    translate,
+)
+from stiffness.experiment.static_state import StaticState
 
 NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
@@ -36,38 +42,46 @@ class GeometryError(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         name: (-0.1, 0.1) for name in NAMES
     }
-    sizes: ClassVar[tuple[str, ...]] = NAMES
+    magnitudes: ClassVar[tuple[str, ...]] = NAMES
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         return situation.links if absolute(situation) else ()
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         place = situation.links.index(where) + 2
         axes = axes_of(situation, where)
         shift = translate(place, axes).twist
         turned = rotate(place, axes, situation.origin[:, place]).twist
-        return Signature(6, (Motion(place, np.concatenate([shift, turned], axis=2)),))
+        return EffectJacobian(
+            6, (BodyTwist(place, np.concatenate([shift, turned], axis=2)),)
+        )
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

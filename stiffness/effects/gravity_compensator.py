@@ -21,9 +21,9 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, orders, sprung
-from stiffness.effects.jacobian import NOTHING, Signature, turn
-from stiffness.effects.statics import beside
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import NOTHING, EffectJacobian, turn
+from stiffness.effects.statics import encoder_offset_response
+from stiffness.experiment.static_state import StaticState
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class GravityCompensator(Hypothesis):
     }
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         if not absolute(situation):
             return ()
         turning = ~situation.arm.slides
@@ -49,30 +49,36 @@ class GravityCompensator(Hypothesis):
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         angle = situation.recording.posture[:, k]
         if 1.0 not in orders(situation, k):
-            return beside(situation, k)
+            return encoder_offset_response(situation, k)
         return turn(k, np.sin(angle), np.cos(angle))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

@@ -20,9 +20,9 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, axes_of, point_of
-from stiffness.effects.jacobian import NOTHING, Signature, beside
+from stiffness.effects.jacobian import NOTHING, EffectJacobian, hstack
 from stiffness.effects.statics import pulled, torque_of, wind_up
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 NAMES = ("mass_kg", "x", "y", "z")
 LENGTH = 0.1
@@ -49,14 +49,14 @@ class GravityLoad(Hypothesis):
 
     @override
     def limits_at(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Mapping[str, tuple[float, float]]:
         """Return limits under which no more is taken away than the model has there."""
         highest = self.limits["mass_kg"][1]
         return {**self.limits, "mass_kg": (-carried(situation, where), highest)}
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         sensor = situation.recording.wrench_sensor
         weighed = sensor is not None and sensor.includes_tool_weight
         bodies = situation.links if weighed else (*situation.links, "tool")
@@ -66,21 +66,27 @@ class GravityLoad(Hypothesis):
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         torque = torques(situation, where)
         return wind_up(situation, torque[:, :, seen(situation, torque)])
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         if not situation.giving:
             return NOTHING
         free = replace(
@@ -91,12 +97,12 @@ class GravityLoad(Hypothesis):
         )
         loaded = [weighed_down(free, where, size) for size in np.eye(4)]
         parts = [[p for give in situation.giving for p in give(s)] for s in loaded]
-        return beside([Signature(1, tuple(own)) for own in parts])
+        return hstack([EffectJacobian(1, tuple(own)) for own in parts])
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -112,19 +118,19 @@ class GravityLoad(Hypothesis):
     @override
     def acting(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
-    ) -> Situation:
+    ) -> StaticState:
         size = np.zeros(4)
         size[seen(situation, torques(situation, where))] = coefficients
         return weighed_down(situation, where, size)
 
 
 def weighed_down(
-    situation: Situation, body: str, size: Float[np.ndarray, "4"]
-) -> Situation:
+    situation: StaticState, body: str, size: Float[np.ndarray, "4"]
+) -> StaticState:
     """Return the situation under a mass in kg and first moments in kg m on a body."""
     gravity = situation.arm.chain.gravity
     weight = np.broadcast_to(size[0] * gravity, (situation.rows, 3))
@@ -133,15 +139,15 @@ def weighed_down(
     return pulled(situation, body, weight, turning, at)
 
 
-def carried(situation: Situation, body: str) -> float:
+def carried(situation: StaticState, body: str) -> float:
     """Return the mass in kg that the model has in a body's link and beyond."""
     chain, tool = situation.arm.chain, situation.recording.tool
-    axis = situation.arm.place(body).axis
+    axis = situation.arm.attachment(body).axis
     beyond = [k for k in range(len(chain.mass)) if axis in chain.carriers(k)]
     return float(chain.mass[beyond].sum()) + (0.0 if tool is None else tool.mass)
 
 
-def torques(situation: Situation, body: str) -> Float[np.ndarray, "rows axes 4"]:
+def torques(situation: StaticState, body: str) -> Float[np.ndarray, "rows axes 4"]:
     """Return torques per kg of mass and per kg m of first moment along x, y, z."""
     gravity = situation.arm.chain.gravity
     turned = np.cross(axes_of(situation, body), gravity[None, :, None], axis=1)
@@ -154,7 +160,7 @@ def torques(situation: Situation, body: str) -> Float[np.ndarray, "rows axes 4"]
     )
 
 
-def seen(situation: Situation, torque: Float[np.ndarray, "rows axes 4"]) -> list[int]:
+def seen(situation: StaticState, torque: Float[np.ndarray, "rows axes 4"]) -> list[int]:
     """Return which of mass and moments show, each independent of those before it."""
     compliance = situation.arm.compliance  # the model's: whatever is fitted, the same
     wound = torque * compliance[:, None] / [1.0, LENGTH, LENGTH, LENGTH]

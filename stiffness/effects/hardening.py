@@ -20,8 +20,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import Signature, turn
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import EffectJacobian, turn
+from stiffness.experiment.static_state import StaticState
 
 MIDDLE, SECOND = 0.15, 3.5
 """m and r; chosen: between the table's sizes 25 and 32. Where no torque reaches T2, K3
@@ -46,21 +46,24 @@ class Hardening(Hypothesis):
     }
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         sprung = situation.compliance > 0.0
         return tuple(a for a, soft in zip(situation.axes, sprung, strict=True) if soft)
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         largest = np.max(np.abs(situation.torque[:, situation.axis(where)]))
         return (largest * np.array(KNEES))[:, None]
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         torque, knee = situation.torque[:, k], shape[0]
         first, second = bent(torque, knee), bent(torque, SECOND * knee)
@@ -68,8 +71,11 @@ class Hardening(Hypothesis):
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         torque, knee = situation.torque[:, k], shape[0]
         sharp = [np.clip(torque, -x, x) for x in (knee, SECOND * knee)]
@@ -80,7 +86,7 @@ class Hardening(Hypothesis):
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

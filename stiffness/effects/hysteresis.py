@@ -22,8 +22,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import Signature, turn
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import EffectJacobian, turn
+from stiffness.experiment.static_state import StaticState
 
 
 @dataclass(frozen=True)
@@ -33,33 +33,39 @@ class Hysteresis(Hypothesis):
     effect: ClassVar[str] = "hysteresis"
     shape_names: ClassVar[tuple[str, ...]] = ("slip_nm", "settled")
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"width_rad": (0.0, 1e-2)}
-    sizes: ClassVar[tuple[str, ...]] = ("width_rad",)
+    magnitudes: ClassVar[tuple[str, ...]] = ("width_rad",)
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         if situation.steps.shape[1] < 3:
             return ()
         return situation.axes
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         largest = np.max(np.abs(situation.load_torque[:, situation.axis(where)]))
         slips = largest * np.array([0.03, 0.1, 0.25, 0.6])
         return np.array([(slip, settled) for settled in (0.0, 1.0) for slip in slips])
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         return turn(k, -0.5 * stop(situation, k, shape[0], bool(shape[1])))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         slip, settled = shape[0], bool(shape[1])
         spread = [stop(situation, k, f * slip, settled) for f in (0.3, 0.6, 1.7, 3.0)]
@@ -70,7 +76,7 @@ class Hysteresis(Hypothesis):
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -79,7 +85,7 @@ class Hysteresis(Hypothesis):
 
 
 def stop(
-    situation: Situation, axis: int, slip: float, settled: bool = False
+    situation: StaticState, axis: int, slip: float, settled: bool = False
 ) -> Float[np.ndarray, " rows"]:
     """Return the stop operator of an axis' torque over each visit, in -1 … 1.
 
@@ -99,7 +105,7 @@ def stop(
 
 
 def rounded(
-    situation: Situation, axis: int, slip: float, settled: bool = False
+    situation: StaticState, axis: int, slip: float, settled: bool = False
 ) -> Float[np.ndarray, " rows"]:
     """Return Dahl's stop of an axis' torque over each visit, in -1 … 1.
 
@@ -121,7 +127,7 @@ def rounded(
 
 
 def _along_visits(
-    situation: Situation,
+    situation: StaticState,
     axis: int,
     settled: bool,
     moved: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],

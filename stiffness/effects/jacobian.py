@@ -14,7 +14,7 @@ from bench.shared.errors import Unusable
 
 
 @dataclass(frozen=True)
-class Turn:
+class JointRotation:
     """Motion along an axis' own direction: it turns (or slides) beyond its posture.
 
     Attributes:
@@ -27,23 +27,23 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Motion:
+class BodyTwist:
     """Any small rigid motion of everything that a place carries.
 
     Attributes:
-        place: 0: the base moves, and all with it; k: what axis k carries moves, k
+        site: 0: the base moves, and all with it; k: what axis k carries moves, k
             counted from 1.
         twist: Per unit of each coefficient, along the base's axes: displacement of the
             material point at the base's origin in m, then rotation vector in rad. A
             point p then moves by twist[:3] + twist[3:] x p.
     """
 
-    place: int
+    site: int
     twist: Float[np.ndarray, "rows 6 columns"]
 
 
 @dataclass(frozen=True)
-class Shift:
+class MarkerDisplacement:
     """A single marker is not where its body would take it.
 
     Attributes:
@@ -56,7 +56,7 @@ class Shift:
 
 
 @dataclass(frozen=True)
-class Reading:
+class EncoderError:
     """An encoder behind the gear reads another angle than the link has.
 
     Attributes:
@@ -68,11 +68,11 @@ class Reading:
     angle: Float[np.ndarray, "rows columns"]
 
 
-Part = Turn | Motion | Shift | Reading
+JacobianBlock = JointRotation | BodyTwist | MarkerDisplacement | EncoderError
 
 
 @dataclass(frozen=True)
-class Signature:
+class EffectJacobian:
     """What one unit of each coefficient of an effect does; the parts add up.
 
     Attributes:
@@ -84,7 +84,7 @@ class Signature:
     """
 
     columns: int
-    parts: tuple[Part, ...] = ()
+    parts: tuple[JacobianBlock, ...] = ()
 
     def __post_init__(self):
         """Check that all parts speak of the same coefficients."""
@@ -97,62 +97,62 @@ class Signature:
             raise Unusable("A signature's columns", faults)
 
 
-NOTHING = Signature(0)
+NOTHING = EffectJacobian(0)
 """The signature of no coefficient at all."""
 
 
-def values(part: Part) -> np.ndarray:
+def values(part: JacobianBlock) -> np.ndarray:
     """Return the numbers of a part, whatever they are called; columns come last."""
-    if isinstance(part, Turn):
+    if isinstance(part, JointRotation):
         return part.law
-    if isinstance(part, Motion):
+    if isinstance(part, BodyTwist):
         return part.twist
-    return part.displacement if isinstance(part, Shift) else part.angle
+    return part.displacement if isinstance(part, MarkerDisplacement) else part.angle
 
 
-def with_values(part: Part, new: np.ndarray) -> Part:
+def with_values(part: JacobianBlock, new: np.ndarray) -> JacobianBlock:
     """Return the same part with other numbers, perhaps of other columns."""
-    if isinstance(part, Turn):
+    if isinstance(part, JointRotation):
         return replace(part, law=new)
-    if isinstance(part, Motion):
+    if isinstance(part, BodyTwist):
         return replace(part, twist=new)
-    if isinstance(part, Shift):
+    if isinstance(part, MarkerDisplacement):
         return replace(part, displacement=new)
     return replace(part, angle=new)
 
 
-def turn(axis: int, *laws: Float[np.ndarray, " rows"]) -> Signature:
+def turn(axis: int, *laws: Float[np.ndarray, " rows"]) -> EffectJacobian:
     """Return the signature of an axis that turns by laws, a coefficient for each."""
-    return Signature(len(laws), (Turn(axis, np.stack(laws, axis=1)),))
+    return EffectJacobian(len(laws), (JointRotation(axis, np.stack(laws, axis=1)),))
 
 
 def rotate(
-    place: int,
+    site: int,
     rotation: Float[np.ndarray, "rows 3 columns"],
     centre: Float[np.ndarray, "rows 3"],
-) -> Motion:
+) -> BodyTwist:
     """Return the motion of what a place carries when it rotates about a point.
 
     The point stays: the material point at the base's origin moves by centre x rotation.
 
     Args:
-        place: 0 the base, k axis k.
+        site: 0 the base, k axis k.
         rotation: Rotation vectors along the base's axes, in rad per unit.
         centre: What they turn about, in the base's frame, in m.
     """
     shift = np.cross(centre[:, :, None], rotation, axis=1)
-    return Motion(place, np.concatenate([shift, rotation], axis=1))
+    return BodyTwist(site, np.concatenate([shift, rotation], axis=1))
 
 
-def translate(place: int, shift: Float[np.ndarray, "rows 3 columns"]) -> Motion:
+def translate(site: int, shift: Float[np.ndarray, "rows 3 columns"]) -> BodyTwist:
     """Return the motion of what a place carries when it shifts unturned, in m."""
-    return Motion(place, np.concatenate([shift, np.zeros_like(shift)], axis=1))
+    return BodyTwist(site, np.concatenate([shift, np.zeros_like(shift)], axis=1))
 
 
-def beside(laws: Sequence[Signature]) -> Signature:
+def hstack(laws: Sequence[EffectJacobian]) -> EffectJacobian:
     """Return one signature of the coefficients of several laws, one after the other."""
     columns, at = sum(law.columns for law in laws), 0
-    parts: list[Part] = []
+    parts: list[JacobianBlock] = []
     for law in laws:
         for part in law.parts:
             own = values(part)
@@ -160,4 +160,4 @@ def beside(laws: Sequence[Signature]) -> Signature:
             wide[..., at : at + law.columns] = own
             parts.append(with_values(part, wide))
         at += law.columns
-    return Signature(columns, tuple(parts))
+    return EffectJacobian(columns, tuple(parts))

@@ -17,8 +17,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import NOTHING, Signature, turn
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import NOTHING, EffectJacobian, turn
+from stiffness.experiment.static_state import StaticState
 
 
 @dataclass(frozen=True)
@@ -30,37 +30,43 @@ class JointCompliance(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "compliance_rad_per_nm": (0.0, 1e-2),
     }
-    sizes: ClassVar[tuple[str, ...]] = ("compliance_rad_per_nm",)
+    magnitudes: ClassVar[tuple[str, ...]] = ("compliance_rad_per_nm",)
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         felt = np.any(situation.torque != 0.0, axis=0)
         found = felt & (situation.arm.stiffness == 0.0)
         return tuple(a for a, f in zip(situation.axes, found, strict=True) if f)
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         return turn(k, situation.torque[:, k])
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

@@ -24,15 +24,15 @@ from typing_extensions import override
 from stiffness.effects.base import Hypothesis, inside_of
 from stiffness.effects.jacobian import (
     NOTHING,
-    Motion,
-    Shift,
-    Signature,
-    beside,
+    BodyTwist,
+    EffectJacobian,
+    MarkerDisplacement,
+    hstack,
     rotate,
     translate,
 )
-from stiffness.experiment.static_state import Situation
-from stiffness.robot.kinematics import levers
+from stiffness.experiment.static_state import StaticState
+from stiffness.robot.kinematics import point_jacobian
 
 HINGES = (0.125, 0.375, 0.625, 0.875)
 """Shares of a link at which it may give way in other forms of the law: where the beam's
@@ -58,10 +58,10 @@ class LinkBending(Hypothesis):
         "bending_nm2": (1.0, np.inf),
         "torsion_nm2": (1.0, np.inf),
     }
-    sizes: ClassVar[tuple[str, ...]] = ("bending_nm2", "torsion_nm2")
+    magnitudes: ClassVar[tuple[str, ...]] = ("bending_nm2", "torsion_nm2")
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         ends = np.diff(situation.origin[:, 1:], axis=1)  # (rows, links, 3)
         length = np.linalg.norm(ends, axis=2).min(axis=0)
         found = zip(situation.links, length, strict=True)
@@ -69,42 +69,48 @@ class LinkBending(Hypothesis):
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.array([[0.0], [1.0]] if self._marked(situation, where) else [[0.0]])
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         place = situation.links.index(where) + 2
         tip = situation.origin[:, place]
         length = np.linalg.norm(tip - situation.origin[:, place - 1], axis=1)
         turned, moved = _bend(situation, place, length[:, None])
         both = rotate(place, turned, tip).twist + translate(place, moved).twist
-        carried = Motion(place, both)
+        carried = BodyTwist(place, both)
         if not shape[0]:
-            return Signature(2, (carried,))
+            return EffectJacobian(2, (carried,))
         marks = _marks(situation, place)
         bent = {m: _on_beam(situation, place, spot) for m, spot in marks.items()}
-        return Signature(2, (carried, *_of_marks(situation, place, marks, bent)))
+        return EffectJacobian(2, (carried, *_of_marks(situation, place, marks, bent)))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         if not self._marked(situation, where):
             return NOTHING
         place = situation.links.index(where) + 2
-        return beside([_hinge(situation, place, share) for share in HINGES])
+        return hstack([_hinge(situation, place, share) for share in HINGES])
 
-    def _marked(self, situation: Situation, where: str) -> bool:
+    def _marked(self, situation: StaticState, where: str) -> bool:
         return bool(_marks(situation, situation.links.index(where) + 2))
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -113,22 +119,22 @@ class LinkBending(Hypothesis):
         return {"bending_nm2": 1.0 / bending, "torsion_nm2": 1.0 / torsion}
 
 
-def _marks(situation: Situation, place: int) -> dict[int, np.ndarray]:
+def _marks(situation: StaticState, place: int) -> dict[int, np.ndarray]:
     """Return where the marks on the link before a place are, in its frame, in m."""
     found = {}
     for m, marker in enumerate(situation.recording.markers):
-        spot = situation.spot(m)
-        if situation.arm.place(marker.body).axis == place - 2 and spot is not None:
+        spot = situation.marker_position(m)
+        if situation.arm.attachment(marker.body).axis == place - 2 and spot is not None:
             found[m] = inside_of(situation, marker.body, spot)
     return found
 
 
 def _of_marks(
-    situation: Situation,
+    situation: StaticState,
     place: int,
     marks: Mapping[int, np.ndarray],
     moved: Mapping[int, np.ndarray],
-) -> list[Motion | Shift]:
+) -> list[BodyTwist | MarkerDisplacement]:
     """Return how marks on a link move against it: as a whole, and each.
 
     Differences within visits know bodies alone; marks of a link that bends nearly are
@@ -141,18 +147,18 @@ def _of_marks(
         moved: What each does, per unit of each coefficient: (rows, 3, columns).
     """
     at, frame = situation.origin[:, place - 1], situation.frame[:, place - 1]
-    lever = np.concatenate([levers(spot) for spot in marks.values()])
+    lever = np.concatenate([point_jacobian(spot) for spot in marks.values()])
     turned = frame.swapaxes(1, 2)
     bent = np.concatenate([turned @ moved[m] for m in marks], axis=1)
     own = np.linalg.pinv(lever, rcond=RANK) @ bent
     twist = rotate(0, frame @ own[:, 3:], at).twist
     twist += translate(0, frame @ own[:, :3]).twist
     rest = [frame @ one for one in np.split(bent - lever @ own, len(marks), axis=1)]
-    each = [Shift(m, one) for m, one in zip(marks, rest, strict=True)]
-    return [Motion(place - 1, twist), Motion(place, -twist), *each]
+    each = [MarkerDisplacement(m, one) for m, one in zip(marks, rest, strict=True)]
+    return [BodyTwist(place - 1, twist), BodyTwist(place, -twist), *each]
 
 
-def _hinge(situation: Situation, place: int, share: float) -> Signature:
+def _hinge(situation: StaticState, place: int, share: float) -> EffectJacobian:
     """Return what a link does that gives way at one point of it alone."""
     start, end = situation.origin[:, place - 1], situation.origin[:, place]
     point = start + share * (end - start)
@@ -167,24 +173,24 @@ def _hinge(situation: Situation, place: int, share: float) -> Signature:
         beyond = np.sum(w * away, axis=1) > 0.0
         bent[m] = np.cross(turned, away[:, :, None], axis=1) * beyond[:, None, None]
     carried = rotate(place, turned, point)
-    return Signature(2, (carried, *_of_marks(situation, place, marks, bent)))
+    return EffectJacobian(2, (carried, *_of_marks(situation, place, marks, bent)))
 
 
 def _on_beam(
-    situation: Situation, place: int, spot: Float[np.ndarray, "3"]
+    situation: StaticState, place: int, marker_position: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "rows 3 2"]:
     """Return how a point of a link moves, per unit of 1/EI and of 1/GJ, in m."""
     beam = situation.origin[:, place] - situation.origin[:, place - 1]
     length = np.linalg.norm(beam, axis=1, keepdims=True)
     w = beam / length
-    away = situation.frame[:, place - 1] @ spot
+    away = situation.frame[:, place - 1] @ marker_position
     x = np.clip(np.sum(w * away, axis=1, keepdims=True), 0.0, length)
     turned, moved = _bend(situation, place, x)
     return moved + np.cross(turned, (away - x * w)[:, :, None], axis=1)
 
 
 def _bend(
-    situation: Situation, place: int, x: Float[np.ndarray, "rows 1"]
+    situation: StaticState, place: int, x: Float[np.ndarray, "rows 1"]
 ) -> tuple[Float[np.ndarray, "rows 3 2"], Float[np.ndarray, "rows 3 2"]]:
     """Return slope and deflection of a link x from its axis, per 1/EI and 1/GJ."""
     beam = situation.origin[:, place] - situation.origin[:, place - 1]

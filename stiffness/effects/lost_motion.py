@@ -21,9 +21,9 @@ from scipy.special import erf
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, reversing
-from stiffness.effects.jacobian import Signature, turn
+from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.effects.statics import ROUNDING
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 CLOSING = (0.003, 0.01, 0.03, 0.06, 0.1)
 """c over the axis' largest torque by a load, or at all where there is none; chosen:
@@ -40,15 +40,15 @@ class LostMotion(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "width_rad": (0.0, 1e-2),
     }
-    sizes: ClassVar[tuple[str, ...]] = ("width_rad",)
+    magnitudes: ClassVar[tuple[str, ...]] = ("width_rad",)
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         return reversing(situation)
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         k = situation.axis(where)
         largest = np.max(np.abs(situation.torque[:, k]))
@@ -57,17 +57,23 @@ class LostMotion(Hypothesis):
         return (largest * np.array(CLOSING))[:, None]
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         closed = erf(np.sqrt(np.pi) / 2.0 * situation.torque[:, k] / shape[0])
         return turn(k, 0.5 * closed)
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         share = situation.torque[:, k] / shape[0]
         return turn(k, 0.5 * np.clip(share, -1.0, 1.0), 0.5 * np.tanh(share))
@@ -75,7 +81,7 @@ class LostMotion(Hypothesis):
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

@@ -18,8 +18,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, axes_of
-from stiffness.effects.jacobian import NOTHING, Shift, Signature
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import NOTHING, EffectJacobian, MarkerDisplacement
+from stiffness.experiment.static_state import StaticState
 
 PREFIX = "marker:"
 TIMES = 7
@@ -39,17 +39,17 @@ class MarkerSlip(Hypothesis):
         **dict.fromkeys(("x_m", "y_m", "z_m"), (-0.1, 0.1)),
         "time_s": (0.0, np.inf),
     }
-    sizes: ClassVar[tuple[str, ...]] = ("x_m", "y_m", "z_m")
+    magnitudes: ClassVar[tuple[str, ...]] = ("x_m", "y_m", "z_m")
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         if not absolute(situation) or len(situation.steps) < 2:
             return ()
         return tuple(PREFIX + marker.name for marker in situation.recording.markers)
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         begins = np.sort(situation.recording.time[situation.steps[:, 0]])[1:]
         edge = min(np.ceil(EDGE * len(begins)), (len(begins) - 1) // 2)
@@ -57,30 +57,36 @@ class MarkerSlip(Hypothesis):
         return begins[np.unique(chosen.astype(int)), None]
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         names = [PREFIX + marker.name for marker in situation.recording.markers]
         m = names.index(where)
         later = situation.recording.time >= shape[0]
         axes = axes_of(situation, situation.recording.markers[m].body)
-        return Signature(3, (Shift(m, later[:, None, None] * axes),))
+        return EffectJacobian(3, (MarkerDisplacement(m, later[:, None, None] * axes),))
 
     @override
-    def grain(self, situation: Situation) -> Mapping[str, float]:
+    def grain(self, situation: StaticState) -> Mapping[str, float]:
         begins = np.sort(situation.recording.time[situation.steps[:, 0]])
         return {"time_s": float(np.max(np.diff(begins), initial=0.0))}
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

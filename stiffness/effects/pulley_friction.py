@@ -20,9 +20,9 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, sprung
-from stiffness.effects.jacobian import NOTHING, Signature
+from stiffness.effects.jacobian import NOTHING, EffectJacobian
 from stiffness.effects.statics import wind_up
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 ROUNDED = 0.5
 """Largest distance of a force from its weight, over the sensor's sigma; chosen: noise
@@ -39,32 +39,38 @@ class PulleyFriction(Hypothesis):
     }
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         return ("rig",) if from_hook(situation) and sprung(situation) else ()
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         missing = -direction(situation)[:, None] * situation.load_torque
         return wind_up(situation, missing[:, :, None])
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -72,7 +78,7 @@ class PulleyFriction(Hypothesis):
         return {"ratio": coefficients[0]}
 
 
-def from_hook(situation: Situation) -> bool:
+def from_hook(situation: StaticState) -> bool:
     """Return whether every force is the weight on the hook, as no sensor reads it."""
     recording = situation.recording
     mass, spec = recording.load_mass, recording.wrench_sensor
@@ -84,7 +90,7 @@ def from_hook(situation: Situation) -> bool:
     return bool(beside < ROUNDED * spec.accuracy_force)
 
 
-def direction(situation: Situation) -> Float[np.ndarray, " rows"]:
+def direction(situation: StaticState) -> Float[np.ndarray, " rows"]:
     """Return +1 where the weight on the hook last grew and -1 where it last fell."""
     assert situation.recording.load_mass is not None
     mass = situation.recording.load_mass[situation.steps]

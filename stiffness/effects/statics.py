@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.effects.base import point_of
-from stiffness.effects.jacobian import Part, Signature, Turn
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import EffectJacobian, JacobianBlock, JointRotation
+from stiffness.experiment.static_state import StaticState
 from stiffness.robot.wrench import felt_body, turned, weight_of
 
 ROUNDING = 1e-9
@@ -25,19 +25,19 @@ ROUNDING = 1e-9
 
 
 def wind_up(
-    situation: Situation, torque: Float[np.ndarray, "rows axes columns"]
-) -> Signature:
+    situation: StaticState, torque: Float[np.ndarray, "rows axes columns"]
+) -> EffectJacobian:
     """Return how all sprung axes turn under torques, in N m per unit of coefficient."""
     parts = (
-        Turn(k, compliance * torque[:, k])
+        JointRotation(k, compliance * torque[:, k])
         for k, compliance in enumerate(situation.compliance)
         if compliance > 0.0
     )
-    return Signature(torque.shape[2], tuple(parts))
+    return EffectJacobian(torque.shape[2], tuple(parts))
 
 
 def felt(
-    situation: Situation, torque: Float[np.ndarray, "rows axes columns"]
+    situation: StaticState, torque: Float[np.ndarray, "rows axes columns"]
 ) -> list[int]:
     """Return the columns that some sprung axis carries beyond rounding, 1e-9 N m."""
     carried = np.abs(torque[:, situation.arm.compliance > 0.0]) > ROUNDING
@@ -45,7 +45,7 @@ def felt(
 
 
 def torque_of(
-    situation: Situation,
+    situation: StaticState,
     body: str,
     force: Float[np.ndarray, "rows 3 columns"],
     moment: Float[np.ndarray, "rows 3 columns"],
@@ -64,43 +64,47 @@ def torque_of(
     about_base = moment + np.cross(point[:, :, None], force, axis=1)
     load = np.concatenate([force, about_base], axis=1)
     torque = np.einsum("rki,ric->rkc", situation.screw, load)
-    carriers = arm.chain.carriers(arm.place(body).axis)
+    carriers = arm.chain.carriers(arm.attachment(body).axis)
     others = [k for k in range(len(arm.axes)) if k not in carriers]
     torque[:, others] = 0.0
     return torque
 
 
 def torque_at_sensor(
-    situation: Situation, wrench: Float[np.ndarray, "rows 6 columns"]
+    situation: StaticState, wrench: Float[np.ndarray, "rows 6 columns"]
 ) -> Float[np.ndarray, "rows axes columns"]:
     """Return the torques of wrenches at the sensor's origin, along the base's axes."""
     body = felt_body(situation.recording)
     return torque_of(situation, body, wrench[:, :3], wrench[:, 3:], situation.sensor)
 
 
-def beside(situation: Situation, k: int) -> Signature:
+def encoder_offset_response(situation: StaticState, k: int) -> EffectJacobian:
     """Return how the arm stands when an axis is one radian beside its reported angle.
 
     A sensor beyond it is turned, and the springs before feel the load from elsewhere.
     """
     loaded = wind_up(situation, turned_load(situation, k))
-    return Signature(1, _added(Turn(k, np.ones((situation.rows, 1))), loaded.parts))
+    return EffectJacobian(
+        1, _added(JointRotation(k, np.ones((situation.rows, 1))), loaded.parts)
+    )
 
 
-def _added(own: Turn, parts: tuple[Part, ...]) -> tuple[Part, ...]:
+def _added(
+    own: JointRotation, parts: tuple[JacobianBlock, ...]
+) -> tuple[JacobianBlock, ...]:
     """Return turns of axes with one more, each axis once."""
-    others = [p for p in parts if isinstance(p, Turn) and p.axis != own.axis]
-    same = [p.law for p in parts if isinstance(p, Turn) and p.axis == own.axis]
-    return (Turn(own.axis, own.law + sum(same)), *others)
+    others = [p for p in parts if isinstance(p, JointRotation) and p.axis != own.axis]
+    same = [p.law for p in parts if isinstance(p, JointRotation) and p.axis == own.axis]
+    return (JointRotation(own.axis, own.law + sum(same)), *others)
 
 
 def pulled(
-    situation: Situation,
+    situation: StaticState,
     body: str,
     force: Float[np.ndarray, "rows 3"],
     moment: Float[np.ndarray, "rows 3"],
     point: Float[np.ndarray, "rows 3"],
-) -> Situation:
+) -> StaticState:
     """Return the situation with one more load on a body, felt by all that carry it.
 
     Args:
@@ -111,7 +115,7 @@ def pulled(
         point: Where the force acts, in m.
     """
     arm = situation.arm
-    under = arm.chain.carriers(arm.place(body).axis)
+    under = arm.chain.carriers(arm.attachment(body).axis)
     places = [0, *(k + 1 for k in under)]
     lever = point[:, None] - situation.origin[:, places]
     forces, moments = situation.force.copy(), situation.moment.copy()
@@ -123,7 +127,9 @@ def pulled(
     return replace(situation, force=forces, moment=moments, torque=whole)
 
 
-def read_right(situation: Situation, missing: Float[np.ndarray, "rows 6"]) -> Situation:
+def read_right(
+    situation: StaticState, missing: Float[np.ndarray, "rows 6"]
+) -> StaticState:
     """Return the situation under the wrench that was there, not the one that was read.
 
     Args:
@@ -136,7 +142,7 @@ def read_right(situation: Situation, missing: Float[np.ndarray, "rows 6"]) -> Si
     return replace(under, load_torque=load)
 
 
-def turned_load(situation: Situation, k: int) -> Float[np.ndarray, "rows axes 1"]:
+def turned_load(situation: StaticState, k: int) -> Float[np.ndarray, "rows axes 1"]:
     """Return what an axis' standing beside its reported angle does to all torques.
 
     A sensor that turns with the axis takes the load's direction with it: the axes
@@ -150,7 +156,7 @@ def turned_load(situation: Situation, k: int) -> Float[np.ndarray, "rows axes 1"
         Torque in N m per radian (metre).
     """
     arm, sensor = situation.arm, situation.recording.wrench_sensor
-    carriers = arm.chain.carriers(arm.place(felt_body(situation.recording)).axis)
+    carriers = arm.chain.carriers(arm.attachment(felt_body(situation.recording)).axis)
     torque = np.zeros((situation.rows, len(situation.axes), 1))
     if k not in carriers:
         return torque
@@ -170,14 +176,14 @@ def turned_load(situation: Situation, k: int) -> Float[np.ndarray, "rows axes 1"
 
 
 def along_sensor(
-    situation: Situation, wrench: Float[np.ndarray, "rows 6 columns"]
+    situation: StaticState, wrench: Float[np.ndarray, "rows 6 columns"]
 ) -> Float[np.ndarray, "rows 6 columns"]:
     """Turn wrenches along the sensor's axes to the base's."""
     turn = situation.sensor_axes
     return np.concatenate([turn @ wrench[:, :3], turn @ wrench[:, 3:]], axis=1)
 
 
-def reading(situation: Situation) -> Float[np.ndarray, "rows 6"]:
+def reading(situation: StaticState) -> Float[np.ndarray, "rows 6"]:
     """Return the wrench as it was read, along the sensor's axes, in N and N m.
 
     With the tool's weight where that was read as well: a sensor errs in all it feels.

@@ -17,8 +17,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute
-from stiffness.effects.jacobian import NOTHING, Motion, Signature
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import NOTHING, BodyTwist, EffectJacobian
+from stiffness.experiment.static_state import StaticState
 
 NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
@@ -31,37 +31,43 @@ class TrackerMisalignment(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         name: (-0.3, 0.3) for name in NAMES
     }
-    sizes: ClassVar[tuple[str, ...]] = NAMES
+    magnitudes: ClassVar[tuple[str, ...]] = NAMES
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         recording = situation.recording
         stated = recording.base_from_tracker is not None and recording.markers
         return ("tracker",) if stated and absolute(situation) else ()
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         motion = np.broadcast_to(np.eye(6), (situation.rows, 6, 6))
-        return Signature(6, (Motion(0, motion),))
+        return EffectJacobian(6, (BodyTwist(0, motion),))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

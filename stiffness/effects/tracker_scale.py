@@ -18,8 +18,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, marked_point
-from stiffness.effects.jacobian import NOTHING, Shift, Signature
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import NOTHING, EffectJacobian, MarkerDisplacement
+from stiffness.experiment.static_state import StaticState
 from stiffness.robot.tracker_frame import LARGEST_SCALE
 
 
@@ -37,38 +37,44 @@ class TrackerScale(Hypothesis):
     }
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         seen = situation.recording.markers and absolute(situation)
         return ("tracker",) if seen else ()
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         frame = situation.recording.base_from_tracker
         stand = np.zeros(3) if frame is None else frame[:3, 3]
         parts = []
         for m in range(len(situation.recording.markers)):
             away = marked_point(situation, m) - stand
-            parts.append(Shift(m, away[:, :, None]))
-        return Signature(1, tuple(parts))
+            parts.append(MarkerDisplacement(m, away[:, :, None]))
+        return EffectJacobian(1, tuple(parts))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

@@ -21,9 +21,9 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, middle_angle, orders, still
-from stiffness.effects.jacobian import NOTHING, Signature, turn
-from stiffness.effects.statics import beside
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import NOTHING, EffectJacobian, turn
+from stiffness.effects.statics import encoder_offset_response
+from stiffness.experiment.static_state import StaticState
 
 HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 """Of a turn: an error of the angle comes again with it, in whatever form; as far as
@@ -45,10 +45,10 @@ class TransmissionError(Hypothesis):
         "order": (0.0, 1e3),
         "phase_rad": (-np.pi, np.pi),
     }
-    sizes: ClassVar[tuple[str, ...]] = ("amplitude_rad",)
+    magnitudes: ClassVar[tuple[str, ...]] = ("amplitude_rad",)
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         if not absolute(situation):
             return ()
         turns = ~situation.arm.slides
@@ -56,25 +56,31 @@ class TransmissionError(Hypothesis):
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         found = orders(situation, situation.axis(where))
         return found[:, None] if len(found) else np.ones((1, 1))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         if still(situation, k):
-            return beside(situation, k)
+            return encoder_offset_response(situation, k)
         phase = shape[0] * situation.recording.posture[:, k]
         return turn(k, np.sin(phase), np.cos(phase))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         k = situation.axis(where)
         if still(situation, k):
             return NOTHING
@@ -84,7 +90,7 @@ class TransmissionError(Hypothesis):
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],

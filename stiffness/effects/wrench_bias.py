@@ -19,7 +19,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, sprung
-from stiffness.effects.jacobian import NOTHING, Signature
+from stiffness.effects.jacobian import NOTHING, EffectJacobian
 from stiffness.effects.statics import (
     along_sensor,
     felt,
@@ -27,7 +27,7 @@ from stiffness.effects.statics import (
     torque_at_sensor,
     wind_up,
 )
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 NAMES = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
 
@@ -43,7 +43,7 @@ class WrenchBias(Hypothesis):
     }
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         measured = situation.recording.wrench is not None
         if measured and absolute(situation) and sprung(situation):
             return ("wrench_sensor",)
@@ -51,27 +51,33 @@ class WrenchBias(Hypothesis):
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         torque = torques(situation)
         return wind_up(situation, torque[:, :, felt(situation, torque)])
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -82,20 +88,20 @@ class WrenchBias(Hypothesis):
     @override
     def acting(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
-    ) -> Situation:
+    ) -> StaticState:
         shown = felt(situation, torques(situation))
         return read_right(situation, missing(situation)[:, :, shown] @ coefficients)
 
 
-def torques(situation: Situation) -> Float[np.ndarray, "rows axes 6"]:
+def torques(situation: StaticState) -> Float[np.ndarray, "rows axes 6"]:
     """Return what is missing of the axes' torques per N and N m of each channel."""
     return torque_at_sensor(situation, missing(situation))
 
 
-def missing(situation: Situation) -> Float[np.ndarray, "rows 6 6"]:
+def missing(situation: StaticState) -> Float[np.ndarray, "rows 6 6"]:
     """Return the same of the wrench, along the base's axes."""
     return along_sensor(situation, np.broadcast_to(-np.eye(6), (situation.rows, 6, 6)))

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, sprung
-from stiffness.effects.jacobian import Signature
+from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import (
     along_sensor,
     felt,
@@ -28,7 +28,7 @@ from stiffness.effects.statics import (
     torque_at_sensor,
     wind_up,
 )
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -43,28 +43,34 @@ class WrenchGain(Hypothesis):
     }
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         if situation.recording.wrench is None or not sprung(situation):
             return ()
         return ("wrench_sensor",) if felt(situation, torques(situation)) else ()
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return np.zeros((1, 0))
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         torque = torques(situation)
         return wind_up(situation, torque[:, :, felt(situation, torque)])
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         to, of = np.nonzero(~np.eye(6, dtype=bool))
         crosstalk = np.zeros((situation.rows, 6, len(to)))
         crosstalk[:, to, np.arange(len(to))] = -reading(situation)[:, of]
@@ -74,7 +80,7 @@ class WrenchGain(Hypothesis):
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -86,20 +92,20 @@ class WrenchGain(Hypothesis):
     @override
     def acting(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
-    ) -> Situation:
+    ) -> StaticState:
         shown = felt(situation, torques(situation))
         return read_right(situation, missing(situation)[:, :, shown] @ coefficients)
 
 
-def torques(situation: Situation) -> Float[np.ndarray, "rows axes 6"]:
+def torques(situation: StaticState) -> Float[np.ndarray, "rows axes 6"]:
     """Return what is missing of the axes' torques per share of each channel."""
     return torque_at_sensor(situation, missing(situation))
 
 
-def missing(situation: Situation) -> Float[np.ndarray, "rows 6 6"]:
+def missing(situation: StaticState) -> Float[np.ndarray, "rows 6 6"]:
     """Return the same of the wrench, along the base's axes."""
     return along_sensor(situation, -reading(situation)[:, :, None] * np.eye(6))

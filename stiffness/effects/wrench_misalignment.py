@@ -21,7 +21,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, sprung
-from stiffness.effects.jacobian import NOTHING, Signature
+from stiffness.effects.jacobian import NOTHING, EffectJacobian
 from stiffness.effects.statics import (
     along_sensor,
     read_right,
@@ -29,7 +29,7 @@ from stiffness.effects.statics import (
     torque_at_sensor,
     wind_up,
 )
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 TURN = ("rx_rad", "ry_rad", "rz_rad")
 SHIFT = ("x_m", "y_m", "z_m")
@@ -52,16 +52,16 @@ class WrenchMisalignment(Hypothesis):
         **dict.fromkeys(TURN, (-0.3, 0.3)),
         **dict.fromkeys(SHIFT, (-1.0, 1.0)),
     }
-    sizes: ClassVar[tuple[str, ...]] = (*TURN, *SHIFT)
+    magnitudes: ClassVar[tuple[str, ...]] = (*TURN, *SHIFT)
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         measured = situation.recording.wrench is not None
         return ("wrench_sensor",) if measured and sprung(situation) else ()
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         carried = torques(situation, True)[:, situation.arm.compliance > 0.0]
         value = np.linalg.svd(carried.reshape(-1, 3), compute_uv=False)
@@ -69,23 +69,29 @@ class WrenchMisalignment(Hypothesis):
         return np.array([[0.0], [1.0]] if shown else [[0.0]])
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return wind_up(situation, torques(situation, bool(shape[0])))
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         forms = self.shapes(situation, where)
         other = [form for form in forms if form[0] != shape[0]]
-        return self.signature(situation, where, other[0]) if other else NOTHING
+        return self.jacobian(situation, where, other[0]) if other else NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -95,20 +101,20 @@ class WrenchMisalignment(Hypothesis):
     @override
     def acting(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
-    ) -> Situation:
+    ) -> StaticState:
         return read_right(situation, missing(situation, bool(shape[0])) @ coefficients)
 
 
-def torques(situation: Situation, beside: bool) -> Float[np.ndarray, "rows axes 3"]:
+def torques(situation: StaticState, beside: bool) -> Float[np.ndarray, "rows axes 3"]:
     """Return what the axes carry more, per radian turned or per metre beside."""
     return torque_at_sensor(situation, missing(situation, beside))
 
 
-def missing(situation: Situation, beside: bool) -> Float[np.ndarray, "rows 6 3"]:
+def missing(situation: StaticState, beside: bool) -> Float[np.ndarray, "rows 6 3"]:
     """Return what the wrench is more, per radian turned or per metre beside."""
     force, moment = np.split(reading(situation)[:, :, None], 2, axis=1)
     e = np.eye(3)[None]

@@ -18,8 +18,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, sprung
-from stiffness.effects.jacobian import NOTHING, Signature, Turn
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import NOTHING, EffectJacobian, JointRotation
+from stiffness.experiment.static_state import StaticState
 
 WRIST = 3
 """How many axes, counted from the tip, make a wrist."""
@@ -40,37 +40,46 @@ class WristCoupling(Hypothesis):
         "compliance_rad_per_nm": (-1e-3, 1e-3),
         "with": (1.0, np.inf),
     }
-    sizes: ClassVar[tuple[str, ...]] = ("compliance_rad_per_nm",)
+    magnitudes: ClassVar[tuple[str, ...]] = ("compliance_rad_per_nm",)
 
     @override
-    def places(self, situation: Situation) -> tuple[str, ...]:
+    def places(self, situation: StaticState) -> tuple[str, ...]:
         return tuple(a for a in situation.axes if len(partners(situation, a)))
 
     @override
     def shapes(
-        self, situation: Situation, where: str
+        self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         return partners(situation, where)[:, None] + 1.0
 
     @override
-    def signature(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         far, near = situation.axis(where), round(shape[0]) - 1
         torque = situation.torque
-        parts = (Turn(far, torque[:, near, None]), Turn(near, torque[:, far, None]))
-        return Signature(1, parts)
+        parts = (
+            JointRotation(far, torque[:, near, None]),
+            JointRotation(near, torque[:, far, None]),
+        )
+        return EffectJacobian(1, parts)
 
     @override
     def variants(
-        self, situation: Situation, where: str, shape: Float[np.ndarray, " parameters"]
-    ) -> Signature:
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
         return NOTHING
 
     @override
     def parameters(
         self,
-        situation: Situation,
+        situation: StaticState,
         where: str,
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
@@ -79,7 +88,7 @@ class WristCoupling(Hypothesis):
         return {"compliance_rad_per_nm": coefficients[0], "with": partner}
 
 
-def partners(situation: Situation, where: str) -> Float[np.ndarray, " partners"]:
+def partners(situation: StaticState, where: str) -> Float[np.ndarray, " partners"]:
     """Return the nearer axes of the wrist that an axis can couple with, from 0."""
     soft = sprung(situation)
     wrist = [a for a in situation.axes[-WRIST:] if a in soft]

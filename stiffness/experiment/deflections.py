@@ -165,8 +165,8 @@ def end_effector_markers(arm: Arm, recording: Recording) -> Int[np.ndarray, " ma
         found = [k for k, b in enumerate(bodies) if arm.bodies.get(b, b) == goal]
         if found:
             return np.array(found)
-    last = arm.place("flange").axis
-    found = [k for k, body in enumerate(bodies) if arm.place(body).axis == last]
+    last = arm.attachment("flange").axis
+    found = [k for k, body in enumerate(bodies) if arm.attachment(body).axis == last]
     return np.array(found, dtype=int)
 
 
@@ -181,7 +181,7 @@ class Deflections:
         cases: Posture, wrench and the point whose motion is meant: the mean nominal
             place of the markers of that row.
         deflection: Along the base's axes, in m.
-        pose: Id of the posture visited.
+        posture_id: Id of the posture visited.
         row: The recording's row that was read under load.
         noise: What the instruments state.
         frame: Where the tracker stands, and how that is known.
@@ -191,7 +191,7 @@ class Deflections:
 
     cases: LoadCases
     deflection: Float[np.ndarray, "rows 3"]
-    pose: Int[np.ndarray, " rows"]
+    posture_id: Int[np.ndarray, " rows"]
     row: Int[np.ndarray, " rows"]
     noise: Noise
     frame: TrackerFrame
@@ -214,7 +214,7 @@ class Deflections:
             self,
             cases=self.cases.take(rows),
             deflection=self.deflection[rows],
-            pose=self.pose[rows],
+            posture_id=self.posture_id[rows],
             row=self.row[rows],
             noise=replace(
                 noise,
@@ -287,7 +287,7 @@ def every_plateau(
             "cm,cmi->ci", weight, np.where(seen[..., None], moved, 0.0)
         )
         @ turn.T,
-        pose=recording.pose[loaded],
+        posture_id=recording.posture_id[loaded],
         row=loaded,
         noise=noise_of_pairs(recording, chosen, weight, (loaded, unloaded), turn),
         frame=frame,
@@ -307,8 +307,8 @@ def one_per_pose(
     heavy = force if mass is None else mass[every.row]
     slack = 0.01 if mass is None else 0.0  # readings of one weight differ by noise
     kept = []
-    for pose in np.unique(every.pose):
-        rows = np.flatnonzero(every.pose == pose)
+    for pose in np.unique(every.posture_id):
+        rows = np.flatnonzero(every.posture_id == pose)
         heaviest = rows[heavy[rows] >= (1.0 - slack) * heavy[rows].max()]
         kept.append(heaviest[0])
     return every.take(np.array(kept))

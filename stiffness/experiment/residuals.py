@@ -17,15 +17,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bench.shared.recording import Recording
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 from stiffness.robot.arm import Arm
-from stiffness.robot.tracker_frame import Frames
+from stiffness.robot.tracker_frame import TrackerFit
 
 # --- Fitted frame and marker positions ------------------------------------------------
 
 
 def seen_in_base(
-    recording: Recording, frames: Frames
+    recording: Recording, frames: TrackerFit
 ) -> Float[np.ndarray, "rows markers 3"]:
     """Return readings along the base's axes, in m; NaN where not seen."""
     assert recording.points is not None
@@ -33,7 +33,7 @@ def seen_in_base(
 
 
 def expected(
-    situation: Situation, frames: Frames
+    situation: StaticState, frames: TrackerFit
 ) -> Float[np.ndarray, "rows markers 3"]:
     """Return where the markers should be, in m."""
     standing = situation.arm.at(situation.rest)
@@ -41,7 +41,7 @@ def expected(
     return np.stack(
         [
             standing.point(marker.body, place)
-            for marker, place in zip(markers, frames.place, strict=True)
+            for marker, place in zip(markers, frames.marker_positions, strict=True)
         ],
         axis=1,
     )
@@ -84,7 +84,7 @@ def bodies_of(
 
     Bodies fixed to each other are one: a flange and its tool move together.
     """
-    axis = [arm.place(marker.body).axis for marker in recording.markers]
+    axis = [arm.attachment(marker.body).axis for marker in recording.markers]
     order = sorted(set(axis), key=lambda k: len(arm.chain.carriers(k)))
     names = []
     for k in order:

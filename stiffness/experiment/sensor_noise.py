@@ -127,7 +127,7 @@ NEARLY = 1.5
 is seldom truer."""
 
 
-def steadied(recording: Recording) -> Recording:
+def average_encoders(recording: Recording) -> Recording:
     """Return a recording in which axes stand still where only their encoders differ.
 
     Args:

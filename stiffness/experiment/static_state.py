@@ -32,14 +32,14 @@ from stiffness.experiment.sensor_noise import clear_channels, tared
 from stiffness.experiment.visits import held_at_mean
 from stiffness.robot.arm import Arm
 from stiffness.robot.equilibrium import equilibrium
-from stiffness.robot.kinematics import Standing
+from stiffness.robot.kinematics import ArmState
 from stiffness.robot.wrench import felt_body, wrench_in_base
 
 # --- Situation ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class Situation:
+class StaticState:
     """What hypotheses see of an experiment; displacements themselves are not in it.
 
     Attributes:
@@ -66,8 +66,8 @@ class Situation:
         bodies: Names of the bodies with markers.
         tracker: Transform from the tracker's frame to the base's, as stated or fitted;
             None: nobody knows.
-        spots: Where each marker sits in its body's frame as fitted, in m; None: as
-            stated.
+        marker_positions: Where each marker sits in its body's frame as fitted, in m;
+            None: as stated.
         giving: What was named and gives way in proportion to loads: what each does in
             any situation, as parts of a signature.
     """
@@ -89,8 +89,8 @@ class Situation:
     carried: Bool[np.ndarray, "places bodies"]
     bodies: tuple[str, ...]
     tracker: Float[np.ndarray, "4 4"] | None = None
-    spots: Float[np.ndarray, "markers 3"] | None = None
-    giving: tuple[Callable[["Situation"], tuple], ...] = ()
+    marker_positions: Float[np.ndarray, "markers 3"] | None = None
+    giving: tuple[Callable[["StaticState"], tuple], ...] = ()
 
     @property
     def rows(self) -> int:
@@ -111,10 +111,12 @@ class Situation:
         """Return the number of an axis from its name, counted from 0."""
         return self.axes.index(where)
 
-    def spot(self, marker: int) -> Float[np.ndarray, "3"] | None:
+    def marker_position(self, marker: int) -> Float[np.ndarray, "3"] | None:
         """Return where a marker sits in its body's frame, in m, if anybody knows."""
         stated = self.recording.markers[marker].position
-        return stated if self.spots is None else self.spots[marker]
+        return (
+            stated if self.marker_positions is None else self.marker_positions[marker]
+        )
 
     @cached_property
     def screw(self) -> Float[np.ndarray, "rows axes 6"]:
@@ -126,9 +128,9 @@ class Situation:
         return twist
 
     @cached_property
-    def pose(self) -> Int[np.ndarray, " rows"]:
+    def posture_index(self) -> Int[np.ndarray, " rows"]:
         """Index of each row's pose among the poses, from 0."""
-        return np.unique(self.recording.pose, return_inverse=True)[1]
+        return np.unique(self.recording.posture_id, return_inverse=True)[1]
 
     @cached_property
     def visit(self) -> Int[np.ndarray, " rows"]:
@@ -152,11 +154,11 @@ class Situation:
         flat[self.steps[:, ::-1].ravel()] = values[:, ::-1].ravel()
         return flat
 
-    def with_compliance(self, compliance: Float[np.ndarray, " axes"]) -> "Situation":
+    def with_compliance(self, compliance: Float[np.ndarray, " axes"]) -> "StaticState":
         """Return the same, saying that the axes have this compliance."""
         return replace(self, compliance=compliance)
 
-    def some(self, rows: Int[np.ndarray, " some"]) -> "Situation":
+    def some(self, rows: Int[np.ndarray, " some"]) -> "StaticState":
         """Return some rows of the same, for laws that know no row but their own."""
         per_row = (
             "rest", "torque", "load_torque", "force", "moment", "origin", "frame",
@@ -169,12 +171,12 @@ class Situation:
 # --- Static equilibrium under gravity and load ----------------------------------------
 
 
-def situation_of(
+def static_state_of(
     arm: Arm,
     recording: Recording,
     compliance: Float[np.ndarray, " axes"],
     bodies: Sequence[str],
-) -> Situation:
+) -> StaticState:
     """Let the arm come to rest in every row and say what acts where.
 
     Args:
@@ -208,9 +210,9 @@ def situation_of(
     seat[:, 1:, :, 1][:, turns] = (sin * x + cos * y)[:, turns]
     carried = np.ones((axes + 1, len(bodies)), dtype=bool)
     for b, body in enumerate(bodies):
-        under = arm.chain.carriers(arm.place(body).axis)
+        under = arm.chain.carriers(arm.attachment(body).axis)
         carried[1:, b] = np.isin(np.arange(axes), under)
-    return Situation(
+    return StaticState(
         recording=recording,
         arm=arm,
         compliance=compliance,
@@ -255,14 +257,14 @@ def _rest(
     return rest, wrench
 
 
-def _felt(recording: Recording, standing: Standing) -> Float[np.ndarray, "rows 6"]:
+def _felt(recording: Recording, standing: ArmState) -> Float[np.ndarray, "rows 6"]:
     """Return the wrench along the base's axes, without what is noise alone."""
     spec, (_, axes) = recording.wrench_sensor, _sensor(recording, standing)
     wrench = tared(recording, wrench_in_base(recording, standing), axes)
     return wrench if spec is None else clear_channels(spec, wrench, axes)
 
 
-def _sensor(recording: Recording, standing: Standing) -> tuple[np.ndarray, np.ndarray]:
+def _sensor(recording: Recording, standing: ArmState) -> tuple[np.ndarray, np.ndarray]:
     """Return where the sensor is and its own axes, in whatever axes it reports."""
     spec = recording.wrench_sensor
     if spec is None:
@@ -284,7 +286,7 @@ def _midway(
     return recording.posture + held_at_mean(recording.visit, wound)
 
 
-def _places(standing: Standing) -> tuple[np.ndarray, np.ndarray]:
+def _places(standing: ArmState) -> tuple[np.ndarray, np.ndarray]:
     """Return origin and frame of every place."""
     axes, rows = standing.origin.shape[:2]
     origin = np.zeros((rows, axes + 1, 3))
@@ -295,7 +297,7 @@ def _places(standing: Standing) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _carried(
-    recording: Recording, standing: Standing, wrench: np.ndarray, sensor: np.ndarray
+    recording: Recording, standing: ArmState, wrench: np.ndarray, sensor: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return force and moment at every place."""
     chain = standing.chain
@@ -307,7 +309,7 @@ def _carried(
     ]
     pulls.append((-1, chain.foot_mass * chain.gravity, chain.foot_centre[None]))
     if recording.wrench is not None:
-        felt = standing.place(felt_body(recording)).axis
+        felt = standing.attachment(felt_body(recording)).axis
         pulls.append((felt, wrench[:, :3], sensor))
     for axis, pull, at in pulls:
         for place in [0, *(k + 1 for k in chain.carriers(axis))]:
@@ -315,7 +317,7 @@ def _carried(
             force[:, place] += pull
             moment[:, place] += np.cross(arm, np.broadcast_to(pull, arm.shape))
     if recording.wrench is not None:
-        felt = standing.place(felt_body(recording)).axis
+        felt = standing.attachment(felt_body(recording)).axis
         for place in [0, *(k + 1 for k in chain.carriers(felt))]:
             moment[:, place] += wrench[:, 3:]
     return force, moment

@@ -24,12 +24,12 @@ class Visits:
         row: The recording's rows of each stay in the order of time; short stays repeat
             their last.
         counts: Whether an entry is a row and not a repetition.
-        pose: Index of each stay's pose.
+        posture_index: Index of each stay's pose.
     """
 
     row: Int[np.ndarray, "visits longest"]
     counts: Bool[np.ndarray, "visits longest"]
-    pose: Int[np.ndarray, " visits"]
+    posture_index: Int[np.ndarray, " visits"]
 
     def gather(self, values: np.ndarray) -> np.ndarray:
         """Lay values of rows side by side: (visits, longest, …)."""
@@ -37,7 +37,7 @@ class Visits:
 
     def poses(self) -> int:
         """Return how many poses there are."""
-        return int(self.pose.max()) + 1
+        return int(self.posture_index.max()) + 1
 
 
 def visits_of(
@@ -98,7 +98,7 @@ def stretches(
     return [one[at : at + STRETCH] for one in own for at in range(0, len(one), STRETCH)]
 
 
-MOST = 12
+MAX_KEPT = 12
 """Stretches of visits for which what was laid out is kept; chosen: an experiment of
 some hundred visits is laid out once, a long one never fills the memory."""
 Laid = TypeVar("Laid")
@@ -118,7 +118,7 @@ class Kept(Generic[Laid]):
         """Return what was laid out for these visits, or lay it out."""
         key = visits.tobytes()
         if key not in self.laid:
-            if len(self.laid) >= MOST:
+            if len(self.laid) >= MAX_KEPT:
                 del self.laid[next(iter(self.laid))]
             self.laid[key] = lay(visits)
         return self.laid[key]

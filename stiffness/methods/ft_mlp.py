@@ -24,7 +24,7 @@ from typing_extensions import override
 from bench.shared.recording import Recording
 from stiffness.experiment.deflections import Deflections, Selection, every_plateau
 from stiffness.methods.method import Method
-from stiffness.methods.network_fit import NetworkFit, beside, wrench_about
+from stiffness.methods.network_fit import NetworkFit, relative_deflection, wrench_about
 from stiffness.methods.vjm import Vjm, VjmFit
 from stiffness.networks.fine_tuning import FineTuned, FineTuning, fine_tune
 from stiffness.networks.model import DeflectionNetwork
@@ -114,12 +114,14 @@ def tune(
     tell: Tell | None = None,
 ) -> FineTuned:
     """Correct a network by deflections, each as if of the network's own point."""
-    deflection = data.deflection - beside(springs, data.cases, network.point_in_flange)
+    deflection = data.deflection - relative_deflection(
+        springs, data.cases, network.point_in_flange
+    )
     return fine_tune(
         network,
         as_seen(network, springs.arm, data),
         deflection,
-        data.pose,
+        data.posture_id,
         settings,
         about(tell, "fine-tuning"),
     )

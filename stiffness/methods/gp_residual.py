@@ -59,7 +59,7 @@ class GpResidual(Method):
         scaling = Scaling.of(seen)
         inputs = scaling.unitless(seen)
         processes = tuple(
-            most_likely(inputs, left[:, k], data.pose, self.evaluations)
+            most_likely(inputs, left[:, k], data.posture_id, self.evaluations)
             for k in range(3)
         )
         return GpResidualFit(springs, scaling, processes, origin)

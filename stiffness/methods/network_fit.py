@@ -43,7 +43,9 @@ class NetworkFit(Fitted):
         """Ask the network, and carry its answer to each case's point."""
         wrench = wrench_about(self.springs.arm, cases, self.network.origin_in_flange)
         answer = self.network.predict(cases.posture, wrench)
-        return answer + beside(self.springs, cases, self.network.point_in_flange)
+        return answer + relative_deflection(
+            self.springs, cases, self.network.point_in_flange
+        )
 
     @property
     @override
@@ -70,7 +72,7 @@ def wrench_about(
     return np.hstack([force, torque + np.cross(lever, force)])
 
 
-def beside(
+def relative_deflection(
     springs: VjmFit, cases: LoadCases, point_in_flange: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "cases 3"]:
     """Return how much farther each case's point moves than one common point, in m.

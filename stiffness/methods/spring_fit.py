@@ -19,7 +19,7 @@ from bench.shared.errors import NotIdentifiable
 from stiffness.experiment.deflections import Deflections, LoadCases
 from stiffness.regression.least_squares import LeastSquares, least_squares, solve
 from stiffness.robot.arm import Arm
-from stiffness.robot.kinematics import Standing
+from stiffness.robot.kinematics import ArmState
 
 # --- Axes that the data cannot see ----------------------------------------------------
 
@@ -154,7 +154,7 @@ def fit_springs(
             raise NotIdentifiable(UNSETTLED)
     else:
         raise NotIdentifiable(UNSETTLED)
-    solution = least_squares(design, left, data.pose)
+    solution = least_squares(design, left, data.posture_id)
     refuse_if_blind(
         arm, free, compliance[free], solution.sigma_clustered, arm.compliance
     )
@@ -162,7 +162,7 @@ def fit_springs(
 
 
 def _wrench_at_point(
-    data: Deflections, standing: Standing
+    data: Deflections, standing: ArmState
 ) -> Float[np.ndarray, "rows 6"]:
     """Carry the wrench to the end-effector point, turned with a sensor that turns."""
     cases = data.cases

@@ -34,7 +34,7 @@ SURVIVES = 1e-9
 thousand times above rounding, a hundredth of what could ever be detected."""
 
 
-def without(
+def projection_coefficients(
     gram: Float[np.ndarray, "columns columns"], known: Int[np.ndarray, " known"]
 ) -> Float[np.ndarray, "known columns"]:
     """Return the share of known columns in all columns: gram_KK^+ gram_Kc.
@@ -52,7 +52,7 @@ def without(
     return half @ (half.T @ gram[known])
 
 
-def left_of(
+def schur_complement(
     gram: Float[np.ndarray, "columns columns"],
     known: Int[np.ndarray, " known"],
     share: Float[np.ndarray, "known columns"],
@@ -68,33 +68,34 @@ def left_of(
     return gram[np.ix_(block, block)] - cross - cross.T + own.T @ inner @ own
 
 
-def white_turn(
-    left: Float[np.ndarray, "columns columns"], raw: Float[np.ndarray, " columns"]
+def whitening_transform(
+    residual_gram: Float[np.ndarray, "columns columns"],
+    raw: Float[np.ndarray, " columns"],
 ) -> Float[np.ndarray, "columns freedom"]:
     """Return what makes columns white, directions without information left out.
 
     Args:
-        left: Their Gram matrix after everything known was projected out.
+        residual_gram: Their Gram matrix after everything known was projected out.
         raw: Their information before that.
     """
     live = raw > 0.0
     scale = np.where(live, 1.0 / np.sqrt(np.where(live, raw, 1.0)), 0.0)
-    value, vector = np.linalg.eigh(left * scale * scale[:, None])
+    value, vector = np.linalg.eigh(residual_gram * scale * scale[:, None])
     keep = value > SURVIVES * len(raw)
     return scale[:, None] * vector[:, keep] / np.sqrt(value[keep])
 
 
-def projected(
+def minimum_norm_fit(
     gram: Float[np.ndarray, "columns columns"], score: Float[np.ndarray, " columns"]
 ) -> Float[np.ndarray, " columns"]:
     """Return the smallest coefficients that fit best; columns may be multiples."""
     joint = np.block([[gram, score[:, None]], [score[None], np.ones((1, 1))]])
-    return without(joint, np.arange(len(gram)))[:, -1]
+    return projection_coefficients(joint, np.arange(len(gram)))[:, -1]
 
 
 # --- Block by block, regularised ------------------------------------------------------
 
-Columns = Int[np.ndarray, " _"]
+ColumnIndices = Int[np.ndarray, " _"]
 
 
 @dataclass(frozen=True)
@@ -115,7 +116,7 @@ class Eliminated:
     out: Normal | None
     noise: float
     precision: Float[np.ndarray, " columns"]
-    known: Columns
+    known: ColumnIndices
     through: Float[np.ndarray, "known columns"]
     aim: Float[np.ndarray, " known"]
 
@@ -129,7 +130,7 @@ class Eliminated:
         through = np.zeros((0, width))
         return cls(total, out, noise, precision, none, through, np.zeros(0))
 
-    def joined_by(self, own: Columns) -> "Eliminated":
+    def joined_by(self, own: ColumnIndices) -> "Eliminated":
         """Let a block of columns join the known ones."""
         rest = np.setdiff1d(np.arange(len(self.precision)), self.known)
         inner = self.inner(own, rest)
@@ -148,7 +149,7 @@ class Eliminated:
         )
 
     def with_each(
-        self, blocks: Sequence[Columns]
+        self, blocks: Sequence[ColumnIndices]
     ) -> Float[np.ndarray, "columns tried"]:
         """Return the solutions with each block joined by itself; zeros elsewhere."""
         x = np.zeros((len(self.precision), len(blocks)))
@@ -165,7 +166,7 @@ class Eliminated:
         upper, _ = potri(factor)
         return np.triu(upper) + np.triu(upper, 1).T
 
-    def inner(self, rows: Columns, columns: Columns) -> np.ndarray:
+    def inner(self, rows: ColumnIndices, columns: ColumnIndices) -> np.ndarray:
         """Return what the known columns leave of H, P's part included."""
         cross = self.total.gram[np.ix_(rows, columns)]
         if self.out is not None:
@@ -175,7 +176,7 @@ class Eliminated:
         cross -= self.through[:, rows].T @ self.through[:, columns]
         return cross
 
-    def _aim(self, own: Columns) -> Float[np.ndarray, " own"]:
+    def _aim(self, own: ColumnIndices) -> Float[np.ndarray, " own"]:
         """Return what the known columns leave of b."""
         aim = self.total.aim[own]
         if self.out is not None:

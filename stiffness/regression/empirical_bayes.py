@@ -19,7 +19,7 @@ from stiffness.regression.normal_equations import Normal
 
 FIRST_SIZE = 3e-5
 """Of a coefficient before the data have spoken, in rad; 6 arc seconds."""
-SMALLEST, LARGEST = 1e-8, 1e-3
+SMALLEST, GREATEST = 1e-8, 1e-3
 """Bounds of the size of a band's coefficients, in rad."""
 ROUNDS, STILL = 12, 0.1
 """Rounds at most; change of the logarithm of a variance that ends them."""
@@ -28,7 +28,7 @@ FAINT = 1e-9
 
 
 @dataclass(frozen=True)
-class Sizes:
+class VarianceComponents:
     """How large things are.
 
     Attributes:
@@ -71,40 +71,46 @@ class Solved:
 def precision_of(
     square: Float[np.ndarray, " columns"],
     band: Int[np.ndarray, " columns"],
-    sizes: Sizes,
+    variances: VarianceComponents,
 ) -> Float[np.ndarray, " columns"]:
     """Return P of columns with these sums of squares."""
-    diagonal = square / sizes.noise
+    diagonal = square / variances.noise
     tabled = band >= 0
     precision = FAINT * np.where(diagonal > 0.0, diagonal, 1.0)
-    precision[tabled] = 1.0 / sizes.variance[band[tabled]]
+    precision[tabled] = 1.0 / variances.variance[band[tabled]]
     return precision
 
 
-def solved(normal: Normal, band: Int[np.ndarray, " columns"], sizes: Sizes) -> Solved:
+def solved(
+    normal: Normal, band: Int[np.ndarray, " columns"], variances: VarianceComponents
+) -> Solved:
     """Solve with sizes as they are."""
-    precision = precision_of(np.diag(normal.gram), band, sizes)
-    h = normal.gram / sizes.noise
+    precision = precision_of(np.diag(normal.gram), band, variances)
+    h = normal.gram / variances.noise
     h[np.diag_indices(len(h))] += precision
     factor = cho_factor(h, lower=True, overwrite_a=True)
-    return Solved(cho_solve(factor, normal.aim / sizes.noise), factor, precision)
+    return Solved(cho_solve(factor, normal.aim / variances.noise), factor, precision)
 
 
-def learnt(normal: Normal, band: Int[np.ndarray, " columns"]) -> tuple[Solved, Sizes]:
+def learnt(
+    normal: Normal, band: Int[np.ndarray, " columns"]
+) -> tuple[Solved, VarianceComponents]:
     """Learn the sizes and solve."""
     count = int(band.max(initial=-1)) + 1
     tabled = band >= 0
-    sizes = Sizes((5e-5) ** 2, np.full(count, FIRST_SIZE**2))
+    sizes = VarianceComponents((5e-5) ** 2, np.full(count, FIRST_SIZE**2))
     for _ in range(ROUNDS):
         found = solved(normal, band, sizes)
         used = 1.0 - found.precision * found.spread()
         square = np.bincount(band[tabled], (found.x**2)[tabled], count)
         freedom = np.bincount(band[tabled], used[tabled], count)
         variance = square / np.maximum(freedom, 1e-9)
-        variance = np.clip(variance, SMALLEST**2, LARGEST**2)
-        noise = max(normal.left(found.x), 0.0) / max(normal.count - used.sum(), 1.0)
+        variance = np.clip(variance, SMALLEST**2, GREATEST**2)
+        noise = max(normal.residual_square(found.x), 0.0) / max(
+            normal.count - used.sum(), 1.0
+        )
         change = np.abs(np.log(variance / sizes.variance))
-        sizes = Sizes(max(noise, 1e-18), variance)
+        sizes = VarianceComponents(max(noise, 1e-18), variance)
         if change.max(initial=0.0) < STILL:
             break
     return solved(normal, band, sizes), sizes

@@ -34,7 +34,7 @@ class LeastSquares:
         clustered: From how groups of rows disagree, the model's own error included.
         groups: How many groups there were.
         chi_square: Sum of squared whitened residuals.
-        freedom: Rows less parameters.
+        degrees_of_freedom: Rows less parameters.
     """
 
     value: Float[np.ndarray, " parameters"]
@@ -42,7 +42,7 @@ class LeastSquares:
     clustered: Float[np.ndarray, "parameters parameters"]
     groups: int
     chi_square: float
-    freedom: int
+    degrees_of_freedom: int
 
     @property
     def sigma(self) -> Float[np.ndarray, " parameters"]:

@@ -23,7 +23,7 @@ from jaxtyping import Float, Int
 
 
 @dataclass(frozen=True)
-class Evidence:
+class NormalEquations:
     """Gram matrices by fold of poses, scores by pose.
 
     Attributes:
@@ -81,7 +81,7 @@ class Normal:
         gram = self.gram[np.ix_(columns, columns)]
         return Normal(gram, self.aim[columns], self.square, self.count)
 
-    def left(self, x: Float[np.ndarray, " columns"]) -> float:
+    def residual_square(self, x: Float[np.ndarray, " columns"]) -> float:
         """Return the sum of squares that a solution leaves, in m^2."""
         return float(self.square - 2.0 * x @ self.aim + x @ self.gram @ x)
 

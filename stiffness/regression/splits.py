@@ -64,7 +64,7 @@ def seed_of(recording: Recording) -> int:
 
 def split_of(recording: Recording) -> Split:
     """Draw the hold-out and the folds."""
-    ids, first = np.unique(recording.pose, return_index=True)
+    ids, first = np.unique(recording.posture_id, return_index=True)
     posture = recording.posture[first]
     poses = len(ids)
     if poses < 10:
@@ -105,7 +105,9 @@ MOST_POSES = 800
 effect of a twentieth of one reading's noise still has a whitened square of hundreds."""
 
 
-def sample_of(recording: Recording, most: int = MOST_POSES) -> tuple[Recording, str]:
+def subsample_poses(
+    recording: Recording, most: int = MOST_POSES
+) -> tuple[Recording, str]:
     """Draw the poses that are looked at, from a hash of the recording.
 
     Args:
@@ -116,7 +118,7 @@ def sample_of(recording: Recording, most: int = MOST_POSES) -> tuple[Recording, 
         The recording of these poses, and a sentence that says so; empty where all are
         looked at.
     """
-    poses = np.unique(recording.pose)
+    poses = np.unique(recording.posture_id)
     if len(poses) <= most:
         return recording, ""
     random = np.random.default_rng(seed_of(recording))
@@ -125,4 +127,4 @@ def sample_of(recording: Recording, most: int = MOST_POSES) -> tuple[Recording, 
         f"{most} of {len(poses)} poses are looked at, drawn at random; "
         "all numbers below are theirs."
     )
-    return recording.take(np.isin(recording.pose, chosen)), note
+    return recording.take(np.isin(recording.posture_id, chosen)), note

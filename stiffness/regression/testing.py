@@ -33,11 +33,15 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 from scipy.stats import norm
 
-from stiffness.regression.elimination import left_of, white_turn, without
+from stiffness.regression.elimination import (
+    projection_coefficients,
+    schur_complement,
+    whitening_transform,
+)
 
 # --- Detection ------------------------------------------------------------------------
 
-ALARM = 0.005
+SIGNIFICANCE = 0.005
 """p-value below which there is a mismatch; the rule of the answer."""
 
 
@@ -55,22 +59,22 @@ AT_ONCE = 500
 
 
 @dataclass(frozen=True)
-class Tested:
+class MaxTResult:
     """Blocks of columns against what random signs would make of them.
 
     Attributes:
         captured: Whitened square that each block captures.
-        freedom: Degrees of freedom of each block.
+        degrees_of_freedom: Degrees of freedom of each block.
         z: The same on the scale of a standard normal.
-        alone: p-value of each block for itself.
+        unadjusted: p-value of each block for itself.
         together: p-value of each block among all.
         p_value: Of the strongest.
     """
 
     captured: Float[np.ndarray, " blocks"]
-    freedom: Float[np.ndarray, " blocks"]
+    degrees_of_freedom: Float[np.ndarray, " blocks"]
     z: Float[np.ndarray, " blocks"]
-    alone: Float[np.ndarray, " blocks"]
+    unadjusted: Float[np.ndarray, " blocks"]
     together: Float[np.ndarray, " blocks"]
 
     @property
@@ -95,19 +99,19 @@ def white_scores(
         blocks: Columns of each block.
         raw: Each column's information before anything was projected out.
     """
-    share = without(gram, known)
+    share = projection_coefficients(gram, known)
     white = []
     for block in blocks:
-        left = left_of(gram, known, share, block)
-        turn = white_turn(left, raw[block])
+        left = schur_complement(gram, known, share, block)
+        turn = whitening_transform(left, raw[block])
         white.append((score[:, block] - score[:, known] @ share[:, block]) @ turn)
     return white
 
 
-def sign_flips(
+def sign_flip_test(
     white: Sequence[Float[np.ndarray, "poses _"]],
     seed: int,
-) -> Tested:
+) -> MaxTResult:
     """Compare blocks with random signs of poses.
 
     Args:
@@ -118,7 +122,7 @@ def sign_flips(
     some = np.flatnonzero(freedom > 0)
     if not len(some):
         count = len(white)
-        return Tested(
+        return MaxTResult(
             np.zeros(count), freedom, np.full(count, -9.0), *np.ones((2, count))
         )
     poses = len(white[0])
@@ -145,25 +149,25 @@ def sign_flips(
     ]
     answer[0][some], answer[1][some] = seen, z
     answer[2][some], answer[3][some] = alone, (1.0 + above) / (1.0 + COMPARISONS)
-    return Tested(answer[0], freedom.astype(float), answer[1], answer[2], answer[3])
+    return MaxTResult(answer[0], freedom.astype(float), answer[1], answer[2], answer[3])
 
 
-def families(one: Tested, other: Tested) -> Tested:
+def combine_tests(one: MaxTResult, other: MaxTResult) -> MaxTResult:
     """Return two families of blocks as one, each with half of the error."""
     together = np.minimum(1.0, 2.0 * np.concatenate([one.together, other.together]))
-    return Tested(
+    return MaxTResult(
         np.concatenate([one.captured, other.captured]),
-        np.concatenate([one.freedom, other.freedom]),
+        np.concatenate([one.degrees_of_freedom, other.degrees_of_freedom]),
         np.concatenate([one.z, other.z]),
-        np.concatenate([one.alone, other.alone]),
+        np.concatenate([one.unadjusted, other.unadjusted]),
         together,
     )
 
 
-def _normal(square: np.ndarray, freedom: np.ndarray) -> np.ndarray:
+def _normal(square: np.ndarray, degrees_of_freedom: np.ndarray) -> np.ndarray:
     """Return chi-squares on the scale of a standard normal (Wilson & Hilferty)."""
-    spread = 2.0 / (9.0 * freedom)
-    return (np.cbrt(square / freedom) - (1.0 - spread)) / np.sqrt(spread)
+    spread = 2.0 / (9.0 * degrees_of_freedom)
+    return (np.cbrt(square / degrees_of_freedom) - (1.0 - spread)) / np.sqrt(spread)
 
 
 # --- Score of a model -----------------------------------------------------------------
@@ -172,7 +176,7 @@ MARGIN = 2.0
 """Standard errors by which a term must improve the prediction of poses left out."""
 
 
-def is_clear(gain: Float[np.ndarray, " poses"]) -> bool:
+def is_significant(gain: Float[np.ndarray, " poses"]) -> bool:
     """Return whether poses gain by more than chance.
 
     Poses that gain nothing at all say nothing.
@@ -185,7 +189,7 @@ def is_clear(gain: Float[np.ndarray, " poses"]) -> bool:
 # --- Models on folds left out ---------------------------------------------------------
 
 
-def compared(
+def mean_log_gain(
     before: Float[np.ndarray, " folds"], after: Float[np.ndarray, " folds"]
 ) -> tuple[float, float]:
     """Return the mean gain of the logarithm of what is left, and its standard error."""

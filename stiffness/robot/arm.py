@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from bench.shared.errors import UnknownName, Unusable
 from bench.shared.recording import Payload, Recording
 from stiffness.robot.chain import Chain, Place, chain_of
-from stiffness.robot.kinematics import Standing
+from stiffness.robot.kinematics import ArmState
 from stiffness.robot.mjcf import ArmFile, read, read_text, without_other_joints
 
 
@@ -95,7 +95,7 @@ class Arm:
             chain=chain,
         )
         for name in arm.bodies:
-            arm.place(name)
+            arm.attachment(name)
         return arm
 
     @property
@@ -123,7 +123,7 @@ class Arm:
             raise Unusable(f"Recording {recording.name!r}", [fault])
         return arm
 
-    def place(self, body: str) -> Place:
+    def attachment(self, body: str) -> Place:
         """Return which axis a body hangs on and how.
 
         Raises:
@@ -135,7 +135,7 @@ class Arm:
             raise UnknownName("body", name, places)
         return places[name]
 
-    def at(self, posture: Float[np.ndarray, "cases axes"]) -> Standing:
+    def at(self, posture: Float[np.ndarray, "cases axes"]) -> ArmState:
         """Stand the arm in many postures at once.
 
         Args:
@@ -154,7 +154,7 @@ class Arm:
             row, column = np.argwhere(~np.isfinite(posture))[0]
             fault = f"row {row}, axis {self.axes[column]}: not a number."
             raise Unusable("The posture", [fault])
-        return Standing.of(self.chain, self.place, posture)
+        return ArmState.of(self.chain, self.attachment, posture)
 
     def placements(
         self, posture: Float[np.ndarray, "cases axes"], bodies: Sequence[str]
@@ -169,7 +169,7 @@ class Arm:
         body: str,
         position: Float[np.ndarray, "*cases 3"],
     ) -> Float[np.ndarray, "cases 3"]:
-        """Return where a point of a body is, in m; see `Standing.point`."""
+        """Return where a point of a body is, in m; see `ArmState.point`."""
         return self.at(posture).point(body, position)
 
     def jacobian(
@@ -178,13 +178,13 @@ class Arm:
         body: str,
         position: Float[np.ndarray, "*cases 3"],
     ) -> Float[np.ndarray, "cases 6 axes"]:
-        """Return the geometric Jacobian at a point of a body; see `Standing`."""
+        """Return the geometric Jacobian at a point of a body; see `ArmState`."""
         return self.at(posture).jacobian(body, position)
 
     def gravity_torque(
         self, posture: Float[np.ndarray, "cases axes"], payload: Payload | None = None
     ) -> Float[np.ndarray, "cases axes"]:
-        """Return the torque that gravity exerts on the axes; see `Standing`."""
+        """Return the torque that gravity exerts on the axes; see `ArmState`."""
         return self.at(posture).gravity_torque(payload)
 
     def load_torque(
@@ -194,5 +194,5 @@ class Arm:
         body: str,
         position: Float[np.ndarray, "*cases 3"],
     ) -> Float[np.ndarray, "cases axes"]:
-        """Return the torque that a wrench exerts on the axes; see `Standing`."""
+        """Return the torque that a wrench exerts on the axes; see `ArmState`."""
         return self.at(posture).load_torque(wrench_in_base, body, position)

@@ -25,7 +25,7 @@ from stiffness.robot.chain import Chain, Place
 # --- Point Jacobian -------------------------------------------------------------------
 
 
-def levers(
+def point_jacobian(
     point: Float[np.ndarray, "*many 3"],
 ) -> Float[np.ndarray, "*many 3 6"]:
     """Return what takes a twist to the displacement of a point: [1, -point x]."""
@@ -43,18 +43,18 @@ def levers(
 
 
 @dataclass(frozen=True)
-class Standing:
+class ArmState:
     """A chain in many postures at once, everything along the base's axes.
 
     Attributes:
         chain: Where axes, bodies and masses sit.
-        place: Finds a body by name.
+        attachment: Finds a body by name.
         rotation: Of each axis' frame.
         origin: Of each axis' frame, in m.
     """
 
     chain: Chain
-    place: Callable[[str], Place]
+    attachment: Callable[[str], Place]
     rotation: Float[np.ndarray, "axes cases 3 3"]
     origin: Float[np.ndarray, "axes cases 3"]
 
@@ -62,9 +62,9 @@ class Standing:
     def of(
         cls,
         chain: Chain,
-        place: Callable[[str], Place],
+        attachment: Callable[[str], Place],
         posture: Float[np.ndarray, "cases axes"],
-    ) -> "Standing":
+    ) -> "ArmState":
         """Move every axis of the chain to its coordinate."""
         cases, axes = posture.shape
         rotation = np.empty((axes, cases, 3, 3))
@@ -89,11 +89,11 @@ class Standing:
             rotation[k, :, :, 1] = c * y - s * x
             rotation[k, :, :, 2] = z
             origin[k] = start
-        return cls(chain, place, rotation, origin)
+        return cls(chain, attachment, rotation, origin)
 
     def placement(self, body: str) -> Float[np.ndarray, "cases 4 4"]:
         """Return a body's transforms to the base's frame, in m."""
-        place = self.place(body)
+        place = self.attachment(body)
         cases = self.origin.shape[1]
         if place.axis < 0:
             return np.tile(place.placement, (cases, 1, 1))
@@ -116,7 +116,7 @@ class Standing:
             body: The body's name.
             position: The point in the body's frame, one for all cases or one each, m.
         """
-        place = self.place(body)
+        place = self.attachment(body)
         inner = position @ place.placement[:3, :3].T + place.placement[:3, 3]
         if place.axis < 0:
             return np.broadcast_to(inner, self.origin.shape[1:]).copy()
@@ -133,7 +133,7 @@ class Standing:
         """
         columns = np.zeros((self.origin.shape[1], 6, len(self.origin)))
         point = self.point(body, position)
-        for k in self.chain.carriers(self.place(body).axis):
+        for k in self.chain.carriers(self.attachment(body).axis):
             along = self.rotation[k, :, :, 2]
             if self.chain.slides[k]:
                 columns[:, :3, k] = along
@@ -174,7 +174,7 @@ class Standing:
         if payload is not None and payload.mass:
             bodies = np.concatenate([bodies, self.point("flange", payload.com)[None]])
             mass = np.append(mass, payload.mass)
-            axes.append(self.place("flange").axis)
+            axes.append(self.attachment("flange").axis)
         return axes, mass, bodies
 
     def gravity_torque(

@@ -49,7 +49,7 @@ from bench.shared.errors import Unusable
 from bench.shared.recording import UNLOADED, Recording
 from stiffness.robot.arm import Arm
 from stiffness.robot.equilibrium import equilibrium
-from stiffness.robot.kinematics import levers
+from stiffness.robot.kinematics import point_jacobian
 
 # --- Accuracy of trackers and of stated marker positions ------------------------------
 
@@ -107,7 +107,7 @@ def tracker_frame(
     """
     if recording.base_from_tracker is not None:
         return TrackerFrame(recording.base_from_tracker, 0.0, "manifest")
-    fixed = [arm.place(marker.body).axis < 0 for marker in recording.markers]
+    fixed = [arm.attachment(marker.body).axis < 0 for marker in recording.markers]
     known = [marker.position is not None for marker in recording.markers]
     on_base = np.array(fixed, dtype=bool) & np.array(known, dtype=bool)
     frame = None
@@ -187,18 +187,18 @@ def _fit(
 
 
 @dataclass(frozen=True)
-class Frames:
+class TrackerFit:
     """Where the tracker stands and where the markers sit.
 
     Attributes:
         turn: R in p_base = R p_tracker + shift.
         shift: In m.
-        place: Of each marker in its body's frame, in m.
+        marker_positions: Of each marker in its body's frame, in m.
     """
 
     turn: Float[np.ndarray, "3 3"]
     shift: Float[np.ndarray, "3"]
-    place: Float[np.ndarray, "markers 3"]
+    marker_positions: Float[np.ndarray, "markers 3"]
 
     @property
     def transform(self) -> Float[np.ndarray, "4 4"]:
@@ -207,9 +207,9 @@ class Frames:
         whole[:3, :3], whole[:3, 3] = self.turn, self.shift
         return whole
 
-    def moved(
-        self, twist: Float[np.ndarray, "6"], place: Float[np.ndarray, "markers 3"]
-    ) -> "Frames":
+    def displaced(
+        self, twist: Float[np.ndarray, "6"], marker_step: Float[np.ndarray, "markers 3"]
+    ) -> "TrackerFit":
         """Move the tracker by a small twist of the base's frame, and the markers.
 
         A twist moves what is predicted, so readings move back.
@@ -219,7 +219,7 @@ class Frames:
             self,
             turn=back @ self.turn,
             shift=back @ self.shift - twist[:3],
-            place=self.place + place,
+            marker_positions=self.marker_positions + marker_step,
         )
 
 
@@ -231,14 +231,14 @@ arm was; chosen."""
 
 
 @dataclass(frozen=True)
-class Sight:
+class TrackerObservations:
     """Readings of markers beside where the arm's bodies should be.
 
     Attributes:
         turned: From each marker's body to the base.
         origin: Of each marker's body, in m.
         y: Readings in the tracker's frame, in m; NaN where not seen.
-        place: Of each marker in its body, in m.
+        marker_positions: Of each marker in its body, in m.
         given: Whether that place is stated.
         transform: base_from_tracker; None where not stated.
     """
@@ -246,12 +246,14 @@ class Sight:
     turned: Float[np.ndarray, "visits markers 3 3"]
     origin: Float[np.ndarray, "visits markers 3"]
     y: Float[np.ndarray, "visits markers 3"]
-    place: Float[np.ndarray, "markers 3"]
+    marker_positions: Float[np.ndarray, "markers 3"]
     given: Bool[np.ndarray, " markers"]
     transform: Float[np.ndarray, "4 4"] | None
 
     @classmethod
-    def of(cls, arm: Arm, recording: Recording, posture: np.ndarray) -> "Sight":
+    def of(
+        cls, arm: Arm, recording: Recording, posture: np.ndarray
+    ) -> "TrackerObservations":
         """Stand the arm in the recording's postures, one for each of its rows."""
         standing, markers = arm.at(posture), recording.markers
         assert recording.points is not None
@@ -263,7 +265,7 @@ class Sight:
             turned=all_of_them[..., :3, :3],
             origin=all_of_them[..., :3, 3],
             y=recording.points,
-            place=np.array(
+            marker_positions=np.array(
                 [np.zeros(3) if m.position is None else m.position for m in markers]
             ),
             given=np.array([m.position is not None for m in markers]),
@@ -280,15 +282,17 @@ class Sight:
         most = np.quantile(off[seen], 0.95)
         return (seen & (np.nan_to_num(off) <= FAR * most)).astype(float)
 
-    def misfit(self, frames: Frames) -> Float[np.ndarray, "visits markers 3"]:
+    def residual(self, frames: TrackerFit) -> Float[np.ndarray, "visits markers 3"]:
         """Return readings less where they should be, along the base's axes, in m."""
         point = np.nan_to_num(self.y) @ frames.turn.T + frames.shift
         return (
-            point - np.einsum("vmij,mj->vmi", self.turned, frames.place) - self.origin
+            point
+            - np.einsum("vmij,mj->vmi", self.turned, frames.marker_positions)
+            - self.origin
         )
 
 
-def extent_of(sight: Sight) -> float:
+def extent_of(sight: TrackerObservations) -> float:
     """Return over how large a box the readings go, in m."""
     y = sight.y[sight.weight > 0]
     return float(np.ptp(y, axis=0).max()) if len(y) else 0.0
@@ -308,9 +312,9 @@ STEPS, CLOSE = 6, 1e-7
 """Most steps of Gauss and Newton, and one in m or rad that is the last; chosen."""
 
 
-def first_frames(
+def initial_tracker_frame(
     arm: Arm, recording: Recording, compliance: Float[np.ndarray, " axes"]
-) -> Frames:
+) -> TrackerFit:
     """Guess the tracker's frame and the markers' places.
 
     Raises:
@@ -319,7 +323,7 @@ def first_frames(
     first = np.unique(recording.visit, return_index=True)[1]
     some = recording.take(first[:: max(1, len(first) // SOME)])
     posture = equilibrium(arm, some.posture, compliance, payload=recording.tool)
-    sight = Sight.of(arm, some, posture)
+    sight = TrackerObservations.of(arm, some, posture)
     if recording.displacement == "relative":
         faults = []
         if sight.transform is None:
@@ -332,18 +336,18 @@ def first_frames(
         if sight.transform is None or hidden:
             raise Unusable(f"Recording {recording.name!r}", faults)
         turn, shift = sight.transform[:3, :3], sight.transform[:3, 3]
-        return Frames(turn, shift, sight.place)
-    frames, _ = seated(sight)
+        return TrackerFit(turn, shift, sight.marker_positions)
+    frames, _ = fit_tracker_frame(sight)
     return frames
 
 
-def seated(sight: Sight) -> tuple[Frames, float]:
+def fit_tracker_frame(sight: TrackerObservations) -> tuple[TrackerFit, float]:
     """Fit frame and places as well as can be.
 
     Returns:
         Both, and the rms misfit in m.
     """
-    frames, rms = quickly_seated(sight)
+    frames, rms = fit_tracker_frame_once(sight)
     if sight.transform is not None or rms < POOR * extent_of(sight):
         return frames, rms
     for start in Rotation.create_group("O").as_matrix():
@@ -353,7 +357,7 @@ def seated(sight: Sight) -> tuple[Frames, float]:
     return frames, rms
 
 
-def quickly_seated(sight: Sight) -> tuple[Frames, float]:
+def fit_tracker_frame_once(sight: TrackerObservations) -> tuple[TrackerFit, float]:
     """Do the same from one start only: enough where the arm stands as it says."""
     weight = sight.weight
     if sight.transform is None:
@@ -363,7 +367,7 @@ def quickly_seated(sight: Sight) -> tuple[Frames, float]:
     return _judged(sight, turn, shift, weight)[:2]
 
 
-def _linear(sight: Sight, weight: np.ndarray) -> Float[np.ndarray, "3 3"]:
+def _linear(sight: TrackerObservations, weight: np.ndarray) -> Float[np.ndarray, "3 3"]:
     """Return the turn nearest to the matrix that fits best."""
     y = np.nan_to_num(sight.y)
     back = sight.turned.swapaxes(2, 3)  # (visits, markers, 3 of body, 3 of base)
@@ -371,7 +375,7 @@ def _linear(sight: Sight, weight: np.ndarray) -> Float[np.ndarray, "3 3"]:
     design = np.concatenate([matrix.reshape(*y.shape, 9), back], axis=3)
     aim = (
         np.einsum("vmij,vmj->vmi", back, sight.origin)
-        + sight.place * (sight.given[:, None])
+        + sight.marker_positions * (sight.given[:, None])
     )
     design, aim = _less_places(sight, weight, design, aim[..., None])
     flat = design.reshape(-1, 12)
@@ -384,16 +388,18 @@ def _linear(sight: Sight, weight: np.ndarray) -> Float[np.ndarray, "3 3"]:
 
 
 def _refined(
-    sight: Sight, turn: np.ndarray, weight: np.ndarray
-) -> tuple[Frames, float]:
+    sight: TrackerObservations, turn: np.ndarray, weight: np.ndarray
+) -> tuple[TrackerFit, float]:
     y, shift = np.nan_to_num(sight.y), np.zeros(3)
     back = sight.turned.swapaxes(2, 3)
     kept = weight
     for _ in range(STEPS):
         point = y @ turn.T + shift
         left = np.einsum("vmij,vmj->vmi", back, sight.origin - point)
-        left = left + sight.place * sight.given[:, None]
-        design, aim = _less_places(sight, kept, back @ levers(point), left[..., None])
+        left = left + sight.marker_positions * sight.given[:, None]
+        design, aim = _less_places(
+            sight, kept, back @ point_jacobian(point), left[..., None]
+        )
         flat = design.reshape(-1, 6)
         inner = flat.T @ flat
         inner += 1e-10 * max(np.trace(inner), 1e-12) * np.eye(6)
@@ -407,11 +413,11 @@ def _refined(
 
 
 def _judged(
-    sight: Sight, turn: np.ndarray, shift: np.ndarray, weight: np.ndarray
-) -> tuple[Frames, float, np.ndarray]:
+    sight: TrackerObservations, turn: np.ndarray, shift: np.ndarray, weight: np.ndarray
+) -> tuple[TrackerFit, float, np.ndarray]:
     """Return the frames with the places they imply, their rms, and who had a say."""
     kept = weight
-    frames = Frames(turn, shift, sight.place)
+    frames = TrackerFit(turn, shift, sight.marker_positions)
     inside = np.einsum(
         "vmji,vmj->vmi",
         sight.turned,
@@ -422,9 +428,12 @@ def _judged(
         total = np.maximum(kept.sum(axis=0), 1e-12)
         mean = np.einsum("vm,vmi->mi", kept, inside) / total[:, None]
         frames = replace(
-            frames, place=np.where(sight.given[:, None], sight.place, mean)
+            frames,
+            marker_positions=np.where(
+                sight.given[:, None], sight.marker_positions, mean
+            ),
         )
-        size = np.linalg.norm(sight.misfit(frames), axis=2)
+        size = np.linalg.norm(sight.residual(frames), axis=2)
         kept = weight
         if weight.any():
             own = np.quantile(size, 0.75, axis=0)
@@ -437,7 +446,7 @@ def _judged(
 
 
 def _less_places(
-    sight: Sight, weight: np.ndarray, *values: np.ndarray
+    sight: TrackerObservations, weight: np.ndarray, *values: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Take out of each marker's rows what its unknown place can take on."""
     total = np.maximum(weight.sum(axis=0), 1e-12)[:, None, None]

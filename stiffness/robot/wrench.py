@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 from bench.shared.errors import Unusable
 from bench.shared.recording import Payload, Recording
 from stiffness.robot.arm import Arm
-from stiffness.robot.kinematics import Standing
+from stiffness.robot.kinematics import ArmState
 
 
 def wrench_in_base(
-    recording: Recording, standing: Standing
+    recording: Recording, standing: ArmState
 ) -> Float[np.ndarray, "rows 6"]:
     """Turn each row's wrench to the base's axes, about the sensor's origin.
 
@@ -99,7 +99,7 @@ def to_flange(
     Raises:
         Unusable: Where the body does not move with the flange.
     """
-    place, flange = arm.place(body), arm.place("flange")
+    place, flange = arm.attachment(body), arm.attachment("flange")
     if place.axis != flange.axis:
         raise Unusable(
             what, [f"it is on {body!r}, which does not move with the flange."]

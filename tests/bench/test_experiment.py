@@ -86,7 +86,15 @@ def test_recording_reads_back_as_it_was_written(rig, tmp_path):
     files.write(tmp_path / "r", made)
     read, notes = files.read(tmp_path / "r")
     assert (read.name, read.robot, notes) == ("a name", "kr10_r1100_2", ())
-    for name in ("time", "pose", "visit", "load_time", "load_mass", "wrench", "frames"):
+    for name in (
+        "time",
+        "posture_id",
+        "visit",
+        "load_time",
+        "load_mass",
+        "wrench",
+        "frames",
+    ):
         np.testing.assert_array_equal(getattr(read, name), getattr(made, name))
     np.testing.assert_array_equal(read.stage, made.stage)
     # lengths and angles went through mm and degrees: some units in the last place
@@ -106,7 +114,7 @@ def test_recording_says_what_was_planned(silent):
     np.testing.assert_array_equal(silent.time, PLAN.time)
     np.testing.assert_array_equal(silent.posture, PLAN.posture[PLAN.row_visit])
     np.testing.assert_array_equal(silent.load_mass, PLAN.row_mass)
-    np.testing.assert_array_equal(silent.pose, PLAN.pose[PLAN.row_visit])
+    np.testing.assert_array_equal(silent.posture_id, PLAN.posture_id[PLAN.row_visit])
     assert silent.name == PLAN.name
 
 

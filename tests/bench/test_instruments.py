@@ -14,8 +14,8 @@ from bench.instruments.tracker import (
     DISTANCE,
     FEATURES,
     MIDDLE,
+    displaced,
     inverse,
-    moved,
     smooth_field,
     standpoint,
 )
@@ -160,7 +160,7 @@ def test_base_drift_moves_the_arm_along_the_bases_axes(points, time):
 
 def test_points_that_wander_keep_their_distances(points, time):
     rate = (1e-3, 0.0, 2e-3, 0.1, -0.2, 0.3)
-    now = moved(points, rate, time / 3600.0)
+    now = displaced(points, rate, time / 3600.0)
     apart = np.linalg.norm(now[:, 1:] - now[:, :-1], axis=2)
     np.testing.assert_allclose(apart, np.tile(apart[0], (ROWS, 1)), rtol=1e-13)
 

@@ -44,6 +44,6 @@ def test_bench_and_claims_find_the_same_parts_in_the_same_places(file):
     parts, arm = anatomy(model), Arm.from_mjcf_text(plain_mjcf(model))
     assert (parts.base, parts.flange) == ("foot", "thumb")
     for name in ("base", "link_1", "link_2", "flange"):
-        own, found = arm.place(parts.body(name)), arm.place(name)
+        own, found = arm.attachment(parts.body(name)), arm.attachment(name)
         assert own.axis == found.axis
         np.testing.assert_array_equal(own.placement, found.placement)

@@ -13,8 +13,8 @@ from bench.patch import (
     LIGHT,
     Law,
     Mounted,
-    Named,
     Patch,
+    PatchEffect,
     can_build,
     effect_of,
     mjcf_of,
@@ -169,37 +169,39 @@ def test_a_table_that_is_none_is_refused(torque, wound, say):
 
 
 def test_sizes_that_are_not_given_are_zero():
-    tilt = effect_of(Named("bearing_tilt", "a2", {"u_rad_per_nm": 2e-6}))
+    tilt = effect_of(PatchEffect("bearing_tilt", "a2", {"u_rad_per_nm": 2e-6}))
     assert tilt.parameters()["v_rad_per_nm"] == 0.0
 
 
 def test_what_no_mechanism_can_have_is_taken_as_its_bound():
-    foot = effect_of(Named("base_compliance", "base", {"rx_rad_per_nm": -1e-9}))
+    foot = effect_of(PatchEffect("base_compliance", "base", {"rx_rad_per_nm": -1e-9}))
     assert foot.parameters()["rx_rad_per_nm"] == 0.0
-    beam = Named("link_bending", "link_2", {"bending_nm2": -5e5, "torsion_nm2": None})
+    beam = PatchEffect(
+        "link_bending", "link_2", {"bending_nm2": -5e5, "torsion_nm2": None}
+    )
     assert set(effect_of(beam).parameters().values()) == {math.inf}
 
 
 def test_a_first_moment_without_a_mass_is_a_light_mass_far_out():
     """Moment = mass × place."""
-    pull = effect_of(Named("gravity_load", "link_3", {"moment_x_kg_m": 0.25}))
+    pull = effect_of(PatchEffect("gravity_load", "link_3", {"moment_x_kg_m": 0.25}))
     sizes = pull.parameters()
     assert sizes["mass_kg"] == LIGHT
     assert float(sizes["mass_kg"]) * float(sizes["com_x_m"]) == pytest.approx(0.25)
 
 
 def test_a_partner_may_be_a_number():
-    pair = effect_of(Named("wrist_coupling", "a5", {"with": 4.0}))
+    pair = effect_of(PatchEffect("wrist_coupling", "a5", {"with": 4.0}))
     assert pair.parameters()["with"] == "a4"
 
 
 def test_names_and_parameters_that_do_not_exist_are_refused(kr10):
     with pytest.raises(UnknownName, match="channel_delay"):
-        effect_of(Named("channel_delay", "tracker"))
+        effect_of(PatchEffect("channel_delay", "tracker"))
     with pytest.raises(Unusable, match="'width'"):
-        effect_of(Named("hysteresis", "a2", {"width": 1e-4}))
+        effect_of(PatchEffect("hysteresis", "a2", {"width": 1e-4}))
     with pytest.raises(Unusable, match="expected a number"):
-        effect_of(Named("hysteresis", "a2", {"width_rad": "wide"}))
+        effect_of(PatchEffect("hysteresis", "a2", {"width_rad": "wide"}))
     with pytest.raises(Unusable, match="no axis is called 'a9'"):
         rig_of(Patch({"a9": 1e4}), kr10)
 

@@ -158,15 +158,15 @@ def test_cartesian_postures_keep_axes_4_and_6_at_zero_and_axis_5_in_range():
 def test_the_whole_plan_visits_the_whole_table_in_its_order():
     whole = table_one_plan()
     np.testing.assert_array_equal(whole.posture, table_one_postures())
-    np.testing.assert_array_equal(whole.pose, np.arange(151))
+    np.testing.assert_array_equal(whole.posture_id, np.arange(151))
 
 
 @pytest.mark.parametrize("poses", [1, 2, 12, 75, 150])
 def test_fewer_poses_are_evenly_spaced_and_keep_their_id(poses):
     some = table_one_plan(poses)
-    np.testing.assert_array_equal(some.posture, table_one_postures()[some.pose])
-    assert some.visits == poses == len(set(some.pose.tolist()))
-    steps = np.diff(some.pose)
+    np.testing.assert_array_equal(some.posture, table_one_postures()[some.posture_id])
+    assert some.visits == poses == len(set(some.posture_id.tolist()))
+    steps = np.diff(some.posture_id)
     assert poses == 1 or steps.max() - steps.min() <= 1
 
 
@@ -174,7 +174,7 @@ def test_revisits_come_last_and_repeat_posture_and_pulley():
     twice = table_one_plan(20, parse_path("0,10,0"), revisits=5)
     assert twice.visits == 25
     for visit in range(20, 25):
-        first = int(np.flatnonzero(twice.pose == twice.pose[visit])[0])
+        first = int(np.flatnonzero(twice.posture_id == twice.posture_id[visit])[0])
         assert first < 20 and twice.pulley[first] == twice.pulley[visit]
 
 

@@ -43,7 +43,7 @@ def test_kr10_tours_the_papers_table(kr10_rig):
 def test_another_arm_tours_the_room_it_has(ur10_rig):
     plan = tour(ur10_rig, 30, revisits=4, seed=1)
     assert not is_kr10(ur10_rig)
-    assert (plan.visits, len(np.unique(plan.pose))) == (34, 30)
+    assert (plan.visits, len(np.unique(plan.posture_id))) == (34, 30)
     assert room(ur10_rig)(plan.posture).all()
     np.testing.assert_array_equal(
         plan.posture, tour(ur10_rig, 30, revisits=4, seed=1).posture

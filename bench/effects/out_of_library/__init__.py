@@ -12,9 +12,9 @@ from bench.effects.out_of_library.softening import Softening
 from bench.effects.out_of_library.thrust_turn import ThrustTurn
 from bench.effects.out_of_library.warming_gear import WarmingGear
 
-__all__ = ["OUTSIDERS"]
+__all__ = ["OUT_OF_LIBRARY_EFFECTS"]
 
-OUTSIDERS: tuple[type[Effect], ...] = (
+OUT_OF_LIBRARY_EFFECTS: tuple[type[Effect], ...] = (
     Softening,
     ThrustTurn,
     LooseBearing,

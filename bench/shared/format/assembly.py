@@ -137,7 +137,7 @@ def assemble(
     return Recording(
         name=manifest.name or folder,
         time=values["time_s"],
-        pose=pose,
+        posture_id=pose,
         visit=visit,
         posture=np.stack(
             [values[f"a{k}_{end}"] for k, end in zip(axes, ends, strict=True)], axis=1
@@ -288,7 +288,7 @@ def _columns(recording: Recording) -> dict[str, pa.Array]:
     columns: dict[str, np.ndarray] = {
         "time_s": r.time,
         "load_time_s": r.load_time,
-        "pose": r.pose,
+        "pose": r.posture_id,
         "visit": r.visit,
         "stage": r.stage.astype(str),
     }

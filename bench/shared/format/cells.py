@@ -40,14 +40,14 @@ def all_values_of(
     for name, one in held.items():
         if one.source in cells.columns:
             column = cells.columns[one.source]
-            values[name], found = values_of(one, column, cells.place, mark)
+            values[name], found = values_of(one, column, cells.location, mark)
             faults += found
     meant = "," if mark == "." else "."
     if not faults or not _any(held, cells, meant) or _any(held, cells, mark):
         return values, faults
     values, faults = all_values_of(held, cells, meant)
     say = f'{_MARKS[meant]}; say so in [csv]: decimal = "{meant}".'
-    return values, [f"{cells.place.file}: its numbers have a decimal {say}", *faults]
+    return values, [f"{cells.location.file}: its numbers have a decimal {say}", *faults]
 
 
 def _any(held: Mapping[str, Held], cells: Cells, mark: str) -> bool:

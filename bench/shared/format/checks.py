@@ -19,7 +19,7 @@ from bench.shared.format.columns import WRENCH, Layout
 from bench.shared.format.faults import SHOWN, Place, nearest, quoted
 from bench.shared.format.manifest import (
     FILE,
-    LARGEST,
+    MAX_NUMBER,
     Manifest,
     MarkerEntry,
     Quaternion,
@@ -120,10 +120,10 @@ def csv_faults(manifest: Manifest) -> list[str]:
 def _tracker_faults(manifest: Manifest) -> list[str]:
     tracker = manifest.sensors.tracker
     stated = tracker.repeatability_mm if tracker else 1.0
-    if all(0.0 < s <= LARGEST for s in np.ravel(stated)):
+    if all(0.0 < s <= MAX_NUMBER for s in np.ravel(stated)):
         return []
     place = f"{FILE}, sensors.tracker.repeatability_mm"
-    say = f"a standard deviation is above 0 and at most {LARGEST:g}"
+    say = f"a standard deviation is above 0 and at most {MAX_NUMBER:g}"
     return [f"{place}: {stated} is none; {say}."]
 
 

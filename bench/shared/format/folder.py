@@ -62,10 +62,12 @@ def faults_or_recording(
     axes = len(manifest.model_names.axes or joints or ()) or None
     if header is None:
         return None, [], faults + faults_of(manifest, axes, model)
-    layout = layout_of(header.names, manifest, header.place.file, axes)
+    layout = layout_of(header.names, manifest, header.location.file, axes)
     faults += faults_of(manifest, layout.axes or None, model)
     faults += layout.faults
-    notes = [f"{header.place.file}: column {n!r} left alone." for n in layout.unknown]
+    notes = [
+        f"{header.location.file}: column {n!r} left alone." for n in layout.unknown
+    ]
     known = (model, joints) if model is not None and joints is not None else None
     values, found = _values(header, layout, manifest, known)
     faults += found
@@ -122,11 +124,11 @@ def _values(
     values, found = all_values_of(layout.held, cells, manifest.csv.mark)
     faults = [*cells.faults, *found]
     if values and not any(len(column) for column in values.values()):
-        return {}, [*faults, f"{header.place.file}: there are no rows."]
+        return {}, [*faults, f"{header.location.file}: there are no rows."]
     relative = manifest.displacement == "relative"
     plateaus = manifest.rows == "plateaus"
     return values, faults + faults_in(
-        values, layout, cells.place, relative, plateaus, model
+        values, layout, cells.location, relative, plateaus, model
     )
 
 

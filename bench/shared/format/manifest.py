@@ -89,12 +89,12 @@ def _join(where: str, key: str) -> str:
 # --- Manifest -------------------------------------------------------------------------
 
 FILE = "recording.toml"
-LARGEST = 1e6
+MAX_NUMBER = 1e6
 """Largest number of a manifest, in its units; chosen: a kilometre, a thousand tons."""
-Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
+Number = Annotated[float, msgspec.Meta(ge=-MAX_NUMBER, le=MAX_NUMBER)]
 Vector = tuple[Number, Number, Number]
 Quaternion = tuple[float, float, float, float]
-NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=LARGEST)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=MAX_NUMBER)]
 
 
 class Entry(Struct, frozen=True, forbid_unknown_fields=True):

@@ -158,13 +158,13 @@ class Header:
     """The names of the columns of a samples file, in its own order.
 
     Attributes:
-        place: The file.
+        location: The file.
         names: As they stand there, without the blanks around them.
         source: Its bytes, already within the limits.
         separator: Between the cells of a CSV.
     """
 
-    place: Place
+    location: Place
     names: tuple[str, ...]
     source: bytes
     separator: str = ","
@@ -175,21 +175,21 @@ class Header:
         wanted = once & set(wanted)
         index = {name: i for i, name in enumerate(self.names) if name in wanted}
         if not index:
-            return Cells(self.place, {}, [])
+            return Cells(self.location, {}, [])
         try:
-            if self.place.has_lines:
+            if self.location.has_lines:
                 table, unread, faults = _csv_cells(self, sorted(index.values()))
                 table = _without_last_blanks(table)
             else:
                 table, unread, faults = unfolded(self.source, list(index)), (), []
         except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
-            fault = f"{self.place.file} cannot be read: {first_line(error)}."
-            return Cells(self.place, {}, [fault])
+            fault = f"{self.location.file} cannot be read: {first_line(error)}."
+            return Cells(self.location, {}, [fault])
         by_name = {
-            name: table.column(str(i) if self.place.has_lines else name)
+            name: table.column(str(i) if self.location.has_lines else name)
             for name, i in index.items()
         }
-        return Cells(replace(self.place, unread=unread), by_name, faults)
+        return Cells(replace(self.location, unread=unread), by_name, faults)
 
 
 @dataclass(frozen=True)
@@ -197,12 +197,12 @@ class Cells:
     """Columns of a samples file, text or numbers, as they stand there.
 
     Attributes:
-        place: The file, and which of its rows are not here.
+        location: The file, and which of its rows are not here.
         columns: By their name in the file.
         faults: Rows that are not of the table.
     """
 
-    place: Place
+    location: Place
     columns: Mapping[str, pa.ChunkedArray]
     faults: Sequence[str]
 
@@ -229,11 +229,11 @@ def open_parquet(source: bytes) -> tuple[Header | None, list[str]]:
 
 
 def _checked(header: Header) -> tuple[Header | None, list[str]]:
-    names, file = header.names, header.place.file
+    names, file = header.names, header.location.file
     if len(names) > MAX_COLUMNS:
         return None, [f"{file} has {len(names)} columns; the most is {MAX_COLUMNS}."]
     twice = sorted(n for n, count in Counter(names).items() if n and count > 1)
-    line = ", line 1" if header.place.has_lines else ""
+    line = ", line 1" if header.location.has_lines else ""
     faults = [f"{file}{line}: column {quoted(n)} is there twice." for n in twice]
     return header, faults
 
@@ -265,7 +265,7 @@ def _csv_cells(
             strings_can_be_null=False,
         ),
     )
-    file, count = header.place.file, len(names)
+    file, count = header.location.file, len(names)
     faults = [
         f"{file}, {line_of(line - 2)}: {cells} cells, but the header has {count} "
         "columns."

@@ -55,7 +55,7 @@ from scenarios.pipelines.importing.spreadsheet import columns_of, marks_of, sour
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RequiredColumns:
     """What a mapping takes from a file.
 
     Attributes:
@@ -69,9 +69,9 @@ class Wanted:
     tracked: bool
 
 
-def wanted_of(
+def required_columns_of(
     name: str, manifest: Mapping[str, Any], extras: Extras
-) -> tuple[Wanted, list[str]]:
+) -> tuple[RequiredColumns, list[str]]:
     """Find which columns a mapping takes from a file, and what it may not take."""
     columns: dict[str, bool] = {}
     markers: dict[str, list[str]] = {}
@@ -108,7 +108,7 @@ def wanted_of(
         say = f'no column is taken from it; write from = "{name}.COLUMN".'
         faults.append(f"files.{name}: {say}")
     groups = tuple(tuple(g) for g in (*markers.values(), *others.values()))
-    return Wanted(columns, groups, bool(markers)), faults
+    return RequiredColumns(columns, groups, bool(markers)), faults
 
 
 # --- One log --------------------------------------------------------------------------
@@ -117,7 +117,11 @@ TIME = Column("time_s", "time")
 
 
 def log_of(
-    name: str, log: Log, wanted: Wanted, beside: Path, manifest: Mapping[str, Any]
+    name: str,
+    log: Log,
+    wanted: RequiredColumns,
+    beside: Path,
+    manifest: Mapping[str, Any],
 ) -> tuple[Channel | None, tuple[str, ...], list[str]]:
     """Read a file.
 
@@ -170,7 +174,7 @@ def _missing(header: Header, names: list[str]) -> list[str]:
 
 
 def _readings(
-    header: Header, time: Held, wanted: Wanted, mark: str
+    header: Header, time: Held, wanted: RequiredColumns, mark: str
 ) -> tuple[Channel, list[str]]:
     cells = header.read({time.source, *wanted.columns})
     held = {
@@ -181,7 +185,7 @@ def _readings(
     faults = [*cells.faults, *found]
     stamps = values.pop("")
     back = np.flatnonzero(np.diff(stamps) < 0) + 1
-    faults += cells.place.at(time.source, back, lambda _: "time runs backwards.")
+    faults += cells.location.at(time.source, back, lambda _: "time runs backwards.")
     if not len(stamps):
         faults.append(f"{CSV_FILE}: it has no rows.")
     read = np.stack([values[c] for c in wanted.columns], axis=1)
@@ -189,7 +193,7 @@ def _readings(
 
 
 def without_jumps(
-    channel: Channel, name: str, wanted: Wanted, extras: Extras
+    channel: Channel, name: str, wanted: RequiredColumns, extras: Extras
 ) -> Channel:
     """Let turns go on where their numbers jump: lines between them stay turns."""
     values = channel.values.copy()
@@ -218,20 +222,22 @@ class Read:
     Attributes:
         name: In the mapping.
         log: What the mapping says of it.
-        wanted: What is taken from it.
+        required_columns: What is taken from it.
         channel: Its readings, by its own clock.
     """
 
     name: str
     log: Log
-    wanted: Wanted
+    required_columns: RequiredColumns
     channel: Channel
 
     @property
     def motion(self) -> Channel | None:
         """The marker, or what else, that was read most often; None for none."""
-        order, values = list(self.wanted.columns), self.channel.values
-        groups = [values[:, [order.index(c) for c in g]] for g in self.wanted.groups]
+        order, values = list(self.required_columns.columns), self.channel.values
+        groups = [
+            values[:, [order.index(c) for c in g]] for g in self.required_columns.groups
+        ]
         seen = [np.isfinite(v).all(axis=1) for v in groups]
         if not groups:
             return None
@@ -318,7 +324,7 @@ def recording_of(
     zeros = {
         f"{name}.{c}": Channel(np.zeros(1), np.zeros((1, 1)))
         for name in extras.files
-        for c in wanted_of(name, manifest, extras)[0].columns
+        for c in required_columns_of(name, manifest, extras)[0].columns
     }
     try:
         bare = _joined(source, manifest, extras, model, names, zeros, np.zeros(1))
@@ -337,14 +343,16 @@ def recording_of(
     covered, stamps = np.full(len(axes.time), True), []
     for read in reads:
         time = read.channel.time + offsets[read.name]
-        smooth = without_jumps(read.channel, read.name, read.wanted, extras)
-        for c, values in zip(read.wanted.columns, smooth.values.T, strict=True):
+        smooth = without_jumps(read.channel, read.name, read.required_columns, extras)
+        for c, values in zip(
+            read.required_columns.columns, smooth.values.T, strict=True
+        ):
             columns[f"{read.name}.{c}"] = Channel(time, values[:, None])
         covers = Channel(time, smooth.values).covers(axes.time, read.log.gap_s)
         if not covers.any():
             faults.append(_apart(read, time, axes.time, names[0]))
         covered &= covers
-        stamps += [time] if read.wanted.tracked else []
+        stamps += [time] if read.required_columns.tracked else []
     near = rows_of(axes.time, stamps)
     rows = near[covered[near]]
     if not len(rows) and not faults:
@@ -362,7 +370,7 @@ def _read(
 ) -> tuple[list[Read], tuple[str, ...], list[str]]:
     reads, notes, faults = [], [], []
     for name, log in extras.files.items():
-        wanted, found = wanted_of(name, manifest, extras)
+        wanted, found = required_columns_of(name, manifest, extras)
         faults += found
         if not wanted.columns:
             continue

@@ -24,7 +24,7 @@ from scenarios.pipelines.importing.clocks import GAP
 
 # --- Mapping --------------------------------------------------------------------------
 
-LARGEST = 2**20
+MAX_BYTES = 2**20
 """Bytes of a mapping that are still read; chosen: as for a manifest."""
 TABLES = ("columns", "csv", "markers")
 """Parts of the manifest that are looked into before the format's reader does."""
@@ -45,7 +45,7 @@ class Target(Struct, frozen=True, forbid_unknown_fields=True):
     arm_mm: Above = 100.0
 
 
-class Rests(Struct, frozen=True, forbid_unknown_fields=True):
+class Standstills(Struct, frozen=True, forbid_unknown_fields=True):
     """`[rests]`: where a stream stands still it becomes a plateau."""
 
     speed_deg_per_s: Above
@@ -81,7 +81,7 @@ class Extras(Struct, frozen=True, forbid_unknown_fields=True):
     """All that goes beyond the format's own manifest."""
 
     targets: dict[str, Target] = field(default_factory=dict)
-    rests: Rests | None = None
+    rests: Standstills | None = None
     topics: Topics | None = None
     files: dict[str, Log] = field(default_factory=dict)
 
@@ -98,8 +98,8 @@ def mapping_of(path: Path) -> tuple[dict[str, Any], Extras]:
     what = f"Mapping {str(path)!r}"
     if not path.is_file():
         raise Unusable(what, ["there is no such file; give a TOML file."])
-    if path.stat().st_size > LARGEST:
-        raise Unusable(what, [f"it has more than {LARGEST} bytes."])
+    if path.stat().st_size > MAX_BYTES:
+        raise Unusable(what, [f"it has more than {MAX_BYTES} bytes."])
     text = path.read_bytes()
     try:
         table = tomllib.loads(text.decode("utf-8-sig"))

@@ -55,7 +55,7 @@ def columns_of(
     wanted = {"joints": topics.joints}
     wanted |= {"wrench": topics.wrench} if topics.wrench else {}
     wanted |= {f"pose {name}": topic for name, topic in topics.poses.items()}
-    channels = _channels(path, wanted, axes)
+    channels = _read_channels(path, wanted, axes)
     joints = channels["joints"]
     columns: dict[str, np.ndarray] = {"time_s": joints.time - joints.time[0]}
     columns["pose"] = np.zeros(len(joints.time))
@@ -96,7 +96,7 @@ def text_of(columns: Mapping[str, np.ndarray]) -> bytes:
     return "\n".join(lines).encode()
 
 
-def _channels(
+def _read_channels(
     path: Path, wanted: Mapping[str, str], axes: Sequence[str]
 ) -> dict[str, Channel]:
     try:

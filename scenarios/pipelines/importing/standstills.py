@@ -11,10 +11,10 @@ import numpy as np
 from bench.shared.errors import Unusable
 from bench.shared.format.assembly import stages_of
 from bench.shared.recording import Recording
-from scenarios.pipelines.importing.mapping import Rests
+from scenarios.pipelines.importing.mapping import Standstills
 
 
-def plateaus_of(stream: Recording, rests: Rests) -> Recording:
+def plateaus_of(stream: Recording, rests: Standstills) -> Recording:
     """Average a stream over its rests.
 
     Args:
@@ -49,7 +49,7 @@ def plateaus_of(stream: Recording, rests: Rests) -> Recording:
         rows="plateaus",
         time=np.array([stream.time[last - 1] for _, last in cuts]),
         load_time=np.array([stream.time[first] for first, _ in cuts]),
-        pose=pose,
+        posture_id=pose,
         visit=visit,
         stage=stages_of(visit, load, rests.load_step_n),
         posture=posture,
@@ -63,7 +63,7 @@ def plateaus_of(stream: Recording, rests: Rests) -> Recording:
     )
 
 
-def _segments(stream: Recording, rests: Rests) -> list[tuple[int, int]]:
+def _segments(stream: Recording, rests: Standstills) -> list[tuple[int, int]]:
     step = np.maximum(np.diff(stream.time), 1e-9)
     limit = np.full(stream.posture.shape[1], np.radians(rests.speed_deg_per_s))
     if stream.slides:

@@ -35,7 +35,7 @@ def blocks_of(
 ) -> list[Block]:
     """Draw the pictures and return the report."""
     figures.calibration_before_after(found, proof, folder / "before_after.png")
-    if found.tables:
+    if found.error_tables:
         figures.gears(found, folder / "gears.png")
     figures.residual_map(found, proof, remains.new_angle, folder / "residual_map.png")
     return list(_blocks(found, proof, remains, answer))
@@ -44,7 +44,7 @@ def blocks_of(
 def _blocks(
     found: Calibrated, proof: CalibrationProof, remains: ResidualSummary, answer: Answer
 ) -> Iterator[Block]:
-    regions = found.regions
+    regions = found.spatial_folds
     yield Figure(
         "The simulator on the poses kept back, before and after; frame and target's "
         "place fitted on the other poses for both. Places are the target's in the "
@@ -54,7 +54,7 @@ def _blocks(
     )
     yield Heading("What was left out")
     yield from _named(found, answer)
-    if found.tables:
+    if found.error_tables:
         yield Figure(
             "Uneven gears: how far each axis stands beside its reported angle (orange) "
             "where a fitted pose is within 1°. Dots: readings, everything else taken "
@@ -179,7 +179,7 @@ def write_calibration(
         raise Unusable(f"Folder {str(folder)!r}", [fault]) from error
     try:
         o = outcome
-        blocks = blocks_of(o.found, o.proof, o.remains, o.answer, waiting)
+        blocks = blocks_of(o.found, o.proof, o.residual, o.answer, waiting)
         first = calibrate.first_sentence(o.answer, o.proof)
         title = f"Calibration: {o.answer.recording}"
         page.write(waiting, title, first, [*blocks, *more])

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.patch import FILE, MODEL_FILE, mjcf_of, text_of
-from bench.proof.proof_checks import Trial
+from bench.proof.proof_checks import ProofCheck
 from scenarios.pipelines import schema
-from scenarios.pipelines.diagnose import MICRO, Finding, channel_of, curves_of
+from scenarios.pipelines.diagnose import MICRO, Result, channel_of, curves_of
 from scenarios.pipelines.effect_parameters import chance, label, size, span, usual
 from scenarios.report import figures, page, playback, summary
 from scenarios.report.figures import of_law
@@ -29,7 +29,7 @@ MISSTATED = 1.3
 """Ratio of replicates' scatter to stated noise from which it is said; chosen."""
 
 
-def data(finding: Finding) -> Iterator[Block]:
+def data(finding: Result) -> Iterator[Block]:
     """Say how good the data are."""
     answer, recording = finding.answer, finding.recording
     yield Heading("How good the data are")
@@ -46,10 +46,10 @@ def data(finding: Finding) -> Iterator[Block]:
             "ratio",
         ]
         yield Table("Springs that were fitted silently.", header, rows)
-    if finding.diagnosis.doubtful:
-        worst = sorted(finding.diagnosis.doubtful, key=lambda x: -x[2])[:10]
+    if finding.diagnosis.downweighted:
+        worst = sorted(finding.diagnosis.downweighted, key=lambda x: -x[2])[:10]
         rows = [[str(row), name, f"{sigma:.0f}"] for row, name, sigma in worst]
-        count = len(finding.diagnosis.doubtful)
+        count = len(finding.diagnosis.downweighted)
         caption = f"Readings far beyond the noise: {count}; they counted less."
         yield Table(caption, ["row", "mark", "sigmas"], rows)
     if answer.confounded:
@@ -71,14 +71,14 @@ def data(finding: Finding) -> Iterator[Block]:
         ]
         header = ["pose [°]", "load [kg]", "why", "tells (log Bayes factor)"]
         yield Table("What to measure next.", header, rows)
-    rows_, poses = len(recording.time), len(np.unique(recording.pose))
+    rows_, poses = len(recording.time), len(np.unique(recording.posture_id))
     yield Paragraph(
         f"{rows_} rows in {poses} poses; {len(finding.diagnosis.held_out)} poses were "
         f"kept back before anything was fitted. It took {answer.seconds:.1f} s."
     )
 
 
-def _noise(finding: Finding) -> Iterator[Block]:
+def _noise(finding: Result) -> Iterator[Block]:
     tracker = finding.recording.tracker
     if tracker is None:
         return
@@ -107,7 +107,7 @@ def _noise(finding: Finding) -> Iterator[Block]:
 # --- The proof ------------------------------------------------------------------------
 
 
-def proof(finding: Finding, folder: Path) -> Iterator[Block]:
+def proof(finding: Result, folder: Path) -> Iterator[Block]:
     """Say before and after, and where the error comes from."""
     proof = finding.proof
     if proof is None:
@@ -153,7 +153,7 @@ def proof(finding: Finding, folder: Path) -> Iterator[Block]:
     )
 
 
-def doubts(finding: Finding) -> Iterator[Block]:
+def doubts(finding: Result) -> Iterator[Block]:
     """Say where the patch holds and where it fails, as it should."""
     proof = finding.proof
     trials = () if proof is None else proof.trials
@@ -177,7 +177,7 @@ def doubts(finding: Finding) -> Iterator[Block]:
         )
 
 
-def _trial(trial: Trial) -> list[str]:
+def _trial(trial: ProofCheck) -> list[str]:
     before, after = MICRO * trial.before, MICRO * trial.after
     what = trial.what
     if trial.kind == "taken_out":
@@ -196,7 +196,7 @@ VERDICTS = {
 }
 
 
-def title_of(finding: Finding) -> str:
+def title_of(finding: Result) -> str:
     """Return the headline."""
     answer = finding.answer
     said = VERDICTS[answer.verdict]
@@ -206,7 +206,7 @@ def title_of(finding: Finding) -> str:
     return f"{said}: {answer.recording or 'a recording'}"
 
 
-def blocks_of(finding: Finding, folder: Path) -> list[Block]:
+def blocks_of(finding: Result, folder: Path) -> list[Block]:
     """Return the report, its pictures drawn into a folder."""
     blocks: list[Block] = [Paragraph(s) for s in list(summary.sentences(finding))[1:]]
     blocks += _what(finding)
@@ -217,7 +217,7 @@ def blocks_of(finding: Finding, folder: Path) -> list[Block]:
     return blocks
 
 
-def _what(finding: Finding) -> Iterator[Block]:
+def _what(finding: Result) -> Iterator[Block]:
     answer = finding.answer
     if answer.located:
         yield Heading("Where")
@@ -290,7 +290,7 @@ def _what(finding: Finding) -> Iterator[Block]:
         yield Table("Rivals that were tried.", ["set", "probability"], rows)
 
 
-def _pictures(finding: Finding, folder: Path) -> Iterator[Block]:
+def _pictures(finding: Result, folder: Path) -> Iterator[Block]:
     simulated = finding.simulated
     if simulated is None or not finding.recording.markers:
         return
@@ -323,7 +323,7 @@ def _pictures(finding: Finding, folder: Path) -> Iterator[Block]:
 # --- The files ------------------------------------------------------------------------
 
 
-def write_diagnosis(folder: Path, finding: Finding) -> None:
+def write_diagnosis(folder: Path, finding: Result) -> None:
     """Write the answer, the patch, the report and the playback into a folder."""
     text = schema.text_of(finding.answer)
     (folder / "diagnosis.json").write_text(text, encoding="utf-8")

@@ -26,7 +26,7 @@ from scenarios.report import page
 from scenarios.report.figures import encoders_before_after, followed, looks_like
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.report.playback import PLAYBACK, save_comparison
-from stiffness.dual_encoder.fit import Trial, columns, fitted
+from stiffness.dual_encoder.fit import SelectionStep, columns, fitted
 from stiffness.dual_encoder.selection import BORROWED
 from stiffness.dual_encoder.terms import FRICTION
 
@@ -81,7 +81,7 @@ def _borrowing(axes: Sequence[Axis]) -> list[Block]:
     return [Paragraph(text)]
 
 
-def _named(trial: Trial) -> str:
+def _named(trial: SelectionStep) -> str:
     term = trial.term
     if term.order:
         return f"{term.effect}, order {term.order:g}"
@@ -90,33 +90,33 @@ def _named(trial: Trial) -> str:
     if term.effect == FRICTION:
         grows = "constant" if term.shape else "with speed"
         return f"friction in the motor's torque, {grows}"
-    kinds = ["constant" if x.shape else "with speed" for x in trial.beside]
+    kinds = ["constant" if x.shape else "with speed" for x in trial.tried_with]
     friction = f", beside friction ({' and '.join(kinds)}) in the motor's torque"
     return term.effect + (friction if kinds else "")
 
 
-def _kind(trial: Trial) -> str:
+def _kind(trial: SelectionStep) -> str:
     """Return what the size of a term is called."""
     return "amplitude" if trial.term.order else label(trial.term.parameters[0])
 
 
-def _would_be(trial: Trial) -> str:
+def _would_be(trial: SelectionStep) -> str:
     """Return the size at which a term was refused; a wave's is its amplitude."""
     known = trial.coefficients[: len(trial.term.parameters)]
     value = float(np.linalg.norm(known)) if trial.term.order else known[0]
     return f"{_kind(trial)} {size(trial.term.parameters[0], value)}"
 
 
-def _why(trial: Trial) -> str:
+def _why(trial: SelectionStep) -> str:
     """Return why a term was refused, parameters called as people do."""
     first, _, rest = trial.reason.partition(" ")
     return f"its {label(first)} {rest}" if "_" in first else trial.reason
 
 
-def _with(axis: Axis, trial: Trial) -> float:
+def _with(axis: Axis, trial: SelectionStep) -> float:
     """Return what a refused term would leave of the judged motion, in rad."""
     found = axis.found
-    terms = (*found.terms, trial.term, *trial.beside)
+    terms = (*found.terms, trial.term, *trial.tried_with)
     x, _ = fitted(terms, [found.then(m) for m in axis.fitted])
     then = found.then(axis.judged)
     return whole_rms(then.apart - columns(terms, then) @ x)
@@ -127,7 +127,7 @@ def _with(axis: Axis, trial: Trial) -> float:
 
 def first_sentence(axes: Sequence[Axis], answer: Answer) -> str:
     """Return what was found, in one sentence."""
-    left = ", ".join(map(_sizes, axes))
+    left = ", ".join(map(_magnitudes, axes))
     if len(axes) > 1:
         left += f"; most on {max(axes, key=lambda a: whole_rms(a.after)).name}"
     where: dict[str, dict[str, None]] = {}
@@ -143,7 +143,7 @@ def first_sentence(axes: Sequence[Axis], answer: Answer) -> str:
     )
 
 
-def _sizes(axis: Axis) -> str:
+def _magnitudes(axis: Axis) -> str:
     before, after = (f"{URAD * whole_rms(x):.0f}" for x in (axis.before, axis.after))
     if np.array_equal(axis.before, axis.after):
         return f"{before} on {axis.name}"

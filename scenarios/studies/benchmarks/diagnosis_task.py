@@ -57,7 +57,7 @@ def _longer(rig: Rig, plan: Plan) -> Plan:
     return Plan(
         name=f"{poses} postures",
         posture=postures.spread(room.limits, poses, 0, room),
-        pose=np.arange(poses),
+        posture_id=np.arange(poses),
         pulley=mixed_pulleys(poses, len(rig.mounted.pulley)),
         path=plan.path,
     )

@@ -52,7 +52,7 @@ class Race:
     Attributes:
         task: What is done.
         ways: Ours first.
-        differs: Says of our answer and another one how far they are apart.
+        difference: Says of our answer and another one how far they are apart.
         bar: What ours may take on two quiet cores, in s; None: nothing was promised.
         rounds: How often each way runs for every repeat that is asked for.
         skipped: Ways that cannot run here, and why.
@@ -60,7 +60,7 @@ class Race:
 
     task: str
     ways: tuple[Way, ...]
-    differs: Callable[[Any, Any], str] = lambda _ours, _other: ""
+    difference: Callable[[Any, Any], str] = lambda _ours, _other: ""
     bar: float | None = None
     rounds: int = 1
     skipped: tuple[str, ...] = ()
@@ -77,7 +77,7 @@ class Lap:
         wall: Time by the clock in each round, scaled to the whole task, in s.
         cpu: Time of all cores, scaled alike, in s.
         ratio: Over ours in each round.
-        differs: How far its answer is from ours.
+        difference: How far its answer is from ours.
         bar: What ours may take, in s; None for the others.
     """
 
@@ -87,7 +87,7 @@ class Lap:
     wall: Float[np.ndarray, " rounds"]
     cpu: Float[np.ndarray, " rounds"]
     ratio: Float[np.ndarray, " rounds"]
-    differs: str
+    difference: str
     bar: float | None
 
     @property
@@ -105,7 +105,7 @@ class Lap:
             "ratio_high": float(self.ratio.max()),
             "rounds": len(self.wall),
             "share_run": self.share,
-            "differs_from_ours": self.differs,
+            "differs_from_ours": self.difference,
             "bar_s": self.bar,
         }
 
@@ -139,7 +139,7 @@ def run(race: Race, repeats: int, tick: Callable[[], object]) -> Sequence[Lap]:
             wall=wall[w],
             cpu=cpu[w],
             ratio=wall[w] / wall[0],
-            differs=race.differs(answers[0], answers[w]) if w else "",
+            difference=race.difference(answers[0], answers[w]) if w else "",
             bar=None if w else race.bar,
         )
         for w, way in enumerate(race.ways)
@@ -164,7 +164,7 @@ def _cells(lap: Lap) -> tuple[str, ...]:
     row = lap.row
     scaled = "" if lap.share == 1.0 else f" ({lap.share:.2g} of it run, scaled)"
     if lap.bar is None:
-        answer = f"{lap.differs} from ours" if lap.differs else ""
+        answer = f"{lap.difference} from ours" if lap.difference else ""
     elif np.median(lap.wall) <= lap.bar:
         answer = f"bar {lap.bar:g} s: kept"
     elif np.median(lap.cpu) <= lap.bar:

@@ -73,7 +73,7 @@ def experiment_race(poses: int) -> Race:
                 for step in STEPS
             ),
         ),
-        differs=lambda _, other: f"{1e6 * np.abs(other - jumped).max():.2g} µm",
+        difference=lambda _, other: f"{1e6 * np.abs(other - jumped).max():.2g} µm",
         bar=5.0 if poses == PAPERS else None,
     )
 

@@ -66,7 +66,7 @@ def source_race(postures: int | None = None) -> Race:
                 lambda: pinocchio_loop(model, compliance, plan),
             ),
         ),
-        differs=lambda ours, other: f"{1e3 * np.abs(ours - other).max():.1g} mm",
+        difference=lambda ours, other: f"{1e3 * np.abs(ours - other).max():.1g} mm",
         bar=0.5 if postures is None else None,
         rounds=2,
     )
@@ -130,14 +130,14 @@ def springs_race(poses: int) -> Race:
     return Race(
         task=f"fit: six springs to {poses} rows",
         ways=tuple(ways),
-        differs=_differs,
+        difference=_difference,
         bar=0.020 if poses == PAPERS else None,
         rounds=3,
         skipped=skipped,
     )
 
 
-def _differs(ours: VjmFit, other: np.ndarray) -> str:
+def _difference(ours: VjmFit, other: np.ndarray) -> str:
     apart = [
         abs(p.value - k) / p.sigma for p, k in zip(ours.stiffness, other, strict=True)
     ]

@@ -25,7 +25,7 @@ from bench.effects.effect import Effect
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.joint_compliance import JointCompliance
 from bench.effects.lost_motion import LostMotion
-from bench.effects.out_of_library import OUTSIDERS
+from bench.effects.out_of_library import OUT_OF_LIBRARY_EFFECTS
 from bench.effects.pulley_friction import PulleyFriction
 from bench.instruments import Encoders, ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.encoders import ARRIVAL
@@ -79,7 +79,7 @@ ALONE = (JointCompliance, PulleyFriction)
 
 
 @dataclass(frozen=True)
-class Trial:
+class BlindTrial:
     """What was drawn before anything was simulated.
 
     Attributes:
@@ -110,7 +110,7 @@ class Trial:
 
 def trials_of(
     seed: int, strata: Sequence[str], first: int, beyond: int, arm: Arm = THE_KR10
-) -> Iterator[Trial]:
+) -> Iterator[BlindTrial]:
     """Draw trials, one of each kind in turn.
 
     Args:
@@ -125,7 +125,7 @@ def trials_of(
             yield trial_of(seed, name, number, arm)
 
 
-def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> Trial:
+def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> BlindTrial:
     """Draw one trial.
 
     Args:
@@ -139,7 +139,7 @@ def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> Trial
     nuisance, further = chance.spawn(2)
     draw = np.random.default_rng(nuisance)
     concealed = hashlib.sha256(f"{seed}/{stratum}/{number}".encode()).hexdigest()
-    return Trial(
+    return BlindTrial(
         stratum=STRATA[stratum],
         robot=arm.file,
         number=number,
@@ -152,7 +152,7 @@ def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> Trial
 
 
 def kinds_of(
-    trial: Trial, draw: np.random.Generator, attempt: int
+    trial: BlindTrial, draw: np.random.Generator, attempt: int
 ) -> list[type[Effect]]:
     """Return the effects of a trial: names take turns, so that all come equally often.
 
@@ -172,7 +172,7 @@ def kinds_of(
         return [first, others[int(draw.integers(len(others)))]]
     pool: tuple[type[Effect], ...] = EFFECTS
     if name == "outside":
-        pool = OUTSIDERS
+        pool = OUT_OF_LIBRARY_EFFECTS
     elif name == "second_law":
         pool = OTHER_LAWS
     elif name.startswith("memory"):

@@ -215,7 +215,9 @@ TURNS = 1.0
 period of the slowest."""
 
 
-def drawn(kind: type[Effect], draw: np.random.Generator, ground: Ground) -> Effect:
+def draw_site_and_form(
+    kind: type[Effect], draw: np.random.Generator, ground: Ground
+) -> Effect:
     """Draw a place and a form for an effect of about a catalogue's size.
 
     Args:

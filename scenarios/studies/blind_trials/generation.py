@@ -32,11 +32,16 @@ from bench.shared.plan import DEFAULT_PATH, Plan, parse_path
 from bench.shared.recording import Recording
 from bench.standard_plans import tour
 from scenarios.pipelines.synthetic_recording import truth_text
-from scenarios.studies.blind_trials.draw import Trial, kinds_of
-from scenarios.studies.blind_trials.effects import Ground, drawn, knees_of, turning
+from scenarios.studies.blind_trials.draw import BlindTrial, kinds_of
+from scenarios.studies.blind_trials.effects import (
+    Ground,
+    draw_site_and_form,
+    knees_of,
+    turning,
+)
 from scenarios.studies.blind_trials.magnitudes import OutOfReach, as_large_as
 from scenarios.studies.blind_trials.oracle import as_strange_as, explained
-from scenarios.studies.blind_trials.visibility import Weight, scale_of
+from scenarios.studies.blind_trials.visibility import Visibility, scale_of
 
 # --- Magnitudes on ideal instruments --------------------------------------------------
 
@@ -45,7 +50,7 @@ from scenarios.studies.blind_trials.visibility import Weight, scale_of
 class Bench:
     """An arm of a trial without its effects, and how large effects on it are."""
 
-    trial: Trial
+    trial: BlindTrial
     rig: Rig
     plan: Plan
     stated: bool
@@ -57,19 +62,19 @@ class Bench:
         seen = record(rig, self.plan, instruments, self.trial.seed, self.trial.name)
         if not self.hook:
             return seen
-        quiet = silent(self.trial.instruments)
+        quiet = error_free_instruments(self.trial.instruments)
         weight = record(self.rig, self.plan, quiet, self.trial.seed).wrench
         return replace(seen, wrench=weight)  # taken from what hangs on the hook
 
 
-def sized(
+def calibrate_magnitude(
     bench: Bench, effects: Sequence[Effect], draw: np.random.Generator
-) -> tuple[tuple[Effect, ...], tuple[Weight, ...]]:
+) -> tuple[tuple[Effect, ...], tuple[Visibility, ...]]:
     """Make every effect as large as its stratum asks."""
     if not effects:
         return (), ()
     trial = bench.trial
-    quiet = silent(trial.instruments)
+    quiet = error_free_instruments(trial.instruments)
     scale = scale_of(
         bench.rig,
         bench.seen((), quiet),
@@ -77,8 +82,8 @@ def sized(
         bench.stated,
     )
 
-    def weigh(effect: Effect) -> Weight:
-        return scale.weigh(bench.seen((effect,), quiet))
+    def weigh(effect: Effect) -> Visibility:
+        return scale.visibility(bench.seen((effect,), quiet))
 
     watching = replace(trial.instruments.tracker, occlusions=0.0)  # as it is weighed
 
@@ -97,7 +102,7 @@ def sized(
     return tuple(found), tuple(weights)
 
 
-def silent(instruments: Instruments) -> Instruments:
+def error_free_instruments(instruments: Instruments) -> Instruments:
     """Return instruments that make no error, with encoders after the gears."""
     tracker = replace(
         instruments.tracker,
@@ -128,19 +133,19 @@ class Made:
     Attributes:
         recording: What the accused will see.
         model: The model file that it is compared with.
-        without: Names that the diagnosis must do without.
+        left_out: Names that the diagnosis must do without.
         rig: What is true.
         truth: The same and how it was drawn, for JSON.
     """
 
     recording: Recording
     model: Path
-    without: tuple[str, ...]
+    left_out: tuple[str, ...]
     rig: Rig
     truth: dict[str, Any]
 
 
-def make(trial: Trial, folder: Path, poses: int) -> Made:
+def generate_trial(trial: BlindTrial, folder: Path, poses: int) -> Made:
     """Carry out a trial.
 
     Args:
@@ -156,14 +161,14 @@ def make(trial: Trial, folder: Path, poses: int) -> Made:
     for attempt in range(ATTEMPTS):
         kinds = kinds_of(trial, draw, attempt)
         try:
-            return _carried_out(trial, kinds, draw, folder, poses, attempt)
+            return _simulate(trial, kinds, draw, folder, poses, attempt)
         except BenchError as error:  # out of reach, or no rest under so much
             faults.append(str(error).partition("\n")[0])
     raise BenchError(f"Trial {trial.label} cannot be made: {'; '.join(faults[-3:])}")
 
 
-def _carried_out(
-    trial: Trial,
+def _simulate(
+    trial: BlindTrial,
     kinds: Sequence[type[Effect]],
     draw: np.random.Generator,
     folder: Path,
@@ -183,7 +188,7 @@ def _carried_out(
         knees_of(nominal),
         turning(arm, plan.posture),
     )
-    effects = [drawn(kind, draw, ground) for kind in kinds]
+    effects = [draw_site_and_form(kind, draw, ground) for kind in kinds]
     if len({(e.name, e.where) for e in effects}) < len(effects):
         raise OutOfReach("The same effect was drawn twice.")
     rigid = [e.where for e in effects if isinstance(e, JointCompliance)]
@@ -197,7 +202,7 @@ def _carried_out(
         stated=any(isinstance(e, TrackerMisalignment) for e in effects),
         hook=any(isinstance(e, PulleyFriction) for e in effects),
     )
-    effects, weights = sized(bench, effects, draw)
+    effects, weights = calibrate_magnitude(bench, effects, draw)
     without = tuple(e.name for e in effects) if trial.stratum.name == "removed" else ()
     recording = bench.seen(effects, trial.instruments)
     true = replace(rig, effects=effects)
@@ -215,7 +220,7 @@ def _carried_out(
     return Made(recording, given, without, true, truth)
 
 
-def _given(trial: Trial, rigid: Sequence[str], folder: Path) -> Path:
+def _given(trial: BlindTrial, rigid: Sequence[str], folder: Path) -> Path:
     """Return the model of a trial's arm, written anew where it calls axes rigid."""
     if not rigid:
         return trial.robot

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.effects.effect import Effect
 from bench.shared.errors import BenchError, Unusable
-from scenarios.studies.blind_trials.visibility import Weight
+from scenarios.studies.blind_trials.visibility import Visibility
 from stiffness.robot.tracker_frame import LARGEST_SCALE
 
 ABOVE = 1.25
@@ -44,7 +44,7 @@ GROWS: dict[str, Callable[[float, float], float]] = {
     "link_bending": lambda value, factor: value / factor,
 }
 """How sizes grow that are not in proportion to what they do."""
-MOST = {
+MAX_MAGNITUDES = {
     "hardening": 3.0,
     "asymmetric_stiffness": 3.0,
     "angle_dependent_stiffness": 0.6,
@@ -90,7 +90,7 @@ def scaled(effect: Effect, factor: float) -> Effect:
     largest = max(map(abs, sizes.values()))
     if effect.name == "asymmetric_stiffness":  # either side may be the stiffer one
         largest = max(largest, 1.0 / largest)
-    if largest > MOST.get(effect.name, np.inf):
+    if largest > MAX_MAGNITUDES.get(effect.name, np.inf):
         raise OutOfReach(f"{effect.name} at {effect.where} would have {sizes}.")
     try:
         return replace(effect, **sizes)
@@ -99,8 +99,8 @@ def scaled(effect: Effect, factor: float) -> Effect:
 
 
 def as_large_as(
-    effect: Effect, least: float, weigh: Callable[[Effect], Weight]
-) -> tuple[Effect, Weight]:
+    effect: Effect, least: float, weigh: Callable[[Effect], Visibility]
+) -> tuple[Effect, Visibility]:
     """Find the size at which an effect shows at least a given χ², and not much more.
 
     Args:

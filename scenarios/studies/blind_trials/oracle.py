@@ -24,15 +24,20 @@ from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.studies.blind_trials.magnitudes import OutOfReach, as_large_as
-from scenarios.studies.blind_trials.visibility import Weight
-from stiffness.diagnosis.model_fit import Case, Member, other_forms, refined
+from scenarios.studies.blind_trials.visibility import Visibility
+from stiffness.diagnosis.model_fit import (
+    ModelTerm,
+    SelectionProblem,
+    other_forms,
+    refined,
+)
 from stiffness.diagnosis.nominal_fit import Prepared, blocks, prepare
-from stiffness.diagnosis.relinearisation import case_of
-from stiffness.diagnosis.selection import Ranked, ranked, white_candidates
-from stiffness.diagnosis.sufficient_statistics import evidence_of
+from stiffness.diagnosis.relinearisation import build_problem
+from stiffness.diagnosis.selection import RankedModels, rank_models, whiten_candidates
+from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects import HYPOTHESES
 from stiffness.experiment.visits import visits_of
-from stiffness.regression.elimination import projected
+from stiffness.regression.elimination import minimum_norm_fit
 from stiffness.regression.splits import split_of
 
 # --- Distance from the library --------------------------------------------------------
@@ -41,7 +46,7 @@ PROBE = 20_000.0
 """χ² of the effect that the library is tried on; chosen: its noise is 2 √χ², 1.4 %."""
 LEAST_SHARE = 0.04
 """Share that the library must leave to be told from that noise; chosen: three times."""
-LARGEST = 40_000.0
+MAX_CHI_SQUARE = 40_000.0
 """χ² beyond which an effect is taken to be explained by the library; chosen."""
 LEFT = 1.3
 """Least that is left over what is asked, for few sets are refined."""
@@ -61,30 +66,32 @@ def explained(recording: Recording, model: Path, without: Sequence[str]) -> floa
     """
     arm = arm_of(model).for_recording(recording)
     names = [h for h in HYPOTHESES if h.effect not in without]
-    case = case_of(_returning(prepare(recording, arm)), names)
-    white = white_candidates(case.library, case.evidence)
-    sets = ranked(case.library, white, len(np.unique(recording.pose)))
-    size = np.array([len(members) for members in sets.sets])
+    case = build_problem(_returning(prepare(recording, arm)), names)
+    white = whiten_candidates(case.library, case.normal_equations)
+    sets = rank_models(case.library, white, len(np.unique(recording.posture_id)))
+    size = np.array([len(members) for members in sets.models])
     best = [np.flatnonzero(size == s)[np.argsort(-sets.gain[size == s])] for s in SIZES]
     return max(_at_its_best(case, sets, int(k)) for of in best for k in of[:FRONT])
 
 
-def _at_its_best(case: Case, sets: Ranked, number: int) -> float:
+def _at_its_best(case: SelectionProblem, sets: RankedModels, number: int) -> float:
     """Return what a set explains of all poses, refined and in its laws' other forms."""
-    candidates = [case.library.candidates[k] for k in sets.sets[number]]
+    candidates = [case.library.candidates[k] for k in sets.models[number]]
     members = [
-        Member(c.hypothesis, c.where, c.shapes[s])
+        ModelTerm(c.hypothesis, c.where, c.shapes[s])
         for c, s in zip(candidates, sets.shape[number], strict=True)
     ]
     every = replace(case.split, fold=np.ones_like(case.split.fold), count=1)
     members = refined(case.data, case.situation, case.nominal, members, every)
-    laws = [m.signature(case.situation) for m in members]
+    laws = [m.jacobian(case.situation) for m in members]
     columns = [*case.nominal, *laws, *other_forms(case, members)]
-    found = evidence_of(case.data, columns, np.zeros(len(every.fold), dtype=int))
+    found = normal_equations_of(
+        case.data, columns, np.zeros(len(every.fold), dtype=int)
+    )
     gram, score = found.gram[0], found.score.sum(axis=0)
     known = case.library.nominal
-    before = score[:known] @ projected(gram[:known, :known], score[:known])
-    gain = float(score @ projected(gram, score) - before)
+    before = score[:known] @ minimum_norm_fit(gram[:known, :known], score[:known])
+    gain = float(score @ minimum_norm_fit(gram, score) - before)
     return max(gain, float(sets.gain[number]))
 
 
@@ -94,19 +101,19 @@ def _returning(prepared: Prepared) -> Prepared:
     Otherwise the spread of an effect over visits passes for bad returns, and what the
     library explains of it would be too little.
     """
-    situation, exact = prepared.situation, np.zeros(len(prepared.arrival))
-    visits = visits_of(situation.visit, situation.pose)
+    situation, exact = prepared.situation, np.zeros(len(prepared.pose_repeatability))
+    visits = visits_of(situation.visit, situation.posture_index)
     data, _ = blocks(situation, visits, prepared.readings, exact)
-    return replace(prepared, data=data, arrival=exact)
+    return replace(prepared, data=data, pose_repeatability=exact)
 
 
 def as_strange_as(
     effect: Effect,
     least: float,
-    weigh: Callable[[Effect], Weight],
+    weigh: Callable[[Effect], Visibility],
     captured: Callable[[Effect], float],
     draw: np.random.Generator,
-) -> tuple[Effect, Weight]:
+) -> tuple[Effect, Visibility]:
     """Find a size of which the library's best names leave at least a given χ².
 
     Args:
@@ -122,7 +129,7 @@ def as_strange_as(
     probe, weight = as_large_as(effect, PROBE, weigh)
     share = 1.0 - captured(probe) / (weight.within + weight.between)
     wanted = LEFT * least * SPAN ** draw.uniform(0.0, 1.0)
-    if share < LEAST_SHARE or share * LARGEST < wanted:
+    if share < LEAST_SHARE or share * MAX_CHI_SQUARE < wanted:
         raise OutOfReach(f"The library explains {effect.name} at {effect.where}.")
     larger, weight = as_large_as(probe, wanted / share, weigh)
     return larger, replace(weight, left=share * weight.chi2)
@@ -153,7 +160,7 @@ def oracle_gain_mm(folder: Path, model: Path, rig: Rig) -> float | None:
     frames = prepare(recording, arm).frames
     transform = np.eye(4)
     transform[:3, :3], transform[:3, 3] = frames.turn, frames.shift
-    held_out = np.unique(recording.pose)[split_of(recording).held_out]
+    held_out = np.unique(recording.posture_id)[split_of(recording).held_out]
     springs = zip(rig.anatomy.axes, rig.springs, strict=True)
     patch = Patch(
         stiffness_nm_per_rad={a: None if k >= RIGID else float(k) for a, k in springs},
@@ -161,7 +168,9 @@ def oracle_gain_mm(folder: Path, model: Path, rig: Rig) -> float | None:
         base_from_tracker=tuple((a, b, c, d) for a, b, c, d in transform.tolist()),
         markers={
             marker.name: (float(x), float(y), float(z))
-            for marker, (x, y, z) in zip(recording.markers, frames.place, strict=True)
+            for marker, (x, y, z) in zip(
+                recording.markers, frames.marker_positions, strict=True
+            )
         },
     )
     try:

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.studies.blind_trials.score import Score
+from scenarios.studies.blind_trials.score import TrialScore
 from scenarios.studies.blind_trials.strata import BARS, STRATA, Bar
 from stiffness.regression.intervals import share
 
@@ -38,7 +38,7 @@ MEANINGS = (
     "declared, or nothing is named. χ²: how large an effect is in the instruments' "
     "squared sigmas, after springs took on what they can."
 )
-"""What marks say; see `Score`."""
+"""What marks say; see `TrialScore`."""
 COVERAGE, GAIN, SECONDS = (0.90, 0.98), 0.90, 3.0
 """Bars of intervals, of the held-out gain and of the time of one answer."""
 
@@ -83,7 +83,7 @@ def rate(
     return Rate(what, bar, count, total, found.value, found.low, found.high, met)
 
 
-def bars(scores: Sequence[Score]) -> list[Rate]:
+def bars(scores: Sequence[TrialScore]) -> list[Rate]:
     """Hold everything that was asked against what came."""
     rates = [_of_bar(bar, scores) for bar in BARS]
     intervals = [i.holds for s in scores for i in s.intervals]
@@ -96,7 +96,7 @@ def bars(scores: Sequence[Score]) -> list[Rate]:
     return rates
 
 
-def by_stratum(scores: Sequence[Score]) -> list[dict[str, object]]:
+def by_stratum(scores: Sequence[TrialScore]) -> list[dict[str, object]]:
     """Return one row for each kind of trial: how often each mark was given."""
     rows = []
     for name in STRATA:
@@ -113,12 +113,12 @@ def by_stratum(scores: Sequence[Score]) -> list[dict[str, object]]:
     return rows
 
 
-def failures(scores: Sequence[Score]) -> list[Score]:
+def failures(scores: Sequence[TrialScore]) -> list[TrialScore]:
     """Return the trials that went wrong by the bars of their kind."""
     return [s for s in scores if s.failed or wrong(s)]
 
 
-def wrong(score: Score) -> tuple[str, ...]:
+def wrong(score: TrialScore) -> tuple[str, ...]:
     """Return the bars of its kind that a trial speaks against."""
     found = []
     for bar in BARS:
@@ -129,7 +129,7 @@ def wrong(score: Score) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _of_bar(bar: Bar, scores: Sequence[Score]) -> Rate:
+def _of_bar(bar: Bar, scores: Sequence[TrialScore]) -> Rate:
     own = [s for s in scores if s.stratum in bar.strata]
     counted = [s for s in own if not bar.of or getattr(s, bar.of)]
     what = f"{bar.mark.replace('_', ' ')}: {' and '.join(bar.strata)}"
@@ -147,7 +147,7 @@ BINS = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)
 verdicts turn."""
 
 
-def confusion(scores: Sequence[Score]) -> list[dict[str, Any]]:
+def confusion(scores: Sequence[TrialScore]) -> list[dict[str, Any]]:
     """Return how often each true effect was answered by each name, by kind of trial.
 
     Only trials with one effect or none; of several names the first counts.
@@ -163,7 +163,7 @@ def confusion(scores: Sequence[Score]) -> list[dict[str, Any]]:
     ]
 
 
-def said(score: Score) -> str:
+def said(score: TrialScore) -> str:
     """Return in one word what an answer says."""
     if score.named:
         return _effect(score.named[0])
@@ -172,7 +172,7 @@ def said(score: Score) -> str:
     )
 
 
-def calibration(scores: Sequence[Score]) -> list[dict[str, Any]]:
+def calibration(scores: Sequence[TrialScore]) -> list[dict[str, Any]]:
     """Return how often what was stated with a probability was true."""
     stated = [pair for s in scores if s.truth for pair in s.stated]
     rows = []

@@ -30,7 +30,7 @@ from scenarios.studies.blind_trials.rates import (
     failures,
     wrong,
 )
-from scenarios.studies.blind_trials.score import Score
+from scenarios.studies.blind_trials.score import TrialScore
 from scenarios.studies.blind_trials.strata import STRATA
 
 # --- Tables ---------------------------------------------------------------------------
@@ -39,7 +39,7 @@ SHOWN = 60
 """Failures that the page lists; all are in summary.json and trials.csv."""
 
 
-def tables_of(scores: Sequence[Score], rates: Sequence[Rate]) -> list[page.Block]:
+def tables_of(scores: Sequence[TrialScore], rates: Sequence[Rate]) -> list[page.Block]:
     """Return failures first, bars, and what each kind of trial got."""
     bad = failures(scores)
     listed = [
@@ -104,7 +104,7 @@ def of_probabilities(rows: Sequence[dict[str, Any]]) -> list[page.Block]:
     ]
 
 
-def said(s: Score) -> str:
+def said(s: TrialScore) -> str:
     """Return an answer in a few words."""
     return s.failed or f"{s.verdict}: {', '.join(s.named) or 'no name'}"
 
@@ -186,7 +186,7 @@ def draw_calibration(rows: Rows) -> Figure:
 # --- The report -----------------------------------------------------------------------
 
 
-def write(out: Path, scores: Sequence[Score], facts: dict[str, object]) -> None:
+def write(out: Path, scores: Sequence[TrialScore], facts: dict[str, object]) -> None:
     """Write summary.json, tables, pictures and the page.
 
     Args:
@@ -226,7 +226,7 @@ def write(out: Path, scores: Sequence[Score], facts: dict[str, object]) -> None:
     page.write(out, "Blind trials", _headline(scores, rates), blocks)
 
 
-def _headline(scores: Sequence[Score], rates: Sequence[Rate]) -> str:
+def _headline(scores: Sequence[TrialScore], rates: Sequence[Rate]) -> str:
     counted = [r for r in rates if r.met is not None]
     met = sum(bool(r.met) for r in counted)
     return (
@@ -235,7 +235,7 @@ def _headline(scores: Sequence[Score], rates: Sequence[Rate]) -> str:
     )
 
 
-def _entry(s: Score) -> dict[str, object]:
+def _entry(s: TrialScore) -> dict[str, object]:
     return {
         "trial": s.label,
         "name": s.name,
@@ -246,7 +246,7 @@ def _entry(s: Score) -> dict[str, object]:
     }
 
 
-def _row(s: Score) -> dict[str, object]:
+def _row(s: TrialScore) -> dict[str, object]:
     marks = {mark: int(getattr(s, mark)) for mark in MARKS}
     return {
         "trial": s.label,
@@ -265,7 +265,7 @@ def _row(s: Score) -> dict[str, object]:
 # --- The terminal ---------------------------------------------------------------------
 
 
-def print_summary(scores: list[Score], out: Path) -> None:
+def print_summary(scores: list[TrialScore], out: Path) -> None:
     """Print the trials that failed, and where the report is."""
     for one in failures(scores):
         print(f"{one.label}: {', '.join(one.truth) or 'nothing'} -> "

@@ -24,8 +24,8 @@ from joblib import Parallel, delayed
 
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.format.folder import write
-from scenarios.studies.blind_trials.draw import Trial
-from scenarios.studies.blind_trials.generation import make
+from scenarios.studies.blind_trials.draw import BlindTrial
+from scenarios.studies.blind_trials.generation import generate_trial
 from scenarios.studies.blind_trials.method_under_test import Question
 from scenarios.studies.blind_trials.oracle import oracle_gain_mm
 
@@ -106,16 +106,16 @@ class Sweep:
     keep: bool = False
     jobs: int = 2
 
-    def file(self, kind: str, trial: Trial) -> Path:
+    def file(self, kind: str, trial: BlindTrial) -> Path:
         """Return the file of a trial: its `answers`, `truth` or `seals`."""
         return self.folder / kind / f"{trial.name}.json"
 
-    def done(self, trial: Trial) -> bool:
+    def done(self, trial: BlindTrial) -> bool:
         """Return whether a trial is finished; the truth is written last."""
         return self.file("truth", trial).is_file()
 
 
-def run_trials(sweep: Sweep, trials: Sequence[Trial]) -> Iterator[int]:
+def run_trials(sweep: Sweep, trials: Sequence[BlindTrial]) -> Iterator[int]:
     """Carry out what is not finished, and yield how many more are, time after time.
 
     Raises:
@@ -131,11 +131,11 @@ def run_trials(sweep: Sweep, trials: Sequence[Trial]) -> Iterator[int]:
         yield int(done or 0)
 
 
-def tried(sweep: Sweep, trials: Sequence[Trial]) -> int:
+def tried(sweep: Sweep, trials: Sequence[BlindTrial]) -> int:
     """Carry out a few trials and return how many they were."""
     truths, questions = {}, []
     for trial in trials:
-        made = make(trial, sweep.folder / "models", sweep.poses)
+        made = generate_trial(trial, sweep.folder / "models", sweep.poses)
         place = sweep.folder / "recordings" / trial.name
         write(place, made.recording)
         truth = made.truth
@@ -154,7 +154,7 @@ def tried(sweep: Sweep, trials: Sequence[Trial]) -> int:
                 recording=str(place.resolve()),
                 model=str(made.model.resolve()),
                 answer=str(answer.resolve()),
-                without=made.without,
+                without=made.left_out,
                 proof=sweep.proof,
             )
         )

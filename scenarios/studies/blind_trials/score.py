@@ -109,7 +109,7 @@ MEMORY = ("lost_motion", "hysteresis", "creep")
 
 
 @dataclass(frozen=True)
-class Score:
+class TrialScore:
     """How one trial went. Marks that make no sense for its kind are False.
 
     Attributes:
@@ -161,7 +161,7 @@ class Score:
     seconds: float
 
 
-def score(label: str, name: str, answer: Mapping, truth: Mapping) -> Score:
+def score_answer(label: str, name: str, answer: Mapping, truth: Mapping) -> TrialScore:
     """Mark one answer.
 
     Args:
@@ -181,7 +181,7 @@ def score(label: str, name: str, answer: Mapping, truth: Mapping) -> Score:
     covering = [bool(true & options) for options in declared]
     right = bool(true) and all(any(t in d for d in declared) for t in true)
     memory = {f"{kind}@{where}" for kind in MEMORY for where in places} - true
-    return Score(
+    return TrialScore(
         stratum=truth["stratum"],
         label=label,
         name=name,

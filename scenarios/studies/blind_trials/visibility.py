@@ -62,7 +62,7 @@ from bench.shared.recording import Recording
 
 
 @dataclass(frozen=True)
-class Standing:
+class ReadingSensitivity:
     """An arm at the postures of a plan, all in the base's frame.
 
     Attributes:
@@ -150,9 +150,9 @@ def along_base(
 # --- Observed states ------------------------------------------------------------------
 
 
-def standing_of(
+def reading_sensitivity_of(
     rig: Rig, seen: Recording, point: Float[np.ndarray, "rows markers 3"]
-) -> Standing:
+) -> ReadingSensitivity:
     """Say where an arm stood at the postures that its controller reports.
 
     What silent instruments saw of it, after the gears too, puts its markers at `point`
@@ -187,7 +187,7 @@ def standing_of(
     for k in np.flatnonzero(arm.slides):  # no second encoder; gravity on it is constant
         pushed = np.einsum("vri,vi->vr", felt[..., :3], axis[:, k])
         wind_up[:, :, k] = pushed / rig.springs[k]
-    return Standing(
+    return ReadingSensitivity(
         point=point.reshape(len(posture), rows, -1, 3),
         turn=turn,
         axis=axis,
@@ -228,7 +228,7 @@ class Projection:
         prior: Diagonal of P.
         inner: Factor of G'AG + P.
         shrink: (1 + U'U)^-1 of each visit.
-        pose: Number of each visit's pose, from 0.
+        posture_index: Number of each visit's pose, from 0.
     """
 
     nominal: Float[np.ndarray, "visits n columns"]
@@ -236,21 +236,21 @@ class Projection:
     prior: Float[np.ndarray, " columns"]
     inner: tuple
     shrink: Float[np.ndarray, "visits errors errors"]
-    pose: Int[np.ndarray, " visits"]
+    posture_index: Int[np.ndarray, " visits"]
 
-    def left(self, signal: np.ndarray) -> tuple[float, Float[np.ndarray, " poses"]]:
+    def residual(self, signal: np.ndarray) -> tuple[float, Float[np.ndarray, " poses"]]:
         """Return what is left of a signal, altogether and by pose.
 
         Args:
             signal: Of all visits, (visits, …), in sigmas.
         """
-        asked = signal.reshape(len(self.pose), -1)
+        asked = signal.reshape(len(self.posture_index), -1)
         told = np.einsum("vn,vnc->c", self._without_error(asked), self.nominal)
         fitted = cho_solve(self.inner, told)
         rest = asked - self.nominal @ fitted
         share = np.sum(rest * self._without_error(rest), axis=1)
         total = float(np.sum(share) + fitted @ (self.prior * fitted))
-        return total, np.bincount(self.pose, share)
+        return total, np.bincount(self.posture_index, share)
 
     def _without_error(self, values: np.ndarray) -> np.ndarray:
         across = np.einsum("vn,vnk->vk", values, self.error)
@@ -291,8 +291,8 @@ PLACE, DECADE, UNKNOWN = 1e-2, 2.3, 1.0
 The rules call a place nominal within 1 mm: ten times that is flat over it."""
 
 
-def silent_columns(
-    rig: Rig, standing: Standing, known_frame: bool
+def nuisance_jacobian(
+    rig: Rig, standing: ReadingSensitivity, known_frame: bool
 ) -> tuple[Float[np.ndarray, "visits rows markers 3 n"], Float[np.ndarray, " n"]]:
     """Return what is fitted silently, and its inverse variances."""
     point = standing.point
@@ -317,7 +317,7 @@ def silent_columns(
 
 
 @dataclass(frozen=True)
-class Weight:
+class Visibility:
     """How large an effect is.
 
     Attributes:
@@ -354,13 +354,13 @@ class Scale:
     """
 
     reference: Recording
-    standing: Standing
+    standing: ReadingSensitivity
     to_white: Float[np.ndarray, "3 3"]
     within: Projection
     between: Projection
     whole: Projection
 
-    def weigh(self, seen: Recording) -> Weight:
+    def visibility(self, seen: Recording) -> Visibility:
         """Weigh what an effect changed.
 
         Args:
@@ -370,11 +370,11 @@ class Scale:
         felt = self.standing.wrench(seen) - self.standing.wrench(self.reference)
         moved = (moved - self.standing.response(felt)) @ self.to_white
         moved = moved.reshape(self.standing.point.shape)
-        within, shown = self.within.left(_differences(moved))
-        between, also = self.between.left(_means(moved))
+        within, shown = self.within.residual(_differences(moved))
+        between, also = self.between.residual(_means(moved))
         share = shown if within > between else also
         spread = float(np.sum(share) ** 2 / max(np.sum(share**2), 1e-300))
-        return Weight(within, between, self.whole.left(moved)[0], spread)
+        return Visibility(within, between, self.whole.residual(moved)[0], spread)
 
 
 def scale_of(
@@ -393,11 +393,11 @@ def scale_of(
     """
     assert reference.base_from_tracker is not None
     to_white = reference.base_from_tracker[:3, :3] / np.array(repeatability)
-    standing = standing_of(rig, reference, in_base(reference))
-    columns, prior = silent_columns(rig, standing, known_frame)
+    standing = reading_sensitivity_of(rig, reference, in_base(reference))
+    columns, prior = nuisance_jacobian(rig, standing, known_frame)
     nominal = _white(columns, to_white)
     force = _white(standing.force_errors(TURN, SIZE), to_white)
-    pose = reference.pose[:: standing.point.shape[1]]
+    pose = reference.posture_id[:: standing.point.shape[1]]
     free = np.flatnonzero(prior != PLACE**-2)  # places stay the same within a visit
     return Scale(
         reference,

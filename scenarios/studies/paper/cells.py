@@ -28,7 +28,7 @@ from scenarios.studies.paper.experiment import Material
 
 # --- Cells and their cache ------------------------------------------------------------
 
-Result = Mapping[str, np.ndarray]
+CellResult = Mapping[str, np.ndarray]
 """What a cell found, by names such as `best/unseen`."""
 
 
@@ -41,7 +41,7 @@ class Cell(ABC):
         """About how many seconds of one core it takes; for the progress bar."""
 
     @abstractmethod
-    def work(self, material: Material, scratch: Path) -> Result:
+    def work(self, material: Material, scratch: Path) -> CellResult:
         """Do it.
 
         Args:
@@ -55,8 +55,8 @@ def results(
     material: Material,
     folder: Path,
     jobs: int,
-    told: Callable[[Cell, Result], None] = lambda _cell, _result: None,
-) -> list[Result]:
+    told: Callable[[Cell, CellResult], None] = lambda _cell, _result: None,
+) -> list[CellResult]:
     """Return what cells found, working those that are not kept yet.
 
     Args:
@@ -82,13 +82,15 @@ def results(
         team = Parallel(
             n_jobs=jobs, return_as="generator_unordered", pre_dispatch="all"
         )
-        for i, result in cast(Iterator[tuple[int, Result]], team(work)):
+        for i, result in cast(Iterator[tuple[int, CellResult]], team(work)):
             found[i] = result
             told(cells[i], result)
     return [result for result in found if result is not None]
 
 
-def _worked(i: int, cell: Cell, material: Material, file: Path) -> tuple[int, Result]:
+def _worked(
+    i: int, cell: Cell, material: Material, file: Path
+) -> tuple[int, CellResult]:
     scratch = file.with_suffix(".training.npz")
     result = {k: np.asarray(v) for k, v in cell.work(material, scratch).items()}
     with NamedTemporaryFile(dir=file.parent, suffix=".partial", delete=False) as beside:
@@ -103,7 +105,7 @@ def _worked(i: int, cell: Cell, material: Material, file: Path) -> tuple[int, Re
     return i, result
 
 
-def _kept(file: Path) -> Result | None:
+def _kept(file: Path) -> CellResult | None:
     """Read a finished cell; None where there is none or it is damaged."""
     try:
         with file.open("rb") as data, np.load(data, allow_pickle=False) as archive:
@@ -125,8 +127,8 @@ def swept(
     material: Material,
     folder: Path,
     jobs: int,
-    told: Callable[[Cell, Result], None] | None = None,
-) -> dict[Cell, Result]:
+    told: Callable[[Cell, CellResult], None] | None = None,
+) -> dict[Cell, CellResult]:
     """Work all cells under a progress bar that counts what they cost.
 
     Args:
@@ -151,7 +153,7 @@ def swept(
         task = progress.add_task(f"{len(cells)} cells", total=total)
         left = len(cells)
 
-        def tell(cell: Cell, result: Result) -> None:
+        def tell(cell: Cell, result: CellResult) -> None:
             nonlocal left
             left -= 1
             progress.update(task, advance=cell.cost, description=f"{left} cells left")

@@ -27,7 +27,7 @@ from jaxtyping import Float
 
 from scenarios.report.page import Table
 from scenarios.studies.paper.budget import PLANS, Budget
-from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.transfer import (
     ConvolutionCell,
     OwnCell,
@@ -91,7 +91,7 @@ class Draws:
 
 
 @lru_cache(maxsize=4)
-def _drawn(
+def _resampled(
     seeds: int, poses: int, seed: int, resamples: int
 ) -> tuple[Float[np.ndarray, "resamples poses"], Float[np.ndarray, "resamples seeds"]]:
     """Return how often each pose counts, and what each seed weighs."""
@@ -119,7 +119,7 @@ def pooled(
         resamples: How many.
     """
     seeds, poses = error.shape[:2]
-    weight, which = _drawn(seeds, poses, seed, resamples)
+    weight, which = _resampled(seeds, poses, seed, resamples)
     values = [float(statistic(row, np.ones(poses))) for row in error]
     if statistic is me:
         return Draws(float(np.mean(values)), np.full(resamples, np.nan))
@@ -183,7 +183,7 @@ class Contender:
 
 
 def contenders(
-    budget: Budget, found: Mapping[Cell, Result], own: OwnMethod | None
+    budget: Budget, found: Mapping[Cell, CellResult], own: OwnMethod | None
 ) -> list[Contender]:
     """Gather every method, the paper's three first."""
     seeds, evaluations = budget.transfer.seeds, budget.transfer.evaluations
@@ -216,8 +216,8 @@ def contenders(
 
 
 def perceptrons(
-    budget: Budget, found: Mapping[Cell, Result], plan: str
-) -> list[Result]:
+    budget: Budget, found: Mapping[Cell, CellResult], plan: str
+) -> list[CellResult]:
     """Return FT-MLP's cells of one plan, one a seed."""
     cells = [c for c in found if isinstance(c, PerceptronCell) and c.plan == plan]
     cells = {c.seed: c for c in cells if c.settings == budget.transfer}
@@ -225,7 +225,7 @@ def perceptrons(
 
 
 def of_results(
-    method: str, plan: str, by_seed: Mapping[int, Result], name: str
+    method: str, plan: str, by_seed: Mapping[int, CellResult], name: str
 ) -> Contender:
     """Gather one method's cells, one a seed.
 
@@ -291,7 +291,7 @@ def gain_rows(c: Contender, springs: Contender) -> list[dict[str, object]]:
     return rows
 
 
-def gains(tuned: Sequence[Contender], springs: Contender) -> Table:
+def gains_table(tuned: Sequence[Contender], springs: Contender) -> Table:
     """Return a table of FT-MLP's gains over the springs, beside the paper's."""
     rows = []
     for c in tuned:

@@ -14,7 +14,7 @@ import numpy as np
 
 from scenarios.report.page import Block, Heading, Paragraph
 from scenarios.studies.paper.budget import Budget
-from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import MEASURES, Contender, perceptrons, pooled
 from scenarios.studies.paper.imitation import activation_cells, depth_cells
 from scenarios.studies.paper.linear_fit import LinearFit
@@ -50,7 +50,7 @@ def plans(methods: Sequence[Contender]) -> str:
     )
 
 
-def epoch(budget: Budget, found: Mapping[Cell, Result]) -> str:
+def best_epoch(budget: Budget, found: Mapping[Cell, CellResult]) -> str:
     """Say what keeping the best epoch changes."""
     results = perceptrons(budget, found, "spanning")
     last, best = (
@@ -77,7 +77,7 @@ def epoch(budget: Budget, found: Mapping[Cell, Result]) -> str:
 
 
 def others(
-    budget: Budget, methods: Sequence[Contender], found: Mapping[Cell, Result]
+    budget: Budget, methods: Sequence[Contender], found: Mapping[Cell, CellResult]
 ) -> str:
     """Say what DT-CNN and a Gaussian process come to."""
     own = [
@@ -167,20 +167,20 @@ READINGS = (
 
 
 def report(
-    budget: Budget, methods: Sequence[Contender], found: Mapping[Cell, Result]
+    budget: Budget, methods: Sequence[Contender], found: Mapping[Cell, CellResult]
 ) -> Sequence[Block]:
     """Return the section that weighs the results."""
     return [
         Heading("What agrees with the paper, what does not, and why"),
         Paragraph(_imitation(budget, found)),
         Paragraph(plans(methods)),
-        Paragraph(epoch(budget, found)),
+        Paragraph(best_epoch(budget, found)),
         Paragraph(others(budget, methods, found)),
         Paragraph(READINGS),
     ]
 
 
-def _imitation(budget: Budget, found: Mapping[Cell, Result]) -> str:
+def _imitation(budget: Budget, found: Mapping[Cell, CellResult]) -> str:
     depth = {d: mean_of(c, found)[1, MAE] for d, c in depth_cells(budget).items()}
     sharp = {a: mean_of(c, found)[1, MAE] for a, c in activation_cells(budget).items()}
     best, theirs = (
@@ -211,7 +211,7 @@ def _imitation(budget: Budget, found: Mapping[Cell, Result]) -> str:
 
 
 def summary(
-    found: LinearFit, methods: Sequence[Contender], results: Mapping[Cell, Result]
+    found: LinearFit, methods: Sequence[Contender], results: Mapping[Cell, CellResult]
 ) -> str:
     """Return what was found in some sentences."""
     return " ".join([_springs(found), _pretrained(results), *_learnt(methods)])
@@ -233,7 +233,7 @@ def _springs(found: LinearFit) -> str:
     )
 
 
-def _pretrained(results: Mapping[Cell, Result]) -> str:
+def _pretrained(results: Mapping[Cell, CellResult]) -> str:
     parts = []
     for plan in sorted({c.plan for c in results if isinstance(c, PerceptronCell)}):
         test = [

@@ -135,13 +135,13 @@ class Material:
 
     def held_out(self, seed: int) -> np.ndarray:
         """Draw the poses that no method sees."""
-        poses = np.unique(self.recording.pose)
+        poses = np.unique(self.recording.posture_id)
         order = np.random.default_rng([seed, len(poses)]).permutation(poses)
         return np.sort(order[: max(round(HELD_OUT * len(poses)), 1)])
 
     def training(self, seed: int) -> Recording:
         """Return the recording without the poses held out; visits stay whole."""
-        kept = ~np.isin(self.recording.pose, self.held_out(seed))
+        kept = ~np.isin(self.recording.posture_id, self.held_out(seed))
         return self.recording.take(kept)
 
     def digest(self) -> str:

@@ -26,7 +26,7 @@ from typing_extensions import override
 from bench.shared.errors import NotIdentifiable
 from bench.shared.recording import Recording
 from scenarios.report import page, style
-from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import TITLES
 from scenarios.studies.paper.experiment import Material
 from scenarios.studies.paper.imitation import source_plan
@@ -53,9 +53,9 @@ from stiffness.robot.arm import Arm
 
 def few_of(recording: Recording, poses: int, draw: int) -> Recording:
     """Draw some poses of a recording, with all of their visits."""
-    known = np.unique(recording.pose)
+    known = np.unique(recording.posture_id)
     order = np.random.default_rng([draw, len(known)]).permutation(known)
-    return recording.take(np.isin(recording.pose, order[:poses]))
+    return recording.take(np.isin(recording.posture_id, order[:poses]))
 
 
 def springs_of(arm: Arm, few: Recording) -> tuple[VjmFit, tuple[str, ...]]:
@@ -158,11 +158,11 @@ class FewPosesPlain(Cell):
         return 0.1 + 0.03 * self.poses
 
     @override
-    def work(self, material: Material, scratch: Path) -> Result:
+    def work(self, material: Material, scratch: Path) -> CellResult:
         few = few_of(material.recording, self.poses, self.draw)
         springs, held = springs_of(material.arm, few)
         process = GpResidual(material.arm, held=held).fit(few)
-        found = left({"vjm": springs, "gp_residual": process}, material)
+        found = residuals({"vjm": springs, "gp_residual": process}, material)
         return found | {"held": np.isin(material.arm.axes, held)}
 
 
@@ -188,7 +188,7 @@ class FewPosesNetworks(Cell):
         return 0.02 * self.effort.on.steps + 2e-4 * self.effort.epochs * self.poses + 1
 
     @override
-    def work(self, material: Material, scratch: Path) -> Result:
+    def work(self, material: Material, scratch: Path) -> CellResult:
         few = few_of(material.recording, self.poses, self.draw)
         springs, held = springs_of(material.arm, few)
         domain = domain_of(
@@ -208,10 +208,12 @@ class FewPosesNetworks(Cell):
         tuning = FineTuning(epochs=self.effort.epochs, seed=self.draw)
         tuned = FtMlp(material.arm, tuning=tuning, held=held, pretrained=mlp)
         direct = DtCnn(material.arm, held=held, pretrained=cnn)
-        return left({"ft_mlp": tuned.fit(few), "dt_cnn": direct.fit(few)}, material)
+        return residuals(
+            {"ft_mlp": tuned.fit(few), "dt_cnn": direct.fit(few)}, material
+        )
 
 
-def left(fits: Mapping[str, Fitted], material: Material) -> dict[str, np.ndarray]:
+def residuals(fits: Mapping[str, Fitted], material: Material) -> dict[str, np.ndarray]:
     """Return what methods leave on the fresh poses, in mm."""
     unseen = material.unseen
     return {
@@ -226,7 +228,7 @@ METHODS = ("vjm", "ft_mlp", "dt_cnn", "gp_residual")
 
 
 def tidy(
-    found: Mapping[int, Mapping[int, Result]], fresh: int
+    found: Mapping[int, Mapping[int, CellResult]], fresh: int
 ) -> list[dict[str, object]]:
     """Return one row a number.
 

@@ -34,7 +34,7 @@ from bench.rig import Rig, States
 from bench.shared.plan import Plan
 from bench.study_arm import Truth, default_truth
 from scenarios.report import page, style
-from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import MEASURES, Draws, pooled
 from scenarios.studies.paper.experiment import KR10, REVISITS, Material
 from scenarios.studies.paper.fresh_postures import fresh_plan
@@ -76,7 +76,7 @@ class NudgeCell(Cell):
         return 15.0
 
     @override
-    def work(self, material: Material, scratch: Path) -> Result:
+    def work(self, material: Material, scratch: Path) -> CellResult:
         truth = default_truth() if self.size < 0 else nudged(self.size)
         rig = Rig(KR10, truth.effects, truth.stiffness)
         experiment = standard_plans.table_one_plan(
@@ -107,7 +107,7 @@ def deflection(
     return 1e3 * (ends[0] - ends[1])
 
 
-def sizes(truth: Truth) -> list[tuple[Effect, str] | int]:
+def magnitudes(truth: Truth) -> list[tuple[Effect, str] | int]:
     """Return every size: an axis' stiffness by number, or an effect and its field."""
     found: list[tuple[Effect, str] | int] = list(range(len(truth.stiffness)))
     for effect in truth.effects:
@@ -118,7 +118,7 @@ def sizes(truth: Truth) -> list[tuple[Effect, str] | int]:
 def nudged(size: int) -> Truth:
     """Return the truth with one size a little larger."""
     truth = default_truth()
-    what = sizes(truth)[size]
+    what = magnitudes(truth)[size]
     if isinstance(what, int):
         stiffness = truth.stiffness.copy()
         stiffness[what] *= 1.0 + NUDGE
@@ -130,7 +130,7 @@ def nudged(size: int) -> Truth:
 
 
 def oracle_error(
-    still: Result, moved: Sequence[Result], noise: Float[np.ndarray, "rows 3"]
+    still: CellResult, moved: Sequence[CellResult], noise: Float[np.ndarray, "rows 3"]
 ) -> Float[np.ndarray, "poses 3"]:
     """Return the oracle's error on the fresh poses.
 
@@ -150,7 +150,7 @@ def oracle_error(
 # --- Tables ---------------------------------------------------------------------------
 
 
-def shown(rows: Sequence[Mapping]) -> page.Table:
+def report_table(rows: Sequence[Mapping]) -> page.Table:
     """Return every method's error and its share of the way, as a table."""
     caption = (
         f"Errors over all directions on {rows[0]['n']} fresh poses, seed "

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from scenarios.studies.paper.budget import Budget
-from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.experiment import Material
 from stiffness.experiment.deflections import every_plateau
 from stiffness.methods.ft_mlp import domain_of
@@ -55,7 +55,7 @@ class Imitation(Cell):
         return step_cost(self.shape) * self.steps + 4.0
 
     @override
-    def work(self, material: Material, scratch: Path) -> Result:
+    def work(self, material: Material, scratch: Path) -> CellResult:
         arm, recording = material.arm, material.recording
         springs = Vjm(arm).fit(recording)
         data = every_plateau(arm, recording, springs.compliance)

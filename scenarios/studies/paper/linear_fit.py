@@ -52,14 +52,14 @@ def refuse_if_blind(material: Material, seeds: Sequence[int]) -> None:
     Raises:
         Unusable: With every axis that is not shown, and to whom.
     """
-    whole, count = material.recording, len(np.unique(material.recording.pose))
+    whole, count = material.recording, len(np.unique(material.recording.posture_id))
     asked: list[tuple[str, Recording, Selection]] = [
         ("one reading of each", whole, one_per_pose),
         ("all readings", whole, every_plateau),
     ]
     for seed in seeds:
         part = material.training(seed)
-        learnt = len(np.unique(part.pose))
+        learnt = len(np.unique(part.posture_id))
         who = f"the {learnt} that methods learn from with seed {seed}"
         asked.append((who, part, every_plateau))
     faults = []
@@ -106,11 +106,11 @@ def fit(experiment: Experiment, seed: int) -> LinearFit:
         fitted=springs,
         predicted=predicted,
         scores={
-            name: scores(deflection, measured.deflection, measured.pose, seed)
+            name: scores(deflection, measured.deflection, measured.posture_id, seed)
             for name, deflection in predicted.items()
         },
         floor=scores(
-            experiment.true_deflection, measured.deflection, measured.pose, seed
+            experiment.true_deflection, measured.deflection, measured.posture_id, seed
         ),
     )
 

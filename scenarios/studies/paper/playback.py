@@ -25,7 +25,7 @@ from jaxtyping import Float, Int
 from bench import viewer
 from bench.cell import HOOK_SITE, MOUNT
 from bench.viewer import Scene, magnify
-from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import Contender
 from scenarios.studies.paper.experiment import Experiment
 from scenarios.studies.paper.linear_fit import LinearFit
@@ -53,7 +53,7 @@ class Curve:
     value: Float[np.ndarray, " points"]
 
 
-def curves(cell: Cell, result: Result) -> list[Curve]:
+def curves(cell: Cell, result: CellResult) -> list[Curve]:
     """Return the trainings of a cell that the study's comparison rests on."""
     if not isinstance(cell, PerceptronCell | ConvolutionCell):
         return []
@@ -252,7 +252,9 @@ def show_worst(
         place = actual[:, -1, :3, 3].astype(np.float32)
         path = f"/cell/errors/{rr.escape_entity_path_part(name)}"
         send(path, rr.Arrows3D.columns(vectors=arrow, origins=place))
-    words = [f"{i}: pose {pose}" for i, pose in enumerate(measured.pose[chosen], 1)]
+    words = [
+        f"{i}: pose {pose}" for i, pose in enumerate(measured.posture_id[chosen], 1)
+    ]
     at_worst = {name: error[chosen] for name, error in error_mm.items()}
     hang(recording, scene, rows, at_worst, words)
     lines = [f"| | pose | A1 to A6 [deg] | {' | '.join(error_mm)} [mm] |"]
@@ -261,7 +263,7 @@ def show_worst(
         angles = np.rad2deg(measured.cases.posture[k])
         sizes = [f"{np.linalg.norm(error[k]):.3f}" for error in error_mm.values()]
         posture = ", ".join(f"{angle:.0f}" for angle in angles)
-        cells = [str(rank), str(measured.pose[k]), posture, *sizes]
+        cells = [str(rank), str(measured.posture_id[k]), posture, *sizes]
         lines.append(f"| {' | '.join(cells)} |")
     text = "\n".join(["## The worst ten poses", "", *lines])
     text += (

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure as Picture
 from scenarios.report import data_files, style
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.studies.paper.budget import Budget
-from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import MEASURES, Draws, perceptrons, pooled
 from scenarios.studies.paper.transfer import ALL_LAYERS, UNFREEZINGS, unfrozen
 from stiffness.methods.score import DIRECTIONS
@@ -21,7 +21,7 @@ from stiffness.networks.fine_tuning import FineTuning
 # --- Figures --------------------------------------------------------------------------
 
 
-def figure_06(names: Sequence[str], results: Sequence[Result], file: Path) -> None:
+def figure_06(names: Sequence[str], results: Sequence[CellResult], file: Path) -> None:
     """Draw errors on learnt and on fresh poses for each unfreezing."""
     picture = Picture(figsize=(9, 3.6), layout="constrained")
     axes = picture.subplots()
@@ -60,7 +60,9 @@ def figure_06(names: Sequence[str], results: Sequence[Result], file: Path) -> No
 PLAN = "spanning"
 
 
-def report(budget: Budget, found: Mapping[Cell, Result], out: Path) -> Sequence[Block]:
+def report(
+    budget: Budget, found: Mapping[Cell, CellResult], out: Path
+) -> Sequence[Block]:
     """Write table and figure into a folder and return the section of the report."""
     names = [unfrozen(layers) for layers in (*UNFREEZINGS, ALL_LAYERS)]
     some = [r for r in perceptrons(budget, found, PLAN) if f"{names[0]}/unseen" in r]
@@ -84,7 +86,7 @@ def report(budget: Budget, found: Mapping[Cell, Result], out: Path) -> Sequence[
     ]
 
 
-def _finding(names: Sequence[str], results: Sequence[Result]) -> str:
+def _finding(names: Sequence[str], results: Sequence[CellResult]) -> str:
     """Say what two layers gain over one, and which choices are as good as the best."""
     draws = {name: _mae(results, name) for name in names}
     learnt = {
@@ -114,14 +116,14 @@ def _layers(name: str) -> str:
     return name.removeprefix("unfrozen ")
 
 
-def _mae(results: Sequence[Result], name: str) -> Draws:
+def _mae(results: Sequence[CellResult], name: str) -> Draws:
     """Return the MAE over all directions on the fresh poses."""
     error = np.stack([np.abs(r[f"{name}/unseen"]).mean(axis=1) for r in results])
     return pooled(error, MEASURES["MAE"])
 
 
 def _table_08(
-    names: Sequence[str], results: Sequence[Result], seeds: Sequence[int]
+    names: Sequence[str], results: Sequence[CellResult], seeds: Sequence[int]
 ) -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     for name in names:
@@ -148,7 +150,7 @@ def _table_08(
 
 def _shown_08(
     names: Sequence[str],
-    results: Sequence[Result],
+    results: Sequence[CellResult],
     seeds: Sequence[int],
     budget: Budget,
 ) -> Table:

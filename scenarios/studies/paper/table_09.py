@@ -10,7 +10,7 @@ from matplotlib.figure import Figure as Picture
 from scenarios.report import data_files, style
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.studies.paper.budget import PLANS, Budget
-from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import perceptrons, pooled
 from scenarios.studies.paper.published_values import TABLE_09_MM
 from stiffness.networks.fine_tuning import FineTuning, hold_back
@@ -19,7 +19,7 @@ from stiffness.regression.intervals import Interval
 # --- Figures --------------------------------------------------------------------------
 
 
-def figure_07(result: Result, file: Path) -> None:
+def figure_07(result: CellResult, file: Path) -> None:
     """Draw training and validation error over the epochs, and the one that is kept."""
     picture = Picture(figsize=(6.5, 3.6), layout="constrained")
     axes = picture.subplots()
@@ -44,7 +44,9 @@ KEPT = {"last": "last epoch (normal)", "best": "best epoch"}
 OVER_POSES, OVER_SEEDS = "95 %, poses and seeds", "least and most, seeds"
 
 
-def report(budget: Budget, found: Mapping[Cell, Result], out: Path) -> Sequence[Block]:
+def report(
+    budget: Budget, found: Mapping[Cell, CellResult], out: Path
+) -> Sequence[Block]:
     """Write table and figure into a folder and return the section of the report."""
     seeds = budget.transfer.seeds
     by_plan = {plan: perceptrons(budget, found, plan) for plan in PLANS}
@@ -77,12 +79,12 @@ def report(budget: Budget, found: Mapping[Cell, Result], out: Path) -> Sequence[
     ]
 
 
-def _learnt_from(result: Result) -> int:
+def _learnt_from(result: CellResult) -> int:
     return len(result["best/experiment"]) - len(result["best/held_out"])
 
 
 def _table_09(
-    results: Sequence[Result], plan: str, seeds: Sequence[int]
+    results: Sequence[CellResult], plan: str, seeds: Sequence[int]
 ) -> list[dict[str, object]]:
     rows: list[dict[str, object]] = []
     poses = np.arange(_learnt_from(results[0]))

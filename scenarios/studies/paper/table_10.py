@@ -18,7 +18,7 @@ from scenarios.studies.paper.comparison import (
     Contender,
     finding,
     gain_rows,
-    gains,
+    gains_table,
     verdict,
 )
 from scenarios.studies.paper.published_values import TABLE_10_MM
@@ -107,7 +107,7 @@ def report(
             "whose readings carry the instruments' noise (the floor of Table 2)."
         ),
         _table_10(contenders, n, len(seeds), budget),
-        gains(tuned, springs),
+        gains_table(tuned, springs),
         Paragraph(verdict(tuned, springs)),
         Figure(finding(tuned, springs), "figure_09.png"),
         Figure(

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure as Picture
 from scenarios.report import data_files, style
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.studies.paper.budget import Budget
-from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.imitation import (
     Imitation,
     activation_cells,
@@ -32,28 +32,32 @@ from stiffness.networks.training import Training
 
 # --- Rows over seeds ------------------------------------------------------------------
 
-Found = Mapping[Cell, Result]
+CellResults = Mapping[Cell, CellResult]
 MAE, STDE = 0, 1
 ROWS = ("training", "test")
 
 
-def mean_of(cells: Sequence[Imitation], found: Found) -> Float[np.ndarray, "2 3"]:
+def mean_of(cells: Sequence[Imitation], found: CellResults) -> Float[np.ndarray, "2 3"]:
     """Return (training and test) x (MAE, STDE, ME), over directions and seeds."""
     return np.mean([errors_of(found[cell]) for cell in cells], axis=0)
 
 
-def errors_of(result: Result) -> Float[np.ndarray, "2 3"]:
+def errors_of(result: CellResult) -> Float[np.ndarray, "2 3"]:
     """Return (training and test) x (MAE, STDE, ME), over directions."""
     return result["errors"].mean(axis=2)
 
 
-def spread_of(cells: Sequence[Imitation], found: Found) -> Float[np.ndarray, "2 2 3"]:
+def spread_of(
+    cells: Sequence[Imitation], found: CellResults
+) -> Float[np.ndarray, "2 2 3"]:
     """Return smallest and largest over the seeds."""
     each = np.array([errors_of(found[cell]) for cell in cells])
     return np.array([each.min(axis=0), each.max(axis=0)])
 
 
-def shown(caption: str, rows: Mapping, found: Found, paper: Mapping) -> Table:
+def report_table(
+    caption: str, rows: Mapping, found: CellResults, paper: Mapping
+) -> Table:
     """Return rows of cells as a table, the paper's test errors beside them."""
     header = ["", "training MAE", "STDE", "test MAE", "over seeds", "STDE"]
     cells = []
@@ -87,7 +91,7 @@ def said_seeds(n: int) -> str:
 TEST = 1
 
 
-def best_of(rows: Mapping, found: Found, theirs: object) -> str:
+def best_of(rows: Mapping, found: CellResults, theirs: object) -> str:
     """Say which row tests best, which cannot be told from it, and the paper's best."""
     mae = {name: mean_of(cells, found)[TEST, MAE] for name, cells in rows.items()}
     best = min(mae, key=lambda name: mae[name])
@@ -106,7 +110,7 @@ def best_of(rows: Mapping, found: Found, theirs: object) -> str:
     return f"{said}; over the seeds {', '.join(alike)} cannot be told from it"
 
 
-def of_widths(widths: Mapping[tuple[int, int], Imitation], found: Found) -> str:
+def of_widths(widths: Mapping[tuple[int, int], Imitation], found: CellResults) -> str:
     """Say at which width each depth tests best."""
     parts = []
     for depth in sorted({d for d, _ in widths}):
@@ -130,7 +134,7 @@ def of_end(loss: Float[np.ndarray, " points"]) -> str:
     return f"the last fifth of the steps changes the loss by {change:+.0f} %"
 
 
-def of_doubling(longer: Mapping[int, Sequence[Imitation]], found: Found) -> str:
+def of_doubling(longer: Mapping[int, Sequence[Imitation]], found: CellResults) -> str:
     """Say from how many steps on doubling moves the test MAE by less than the seeds."""
     steps = sorted(longer)
     mae = {s: mean_of(longer[s], found)[TEST, MAE] for s in steps}
@@ -157,7 +161,7 @@ COLOURS = (style.GREY, style.ORANGE, style.BLUE)
 
 def figure_05(
     widths: Mapping[tuple[int, int], Imitation],
-    found: Mapping[Cell, Result],
+    found: Mapping[Cell, CellResult],
     curve: Imitation,
     file: Path,
 ) -> None:
@@ -189,7 +193,7 @@ def figure_05(
 MEASURES = ("MAE", "STDE_absolute")
 
 
-def report(budget: Budget, found: Found, seed: int, out: Path) -> Sequence[Block]:
+def report(budget: Budget, found: CellResults, seed: int, out: Path) -> Sequence[Block]:
     """Write tables and figures into a folder and return the section of the report."""
     depths, activations = depth_cells(budget), activation_cells(budget)
     data_files.write_table(
@@ -216,14 +220,14 @@ def report(budget: Budget, found: Found, seed: int, out: Path) -> Sequence[Block
             "100,000 steps on all rows at once, which would take days on two cores; "
             f"here each step sees {batch} rows. Budget: {budget.name}."
         ),
-        shown(
+        report_table(
             f"Table 6. Hidden layers of 100, {sweep.depth_steps} steps, {seeds} a cell "
             f"[mm]: {best_of(depths, found, 4)}.",
             depths,
             found,
             TABLE_06_MM,
         ),
-        shown(
+        report_table(
             f"Table 7. Activation of {sweep.chosen.hidden} layers of "
             f"{sweep.chosen.width}, {sweep.activation_steps} steps, {seeds} a cell "
             f"[mm]: {best_of(activations, found, 'relu')}.",
@@ -244,7 +248,7 @@ def report(budget: Budget, found: Found, seed: int, out: Path) -> Sequence[Block
             out / "convergence.csv", _tidy("steps", longer, found, {})
         )
         blocks.append(
-            shown(
+            report_table(
                 f"Are the steps enough? Four layers of 100, {seeds} a cell [mm]; "
                 "enough is where doubling moves the test MAE by less than the seeds "
                 f"spread: {of_doubling(longer, found)}.",
@@ -256,7 +260,7 @@ def report(budget: Budget, found: Found, seed: int, out: Path) -> Sequence[Block
     return blocks
 
 
-def _tidy(what: str, rows: Mapping, found: Found, paper: Mapping) -> list[dict]:
+def _tidy(what: str, rows: Mapping, found: CellResults, paper: Mapping) -> list[dict]:
     return [
         {
             what: value,
@@ -278,7 +282,7 @@ def _tidy(what: str, rows: Mapping, found: Found, paper: Mapping) -> list[dict]:
 
 
 def _widths(
-    cells: Mapping[tuple[int, int], Imitation], found: Found
+    cells: Mapping[tuple[int, int], Imitation], found: CellResults
 ) -> list[dict[str, object]]:
     return [
         {

@@ -33,7 +33,7 @@ from typing_extensions import override
 from bench.shared.errors import Unusable
 from bench.shared.recording import Recording
 from scenarios.studies.paper.budget import PLANS, Budget, Transfer
-from scenarios.studies.paper.cells import Cell, Result
+from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.experiment import Material
 from scenarios.studies.paper.imitation import imitated, source_plan, step_cost
 from stiffness.experiment.deflections import every_plateau
@@ -58,7 +58,7 @@ def answers(
 ) -> dict[str, np.ndarray]:
     """Return errors in mm on fresh poses, on poses held out and on the experiment."""
     measured = material.measured
-    out = np.isin(measured.pose, material.held_out(seed))
+    out = np.isin(measured.posture_id, material.held_out(seed))
     unseen = material.unseen
     error = 1e3 * (fitted.predict(measured.cases) - measured.deflection)
     return {
@@ -72,7 +72,7 @@ def learnt(fit: FtMlpFit, material: Material, seed: int) -> np.ndarray:
     """Return MAE and STDE, Eqs 7 and 8, in mm, on training and on choosing poses."""
     data = every_plateau(fit.springs.arm, material.training(seed))
     error = 1e3 * np.abs(fit.predict(data.cases) - data.deflection)
-    chose = np.isin(data.pose, fit.tuned.held_back)
+    chose = np.isin(data.posture_id, fit.tuned.held_back)
     return np.array([[e.mean(), e.std()] for e in (error[~chose], error[chose])])
 
 
@@ -166,7 +166,7 @@ class SpringsCell(Cell):
         return 8.0
 
     @override
-    def work(self, material: Material, scratch: Path) -> Result:
+    def work(self, material: Material, scratch: Path) -> CellResult:
         training = material.training(self.seed)
         process = GpResidual(material.arm, evaluations=self.evaluations).fit(training)
         springs = Vjm(material.arm).fit(training)
@@ -189,7 +189,7 @@ class OwnCell(Cell):
         return 10.0
 
     @override
-    def work(self, material: Material, scratch: Path) -> Result:
+    def work(self, material: Material, scratch: Path) -> CellResult:
         method = self.own.load()(material.arm)
         fitted = method.fit(material.training(self.seed))
         return answers("own", fitted, material, self.seed)
@@ -220,7 +220,7 @@ class PerceptronCell(Cell):
         )
 
     @override
-    def work(self, material: Material, scratch: Path) -> Result:
+    def work(self, material: Material, scratch: Path) -> CellResult:
         settings, recording = self.settings, material.training(self.seed)
         method = FtMlp(
             material.arm,
@@ -280,7 +280,7 @@ class ConvolutionCell(Cell):
         return STEP_SECONDS * self.settings.cnn_steps + 60.0 * self.settings.variants
 
     @override
-    def work(self, material: Material, scratch: Path) -> Result:
+    def work(self, material: Material, scratch: Path) -> CellResult:
         recording = material.training(self.seed)
         training = Training(steps=self.settings.cnn_steps)
         method = DtCnn(

@@ -125,7 +125,7 @@ def tidy(methods: Sequence[Contender], loads: Sequence[str]) -> list[dict[str, o
     return rows
 
 
-def shown(rows: Sequence[dict]) -> tuple[list[str], list[list[str]]]:
+def report_table(rows: Sequence[dict]) -> tuple[list[str], list[list[str]]]:
     """Return header and cells of the report's table."""
     header = ["method", "loads", "measure", "value", "95 % interval"]
     names = ("method", "loads", "metric")

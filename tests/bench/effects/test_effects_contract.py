@@ -58,7 +58,7 @@ def plan():
     return Plan(
         "contract",
         posture,
-        pose=np.arange(2),
+        posture_id=np.arange(2),
         pulley=np.array([0, 3]),
         path=parse_path("0,5,10,5,0"),
     )

@@ -6,7 +6,7 @@ from lever import lever, moments, respond, turn
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bench.effects import EFFECTS
-from bench.effects.out_of_library import OUTSIDERS
+from bench.effects.out_of_library import OUT_OF_LIBRARY_EFFECTS
 from bench.effects.out_of_library.axis_crosstalk import AxisCrosstalk
 from bench.effects.out_of_library.foot_lift_off import FootLiftOff
 from bench.effects.out_of_library.loose_bearing import LooseBearing
@@ -37,13 +37,13 @@ def nominal(kr10):
     return settled(kr10)
 
 
-@pytest.mark.parametrize("kind", OUTSIDERS)
+@pytest.mark.parametrize("kind", OUT_OF_LIBRARY_EFFECTS)
 def test_outsider_switched_off_changes_nothing(kind, kr10, nominal):
     effect = kind(PLACES.get(kind, "a2"))
     assert_array_equal(settled(kr10, effect.off()), nominal)
 
 
-@pytest.mark.parametrize("kind", OUTSIDERS)
+@pytest.mark.parametrize("kind", OUT_OF_LIBRARY_EFFECTS)
 def test_outsider_of_its_usual_size_moves_the_flange_by_a_micrometre(
     kind, kr10, nominal
 ):
@@ -55,8 +55,8 @@ def test_outsider_of_its_usual_size_moves_the_flange_by_a_micrometre(
 
 
 def test_no_name_of_the_vocabulary_is_an_outsider():
-    names = {kind.name for kind in OUTSIDERS}
-    assert len(names) == len(OUTSIDERS)
+    names = {kind.name for kind in OUT_OF_LIBRARY_EFFECTS}
+    assert len(names) == len(OUT_OF_LIBRARY_EFFECTS)
     assert not names & {kind.name for kind in EFFECTS}
     assert not names & {hypothesis.effect for hypothesis in HYPOTHESES}
 

@@ -13,14 +13,25 @@ from bench.instruments import ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.random_streams import streams
 from bench.instruments.tracker import standpoint
 from bench.patch import Law, Patch, named, rig_of
-from bench.proof.comparison import centred, gauge_of
+from bench.proof.comparison import centred, comparison_mode_of
 from bench.proof.explained_share import Channel
 from bench.proof.model_discrimination import candidates, expected, paths
-from bench.proof.nominal_fit import columns_of, torques_of, turned_by, turns_of
+from bench.proof.nominal_fit import (
+    joint_rotation_estimates,
+    simulated_jacobian,
+    torques_of,
+    turned_by,
+)
 from bench.proof.proof import Proof, prove
 from bench.proof.refinement import with_effects
-from bench.proof.setup import mounted_on, world_of
-from bench.proof.simulation import Assumed, direction, replay_of, true_wrench, turned
+from bench.proof.setup import mounted_on, replay_simulation_of
+from bench.proof.simulation import (
+    NominalState,
+    direction,
+    replay_of,
+    true_wrench,
+    turned,
+)
 from bench.rig import Rig
 from bench.shared.plan import parse_path
 from bench.standard_plans import tour
@@ -64,7 +75,7 @@ def recording(kr10):
 
 @pytest.fixture(scope="module")
 def held(recording):
-    ids = np.unique(recording.pose)
+    ids = np.unique(recording.posture_id)
     return tuple(int(p) for p in ids[::4])
 
 
@@ -83,7 +94,7 @@ def test_the_true_patch_reaches_the_noise_on_poses_held_out(proof):
     assert marks.after < 1.1 * marks.noise < marks.before
     assert 0.0 < marks.low <= marks.gain <= marks.high
     assert marks.gain == pytest.approx(marks.before - marks.after)
-    assert len(marks.before_of) == len(proof.held_out) == len(marks.pose)
+    assert len(marks.before_of) == len(proof.held_out) == len(marks.posture_id)
     assert not proof.absolute
 
 
@@ -187,15 +198,15 @@ def laid_out(recording, kr10):
     rig = rig_of(Patch(mounted=mounted_on(recording, bare)), kr10)
     place = np.array([m.position for m in recording.markers])
     stand = np.array(frame())
-    assumed = Assumed(rig, stand[:3, :3], stand[:3, 3], place)
-    return world_of(recording, rig), assumed
+    assumed = NominalState(rig, stand[:3, :3], stand[:3, 3], place)
+    return replay_simulation_of(recording, rig), assumed
 
 
 def test_columns_of_springs_are_what_the_simulator_does(laid_out):
     """A share of 1e-3 more compliance; 2 %: torques change with it, too."""
     world, assumed = laid_out
     seen = world.see(assumed)
-    columns = columns_of(world, assumed, seen, places=False)
+    columns = simulated_jacobian(world, assumed, seen, places=False)
     for k in (1, 4):
         springs = assumed.rig.springs.copy()
         springs[k] /= np.exp(1e-3)
@@ -212,7 +223,9 @@ def test_turns_are_found_in_what_markers_did(laid_out):
     angle[:, 2], angle[:, 4] = 1e-4, -5e-5
     moved = np.sum([turned_by(world, assumed.rig, seen, k, angle) for k in range(6)], 0)
     assert_allclose(
-        turns_of(world, assumed, seen, moved)[:, :5], angle[:, :5], atol=3e-6
+        joint_rotation_estimates(world, assumed, seen, moved)[:, :5],
+        angle[:, :5],
+        atol=3e-6,
     )
 
 
@@ -242,13 +255,13 @@ def test_frames_make_a_reading_quieter(laid_out):
         ),
     )
     keep = np.ones(len(world.recording.time), dtype=bool)
-    one, four = (gauge_of(w, False, keep).sigma for w in (world, many))
+    one, four = (comparison_mode_of(w, False, keep).sigma for w in (world, many))
     assert_allclose(one, 2.0 * four)
 
 
 def test_rivals_differ_by_the_square_of_what_they_would_read(proof):
     """|P (a - b)|² / 2σ², so four times as much for half the noise, none for twins."""
-    world, gauge = proof.world, proof.gauge
+    world, gauge = proof.simulation, proof.mode
     effects = [e for e in proof.patched.rig.effects if e.name != "hysteresis"]
     other = with_effects(proof.patched, [*effects, LostMotion("a2", width_rad=1e-4)])
     visits = candidates(world, proof.patched, count=3)
@@ -296,7 +309,7 @@ def test_what_gravity_winds_up_is_proved_where_no_load_comes_and_goes(kr10, rows
     instruments = Instruments(Tracker(), markers=Markers(placement=5e-4))
     seen = record(Rig(kr10, (soft,)), plan, instruments, SEED)
     bare = replace(seen, wrench=None, wrench_sensor=None)
-    held = tuple(int(p) for p in np.unique(seen.pose)[::4])
+    held = tuple(int(p) for p in np.unique(seen.posture_id)[::4])
     found = prove(bare, kr10, patch(soft), held, thorough=False)
     assert found.absolute
     marks = of_markers(found)

@@ -122,7 +122,7 @@ def relative(recording: Recording) -> Recording:
 
 
 def proved(recording: Recording, model: Path) -> Proof:
-    held = tuple(int(p) for p in np.unique(recording.pose)[::4])
+    held = tuple(int(p) for p in np.unique(recording.posture_id)[::4])
     found = named(Hysteresis("a2", width_rad=WIDTH / 2))
     frame = standpoint(streams(SEED)["tracker_frame"])
     frame[:3, 3] += 1e-3

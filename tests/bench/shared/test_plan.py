@@ -30,7 +30,7 @@ def plan_of(visits=3, **changes):
     parts = {
         "name": "test",
         "posture": np.arange(2.0 * visits).reshape(visits, 2),
-        "pose": np.arange(visits),
+        "posture_id": np.arange(visits),
         "pulley": mixed_pulleys(visits),
     }
     return Plan(**(parts | changes))
@@ -94,7 +94,7 @@ def test_repeated_visits_are_appended_and_differ_in_nothing_but_time(visits, dat
     again = repeated(plan, count)
     assert again.visits == visits + count
     np.testing.assert_array_equal(again.posture[:visits], plan.posture)
-    extra = again.pose[visits:]
+    extra = again.posture_id[visits:]
     assert len(set(extra.tolist())) == count
     np.testing.assert_array_equal(again.posture[visits:], plan.posture[extra])
     np.testing.assert_array_equal(again.pulley[visits:], plan.pulley[extra])
@@ -163,13 +163,19 @@ def test_a_faulty_plan_names_all_its_faults():
         [sys.executable, "-c", FAULTY_PLAN], check=False, capture_output=True, text=True
     )
     assert "Unusable: Plan 'p' cannot be used, 5 faults" in run.stderr
-    for words in ("no step", "visits [1]", "pose has shape", "pulley", "move_time"):
+    for words in (
+        "no step",
+        "visits [1]",
+        "posture_id has shape",
+        "pulley",
+        "move_time",
+    ):
         assert words in run.stderr
 
 
 def test_two_postures_under_one_pose_id_are_refused():
     with pytest.raises(Unusable, match="pose 1 names two different postures"):
-        plan_of(3, pose=np.array([0, 1, 1]))
+        plan_of(3, posture_id=np.array([0, 1, 1]))
 
 
 def test_the_plan_does_not_load_the_simulator():

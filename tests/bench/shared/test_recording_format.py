@@ -65,7 +65,7 @@ def test_in_memory_everything_is_in_si_and_radians(folder):
 def test_a_run_of_equal_pose_is_one_visit_and_the_pose_can_come_again(folder):
     recording, _ = read(folder)
     np.testing.assert_array_equal(recording.visit, np.repeat([0, 1, 2, 3], 5))
-    assert recording.pose[0] == recording.pose[-1]
+    assert recording.posture_id[0] == recording.posture_id[-1]
 
 
 def test_absent_stages_are_read_from_the_course_of_the_load(folder):
@@ -326,7 +326,7 @@ def parts(draw) -> dict:
         ),
         robot=draw(st.text('kr 10\\"\x7f', max_size=5)),
         time=time,
-        pose=np.arange(rows),
+        posture_id=np.arange(rows),
         visit=np.cumsum(draw(hnp.arrays(np.int64, rows, elements=st.integers(1, 3)))),
         posture=array(-3, 3, axes),
         load_time=time - array(0, 10),

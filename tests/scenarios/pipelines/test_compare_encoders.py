@@ -11,7 +11,7 @@ from bench.shared.format.folder import write
 from bench.shared.recording import UNLOADED, Recording
 from scenarios import diagnose, real_kr300
 from scenarios.pipelines.compare_encoders import answer_of, compare_encoders
-from scenarios.pipelines.encoder_axes import compared, rms, whole_rms
+from scenarios.pipelines.encoder_axes import heldout_comparison, rms, whole_rms
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.recording_check import abilities
 from scenarios.report.sections.dual_encoder import write_comparison, write_outcome
@@ -54,7 +54,7 @@ def stream(friction: float = 15.0, **true: float) -> Recording:
     return Recording(
         name="a gear read twice",
         time=time,
-        pose=number,
+        posture_id=number,
         visit=number,
         posture=posture,
         load_time=time,
@@ -85,7 +85,7 @@ def test_the_first_sentence_says_which_axis_is_left_with_how_much(tmp_path):
 
 
 def named(recording: Recording) -> dict[str, dict]:
-    axes = compared(recording, real_kr300.MODEL)
+    axes = heldout_comparison(recording, real_kr300.MODEL)
     answer = answer_of("", axes, 0.0)
     return {n.effect: n.parameters for n in answer.named}
 
@@ -107,7 +107,7 @@ def test_a_true_compliance_is_named_and_no_delay():
 
 def test_friction_in_the_motor_s_torque_is_taken_off_before_a_gear_winds_up():
     recording = stream(compliance=4e-7, friction=300.0)
-    axis = compared(recording, real_kr300.MODEL)[0]
+    axis = heldout_comparison(recording, real_kr300.MODEL)[0]
     found = axis.found
     assert [t.parameters for t in found.terms] == [
         ("compliance_rad_per_nm",),
@@ -139,7 +139,7 @@ def test_nothing_between_the_encoders_is_no_finding():
 
 
 def test_a_motion_that_was_not_fitted_is_predicted_to_the_noise(tmp_path):
-    axes = compared(stream(delay=0.004, wave=6e-5), real_kr300.MODEL)
+    axes = heldout_comparison(stream(delay=0.004, wave=6e-5), real_kr300.MODEL)
     assert whole_rms(axes[0].before) > 2e-4
     assert whole_rms(axes[0].after) < 1e-5
     write_comparison(tmp_path / "out", axes, answer_of("a gear", axes, 1.0))
@@ -152,7 +152,7 @@ def test_the_report_says_of_wind_up_what_the_data_say(torque, tmp_path):
     recording = stream(compliance=4e-7) if torque else stream(delay=0.004)
     if not torque:
         recording = replace(recording, axis_torque=None)
-    axes = compared(recording, real_kr300.MODEL)
+    axes = heldout_comparison(recording, real_kr300.MODEL)
     write_comparison(tmp_path / "out", axes, answer_of("a gear", axes, 1.0))
     text = (tmp_path / "out" / "report.md").read_text()
     told = re.search(r"Correlation with a2: (torque -(\S+), )?speed [+-]\d", text)
@@ -165,7 +165,7 @@ def test_the_report_says_of_wind_up_what_the_data_say(torque, tmp_path):
 def test_a_recording_without_second_encoders_or_motions_is_refused(tmp_path):
     whole = stream(delay=0.004)
     with pytest.raises(Unusable, match="two are fitted, one judges"):
-        compared(whole.take(whole.pose < 2), real_kr300.MODEL)
+        heldout_comparison(whole.take(whole.posture_id < 2), real_kr300.MODEL)
     with pytest.raises(Unusable, match=r"A\.mat"):
         real_kr300.kr300_recording(tmp_path)
 
@@ -182,7 +182,7 @@ def test_diagnose_compares_encoders_where_no_tracker_watched(tmp_path):
     assert can["what lies between an axis' encoders"]
     few = {
         a.question: a.add
-        for a in abilities(recording.take(recording.pose < 2), arm, [])
+        for a in abilities(recording.take(recording.posture_id < 2), arm, [])
     }
     assert "3 motions" in few["what lies between an axis' encoders"]
 
@@ -190,10 +190,10 @@ def test_diagnose_compares_encoders_where_no_tracker_watched(tmp_path):
 def test_check_promises_no_comparison_that_diagnose_refuses(tmp_path):
     """Three motions of which one is too short are two."""
     whole = stream(delay=0.004)
-    short = np.flatnonzero(whole.pose == 2)[SHORTEST - 1 :]
+    short = np.flatnonzero(whole.posture_id == 2)[SHORTEST - 1 :]
     recording = whole.take(np.setdiff1d(np.arange(len(whole.time)), short))
     with pytest.raises(Unusable, match="a2 has 2 motions of 50 rows"):
-        compared(recording, real_kr300.MODEL)
+        heldout_comparison(recording, real_kr300.MODEL)
     asked = {a.question: a for a in abilities(recording, arm_of(real_kr300.MODEL), [])}
     between = asked["what lies between an axis' encoders"]
     assert not between.can and "3 motions" in between.add
@@ -226,7 +226,7 @@ def test_axes_in_another_order_than_the_model_s_are_compared_alike():
         link_posture=plain.link_posture[:, back],
         axis_torque=plain.axis_torque[:, back],
     )
-    one, other = (compared(r, real_kr300.MODEL)[0] for r in (plain, turned))
+    one, other = (heldout_comparison(r, real_kr300.MODEL)[0] for r in (plain, turned))
     np.testing.assert_allclose(one.after, other.after, atol=1e-9)
 
 
@@ -235,7 +235,7 @@ def test_the_kr300_s_encoders_lag_by_three_milliseconds_and_do_not_wind_up():
     """By hand: 39 / 61 / 60 µrad on the third motion with one parameter."""
     folder = Path(os.environ["REAL_RECORDINGS"]) / "kr300-two-encoders"
     recording = real_kr300.kr300_recording(folder)
-    axes = compared(recording, real_kr300.MODEL)
+    axes = heldout_comparison(recording, real_kr300.MODEL)
     answer = answer_of(recording.name, axes, 0.0)
     effects = {(n.effect, n.where) for n in answer.named}
     assert {("channel_delay", f"a{k}") for k in (1, 2, 3)} <= effects

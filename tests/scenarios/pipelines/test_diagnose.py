@@ -10,14 +10,14 @@ from saved_view import entities, timeline
 
 from bench import patch
 from bench.effects import EFFECTS
-from bench.patch import Named, effect_of
+from bench.patch import PatchEffect, effect_of
 from bench.proof.explained_share import Channel
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.format import folder
 from scenarios import diagnose, record
 from scenarios.pipelines import diagnose as steps
 from scenarios.pipelines import next_experiments
-from scenarios.pipelines.diagnose import Finding, answer_of, calls_for_calibration
+from scenarios.pipelines.diagnose import Result, answer_of, calls_for_calibration
 from scenarios.pipelines.effect_parameters import USUAL, chance, label, size, span
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.patching import STIFFEST, patch_of_diagnosis, stiffening
@@ -320,7 +320,7 @@ def test_first_moments_come_with_a_mass_and_a_centre_that_have_them(found):
         assert plain[centre]["low"] is None and plain[centre]["high"] is None
         assert plain[name]["estimate"] == moment
     values = {name: p["estimate"] for name, p in plain.items()}
-    made = effect_of(Named("gravity_load", "link_2", values)).parameters()
+    made = effect_of(PatchEffect("gravity_load", "link_2", values)).parameters()
     weight = float(made["mass_kg"])
     assert weight * float(made["com_x_m"]) == pytest.approx(0.12)
 
@@ -328,9 +328,7 @@ def test_first_moments_come_with_a_mass_and_a_centre_that_have_them(found):
 def test_story_says_what_where_and_what_stays_open(found, recording):
     marked, _ = folder.read(recording)
     told = answer_of(found, None, "", (), 1.0, False)
-    words = " ".join(
-        summary.sentences(Finding(marked, found, None, "why.", None, told))
-    )
+    words = " ".join(summary.sentences(Result(marked, found, None, "why.", None, told)))
     for part in (
         "differ (p = 0.0002)",
         "30.0 µm, noise alone leaves 17.0 µm",
@@ -368,7 +366,7 @@ def test_title_and_first_sentence_say_that_a_name_is_not_proved(found, recording
     ):
         told = answer_of(all_named, simulated, why, (), 1.0)
         assert told.verdict == "unproved"
-        finding = Finding(marked, all_named, simulated, why, None, told)
+        finding = Result(marked, all_named, simulated, why, None, told)
         first = next(summary.sentences(finding))
         assert first.startswith("Not proved:") and said in first
         assert "not proved" in diagnosis.title_of(finding)
@@ -403,7 +401,7 @@ def test_story_of_no_mismatch_says_what_would_have_shown(found, recording):
     marked, _ = folder.read(recording)
     calm = Diagnosis("x", "no_mismatch", replace(found.detection, p_value=0.4))
     told = answer_of(calm, None, "", (), 1.0, False)
-    (sentence,) = summary.sentences(Finding(marked, calm, None, "", None, told))
+    (sentence,) = summary.sentences(Result(marked, calm, None, "", None, told))
     assert "agree (p = 0.4)" in sentence
     assert "0.5 µm rms would have shown" in sentence
 
@@ -412,7 +410,7 @@ def test_story_claims_no_agreement_where_poses_differ_at_random(found, recording
     marked, _ = folder.read(recording)
     calm = replace(found.detection, p_value=0.4)
     wild = Diagnosis("x", "no_mismatch", calm, warnings=scattered(219.0))
-    finding = Finding(
+    finding = Result(
         marked, wild, None, "", None, answer_of(wild, None, "", (), 1.0, False)
     )
     note, sentence = summary.sentences(finding)

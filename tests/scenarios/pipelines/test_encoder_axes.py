@@ -11,7 +11,7 @@ from bench import patch
 from bench.shared.recording import UNLOADED, Recording
 from scenarios import real_kr300
 from scenarios.pipelines.compare_encoders import answer_of, compare_encoders
-from scenarios.pipelines.encoder_axes import compared, whole_rms
+from scenarios.pipelines.encoder_axes import heldout_comparison, whole_rms
 from scenarios.pipelines.schema import Answer
 from scenarios.report.sections.dual_encoder import write_outcome
 
@@ -40,7 +40,7 @@ def moved(motions: int = 4) -> Recording:
     return Recording(
         name="two gears read twice",
         time=stamp,
-        pose=number,
+        posture_id=number,
         visit=number,
         posture=posture,
         load_time=stamp,
@@ -55,8 +55,8 @@ def rates(recording: Recording, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Return speed and acceleration of an axis, motion by motion."""
     speed = np.zeros(len(recording.time))
     acceleration = np.zeros(len(recording.time))
-    for m in np.unique(recording.pose):
-        own = recording.pose == m
+    for m in np.unique(recording.posture_id):
+        own = recording.posture_id == m
         speed[own] = np.gradient(recording.posture[own, k], recording.time[own])
         acceleration[own] = np.gradient(speed[own], recording.time[own])
     return speed, acceleration
@@ -65,7 +65,7 @@ def rates(recording: Recording, k: int) -> tuple[np.ndarray, np.ndarray]:
 def load(recording: Recording, k: int) -> np.ndarray:
     """Return a torque that the axis' own angle does not tell: it hangs on the other."""
     q = recording.posture
-    angle = 0.6 * q[:, k] - 1.3 * q[:, 1 - k] + 0.4 * recording.pose
+    angle = 0.6 * q[:, k] - 1.3 * q[:, 1 - k] + 0.4 * recording.posture_id
     return 700.0 * np.cos(angle) + 150.0 * rates(recording, k)[1]
 
 
@@ -84,8 +84,8 @@ def with_torque(recording: Recording, *columns: np.ndarray) -> Recording:
 def late(recording: Recording, k: int, delay: float) -> Recording:
     """Let what the second encoder of an axis tells be `delay` s old."""
     link = np.array(recording.link_posture)
-    for m in np.unique(recording.pose):
-        own = recording.pose == m
+    for m in np.unique(recording.posture_id):
+        own = recording.posture_id == m
         time, angle = recording.time[own], recording.posture[own, k]
         link[own, k] += CubicSpline(time, angle)(time - delay) - angle
     return replace(recording, link_posture=link)
@@ -104,7 +104,7 @@ def of(answer: Answer, where: str) -> dict[str, dict]:
 
 
 def asked(recording: Recording, model: Path = PLAIN) -> Answer:
-    return answer_of("", compared(recording, model), 0.0)
+    return answer_of("", heldout_comparison(recording, model), 0.0)
 
 
 def changed(folder: Path, *changes: tuple[str, str]) -> Path:
@@ -144,7 +144,7 @@ def still_first(recording: Recording) -> Recording:
 
 def test_what_no_name_explains_is_unexplained_at_the_axis_that_differs_most():
     recording = moved()
-    strange = np.sin(0.9 * recording.time + 2.5 * recording.pose**2)
+    strange = np.sin(0.9 * recording.time + 2.5 * recording.posture_id**2)
     recording = plus(recording, 0, 1e-4 * strange)
     answer = asked(plus(recording, 1, 4e-4 * strange))
     assert answer.verdict == "unexplained"
@@ -158,7 +158,7 @@ def test_what_no_name_explains_is_unexplained_at_the_axis_that_differs_most():
 def test_what_is_left_is_measured_and_not_recited():
     recording = moved()
     bent = 2e-4 * np.abs(recording.posture[:, 1])  # no wave, but the angle tells it
-    slow = 2e-4 * np.sin(0.9 * recording.time + 2.5 * recording.pose**2)
+    slow = 2e-4 * np.sin(0.9 * recording.time + 2.5 * recording.posture_id**2)
     told = [asked(plus(recording, 1, x)).unexplained for x in (bent, slow)]
     assert told[1] is not None and "angle" in told[1].signature
     assert told[0] is None or told[0].signature != told[1].signature
@@ -217,7 +217,7 @@ def test_a_contact_that_slips_is_hysteresis_and_no_delay():
     pull = load(recording, 1)
     held, course = pull[0], []
     for i, torque in enumerate(pull):
-        if i and recording.pose[i] != recording.pose[i - 1]:
+        if i and recording.posture_id[i] != recording.posture_id[i - 1]:
             held = torque
         held = max(torque - 60.0, min(torque + 60.0, held))  # play of a torque
         course.append(held)
@@ -242,7 +242,7 @@ def test_short_motions_at_a_high_rate_are_compared_too():
     recording = wound(moved(3), 2.5e-6, constant=60.0, growing=250.0)
     recording = recording.take(np.flatnonzero(recording.time % 60.0 < 0.6))
     fast = replace(recording, time=recording.time / 10.0, load_time=recording.time)
-    axes = compared(fast, PLAIN)
+    axes = heldout_comparison(fast, PLAIN)
     assert [a.name for a in axes] == ["a1", "a2"]
     assert all(np.isfinite(a.after).all() for a in axes)
 
@@ -266,14 +266,14 @@ def test_a_spring_of_the_model_is_fitted_within_a_decade_and_no_finding(tmp_path
     recording = still_first(moved())
     recording = plus(recording, 1, -3.0 / 4e5 * hanging(recording))
     model = heavy(tmp_path, spring=4e5)
-    axes = compared(recording, model)
+    axes = heldout_comparison(recording, model)
     assert whole_rms(axes[0].after) < 1.1 * NOISE
     answer = answer_of("", axes, 0.0)
     assert answer.verdict == "no_mismatch" and answer.named == ()
 
 
 def test_a_spring_of_the_model_that_is_not_there_is_a_mismatch(tmp_path):
-    axes = compared(still_first(moved()), heavy(tmp_path, spring=5e4))
+    axes = heldout_comparison(still_first(moved()), heavy(tmp_path, spring=5e4))
     assert whole_rms(axes[0].after) < 1.1 * NOISE
     answer = answer_of("", axes, 0.0)
     assert answer.verdict == "explained"

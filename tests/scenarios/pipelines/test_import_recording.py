@@ -338,7 +338,9 @@ def test_a_stream_that_is_one_pose_says_what_to_do(lab, capsys, poses, more, say
         mapping = mapping.replace("p_x_mm", "#").replace("p_y_mm", "#")
         mapping = mapping.replace("p_z_mm", "#").split("[markers.p]")[0]
     recording = imported(lab([r.replace(".", ",") for r in rows], mapping))
-    assert len(np.unique(recording.pose)) == (3 if more == "[rests]" else len(poses))
+    assert len(np.unique(recording.posture_id)) == (
+        3 if more == "[rests]" else len(poses)
+    )
     said = [s for s in capsys.readouterr().out.splitlines() if "one pose" in s]
     assert [s.startswith("Note: all 400 instants") for s in said] == [True] * bool(says)
     assert says in "".join(said)

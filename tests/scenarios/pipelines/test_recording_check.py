@@ -26,8 +26,8 @@ from scenarios import SAYS, check
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.recording_check import (
     abilities,
-    alike,
     axis_views,
+    confounded_axes,
     contents_of,
     replicate_noise,
 )
@@ -136,10 +136,10 @@ def test_axes_that_move_the_markers_alike_are_named(folder, arm):
     posture = np.tile(np.deg2rad([0.0, -20.0, 20.0, 0.0, 0.0, 0.0]), (20, 1))
     one = (Marker("m", "flange", np.zeros(3)),)
     seen = replace(recording, posture=posture, markers=one, points=np.zeros((20, 1, 3)))
-    assert ("a2", "a3") in alike(seen, arm)
+    assert ("a2", "a3") in confounded_axes(seen, arm)
     between = (*one, Marker("n", "link_2", np.array([0.5, 0.0, 0.0])))
     more = replace(seen, markers=between, points=np.zeros((20, 2, 3)))
-    assert ("a2", "a3") not in alike(more, arm)
+    assert ("a2", "a3") not in confounded_axes(more, arm)
 
 
 def test_an_encoder_after_the_gear_shows_its_axis(folder, answers):
@@ -236,7 +236,7 @@ def test_a_mistake_of_the_set_up_is_said_before_the_tables(folder, arm, capsys):
         named.point_in_base(posture * [1, 1, -1, 1, 1, 1], body, place)
         for body, place in zip(("flange", "link_3"), places, strict=True)
     ]
-    order = {"pose": np.arange(20), "visit": np.arange(20)}
+    order = {"posture_id": np.arange(20), "visit": np.arange(20)}
     points = np.stack(seen, axis=1)
     write(folder, replace(recording, posture=posture, points=points, **order))
     check.main(check.Settings(folder, MODEL))

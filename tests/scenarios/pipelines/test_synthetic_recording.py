@@ -179,7 +179,7 @@ def test_another_arm_goes_through_its_own_range_of_motion(tmp_path, root):
     soft = ("joint_compliance@a2", "joint_compliance@a3")
     recording = main(small(tmp_path / "r", robot=ur10, effect=soft))
     assert recording.robot == "ur10"
-    assert len(np.unique(recording.pose)) == 12
+    assert len(np.unique(recording.posture_id)) == 12
     with pytest.raises(Unusable, match="KR10"):
         main(small(tmp_path / "q", robot=ur10, truth="default"))
 

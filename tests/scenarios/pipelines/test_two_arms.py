@@ -7,7 +7,7 @@ import pytest
 
 from bench.kinematic_chain import moving
 from bench.model_file import load
-from bench.patch import Named, Patch
+from bench.patch import Patch, PatchEffect
 from bench.proof.proof import prove
 from bench.rig import Rig
 from bench.shared.errors import BenchError, Unusable
@@ -17,7 +17,7 @@ from scenarios import record
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.synthetic_recording import Watching
 from stiffness.effects.hysteresis import stop
-from stiffness.experiment.static_state import Situation, situation_of
+from stiffness.experiment.static_state import StaticState, static_state_of
 from stiffness.robot.arm import Arm
 
 ARM = (
@@ -35,7 +35,7 @@ TORSO = (
 )
 
 
-def loaded(side: str) -> tuple[Situation, np.ndarray]:
+def loaded(side: str) -> tuple[StaticState, np.ndarray]:
     """Pull one hand by a force and a torque along the base's axes."""
     arm = Arm.from_mjcf_text(TORSO)
     posture = np.array([[0.3, 0.2, -0.4, 0.5, 0.1]] * 2)
@@ -44,7 +44,7 @@ def loaded(side: str) -> tuple[Situation, np.ndarray]:
     recording = Recording(
         name="torso",
         time=np.array([0.0, 10.0]),
-        pose=np.zeros(2, int),
+        posture_id=np.zeros(2, int),
         visit=np.zeros(2, int),
         posture=posture,
         load_time=np.array([0.0, 5.0]),
@@ -58,7 +58,7 @@ def loaded(side: str) -> tuple[Situation, np.ndarray]:
     standing = arm.at(posture)
     expected = standing.load_torque(wrench, sensor.body, sensor.position)
     expected = expected + standing.gravity_torque()
-    return situation_of(arm, recording, np.zeros(5), (f"{side}_hand",)), expected
+    return static_state_of(arm, recording, np.zeros(5), (f"{side}_hand",)), expected
 
 
 def test_a_load_on_either_hand_turns_that_arm_s_axes_and_the_waist_alone():
@@ -93,8 +93,10 @@ def test_one_arm_of_a_torso_is_recorded_and_proved_by_itself(torso, side):
     recording = recorded(torso, hand, f"hysteresis@{side}_j1,width_rad=5e-4")
     assert recording.axes == ("waist", f"{side}_j1", f"{side}_j2")
     again, arm, _ = read_for(torso.parent / hand, arm_of(torso))
-    assert arm.axes == recording.axes and arm.place("flange") == arm.place(hand)
-    named = Named("hysteresis", "a2", {"width_rad": 5e-4})
+    assert arm.axes == recording.axes and arm.attachment("flange") == arm.attachment(
+        hand
+    )
+    named = PatchEffect("hysteresis", "a2", {"width_rad": 5e-4})
     frame = np.asarray(recording.base_from_tracker)
     patch = Patch(effects=(named,), base_from_tracker=tuple(map(tuple, frame.tolist())))
     proof = prove(again, torso, patch, (1, 2), thorough=False)

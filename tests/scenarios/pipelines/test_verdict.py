@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from bench.proof.explained_share import explained_share
-from scenarios.pipelines.schema import Findings, Interval, Proved, gains, verdict_of
+from scenarios.pipelines.schema import (
+    Findings,
+    Interval,
+    Proved,
+    gain_is_positive,
+    verdict_of,
+)
 
 GOOD = Interval(0.02, 0.01, 0.03)
 ZERO = Interval(0.01, 0.0, 0.02)
@@ -20,7 +26,7 @@ def proof(gain: Interval | None = None, angle: Interval | None = None) -> Proved
 
 
 ALL_WELL = Findings(
-    differs=True,
+    mismatch=True,
     named=True,
     residual_passes=True,
     proof_requested=True,
@@ -33,8 +39,8 @@ PART = replace(ALL_WELL, residual_passes=False)
 @pytest.mark.parametrize(
     ("findings", "verdict"),
     [
-        (replace(ALL_WELL, differs=False), "no_mismatch"),
-        (replace(ALL_WELL, differs=False, named=False, proof=None), "no_mismatch"),
+        (replace(ALL_WELL, mismatch=False), "no_mismatch"),
+        (replace(ALL_WELL, mismatch=False, named=False, proof=None), "no_mismatch"),
         (replace(ALL_WELL, named=False), "unexplained"),
         (replace(ALL_WELL, named=False, proof=None), "unexplained"),
         (replace(ALL_WELL, named=False, proof=proof(WORSE)), "unexplained"),
@@ -66,7 +72,7 @@ def test_verdict_is_the_first_that_holds(findings, verdict):
 
 def test_nothing_is_explained_where_the_gain_may_be_zero():
     for gain in (ZERO, WORSE, Interval(0.0, None, None), Interval(0.01, "x", "y")):
-        assert not gains(proof(gain))
+        assert not gain_is_positive(proof(gain))
         assert verdict_of(replace(ALL_WELL, proof=proof(gain))) == "unproved"
 
 

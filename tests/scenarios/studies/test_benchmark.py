@@ -54,7 +54,7 @@ def test_ratio_is_of_the_same_round_and_a_share_is_scaled_up(monkeypatch):
     assert other.row["ratio"] == 25.0  # the median of the docstring's equation
     assert (other.row["ratio_low"], other.row["ratio_high"]) == (20.0, 30.0)
     assert (ours.bar, other.bar) == (9.0, None)
-    assert (ours.differs, other.differs) == ("", "nothing")
+    assert (ours.difference, other.difference) == ("", "nothing")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from bench.effects.creep import Creep
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.hysteresis_many import ManyContacts
 from bench.effects.joint_compliance import JointCompliance
-from bench.effects.out_of_library import OUTSIDERS
+from bench.effects.out_of_library import OUT_OF_LIBRARY_EFFECTS
 from bench.effects.places import misplaced
 from bench.effects.tracker_scale import TrackerScale
 from bench.experiment import record
@@ -28,11 +28,14 @@ from scenarios.studies.blind_trials.draw import kinds_of, trial_of, trials_of
 from scenarios.studies.blind_trials.effects import (
     PERIODIC,
     Ground,
-    drawn,
+    draw_site_and_form,
     knees_of,
     turning,
 )
-from scenarios.studies.blind_trials.generation import make, silent
+from scenarios.studies.blind_trials.generation import (
+    error_free_instruments,
+    generate_trial,
+)
 from scenarios.studies.blind_trials.magnitudes import OutOfReach, as_large_as, scaled
 from scenarios.studies.blind_trials.method_under_test import (
     Question,
@@ -48,16 +51,16 @@ from scenarios.studies.blind_trials.rates import (
     failures,
 )
 from scenarios.studies.blind_trials.run import Sweep, digest, opened, tried
-from scenarios.studies.blind_trials.score import covered_by, score
+from scenarios.studies.blind_trials.score import covered_by, score_answer
 from scenarios.studies.blind_trials.strata import BARS, STRATA
 from scenarios.studies.blind_trials.visibility import (
-    Weight,
+    Visibility,
     in_base,
     projection_of,
     scale_of,
 )
 
-KINDS = (*EFFECTS, *OTHER_LAWS, *OUTSIDERS)
+KINDS = (*EFFECTS, *OTHER_LAWS, *OUT_OF_LIBRARY_EFFECTS)
 NO_MISMATCH = {"verdict": "no_mismatch", "seconds": 1.0}
 
 # --- Drawing -------------------------------------------------------------------------
@@ -112,7 +115,7 @@ def test_effect_is_drawn_where_it_can_sit_and_can_be_any_size(kind, arm, tmp_pat
     ground = Ground(rig.anatomy, ["link2_a"], 1000.0, knees_of(rig), hinges)
     draw = np.random.default_rng(1)
     for _ in range(5):
-        effect = drawn(kind, draw, ground)
+        effect = draw_site_and_form(kind, draw, ground)
         assert misplaced(effect, rig.anatomy) == []
         smaller = scaled(effect, 0.25)
         before, after = effect.parameters(), smaller.parameters()
@@ -128,7 +131,9 @@ def test_what_comes_again_is_drawn_only_where_an_axis_turns(kind):
     assert turns == ("a1", "a2", "a3", "a5", "a6")  # Table 1 leaves a4 at rest
     ground = Ground(rig.anatomy, [], 1000.0, knees_of(rig), turns)
     draw = np.random.default_rng(1)
-    assert {drawn(kind, draw, ground).where for _ in range(60)} == set(turns)
+    assert {draw_site_and_form(kind, draw, ground).where for _ in range(60)} == set(
+        turns
+    )
 
 
 def assert_allclose_parameters(one, other):
@@ -150,7 +155,7 @@ def test_size_that_no_gear_has_is_out_of_reach():
 
 def test_size_is_found_where_an_effect_shows_what_is_asked():
     def weigh(effect):
-        return Weight(2e18 * effect.parameters()["width_rad"] ** 2, 0.0, 0.0, 50.0)
+        return Visibility(2e18 * effect.parameters()["width_rad"] ** 2, 0.0, 0.0, 50.0)
 
     effect, weight = as_large_as(Hysteresis("a2"), 400.0, weigh)
     assert 400.0 <= weight.chi2 <= 500.0
@@ -160,7 +165,7 @@ def test_size_is_found_where_an_effect_shows_what_is_asked():
 def test_effect_that_few_poses_show_is_drawn_again():
     with pytest.raises(OutOfReach, match="19 poses"):
         as_large_as(
-            Hysteresis("a2"), 400.0, lambda effect: Weight(450.0, 0.0, 0.0, 19.0)
+            Hysteresis("a2"), 400.0, lambda effect: Visibility(450.0, 0.0, 0.0, 19.0)
         )
 
 
@@ -169,9 +174,9 @@ def test_projection_is_generalised_least_squares():
     draw = np.random.default_rng(0)
     nominal, error = draw.normal(size=(4, 6, 3)), draw.normal(size=(4, 6, 2))
     signal, prior = draw.normal(size=(4, 6)), np.array([1e-9, 1.0, 4.0])
-    found, share = projection_of(nominal, error, prior, np.array([7, 7, 8, 9])).left(
-        signal
-    )
+    found, share = projection_of(
+        nominal, error, prior, np.array([7, 7, 8, 9])
+    ).residual(signal)
     covariance = np.zeros((24, 24))
     for v in range(4):
         block = slice(6 * v, 6 * v + 6)
@@ -186,7 +191,7 @@ def test_projection_is_generalised_least_squares():
 @pytest.fixture(scope="module")
 def small(kr10):
     """A few poses of Table 1, the arm, silent instruments and a scale for effects."""
-    instruments = silent(Instruments(markers=Markers(placement=5e-4)))
+    instruments = error_free_instruments(Instruments(markers=Markers(placement=5e-4)))
     rig, plan = Rig(kr10), standard_plans.table_one_plan(12, revisits=2)
     reference = record(rig, plan, instruments, 3)
     scale = scale_of(rig, reference, (1e-5,) * 3, known_frame=False)
@@ -217,21 +222,21 @@ def test_what_is_nominal_weighs_a_thousandth_of_what_it_moves(small):
     rig, _, _, scale = small
     softer = seen(small, stiffness=rig.springs / np.linspace(1.002, 1.01, 6))
     moved = in_base(softer) - in_base(scale.reference)
-    assert scale.weigh(softer).whole < 1e-3 * np.sum((moved / 1e-5) ** 2)
+    assert scale.visibility(softer).whole < 1e-3 * np.sum((moved / 1e-5) ** 2)
 
 
 def test_markers_that_sit_elsewhere_weigh_nothing(small):
     rig, plan, instruments, scale = small
     elsewhere = replace(instruments, markers=Markers(placement=6e-4))
-    weight = scale.weigh(record(rig, plan, elsewhere, 3))
+    weight = scale.visibility(record(rig, plan, elsewhere, 3))
     moved = np.sum((1e-4 / 1e-5) ** 2) * scale.reference.points.size
     assert weight.whole < 0.01 * moved  # half of a thousandth is the prior's
 
 
 def test_twice_the_creep_weighs_four_times_as_much(small):
     scale = small[3]
-    once = scale.weigh(seen(small, Creep("a2", 0.01)))
-    twice = scale.weigh(seen(small, Creep("a2", 0.02)))
+    once = scale.visibility(seen(small, Creep("a2", 0.01)))
+    twice = scale.visibility(seen(small, Creep("a2", 0.02)))
     assert_allclose(twice.within / once.within, 4.0, rtol=0.02)
     assert once.chi2 == max(once.within, once.between) <= once.whole * 1.001
 
@@ -241,7 +246,7 @@ def test_twice_the_creep_weighs_four_times_as_much(small):
 
 def test_trial_is_at_least_as_large_as_its_kind_asks_and_conceals_what_it_is(tmp_path):
     number = EFFECTS.index(TrackerScale)
-    made = make(trial_of(0, "one_400", number), tmp_path, 60)
+    made = generate_trial(trial_of(0, "one_400", number), tmp_path, 60)
     assert 400.0 <= made.truth["chi2"][0] <= 500.0
     assert [e["effect"] for e in made.truth["effects"]] == ["tracker_scale"]
     assert made.recording.base_from_tracker is None
@@ -259,14 +264,14 @@ def test_arm_of_another_build_is_another_with_each_seed_and_can_be_tried(
     assert one.file.read_text() != other.file.read_text()
     assert len(Rig(one.file).anatomy.axes) == one.axes == len(BUILDS[build])
     number = EFFECTS.index(TrackerScale)
-    made = make(trial_of(0, "one_400", number, one), tmp_path, 40)
+    made = generate_trial(trial_of(0, "one_400", number, one), tmp_path, 40)
     assert 400.0 <= made.truth["chi2"][0] <= 500.0
     assert made.model == one.file
 
 
 def test_model_is_rigid_where_a_compliance_is_the_finding(tmp_path):
     number = EFFECTS.index(JointCompliance)
-    made = make(trial_of(0, "one_400", number), tmp_path, 60)
+    made = generate_trial(trial_of(0, "one_400", number), tmp_path, 60)
     (effect,) = made.truth["effects"]
     stiffness = Rig(made.model).nominal.jnt_stiffness
     axis = Rig(made.model).anatomy.axes.index(effect["where"])
@@ -377,7 +382,7 @@ def answer_of(*entries, verdict="explained", located="a2"):
 
 
 def marks(answer, truth):
-    found = score("one_400 0", "x", answer, truth)
+    found = score_answer("one_400 0", "x", answer, truth)
     names = ("detected", "place_first", "right", "exact", "whole_set", "wrong_name")
     return {n for n in (*names, "abstains", "told_apart") if getattr(found, n)}
 
@@ -462,11 +467,16 @@ def scores():
     right = answer_of(named(TRUE, probability=0.98, width_rad=(1e-4, 2e-4)))
     wrong = answer_of(named("creep@a2", probability=0.96))
     truth = truth_of(TRUE, width_rad=1.5e-4)
-    found = [score(f"one_400 {k}", f"n{k}", right, truth) for k in range(9)]
-    found.append(score("one_400 9", "n9", wrong, truth))
+    found = [score_answer(f"one_400 {k}", f"n{k}", right, truth) for k in range(9)]
+    found.append(score_answer("one_400 9", "n9", wrong, truth))
     nothing = truth_of(stratum="null")
-    found += [score(f"null {k}", f"m{k}", NO_MISMATCH, nothing) for k in range(4)]
-    return [*found, score("null 4", "m4", answer_of(verdict="unexplained"), nothing)]
+    found += [
+        score_answer(f"null {k}", f"m{k}", NO_MISMATCH, nothing) for k in range(4)
+    ]
+    return [
+        *found,
+        score_answer("null 4", "m4", answer_of(verdict="unexplained"), nothing),
+    ]
 
 
 def test_rates_have_the_intervals_of_clopper_and_pearson():

@@ -20,7 +20,7 @@ def test_with_loads_the_load_rises_and_falls_in_each_of_so_many_poses():
     recording = diagnosis_cost.recorded("loads", 3)
     assert recording.wrench is not None and recording.load_mass is not None
     np.testing.assert_array_equal(recording.load_mass[:4], [0.0, 5.0, 10.0, 5.0])
-    assert len(np.unique(recording.pose)) == 3
+    assert len(np.unique(recording.posture_id)) == 3
 
 
 def test_a_small_measurement_answers_its_question_and_says_whether_bars_are_kept(

@@ -13,7 +13,13 @@ from scenarios.studies.paper.budget import budget
 from scenarios.studies.paper.comparison import BARS
 from scenarios.studies.paper.experiment import Material
 from scenarios.studies.paper.few_poses import Effort, few_of, springs_of
-from scenarios.studies.paper.floor import NUDGE, NudgeCell, nudged, oracle_error, sizes
+from scenarios.studies.paper.floor import (
+    NUDGE,
+    NudgeCell,
+    magnitudes,
+    nudged,
+    oracle_error,
+)
 from scenarios.studies.paper.wrench_plan import APART, both, nearest, pulled_elsewhere
 from stiffness.experiment.deflections import every_plateau
 from stiffness.methods.vjm import Vjm
@@ -64,7 +70,9 @@ def test_wrench_plan_runs_small(experiment, tmp_path, monkeypatch):
         effort=replace(TRANSFER, epochs=3),
     )
     monkeypatch.setattr(
-        Material, "held_out", lambda material, _: np.unique(material.recording.pose)[:8]
+        Material,
+        "held_out",
+        lambda material, _: np.unique(material.recording.posture_id)[:8],
     )  # whose other 32 show every spring
     rows = wrench_plan.main(settings)
     assert {r["loads"] for r in rows} == set(paper_wrench_plan.LOADS)
@@ -93,8 +101,8 @@ def test_floor_runs_small(experiment, tmp_path, monkeypatch):
 
 def test_poses_of_fewer_are_the_first_of_more(material):
     few, more = (few_of(material.recording, n, 3) for n in (5, 12))
-    assert len(np.unique(few.pose)) == 5
-    assert set(few.pose) < set(more.pose)
+    assert len(np.unique(few.posture_id)) == 5
+    assert set(few.posture_id) < set(more.posture_id)
 
 
 def test_only_axes_that_few_poses_do_not_show_are_held(experiment, material):
@@ -139,7 +147,7 @@ def test_springs_know_what_loads_elsewhere_do(experiment, material):
 
 def test_nudge_changes_one_size_and_nothing_else():
     still = default_truth()
-    known = sizes(still)
+    known = magnitudes(still)
     assert len(known) == 48
     stiffer = nudged(2)
     np.testing.assert_allclose(

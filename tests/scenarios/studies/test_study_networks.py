@@ -18,7 +18,7 @@ from scenarios.report import data_files
 from scenarios.studies.paper import imitation, table_08, table_09, table_10, transfer
 from scenarios.studies.paper import tables_06_07 as imitation_tables
 from scenarios.studies.paper.budget import PLANS, budget
-from scenarios.studies.paper.cells import Cell, Result, results, swept
+from scenarios.studies.paper.cells import Cell, CellResult, results, swept
 from scenarios.studies.paper.comparison import MEASURES, contenders, p99, pooled
 from scenarios.studies.paper.fresh_postures import GRID, fresh_postures
 from scenarios.studies.paper.playback import curves, worst_poses
@@ -119,7 +119,7 @@ def test_steps_are_enough_where_no_later_doubling_moves_more_than_the_seeds(
         steps: [imitation.Imitation(Mlp(4, 8), "table 5", steps, s) for s in (0, 1)]
         for steps in (5, 10, 20)
     }
-    found: dict[Cell, Result] = {
+    found: dict[Cell, CellResult] = {
         cell: {"errors": np.full((2, 3, 3), mae + 0.01 * cell.seed)}
         for cells, mae in zip(longer.values(), test_mae_mm, strict=True)
         for cell in cells
@@ -196,9 +196,9 @@ def test_every_cell_of_a_budget_is_worked_once():
 
 def test_poses_are_held_out_whole(material):
     out = material.held_out(0)
-    kept = np.unique(material.training(0).pose)
+    kept = np.unique(material.training(0).posture_id)
     assert not set(out) & set(kept)
-    assert set(out) | set(kept) == set(np.unique(material.recording.pose))
+    assert set(out) | set(kept) == set(np.unique(material.recording.posture_id))
     assert len(out) == round(0.2 * POSES)
     assert set(out) != set(material.held_out(1))
 

@@ -5,7 +5,7 @@ import numpy as np
 import pinocchio
 import pytest
 
-from bench.patch import Mounted, Named, Patch, rig_of
+from bench.patch import Mounted, Patch, PatchEffect, rig_of
 from bench.shared.errors import Unusable
 from bench.shared.instrument_specs import TrackerSpec
 from bench.shared.recording import UNLOADED, Marker, Payload, Recording
@@ -14,7 +14,7 @@ from scenarios.pipelines.inputs import arm_of
 from scenarios.report.sections.calibration import write_calibration
 from scenarios.studies import ur10_calibration
 from stiffness.calibration import model as geometry
-from stiffness.calibration.model import Stance, readings_of, regions_of
+from stiffness.calibration.model import CalibrationState, readings_of, spatial_folds_of
 from stiffness.calibration.rigid_fit import fitted
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -25,11 +25,11 @@ NOISE = 1e-5
 OFFSET, SHORT, COMPLIANCE = 6e-4, -4e-4, 2e-5
 WAVES = ((7.0, 2e-4, 0.4), (16.0, 1.2e-4, -1.0))
 TRUTH = (
-    Named("encoder_offset", "a3", {"offset_rad": OFFSET}),
-    Named("geometry_error", "link_2", {"x_m": SHORT}),
-    Named("joint_compliance", "a2", {"compliance_rad_per_nm": COMPLIANCE}),
+    PatchEffect("encoder_offset", "a3", {"offset_rad": OFFSET}),
+    PatchEffect("geometry_error", "link_2", {"x_m": SHORT}),
+    PatchEffect("joint_compliance", "a2", {"compliance_rad_per_nm": COMPLIANCE}),
     *(
-        Named(
+        PatchEffect(
             "transmission_error",
             "a2",
             {"amplitude_rad": size, "order": order, "phase_rad": phase},
@@ -61,7 +61,7 @@ def recorded(
     return Recording(
         name="an arm under its own weight",
         time=when,
-        pose=np.arange(poses),
+        posture_id=np.arange(poses),
         visit=np.arange(poses),
         posture=posture,
         load_time=when,
@@ -109,7 +109,7 @@ def test_the_table_of_a_gear_is_its_law_at_the_angles_that_were_fitted(outcome):
     """Up to a line, which an offset and the next waves of the arm share with it."""
     angle = np.linspace(-2.1, -0.7, 200)
     true = sum(size * np.sin(order * angle + phase) for order, size, phase in WAVES)
-    apart = outcome.found.tables["a2"].at(angle) - true
+    apart = outcome.found.error_tables["a2"].at(angle) - true
     line = np.polynomial.Polynomial.fit(angle, apart, 1)
     assert np.std(apart - line(angle)) < 0.1 * np.std(true)
 
@@ -123,7 +123,7 @@ def test_the_simulator_comes_down_to_the_noise_on_poses_kept_back(outcome):
 
 
 def test_nothing_kept_back_is_fitted_or_shares_a_region_with_what_is(outcome):
-    regions = outcome.found.regions
+    regions = outcome.found.spatial_folds
     held = set(regions.region[regions.kept_back])
     assert held == set(regions.held)
     assert not held & set(regions.region[~regions.kept_back])
@@ -155,7 +155,7 @@ def test_tables_of_a_calibration_name_parameters_and_units_as_people_do(
 
 def test_springs_that_the_model_has_are_no_finding(kr10):
     there = recorded(
-        kr10, (Named("encoder_offset", "a3", {"offset_rad": OFFSET}),), 200, 5
+        kr10, (PatchEffect("encoder_offset", "a3", {"offset_rad": OFFSET}),), 200, 5
     )
     answer = calibrate_and_prove(there, arm_of(kr10), kr10, quiet=True).answer
     assert "joint_compliance" not in {n.effect for n in answer.named}
@@ -212,7 +212,11 @@ def test_only_what_shows_is_corrected():
     entries = geometry.entries_of(readings.arm.chain)
     kept = [e for e, k in zip(entries, fit.kept, strict=False) if k]
     assert ("encoder_offset", "a1") not in {(e.effect, e.where) for e in kept}
-    a = Stance.of(readings, fit.drawn).silent().reshape(-1, len(fit.kept))[:, fit.kept]
+    a = (
+        CalibrationState.of(readings, fit.geometry)
+        .nuisance_jacobian()
+        .reshape(-1, len(fit.kept))[:, fit.kept]
+    )
     scaled = a / np.linalg.norm(a, axis=0)
     assert np.linalg.svd(scaled, compute_uv=False)[-1] > 1e-4
 
@@ -230,9 +234,9 @@ def test_draws_that_share_poses_say_less_than_as_many_that_do_not():
 
 def test_another_draw_keeps_back_other_poses(recording):
     readings = readings_of(recording, arm_of(UR10))
-    first, other = (regions_of(readings, draw).kept_back for draw in (0, 1))
+    first, other = (spatial_folds_of(readings, draw).kept_back for draw in (0, 1))
     assert (first != other).any()
-    again = regions_of(readings, 1).kept_back
+    again = spatial_folds_of(readings, 1).kept_back
     np.testing.assert_array_equal(other, again)
 
 
@@ -253,6 +257,6 @@ def test_moments_of_gravity_turn_axes_as_its_torques_do():
     tool = Payload(3.0, np.array([0.02, -0.01, 0.08]))
     bent = recorded(KR10, (), 40, 6, tool=tool)
     readings = readings_of(bent, arm_of(KR10))
-    stance = Stance.of(readings, fitted(readings, redraw=False).drawn)
+    stance = CalibrationState.of(readings, fitted(readings, redraw=False).geometry)
     along = np.einsum("krj,krj->rk", stance.standing.rotation[..., 2], stance.moment)
     np.testing.assert_allclose(along, stance.torque, atol=1e-9)

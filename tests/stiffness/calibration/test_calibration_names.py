@@ -6,7 +6,7 @@ import pytest
 from test_calibration import NOISE, PLACE, UR10, recorded
 
 from bench import patch
-from bench.patch import Named
+from bench.patch import PatchEffect
 from bench.shared.recording import Marker, Recording
 from scenarios.pipelines.calibrate import calibrate_and_prove
 from scenarios.pipelines.calibration_proof import rms
@@ -22,7 +22,9 @@ LINKS = (
     ("link_3", {"x_m": 2e-4, "rx_rad": 4e-4}),
     ("link_4", {"y_m": -3e-4, "rx_rad": 6e-4}),
 )
-GEOMETRY = tuple(Named("geometry_error", where, dict(own)) for where, own in LINKS)
+GEOMETRY = tuple(
+    PatchEffect("geometry_error", where, dict(own)) for where, own in LINKS
+)
 SOFT = {"compliance_rad_per_nm": 2e-5}
 
 
@@ -56,7 +58,7 @@ def wrist(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def soft(wrist):
-    effects = [Named("joint_compliance", a, dict(SOFT)) for a in ("a2", "a3")]
+    effects = [PatchEffect("joint_compliance", a, dict(SOFT)) for a in ("a2", "a3")]
     recording = recorded(wrist, effects, 150, 8)
     return calibrate_and_prove(recording, arm_of(wrist), wrist, quiet=True)
 
@@ -86,7 +88,7 @@ def test_an_arm_that_is_only_drawn_wrongly_is_no_agreement(crooked):
 
 def test_numbers_of_the_drawing_that_are_right_stay_as_drawn(soft):
     """What a soft joint does is no geometry, though geometry came first to mind."""
-    assert not soft.found.drawn.values.any()
+    assert not soft.found.corrected_geometry.values.any()
     assert {(n.effect, n.where) for n in soft.answer.named} == {
         ("joint_compliance", "a2"), ("joint_compliance", "a3"),
     }  # fmt: skip
@@ -150,7 +152,7 @@ def test_springs_that_the_model_has_are_fitted_for_both_sides_of_the_proof(kr10)
 def test_a_link_that_grows_while_it_warms_is_left_open_with_its_place():
     """Nothing in the vocabulary does that; a place and a look can be said."""
     quiet = recorded(UR10, (), 160, 13)
-    longer_arm = [Named("geometry_error", "link_2", {"x_m": 1e-3})]
+    longer_arm = [PatchEffect("geometry_error", "link_2", {"x_m": 1e-3})]
     warm = recorded(UR10, longer_arm, 160, 13)
     share = 1.0 - np.exp(-quiet.time / 1500.0)[:, None, None]
     first, last = np.asarray(quiet.points), np.asarray(warm.points)

@@ -13,19 +13,19 @@ from bench.rig import Rig
 from bench.shared.errors import Unusable
 from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
-from stiffness.diagnosis.detection import MEASURED, MISSTATED, Found, Scatter
+from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest, Scatter
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.diagnosis.model_evaluation import earns, score
-from stiffness.diagnosis.model_fit import Member, fit_set
+from stiffness.diagnosis.model_evaluation import evaluate, improves_prediction
+from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
-from stiffness.diagnosis.relinearisation import case_of
-from stiffness.diagnosis.residual_checks import unevenness
-from stiffness.diagnosis.selection import Named, Ranked, exchanged
+from stiffness.diagnosis.relinearisation import build_problem
+from stiffness.diagnosis.residual_checks import homogeneity_tests
+from stiffness.diagnosis.selection import RankedModels, SelectedModel, exchange_step
 from stiffness.diagnosis.verdict import equivalents, posterior
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
-from stiffness.regression.testing import ALARM, sign_flips
+from stiffness.regression.testing import SIGNIFICANCE, sign_flip_test
 
 CALM = Scatter(1.0, 0.01, 0.0, MISSTATED)
 
@@ -33,7 +33,7 @@ CALM = Scatter(1.0, 0.01, 0.0, MISSTATED)
 def test_nothing_there_is_no_mismatch():
     found = diagnosis()
     assert found.verdict == "no_mismatch"
-    assert found.detection.p_value >= ALARM
+    assert found.detection.p_value >= SIGNIFICANCE
     assert found.named == ()
 
 
@@ -73,7 +73,7 @@ def test_poses_that_differ_at_random_are_no_law_but_not_passed_over():
     """Each pose gives way its own way by 0.2 mm: ten times the noise, signs random."""
     made = recording()
     assert made.points is not None and made.load_mass is not None
-    pose = np.unique(made.pose, return_inverse=True)[1]
+    pose = np.unique(made.posture_id, return_inverse=True)[1]
     sign = np.random.default_rng(3).choice([-1.0, 1.0], pose.max() + 1)[pose]
     load = made.load_mass / np.max(made.load_mass)
     moved = made.points + 2e-4 * (sign * load)[:, None, None]
@@ -113,20 +113,22 @@ def test_more_than_three_effects_are_named_one_after_the_other():
 
 
 def test_member_that_stood_in_for_another_gives_way():
-    case = case_of(prepared("hysteresis@a2", "bearing_tilt@a3"), FEW)
+    case = build_problem(prepared("hysteresis@a2", "bearing_tilt@a3"), FEW)
     shapes = {h.effect: h.shapes(case.situation, "a2")[3:4] for h in FEW}
-    stand_in = Member(FEW[0], "a2", shapes["hardening"][0])
-    tilt = Member(FEW[2], "a3", np.zeros(1))
-    fit = fit_set(case.data, case.situation, case.nominal, (stand_in, tilt), case.split)
-    best = exchanged(case, fit)[0][1]
+    stand_in = ModelTerm(FEW[0], "a2", shapes["hardening"][0])
+    tilt = ModelTerm(FEW[2], "a3", np.zeros(1))
+    fit = fit_model(
+        case.data, case.situation, case.nominal, (stand_in, tilt), case.split
+    )
+    best = exchange_step(case, fit)[0][1]
     assert {m.name for m in best} == {("hysteresis", "a2"), ("bearing_tilt", "a3")}
 
 
 def test_rival_that_predicts_worse_is_none_unless_a_name_would_go_with_it():
     """Two laws of one axis; the other predicts every pose a little worse."""
-    case = case_of(prepared("hysteresis@a2"), FEW)
-    best = score(case, (Member(Hysteresis(), "a2", np.array([22.3, 0.0])),))
-    other = score(case, (Member(Hardening(), "a2", np.array([50.0])),))
+    case = build_problem(prepared("hysteresis@a2"), FEW)
+    best = evaluate(case, (ModelTerm(Hysteresis(), "a2", np.array([22.3, 0.0])),))
+    other = evaluate(case, (ModelTerm(Hardening(), "a2", np.array([50.0])),))
 
     def alike(behind: float) -> list[str]:
         rival = replace(
@@ -134,7 +136,7 @@ def test_rival_that_predicts_worse_is_none_unless_a_name_would_go_with_it():
             log_evidence=best.log_evidence - behind,
             predicted=best.predicted - 0.2,
         )
-        named = Named(best, (best, rival), _none(), _nothing(), 1.0, ())
+        named = SelectedModel(best, (best, rival), _none(), _nothing(), 1.0, ())
         weights, sets = posterior(named, 1.0)
         return [n.effect for n in equivalents(named, 0, weights, sets)]
 
@@ -143,23 +145,23 @@ def test_rival_that_predicts_worse_is_none_unless_a_name_would_go_with_it():
     assert alike(3.1) == []
 
 
-def _none() -> Ranked:
-    return Ranked((), (), np.zeros(0), np.zeros(0))
+def _none() -> RankedModels:
+    return RankedModels((), (), np.zeros(0), np.zeros(0))
 
 
-def _nothing() -> Found:
-    tested = sign_flips([np.ones((60, 1)) / np.sqrt(60)], seed=1)
-    return Found(tested, 1, 0, (), ("a1",), 1.0, 60, CALM)
+def _nothing() -> DetectionTest:
+    tested = sign_flip_test([np.ones((60, 1)) / np.sqrt(60)], seed=1)
+    return DetectionTest(tested, 1, 0, (), ("a1",), 1.0, 60, CALM)
 
 
 def test_few_poses_that_all_gain_are_no_proof_and_eight_are():
     """Five signs are alike once in 32, eight once in 256; 1 in 44 is asked."""
-    none = score(case_of(prepared(), FEW), ())
+    none = evaluate(build_problem(prepared(), FEW), ())
     for many, enough in ((5, False), (8, True)):
         gain = np.concatenate([np.ones(many), np.zeros(3)])
         more = replace(none, predicted=gain, log_evidence=none.log_evidence + 1.0)
         less = replace(none, predicted=0.0 * gain)
-        assert earns(less, more, 1) is enough
+        assert improves_prediction(less, more, 1) is enough
 
 
 def test_the_interval_holds_the_true_size():
@@ -200,41 +202,50 @@ def test_a_reading_far_off_counts_less_and_is_told():
     row = int(np.flatnonzero(np.isfinite(points[:, 9, 0]))[17])
     points[row, 9] += 1e-3
     ready = prepare(replace(whole, points=points), arm())
-    assert (row, 9) in {(r, m) for r, m, _ in ready.doubtful}
+    assert (row, 9) in {(r, m) for r, m, _ in ready.downweighted}
 
 
 def test_right_law_is_the_same_in_all_groups_and_a_wrong_one_is_not():
     """A foot that lifts off its plate is no foot that gives way."""
-    right = case_of(prepared("hysteresis@a2"), FEW)
-    law = Member(Hysteresis(), "a2", np.array([22.3, 0.0]))
-    (even,) = unevenness(right, _fitted(right, law))
-    assert even.p_value >= ALARM
+    right = build_problem(prepared("hysteresis@a2"), FEW)
+    law = ModelTerm(Hysteresis(), "a2", np.array([22.3, 0.0]))
+    (even,) = homogeneity_tests(right, _fitted(right, law))
+    assert even.p_value >= SIGNIFICANCE
     rig = Rig(MODEL, effects=(FootLiftOff("base", 2e-6, preload_nm=20.0),))
     seen = record(rig, table_one_plan(poses=40), Instruments(), seed=1)
-    wrong = case_of(prepare(seen, arm()), FEW)
-    law = Member(BaseTilt(), "base", np.zeros(0))
-    (uneven,) = unevenness(wrong, _fitted(wrong, law))
-    assert uneven.p_value < ALARM
+    wrong = build_problem(prepare(seen, arm()), FEW)
+    law = ModelTerm(BaseTilt(), "base", np.zeros(0))
+    (uneven,) = homogeneity_tests(wrong, _fitted(wrong, law))
+    assert uneven.p_value < SIGNIFICANCE
     assert uneven.captured > 25.0
 
 
 def _fitted(case, *members):
-    return fit_set(case.data, case.situation, case.nominal, members, case.split)
+    return fit_model(case.data, case.situation, case.nominal, members, case.split)
 
 
 def test_poses_that_differ_wildly_are_a_mismatch_though_signs_average_out():
     """Random signs cannot see a law that changes its sign from pose to pose."""
     random = np.random.default_rng(11)
-    tested = sign_flips([random.normal(size=(60, 1)) / np.sqrt(60)], seed=1)
-    assert tested.p_value > ALARM
+    tested = sign_flip_test([random.normal(size=(60, 1)) / np.sqrt(60)], seed=1)
+    assert tested.p_value > SIGNIFICANCE
 
     def p_value(dispersion: float, wild: float) -> float:
-        return Found(
-            tested, 1, 0, (), ("a1",), dispersion, 60, replace(CALM, wild=wild)
+        return DetectionTest(
+            tested,
+            1,
+            0,
+            (),
+            ("a1",),
+            dispersion,
+            60,
+            replace(CALM, dispersion_limit=wild),
         ).p_value
 
     assert p_value(1.0, MISSTATED) == tested.p_value
-    assert p_value(4.0, MISSTATED) > ALARM
-    assert p_value(9.0, MISSTATED) < ALARM
+    assert p_value(4.0, MISSTATED) > SIGNIFICANCE
+    assert p_value(9.0, MISSTATED) < SIGNIFICANCE
     assert p_value(1.2, MEASURED) == tested.p_value
-    assert p_value(3.0, MEASURED) < ALARM  # where the noise was measured, it is known
+    assert (
+        p_value(3.0, MEASURED) < SIGNIFICANCE
+    )  # where the noise was measured, it is known

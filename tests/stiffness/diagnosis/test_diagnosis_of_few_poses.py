@@ -6,13 +6,13 @@ from small_bench import FEW, arm, recording
 
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.result import Diagnosis
-from stiffness.regression.testing import ALARM
+from stiffness.regression.testing import SIGNIFICANCE
 
 
 def found_in(poses: int, *effects: str) -> Diagnosis:
     """Diagnose some poses of a recording."""
     made = recording(*effects)
-    some = np.isin(made.pose, np.unique(made.pose)[:poses])
+    some = np.isin(made.posture_id, np.unique(made.posture_id)[:poses])
     return diagnose(made.take(np.flatnonzero(some)), arm(), FEW)
 
 
@@ -26,7 +26,7 @@ def test_few_poses_of_nothing_are_no_mismatch_and_called_few(poses):
 
 def test_what_is_gross_shows_in_few_poses():
     found = found_in(6, "lost_motion@a2,width_rad=4e-4")
-    assert found.detection.p_value < ALARM
+    assert found.detection.p_value < SIGNIFICANCE
     assert "few_poses" in [warned.code for warned in found.warnings]
 
 

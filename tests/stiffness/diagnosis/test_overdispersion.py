@@ -17,7 +17,7 @@ from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.detection import MEASURED, SCATTERED, scatter_of
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.nominal_fit import prepare
-from stiffness.diagnosis.relinearisation import case_of
+from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis
 
 SAG = 8e-5
@@ -51,8 +51,8 @@ def diagnosed() -> Diagnosis:
 
 
 def test_readings_of_a_nominal_arm_scatter_by_their_errors():
-    case = case_of(prepared(), FEW)
-    found = scatter_of(case.data, case.wild)
+    case = build_problem(prepared(), FEW)
+    found = scatter_of(case.data, case.dispersion_limit)
     assert abs(found.dispersion - 1.0) < 0.1
     assert found.p_value(SCATTERED) > 0.5
 
@@ -73,17 +73,17 @@ def test_a_marker_alone_goes_where_its_body_goes():
     k = [marker.name for marker in made.markers].index("flange_b")
     assert made.points is not None
     alone = replace(made, markers=(made.markers[k],), points=made.points[:, [k]])
-    case = case_of(prepare(alone, arm()), FEW)
-    found = scatter_of(case.data, case.wild)
+    case = build_problem(prepare(alone, arm()), FEW)
+    found = scatter_of(case.data, case.dispersion_limit)
     assert found.markers[0].excess > 0.0
     assert found.marker is None
 
 
 def test_few_poses_do_not_tell_scatter_from_chance():
     made = recording()
-    some = made.take(np.flatnonzero(made.pose < np.unique(made.pose)[15]))
-    case = case_of(prepare(some, arm()), FEW)
-    assert scatter_of(case.data, case.wild).p_value(SCATTERED) > 0.5
+    some = made.take(np.flatnonzero(made.posture_id < np.unique(made.posture_id)[15]))
+    case = build_problem(prepare(some, arm()), FEW)
+    assert scatter_of(case.data, case.dispersion_limit).p_value(SCATTERED) > 0.5
 
 
 @pytest.mark.parametrize("factor", [1.0, 2.0])
@@ -94,7 +94,7 @@ def test_marks_of_one_body_measure_the_noise_where_each_pose_has_one_row(factor)
     sigma = made.tracker.repeatability * np.sqrt(factor**2 - 1.0)
     ready = prepare(replace(made, points=made.points + sigma * noise), arm())
     assert_allclose(ready.noise, factor, rtol=0.1)
-    assert case_of(ready, FEW).wild == MEASURED
+    assert build_problem(ready, FEW).dispersion_limit == MEASURED
 
 
 def test_a_mark_that_sags_is_not_taken_for_noise_of_the_tracker():

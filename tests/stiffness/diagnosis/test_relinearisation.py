@@ -19,13 +19,13 @@ from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_load import GravityLoad, seen, torques
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.wrench_misalignment import WrenchMisalignment as TurnedOrBeside
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 NONE = np.zeros(0)
 MASS, CENTRE = 3.0, np.array([0.02, -0.03, 0.05])
 
 
-def carrying(mass: float) -> Situation:
+def carrying(mass: float) -> StaticState:
     tool = Payload(mass, CENTRE)
     return truth.situation_in(replace(truth.recording(), tool=tool, wrench=None))
 
@@ -65,7 +65,7 @@ def test_other_effects_pull_at_nothing(effect):
     situation, hypothesis = truth.showing(effect), truth.BY_NAME[effect]
     where = hypothesis.places(situation)[0]
     shape = truth.middle(situation, hypothesis, where)
-    size = np.ones(hypothesis.signature(situation, where, shape).columns)
+    size = np.ones(hypothesis.jacobian(situation, where, shape).columns)
     assert hypothesis.acting(situation, where, shape, size) is situation
 
 

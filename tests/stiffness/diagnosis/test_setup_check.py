@@ -12,7 +12,7 @@ from scenarios.record import Settings, main
 from stiffness.diagnosis import setup_check
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.setup_alternatives import of_angles, of_columns
-from stiffness.diagnosis.setup_check import mistakes_of_set_up
+from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.robot.arm import Arm
 
 ROOT = Path(__file__).parents[3]
@@ -65,7 +65,7 @@ def cell(request, tmp_path_factory) -> Cell:
 
 
 def said(recording: Recording, arm: Arm) -> list[tuple[str, str]]:
-    return [(w.code, w.where) for w in mistakes_of_set_up(recording, arm)]
+    return [(w.code, w.where) for w in setup_errors(recording, arm)]
 
 
 def unplaced(recording: Recording) -> Recording:
@@ -234,7 +234,7 @@ def test_a_column_in_another_unit_is_named_and_each_other_one_too(cell):
     recording, arm = cell
     three = one_seen(-2, [1, 2], 1e-3)(one_seen(-1, [0], 1e-3)(recording))
     last, other = recording.markers[-1].name, recording.markers[-2].name
-    texts = [w.text for w in mistakes_of_set_up(three, arm)]
+    texts = [w.text for w in setup_errors(three, arm)]
     assert [t.split(":")[0] for t in texts] == [
         f"{other}_y_mm, {other}_z_mm",
         f"{last}_x_mm",
@@ -248,7 +248,7 @@ def test_one_target_alone_tells_which_of_its_columns_is_in_another_unit(cell):
     last = replace(recording.markers[-1], position=None)
     alone = replace(recording, markers=(last,), points=recording.points[:, -1:])
     assert said(alone, arm) == []
-    (told,) = mistakes_of_set_up(one_seen(0, [1], 1e-3)(alone), arm)
+    (told,) = setup_errors(one_seen(0, [1], 1e-3)(alone), arm)
     assert told.text.startswith(f"{last.name}_y_mm: given in m")
 
 
@@ -349,7 +349,7 @@ def test_two_markers_of_a_body_that_are_swapped_are_named(cell):
     names = [m.name for m in recording.markers[-4:]]
     for i, j in ((0, 1), (0, 2), (2, 3)):
         wrong = renamed(recording, {i: j, j: i})
-        (warned,) = mistakes_of_set_up(wrong, arm)
+        (warned,) = setup_errors(wrong, arm)
         assert warned.code == "marker_names"
         assert warned.text.startswith(f"{names[i]} and {names[j]} look swapped:")
     assert said(renamed(recording, {0: 1, 1: 2, 2: 0}), arm) == [
@@ -363,9 +363,9 @@ def test_markers_that_are_swapped_in_some_visits_are_named_with_their_poses(
 ):
     recording, arm = cell
     wrong = renamed(change(recording), {1: 3, 3: 1}, visits=[4, 9, 11])
-    (warned,) = mistakes_of_set_up(wrong, arm)
+    (warned,) = setup_errors(wrong, arm)
     assert warned.code == "marker_names"
-    poses = np.unique(recording.pose[np.isin(recording.visit, [4, 9, 11])])
+    poses = np.unique(recording.posture_id[np.isin(recording.visit, [4, 9, 11])])
     assert f"in 3 of 20 visits (poses {', '.join(map(str, poses))})" in warned.text
 
 
@@ -378,7 +378,7 @@ def test_the_words_name_columns_rows_and_units(cell):
     recording, arm = cell
 
     def words(mistake: Mistake) -> str:
-        return " ".join(w.text for w in mistakes_of_set_up(mistake(recording), arm))
+        return " ".join(w.text for w in setup_errors(mistake(recording), arm))
 
     assert "fy_n and fz_n, ty_nm and tz_nm look exchanged" in words(
         columns(0, 2, 1, 3, 5, 4)
@@ -413,5 +413,5 @@ def test_of_many_visits_some_are_looked_at_and_the_text_says_so(cell, monkeypatc
     recording, arm = cell
     monkeypatch.setattr(setup_check, "MANY", 10)
     wrong = renamed(recording, {1: 3, 3: 1}, visits=[4, 8, 12])
-    (warned,) = mistakes_of_set_up(wrong, arm)
+    (warned,) = setup_errors(wrong, arm)
     assert "in 3 of 10 visits looked at (poses" in warned.text

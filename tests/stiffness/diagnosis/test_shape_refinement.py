@@ -4,23 +4,23 @@ import numpy as np
 import pytest
 from small_bench import prepared
 
-from stiffness.diagnosis.model_fit import Member, fit_set, refined, tried
-from stiffness.diagnosis.relinearisation import case_of
+from stiffness.diagnosis.model_fit import ModelTerm, fit_model, refined, tried
+from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.effects.creep import Creep
 
 
 def test_a_creep_s_time_is_where_it_explains_most():
     """The best time lies below a point of the grid, the parabola's top above it."""
-    case = case_of(prepared("creep@a3,ratio=0.1,time_s=23"), (Creep(),))
+    case = build_problem(prepared("creep@a3,ratio=0.1,time_s=23"), (Creep(),))
     grid = Creep().shapes(case.situation, "a3")
     coarse = min(grid, key=lambda shape: abs(np.log(shape[0] / 30.0)) + shape[1])
 
     def gain(time: float) -> float:
-        law = Member(Creep(), "a3", np.array([time, coarse[1]]))
-        fit = fit_set(case.data, case.situation, case.nominal, (law,), case.split)
+        law = ModelTerm(Creep(), "a3", np.array([time, coarse[1]]))
+        fit = fit_model(case.data, case.situation, case.nominal, (law,), case.split)
         return fit.gain
 
-    law = Member(Creep(), "a3", coarse)
+    law = ModelTerm(Creep(), "a3", coarse)
     (best,) = refined(case.data, case.situation, case.nominal, (law,), case.split)
     most = max(gain(time) for time in np.geomspace(10.0, 60.0, 40))
     assert gain(best.shape[0]) > most - 0.1

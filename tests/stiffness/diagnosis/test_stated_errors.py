@@ -17,16 +17,16 @@ from bench.shared.recording import Marker, Recording
 from bench.standard_plans import table_one_plan
 from scenarios.studies.blind_trials.arms import arm_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED
-from stiffness.diagnosis.diagnose import diagnose, misfit_of
+from stiffness.diagnosis.diagnose import chi_square_summary, diagnose
 from stiffness.diagnosis.model_evaluation import beyond_limits
-from stiffness.diagnosis.model_fit import Case, Member
+from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem
 from stiffness.diagnosis.nominal_fit import prepare, rest_of, smooth_basis
-from stiffness.diagnosis.relinearisation import case_of
+from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.gravity_load import GravityLoad, carried
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.experiment.residuals import weight_of
-from stiffness.experiment.sensor_noise import left_of_encoders, steadied
+from stiffness.experiment.sensor_noise import average_encoders, left_of_encoders
 from stiffness.regression.intervals import Parameter
 from stiffness.robot.arm import Arm
 
@@ -68,7 +68,7 @@ def test_stated_noise_of_encoders_is_no_mismatch(plain, arm):
 
 
 def test_axes_stand_still_within_a_visit_where_only_their_encoders_differ(plain):
-    quiet = steadied(jittered(plain))
+    quiet = average_encoders(jittered(plain))
     assert np.all(np.ptp(quiet.posture[quiet.visit == 4], axis=0) == 0.0)
     rows = np.bincount(plain.visit)[0]
     assert_allclose(left_of_encoders(jittered(plain)), ENCODER / np.sqrt(rows))
@@ -80,13 +80,13 @@ def test_axis_that_moves_by_more_than_its_encoder_errs_is_left_as_it_was_read(pl
     seen = jittered(plain)
     moved = seen.posture.copy()
     moved[:, 1] += 10 * ENCODER * (np.arange(len(moved)) % 2)
-    quiet = steadied(replace(seen, posture=moved))
+    quiet = average_encoders(replace(seen, posture=moved))
     assert np.array_equal(quiet.posture[:, 1], moved[:, 1])
     assert not np.array_equal(quiet.posture[:, 0], moved[:, 0])
 
 
 def test_angles_without_a_stated_noise_are_taken_as_read(plain):
-    assert steadied(plain) is plain
+    assert average_encoders(plain) is plain
     assert np.all(left_of_encoders(plain) == 0.0)
 
 
@@ -153,16 +153,16 @@ def test_what_anchors_leave_of_a_smooth_error_is_kept_as_noise():
 # --- How far errors may be misstated -------------------------------------------------
 
 
-def laid_out(seen: Recording, arm: Arm) -> Case:
-    return case_of(prepare(seen, arm), FEW)
+def laid_out(seen: Recording, arm: Arm) -> SelectionProblem:
+    return build_problem(prepare(seen, arm), FEW)
 
 
 def test_less_may_be_put_down_to_misstated_noise_where_noise_is_measured(plain, arm):
     """Three marks of a body measure it; one cannot."""
     assert plain.points is not None
     alone = replace(plain, markers=plain.markers[:1], points=plain.points[:, :1])
-    assert laid_out(plain, arm).wild == MEASURED
-    assert laid_out(alone, arm).wild == MISSTATED
+    assert laid_out(plain, arm).dispersion_limit == MEASURED
+    assert laid_out(alone, arm).dispersion_limit == MISSTATED
 
 
 # --- What a link can lose ------------------------------------------------------------
@@ -176,7 +176,7 @@ def test_no_more_mass_is_taken_from_a_link_than_it_carries(plain, arm):
 
     def withdrawn(mass: float) -> bool:
         found = {"mass_kg": Parameter(mass, mass - 0.1, mass + 0.1)}
-        law = Member(GravityLoad(), "link_3", np.zeros(0))
+        law = ModelTerm(GravityLoad(), "link_3", np.zeros(0))
         return beyond_limits(situation, law, found)
 
     assert not withdrawn(-whole + 0.05)
@@ -201,7 +201,7 @@ def test_mass_on_a_tool_hangs_on_the_flange_where_the_model_has_no_tool(
 def missed(seen: Recording, arm: Arm) -> float:
     """Return the rms that the fitted nominal arm leaves over that of the noise."""
     ready = prepare(seen, arm)
-    found = misfit_of(ready, case_of(ready, FEW))
+    found = chi_square_summary(ready, build_problem(ready, FEW))
     return found.rms / found.noise
 
 

@@ -7,20 +7,31 @@ import pytest
 from numpy.testing import assert_allclose
 from small_bench import SOFTER, arm, prepared, recording
 
-from stiffness.diagnosis.between_visit import Roots
+from stiffness.diagnosis.between_visit import Whitening
 from stiffness.diagnosis.candidates import library_of
-from stiffness.diagnosis.design_matrix import Deferred, columns_of
-from stiffness.diagnosis.sufficient_statistics import by_pose, cross_of, evidence_of
+from stiffness.diagnosis.design_matrix import Deferred, design_matrix_of
+from stiffness.diagnosis.sufficient_statistics import (
+    cross_gram,
+    normal_equations_of,
+    per_pose_scores,
+)
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.bearing_tilt import BearingTilt
-from stiffness.effects.jacobian import Motion, Turn, rotate, translate, turn, values
+from stiffness.effects.jacobian import (
+    BodyTwist,
+    JointRotation,
+    rotate,
+    translate,
+    turn,
+    values,
+)
 from stiffness.effects.marker_slip import MarkerSlip
 from stiffness.experiment.visits import Kept, visits_of
 from stiffness.regression import testing
-from stiffness.regression.elimination import projected, without
+from stiffness.regression.elimination import minimum_norm_fit, projection_coefficients
 from stiffness.regression.splits import split_of
-from stiffness.regression.testing import sign_flips
-from stiffness.robot.kinematics import levers
+from stiffness.regression.testing import sign_flip_test
+from stiffness.robot.kinematics import point_jacobian
 
 
 def test_silent_fit_recovers_stiffness_within_its_sigma():
@@ -36,13 +47,13 @@ def test_silent_fit_recovers_stiffness_within_its_sigma():
 def test_measured_noise_is_the_stated_one():
     """12,000 contrasts measure a standard deviation to 0.7 %; four of these."""
     ready = prepared()
-    assert ready.freedom > 10_000
+    assert ready.degrees_of_freedom > 10_000
     assert abs(ready.noise - 1.0) < 0.03
 
 
 def test_whitened_square_within_visits_is_its_freedom():
     within = prepared().data.within
-    square, freedom = within.square.sum(), within.freedom.sum()
+    square, freedom = within.square.sum(), within.degrees_of_freedom.sum()
     assert abs(square - freedom) < 5.0 * np.sqrt(2.0 * freedom)
 
 
@@ -64,14 +75,14 @@ def test_rotation_about_a_point_leaves_the_point():
     random = np.random.default_rng(0)
     centre, vector = random.normal(size=(2, 5, 3))
     twist = rotate(0, vector[:, :, None], centre).twist[:, :, 0]
-    moved = np.einsum("nij,nj->ni", levers(centre), twist)
+    moved = np.einsum("nij,nj->ni", point_jacobian(centre), twist)
     np.testing.assert_allclose(moved, 0.0, atol=1e-14)
 
 
 def test_levers_take_twists_to_displacements():
     random = np.random.default_rng(0)
     point, shift, spin = random.normal(size=(3, 5, 3))
-    moved = np.einsum("nij,nj->ni", levers(point), np.hstack([shift, spin]))
+    moved = np.einsum("nij,nj->ni", point_jacobian(point), np.hstack([shift, spin]))
     np.testing.assert_allclose(moved, shift + np.cross(spin, point), atol=1e-14)
 
 
@@ -80,10 +91,10 @@ def test_a_turn_and_the_same_motion_are_the_same_column():
     at, k = ready.situation, 2
     law = at.torque[:, k]
     twist = at.screw[:, k] * law[:, None]
-    motion = Motion(k + 1, twist[:, :, None])
+    motion = BodyTwist(k + 1, twist[:, :, None])
     other = replace(turn(k, law), parts=(motion,))
     fold = np.zeros(40, dtype=int)
-    both = evidence_of(ready.data, [turn(k, law), other], fold)
+    both = normal_equations_of(ready.data, [turn(k, law), other], fold)
     np.testing.assert_allclose(both.gram[0], both.gram[0][0, 0], rtol=1e-3)
     np.testing.assert_allclose(
         both.score[:, 0], both.score[:, 1], atol=1e-3 * np.abs(both.score).max()
@@ -92,24 +103,24 @@ def test_a_turn_and_the_same_motion_are_the_same_column():
 
 def test_a_model_without_springs_has_no_columns_and_no_fault():
     data, fold = prepared().data, np.zeros(40, dtype=int)
-    assert evidence_of(data, [], fold).gram.shape == (1, 0, 0)
-    assert by_pose(data, [], fold).score.shape == (40, 0)
+    assert normal_equations_of(data, [], fold).gram.shape == (1, 0, 0)
+    assert per_pose_scores(data, [], fold).score.shape == (40, 0)
 
 
 def test_gram_of_folds_adds_up_to_the_gram_of_poses():
     """Turns, a motion and a shift; exact within visits, between but for the prior."""
     ready = prepared()
     at = ready.situation
-    tilt = BearingTilt().signature(at, "a3", np.zeros(1))
-    slip = MarkerSlip().signature(at, "marker:link2_b", at.recording.time[99:100])
+    tilt = BearingTilt().jacobian(at, "a3", np.zeros(1))
+    slip = MarkerSlip().jacobian(at, "marker:link2_b", at.recording.time[99:100])
     laws = [turn(1, at.torque[:, 1]), turn(4, at.torque[:, 4] ** 2)]
     fold = np.arange(40) % 4
     for data, signatures, near in (
         (replace(ready.data, between=None), [*laws, tilt], 1e-9),
         (ready.data, [*laws, tilt, slip], 1e-2),
     ):
-        of_folds = evidence_of(data, signatures, fold)
-        of_poses = by_pose(data, signatures, fold)
+        of_folds = normal_equations_of(data, signatures, fold)
+        of_poses = per_pose_scores(data, signatures, fold)
         whole = of_folds.gram.sum(axis=0)
         size = np.sqrt(np.diag(whole))
         own = of_poses.own.sum(axis=0) / size / size[:, None]
@@ -120,15 +131,15 @@ def test_gram_of_folds_adds_up_to_the_gram_of_poses():
 
 
 def test_few_columns_meet_many_as_if_all_stood_together():
-    """One evidence of all columns has what `cross_of` says of two parts of them."""
+    """One evidence of all columns has what `cross_gram` says of two parts of them."""
     ready = prepared()
     at = ready.situation
-    few = [turn(1, at.torque[:, 1]), BearingTilt().signature(at, "a4", np.zeros(1))]
-    slip = MarkerSlip().signature(at, "marker:link4_a", at.recording.time[99:100])
-    many = [slip, BearingTilt().signature(at, "a2", np.zeros(1)), few[0]]
+    few = [turn(1, at.torque[:, 1]), BearingTilt().jacobian(at, "a4", np.zeros(1))]
+    slip = MarkerSlip().jacobian(at, "marker:link4_a", at.recording.time[99:100])
+    many = [slip, BearingTilt().jacobian(at, "a2", np.zeros(1)), few[0]]
     fold = np.arange(40) % 3
-    whole = evidence_of(ready.data, [*few, *many], fold)
-    gram, score = cross_of(ready.data, few, many, fold)
+    whole = normal_equations_of(ready.data, [*few, *many], fold)
+    gram, score = cross_gram(ready.data, few, many, fold)
     size = np.sqrt(np.diag(whole.gram.sum(axis=0)))
     unit = size[:3, None] * size[3:]
     np.testing.assert_allclose(gram / unit, whole.gram[:, :3, 3:] / unit, atol=1e-9)
@@ -146,21 +157,21 @@ def test_information_of_means_is_what_their_columns_hold_and_what_priors_add(
     assert between is not None
     blind = replace(ready.data.within, kept=Kept(), **{
         name: np.zeros_like(getattr(ready.data.within, name))
-        for name in ("weight", "kernel", "turns", "pull")
+        for name in ("weight", "kernel", "rotation_information", "weighted_residual")
     })  # fmt: skip
     everyone = np.arange(len(between.residual))
     means = between.some(everyone)
-    unknown = means.roots.white(between.unknown.of(everyone))
+    unknown = means.whitening.white(between.nuisance.of(everyone))
     for where in hypothesis.places(ready.situation)[:1]:
         shape = hypothesis.shapes(ready.situation, where)[0]
-        own = hypothesis.signature(ready.situation, where, shape)
-        columns = columns_of([own], ready.data.visits.row)
-        taken = between.absorbed(columns)
-        design = means.roots.white(means.moved(columns)) - unknown @ taken
+        own = hypothesis.jacobian(ready.situation, where, shape)
+        columns = design_matrix_of([own], ready.data.visits.row)
+        taken = between.nuisance_coefficients(columns)
+        design = means.whitening.white(means.displacement(columns)) - unknown @ taken
         held = np.sum(design**2, axis=(0, 1))
-        held += np.sum((taken / between.unknown.sigma[:, None]) ** 2, axis=0)
+        held += np.sum((taken / between.nuisance.sigma[:, None]) ** 2, axis=0)
         data = replace(ready.data, within=blind)
-        found = evidence_of(data, [own], np.zeros(40, dtype=int))
+        found = normal_equations_of(data, [own], np.zeros(40, dtype=int))
         scale = found.raw
         of_one = np.diag(found.gram[0])
         assert_allclose(of_one / scale, held / scale, rtol=1e-7, atol=1e-9)
@@ -173,9 +184,9 @@ def test_taking_a_column_out_lowers_its_score_by_its_gram():
     ready = prepared()
     signature = turn(1, ready.situation.torque[:, 1])
     fold = np.zeros(40, dtype=int)
-    before = evidence_of(ready.data, [signature], fold)
-    less = ready.data.less([signature], np.array([1e-7]))
-    after = evidence_of(less, [signature], fold)
+    before = normal_equations_of(ready.data, [signature], fold)
+    less = ready.data.subtract([signature], np.array([1e-7]))
+    after = normal_equations_of(less, [signature], fold)
     change = before.score.sum() - after.score.sum()
     assert change == pytest.approx(1e-7 * before.gram[0][0, 0], rel=1e-2)
 
@@ -185,9 +196,9 @@ def test_known_columns_may_be_multiples_of_each_other():
     x = random.normal(size=(50, 3))
     x = np.column_stack([x[:, 0], 2.0 * x[:, 0], x[:, 1:]])
     gram = x.T @ x
-    left = x - x[:, :2] @ without(gram, np.array([0, 1]))
+    left = x - x[:, :2] @ projection_coefficients(gram, np.array([0, 1]))
     np.testing.assert_allclose(x[:, 0] @ left, 0.0, atol=1e-8)
-    fit = projected(gram, gram @ np.array([1.0, 0.0, 2.0, 3.0]))
+    fit = minimum_norm_fit(gram, gram @ np.array([1.0, 0.0, 2.0, 3.0]))
     np.testing.assert_allclose(x @ fit, x @ [1.0, 0.0, 2.0, 3.0], atol=1e-7)
 
 
@@ -198,7 +209,7 @@ def test_sign_flips_alarm_as_often_as_they_say_whatever_the_noise():
     for seed in range(100):
         scale = np.exp(random.normal(size=(60, 1)))
         white = [scale * random.normal(size=(60, n)) / 8.0 for n in (1, 1, 3)]
-        alarms += sign_flips(white, seed).p_value < 0.05
+        alarms += sign_flip_test(white, seed).p_value < 0.05
     assert alarms <= 12  # binomial(100, 0.05): more in 1 of 700
 
 
@@ -220,7 +231,7 @@ def test_visits_keep_every_row_once():
 def test_a_part_of_another_width_is_refused():
     with pytest.raises(Exception, match="columns"):
         replace(turn(0, np.ones(3)), columns=2)
-    assert isinstance(turn(0, np.ones(3)).parts[0], Turn)
+    assert isinstance(turn(0, np.ones(3)).parts[0], JointRotation)
     assert translate(0, np.ones((3, 3, 1))).twist.shape == (3, 6, 1)
 
 
@@ -229,7 +240,7 @@ def test_the_square_root_of_an_inverse_covariance_is_one():
     random = np.random.default_rng(5)
     precision = np.stack([np.diag([1.0, 4.0, 9.0]), np.diag([2.0, 3.0, 5.0])])
     feigned = random.normal(size=(6, 2))
-    roots = Roots.of(precision[None], feigned[None])
+    roots = Whitening.of(precision[None], feigned[None])
     root = roots.white(np.eye(6)[None])[0]
     spread = np.diag(1.0 / np.array([1.0, 4.0, 9.0, 2.0, 3.0, 5.0]))
     covariance = spread + feigned @ feigned.T
@@ -244,7 +255,7 @@ def test_signatures_that_are_worked_out_later_know_no_row_but_their_own():
     at = prepared().situation
     rows = np.random.default_rng(2).permutation(at.rows)[:50]
     library = library_of(at, prepared().springs, HYPOTHESES)
-    later = [s for s in library.signatures if isinstance(s, Deferred)]
+    later = [s for s in library.jacobians if isinstance(s, Deferred)]
     assert {type(s.hypothesis) for s in later} >= {BearingTilt, MarkerSlip}
     for one in later:
         whole, some = one.of(at), one.of(at.some(rows))
@@ -254,6 +265,6 @@ def test_signatures_that_are_worked_out_later_know_no_row_but_their_own():
 
 def test_random_signs_are_the_same_however_many_are_drawn_at_once(monkeypatch):
     white = [np.random.default_rng(1).normal(size=(30, n)) for n in (1, 2)]
-    once = sign_flips(white, 5)
+    once = sign_flip_test(white, 5)
     monkeypatch.setattr(testing, "AT_ONCE", 4999)
-    np.testing.assert_array_equal(once.together, sign_flips(white, 5).together)
+    np.testing.assert_array_equal(once.together, sign_flip_test(white, 5).together)

@@ -18,7 +18,7 @@ from stiffness.diagnosis.candidates import (
 )
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.effects.jacobian import values
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 STEP = 1e-6
 AWAY = np.random.default_rng(0).uniform(-3.0, 3.0, (20, 3))
@@ -73,7 +73,7 @@ def test_upright_axes_are_a_right_handed_frame(up):
     assert_allclose(axes[:, 2], up / np.linalg.norm(up))
 
 
-def from_tracker_at(stand: list[float], turn: np.ndarray) -> Situation:
+def from_tracker_at(stand: list[float], turn: np.ndarray) -> StaticState:
     frame = np.eye(4)
     frame[:3, :3], frame[:3, 3] = turn, stand
     return replace(truth.situation(), tracker=frame)

@@ -11,10 +11,10 @@ from small_bench import FEW, arm, moved_by, prepared
 from bench.shared.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.effects.base import axes_of
-from stiffness.effects.jacobian import Motion, Shift, Signature
+from stiffness.effects.jacobian import BodyTwist, EffectJacobian, MarkerDisplacement
 from stiffness.effects.joint_compliance import JointCompliance
 from stiffness.effects.link_bending import LinkBending
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 LINK, PLACE = "link_2", 3
 BEYOND, WITHIN = np.array([0.0]), np.array([1.0])
@@ -22,7 +22,7 @@ BENDING, TORSION = 4e5, 3e5
 """EI and GJ, in N m^2."""
 
 
-def marked(along: float, beside: np.ndarray) -> tuple[Situation, np.ndarray]:
+def marked(along: float, beside: np.ndarray) -> tuple[StaticState, np.ndarray]:
     """Put a mark on the link, a share along it and a little beside it.
 
     Returns:
@@ -42,19 +42,19 @@ def marked(along: float, beside: np.ndarray) -> tuple[Situation, np.ndarray]:
         points=np.concatenate([points, points[:, :1]], axis=1),
     )
     point = situation.origin[:, PLACE - 1] + axes_of(situation, LINK) @ spot
-    return replace(situation, recording=made, spots=None), point
+    return replace(situation, recording=made, marker_positions=None), point
 
 
-def of_mark(situation: Situation) -> np.ndarray:
+def of_mark(situation: StaticState) -> np.ndarray:
     """Return how the last marker moves per unit of 1/EI and 1/GJ, (rows, 3, 2)."""
-    law = LinkBending().signature(situation, LINK, WITHIN)
+    law = LinkBending().jacobian(situation, LINK, WITHIN)
     return truth.moved(situation, law)[:, -1]
 
 
 def test_a_mark_at_the_end_of_the_beam_moves_as_what_it_carries():
     situation, point = marked(1.0, np.array([0.0, 0.02, -0.03]))
-    (carried,) = LinkBending().signature(situation, LINK, BEYOND).parts
-    assert isinstance(carried, Motion)
+    (carried,) = LinkBending().jacobian(situation, LINK, BEYOND).parts
+    assert isinstance(carried, BodyTwist)
     turned = np.cross(carried.twist[:, 3:], point[:, :, None], axis=1)
     moved = carried.twist[:, :3] + turned
     assert_allclose(of_mark(situation), moved, atol=1e-3 * np.abs(moved).max())
@@ -84,10 +84,10 @@ def test_deflection_bends_as_the_moment_says():
 
 def test_what_marks_do_as_a_body_is_nearly_all_they_do():
     situation = prepared().situation
-    law = LinkBending().signature(situation, LINK, WITHIN)
+    law = LinkBending().jacobian(situation, LINK, WITHIN)
     whole = truth.moved(situation, law)
-    bodies = [part for part in law.parts if not isinstance(part, Shift)]
-    left = whole - truth.moved(situation, Signature(law.columns, tuple(bodies)))
+    bodies = [part for part in law.parts if not isinstance(part, MarkerDisplacement)]
+    left = whole - truth.moved(situation, EffectJacobian(law.columns, tuple(bodies)))
     on_link = [
         m for m, one in enumerate(situation.recording.markers) if one.body == LINK
     ]
@@ -97,7 +97,7 @@ def test_what_marks_do_as_a_body_is_nearly_all_they_do():
 
 def beam() -> Recording:
     """Link 2 is a beam, and the marks on it go with it."""
-    law = LinkBending().signature(prepared().situation, LINK, WITHIN)
+    law = LinkBending().jacobian(prepared().situation, LINK, WITHIN)
     return moved_by(law, np.array([1.0 / BENDING, 1.0 / TORSION]))
 
 

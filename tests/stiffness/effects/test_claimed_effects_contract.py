@@ -14,8 +14,13 @@ from bench.shared.recording import Recording
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis, point_of
 from stiffness.effects.creep import followed
-from stiffness.effects.jacobian import Reading, Signature, Turn, values
-from stiffness.experiment.static_state import Situation
+from stiffness.effects.jacobian import (
+    EffectJacobian,
+    EncoderError,
+    JointRotation,
+    values,
+)
+from stiffness.experiment.static_state import StaticState
 
 SHIFT, TURN = ("x_m", "y_m", "z_m"), ("rx_rad", "ry_rad", "rz_rad")
 VOCABULARY = {
@@ -59,21 +64,21 @@ IN_MEANS = (
 each = pytest.mark.parametrize("hypothesis", HYPOTHESES, ids=lambda h: type(h).__name__)
 
 
-def places(hypothesis: Hypothesis) -> list[tuple[Situation, str]]:
+def places(hypothesis: Hypothesis) -> list[tuple[StaticState, str]]:
     """Return the first and the last place of a hypothesis, with a situation."""
     situation = truth.showing(hypothesis.effect)
     found = hypothesis.places(situation)
     return [(situation, where) for where in dict.fromkeys((found[0], found[-1]))]
 
 
-def signatures(hypothesis: Hypothesis) -> list[tuple[Situation, str, Signature]]:
+def signatures(hypothesis: Hypothesis) -> list[tuple[StaticState, str, EffectJacobian]]:
     """Return the signatures at these places, at the outermost shapes and between."""
     found = []
     for situation, where in places(hypothesis):
         shapes = hypothesis.shapes(situation, where)
         for shape in shapes[[0, len(shapes) // 2, -1]]:
             found.append(
-                (situation, where, hypothesis.signature(situation, where, shape))
+                (situation, where, hypothesis.jacobian(situation, where, shape))
             )
     return found
 
@@ -105,11 +110,11 @@ def test_parameters_have_the_vocabulary_s_names_and_limits(hypothesis):
     same = [h for h in HYPOTHESES if h.effect == hypothesis.effect]
     assert set(hypothesis.limits) <= VOCABULARY[hypothesis.effect]
     assert set().union(*(h.limits for h in same)) == VOCABULARY[hypothesis.effect]
-    assert set(hypothesis.sizes) <= set(hypothesis.limits)
+    assert set(hypothesis.magnitudes) <= set(hypothesis.limits)
     assert all(low < high for low, high in hypothesis.limits.values())
     for situation, where in places(hypothesis):
         shape = truth.middle(situation, hypothesis, where)
-        columns = hypothesis.signature(situation, where, shape).columns
+        columns = hypothesis.jacobian(situation, where, shape).columns
         found = hypothesis.parameters(situation, where, shape, np.full(columns, 1e-6))
         assert set(found) <= set(hypothesis.limits)
         assert all(np.isfinite(value) for value in found.values())
@@ -125,7 +130,7 @@ def test_shapes_are_few_within_limits_and_leave_the_columns_their_number(hypothe
         for name, grid in zip(hypothesis.shape_names, shapes.T, strict=True):
             low, high = hypothesis.limits.get(name, (-np.inf, np.inf))
             assert np.all((low <= grid) & (grid <= high))
-        columns = {hypothesis.signature(situation, where, s).columns for s in shapes}
+        columns = {hypothesis.jacobian(situation, where, s).columns for s in shapes}
         assert len(columns) == 1
 
 
@@ -160,8 +165,8 @@ def test_signature_is_absolute_and_each_visit_speaks_for_itself(hypothesis):
         rows = np.flatnonzero(situation.visit >= truth.VISITS // 2)
         part = rows_of(situation, rows)
         shape = truth.middle(situation, hypothesis, where)
-        whole = hypothesis.signature(situation, where, shape)
-        own = hypothesis.signature(part, where, shape)
+        whole = hypothesis.jacobian(situation, where, shape)
+        own = hypothesis.jacobian(part, where, shape)
         for one, other in zip(whole.parts, own.parts, strict=True):
             assert_allclose(values(one)[rows], values(other), rtol=1e-12, atol=1e-15)
 
@@ -180,8 +185,8 @@ def test_signature_depends_on_no_reading_of_markers_or_encoders(
         )
         blind = replace(situation, recording=others)
         shape = truth.middle(situation, hypothesis, where)
-        one = hypothesis.signature(situation, where, shape)
-        other = hypothesis.signature(blind, where, shape)
+        one = hypothesis.jacobian(situation, where, shape)
+        other = hypothesis.jacobian(blind, where, shape)
         for part, same in zip(one.parts, other.parts, strict=True):
             assert_array_equal(values(part), values(same))
 
@@ -191,7 +196,7 @@ def test_parameters_are_smooth_and_tell_all_coefficients_apart(hypothesis):
     """Two ways to differentiate agree, and the derivative has full rank."""
     for situation, where in places(hypothesis):
         shape = truth.middle(situation, hypothesis, where)
-        columns = hypothesis.signature(situation, where, shape).columns
+        columns = hypothesis.jacobian(situation, where, shape).columns
         start = 1e-6 * (1.0 + np.arange(columns))
 
         def found(at, shape=shape, situation=situation, where=where):
@@ -225,7 +230,7 @@ def test_what_cancels_within_a_visit_has_no_place_in_relative_readings(hypothesi
     assert found == (() if hypothesis.effect in IN_MEANS else usual)
 
 
-def rows_of(situation: Situation, rows: np.ndarray) -> Situation:
+def rows_of(situation: StaticState, rows: np.ndarray) -> StaticState:
     """Return a situation with some of its rows alone."""
     kept = {}
     for field in fields(situation):
@@ -242,7 +247,7 @@ def test_arm_with_a_slide_and_no_turn_of_the_wrist_has_sound_signatures(tmp_path
     for hypothesis in HYPOTHESES:
         for where in hypothesis.places(situation):
             shape = truth.middle(situation, hypothesis, where)
-            found = hypothesis.signature(situation, where, shape)
+            found = hypothesis.jacobian(situation, where, shape)
             columns = truth.moved(situation, found).reshape(-1, found.columns)
             columns = columns / np.linalg.norm(columns, axis=0)
             least = np.linalg.svd(columns, compute_uv=False)[-1]
@@ -257,7 +262,7 @@ def test_arm_with_a_slide_and_no_turn_of_the_wrist_has_sound_signatures(tmp_path
 # --- Where an effect cannot show -----------------------------------------------------
 
 
-def in_recording(**changes) -> Situation:
+def in_recording(**changes) -> StaticState:
     """Return the usual situation with another recording of it."""
     recording: Recording = replace(truth.recording(), **changes)
     return replace(truth.situation(), recording=recording)
@@ -282,7 +287,7 @@ def test_compensator_of_an_axis_that_stands_still_is_an_offset_of_its_encoder():
     by, usual = truth.BY_NAME, truth.recording()
     still = in_recording(posture=np.full_like(usual.posture, 0.3))
     spring, offset = by["gravity_compensator"], by["encoder_offset"]
-    one, other = (h.signature(still, "a3", np.zeros(0)) for h in (spring, offset))
+    one, other = (h.jacobian(still, "a3", np.zeros(0)) for h in (spring, offset))
     assert_array_equal(truth.moved(still, one), truth.moved(still, other))
     found = spring.parameters(still, "a3", np.zeros(0), np.array([-2e-5]))
     torque = found["torque_nm"] * np.sin(0.3 - found["phase_rad"])
@@ -297,8 +302,8 @@ def test_transmission_error_of_an_axis_that_stands_is_an_encoder_s_offset():
         truth.BY_NAME[e] for e in ("transmission_error", "encoder_offset")
     )
     shape = truth.middle(still, hypothesis, "a4")
-    one = hypothesis.signature(still, "a4", shape)
-    other = offset.signature(still, "a4", np.zeros(0))
+    one = hypothesis.jacobian(still, "a4", shape)
+    other = offset.jacobian(still, "a4", np.zeros(0))
     assert_array_equal(truth.moved(still, one), truth.moved(still, other))
     found = hypothesis.parameters(still, "a4", shape, np.array([-1e-4]))
     turned = np.sin(found["order"] * 0.4 + found["phase_rad"])
@@ -310,12 +315,12 @@ def test_drift_of_a_tracker_is_along_its_own_axes_wherever_its_frame_comes_from(
     unstated = in_recording(base_from_tracker=None)
     hypothesis = truth.BY_NAME["drift"]
     one, other = (
-        values(hypothesis.signature(s, "tracker", np.zeros(0)).parts[0])
+        values(hypothesis.jacobian(s, "tracker", np.zeros(0)).parts[0])
         for s in (stated, unstated)
     )
     assert_array_equal(one, other)
     assert np.any(
-        one != values(hypothesis.signature(stated, "base", np.zeros(0)).parts[0])
+        one != values(hypothesis.jacobian(stated, "base", np.zeros(0)).parts[0])
     )
 
 
@@ -379,7 +384,7 @@ def test_link_bends_by_the_cubed_length_over_three():
     force, moment = np.zeros_like(situation.force), np.zeros_like(situation.moment)
     force[:, 3] = across
     loaded = replace(situation, force=force, moment=moment)
-    bend = truth.BY_NAME["link_bending"].signature(loaded, "link_2", np.zeros(1))
+    bend = truth.BY_NAME["link_bending"].jacobian(loaded, "link_2", np.zeros(1))
     twist = values(bend.parts[0])
     length = np.linalg.norm(along, axis=1)[0]
     assert_allclose(length, 0.560, atol=1e-3)
@@ -407,11 +412,11 @@ def test_stiffness_that_varies_with_the_angle_is_inverted_exactly():
 def test_gravity_weighs_on_a_lever_as_archimedes_says():
     """1 kg in the tool's origin: torque of an axis = m g x the level distance to it."""
     situation = truth.situation()
-    found = truth.BY_NAME["gravity_load"].signature(situation, "tool", np.zeros(0))
+    found = truth.BY_NAME["gravity_load"].jacobian(situation, "tool", np.zeros(0))
     [law] = (
         part.law[:, 0]
         for part in found.parts
-        if isinstance(part, Turn) and part.axis == 1
+        if isinstance(part, JointRotation) and part.axis == 1
     )
     lever = point_of(situation, "tool", np.zeros(3)) - situation.origin[:, 2]
     along = situation.frame[:, 2, :, 2]
@@ -422,9 +427,9 @@ def test_gravity_weighs_on_a_lever_as_archimedes_says():
 def test_delay_of_the_tracker_leaves_encoders_behind_the_gears_alone():
     """They tell their angles in time: the turns of the axes leave their readings."""
     stream = truth.swinging()
-    found = truth.BY_NAME["channel_delay"].signature(stream, "tracker", np.zeros(0))
-    turns = [values(part) for part in found.parts if not isinstance(part, Reading)]
-    readings = [values(part) for part in found.parts if isinstance(part, Reading)]
+    found = truth.BY_NAME["channel_delay"].jacobian(stream, "tracker", np.zeros(0))
+    turns = [values(part) for part in found.parts if not isinstance(part, EncoderError)]
+    readings = [values(part) for part in found.parts if isinstance(part, EncoderError)]
     assert_array_equal(np.array(turns), -np.array(readings))
 
 
@@ -434,7 +439,7 @@ def test_names_of_sizes_stay_when_a_fit_takes_a_spring_to_nothing(effect):
     law, situation = truth.BY_NAME[effect], truth.situation()
     for where in law.places(situation):
         shape = truth.middle(situation, law, where)
-        count = law.signature(situation, where, shape).columns
+        count = law.jacobian(situation, where, shape).columns
         for axis in range(len(situation.axes)):
             compliance = situation.compliance.copy()
             compliance[axis] = 0.0

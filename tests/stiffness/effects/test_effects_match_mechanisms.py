@@ -39,7 +39,7 @@ from bench.effects.wrist_coupling import WristCoupling
 from bench.shared.recording import Payload, Recording
 from stiffness.effects.jacobian import turn, values
 from stiffness.effects.statics import reading, turned_load, wind_up
-from stiffness.experiment.static_state import Situation
+from stiffness.experiment.static_state import StaticState
 
 SECOND_ORDER = 0.005
 """What may be left of a displacement. A turn of one axis changes the lever arms of the
@@ -251,10 +251,10 @@ def test_tracker_that_lags_sees_the_arm_where_it_was():
     delayed("tracker", now, -DELAY * speed)
 
 
-def delayed(where: str, situation: Situation, done: np.ndarray) -> None:
+def delayed(where: str, situation: StaticState, done: np.ndarray) -> None:
     """Compare all but the ends, where a difference has one side only."""
     hypothesis = truth.BY_NAME["channel_delay"]
-    signature = hypothesis.signature(situation, where, np.zeros(0))
+    signature = hypothesis.jacobian(situation, where, np.zeros(0))
     said = DELAY * truth.moved(situation, signature)[..., 0]
     inner = slice(1, -1)
     left = np.linalg.norm((done - said)[inner]) / np.linalg.norm(done[inner])
@@ -304,7 +304,7 @@ def along_base(recording: Recording, offset: float, axis: str) -> Recording:
     )
 
 
-def levers_of_rows(situation: Situation, axis: int) -> np.ndarray:
+def levers_of_rows(situation: StaticState, axis: int) -> np.ndarray:
     """Return the displacement per rad of an axis, lever arms as in each row, in m."""
     standing = situation.arm.at(situation.rest)
     each = []
@@ -325,7 +325,7 @@ def test_guide_of_a_slide_tilts_where_it_stands(tmp_path):
     """Wherever its carriage is: the tilt turns about the same point of the base."""
     situation = truth.palletiser(tmp_path)
     place = situation.axis("a3") + 1
-    tilt = truth.BY_NAME["bearing_tilt"].signature(situation, "a3", np.array([0.05]))
+    tilt = truth.BY_NAME["bearing_tilt"].jacobian(situation, "a3", np.array([0.05]))
     [part] = tilt.parts
     out = situation.recording.posture[:, place - 1] - 0.05
     guide = situation.origin[:, place] - out[:, None] * situation.seat[:, place, :, 2]
@@ -348,7 +348,7 @@ class Fit:
 
     def __init__(
         self,
-        situation: Situation,
+        situation: StaticState,
         effect: Effect,
         shape: np.ndarray,
         springs: list[str],
@@ -358,7 +358,7 @@ class Fit:
         self.situation, self.shape, self.where = situation, shape, effect.where
         self.hypothesis = truth.BY_NAME[name or effect.name]
         self.axes = [situation.axis(a) for a in springs]
-        own = self.hypothesis.signature(situation, self.where, shape)
+        own = self.hypothesis.jacobian(situation, self.where, shape)
         silent = [turn(k, situation.torque[:, k]) for k in self.axes]
         self.columns = own.columns
         design = [truth.moved(situation, s) for s in (own, *silent)]
@@ -405,7 +405,7 @@ def test_sensor_errs_along_its_own_axes_whichever_axes_its_readings_have(name):
     fault = truth.BY_NAME[name]
     for shape in fault.shapes(own, "wrench_sensor"):
         one, other = (
-            truth.moved(s, fault.signature(s, "wrench_sensor", shape))
+            truth.moved(s, fault.jacobian(s, "wrench_sensor", shape))
             for s in (own, turned)
         )
         assert_allclose(one, other, rtol=1e-3, atol=1e-6 * np.abs(one).max())

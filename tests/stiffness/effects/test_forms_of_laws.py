@@ -15,7 +15,7 @@ from stiffness.effects.creep import Creep
 from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
-from stiffness.effects.jacobian import Signature, rotate, turn
+from stiffness.effects.jacobian import EffectJacobian, rotate, turn
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_gain import WrenchGain
@@ -102,7 +102,7 @@ def test_base_whose_springs_stand_askew_is_a_base_that_gives_way():
     rotation = 6e-7 * soft * (moment @ soft)[:, None]
     tip = rotate(0, rotation[:, :, None], np.zeros_like(moment))
     names = (*FEW, BaseTilt(), BaseCompliance())
-    found = diagnose(moved_by(Signature(1, (tip,)), np.ones(1)), arm(), names)
+    found = diagnose(moved_by(EffectJacobian(1, (tip,)), np.ones(1)), arm(), names)
     assert [e.name.effect for e in found.named] == ["base_compliance"]
     assert found.verdict == "explained"
 

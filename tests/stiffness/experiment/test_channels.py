@@ -15,8 +15,8 @@ from bench.shared.instrument_specs import WrenchSpec
 from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.model_fit import fit_of
 from stiffness.diagnosis.nominal_fit import prepare
-from stiffness.diagnosis.relinearisation import case_of
-from stiffness.diagnosis.sufficient_statistics import evidence_of
+from stiffness.diagnosis.relinearisation import build_problem
+from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects.wrench_gain import WrenchGain
 from stiffness.experiment.sensor_noise import clear_channels
 
@@ -66,10 +66,12 @@ def test_noise_of_a_sensor_is_no_crosstalk():
     made = record(
         Rig(MODEL), table_one_plan(poses=60), Instruments(force_sensor=sensor), seed=8
     )
-    case = case_of(prepare(made, arm()), FEW)
+    case = build_problem(prepare(made, arm()), FEW)
     law, at = WrenchGain(), ("wrench_sensor", np.zeros(0))
-    own = [law.signature(case.situation, *at), law.variants(case.situation, *at)]
-    said = evidence_of(case.data, [*case.nominal, *own], case.evidence.fold)
+    own = [law.jacobian(case.situation, *at), law.variants(case.situation, *at)]
+    said = normal_equations_of(
+        case.data, [*case.nominal, *own], case.normal_equations.fold
+    )
     score = said.score[~case.split.held_out].sum(axis=0)
     gain = fit_of((), own, said.gram[1], score).gain
     assert gain < 36 + 4 * np.sqrt(2 * 36)

@@ -43,7 +43,9 @@ def test_deflection_is_how_far_the_mean_of_the_markers_moved_in_the_base(
 
 def test_one_row_per_loaded_plateau(arm, recording):
     data = every_plateau(arm, recording)
-    np.testing.assert_array_equal(data.pose, np.repeat(np.arange(POSES), PLATEAUS))
+    np.testing.assert_array_equal(
+        data.posture_id, np.repeat(np.arange(POSES), PLATEAUS)
+    )
     assert UNLOADED not in recording.stage[data.row]
 
 
@@ -89,9 +91,9 @@ def test_unloaded_reading_may_come_after_the_loaded_ones(recording):
 
 
 def test_revisited_pose_is_compared_with_its_own_visit(arm, recording):
-    pose = recording.pose % (POSES // 2)
-    data = every_plateau(arm, replace(recording, pose=pose))
-    assert len(np.unique(data.pose)) == POSES // 2
+    pose = recording.posture_id % (POSES // 2)
+    data = every_plateau(arm, replace(recording, posture_id=pose))
+    assert len(np.unique(data.posture_id)) == POSES // 2
     assert len(np.unique(data.visit)) == POSES
 
 

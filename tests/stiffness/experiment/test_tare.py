@@ -16,7 +16,7 @@ from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.experiment.sensor_noise import tared
-from stiffness.regression.testing import ALARM
+from stiffness.regression.testing import SIGNIFICANCE
 
 COARSE = ForceSensor(accuracy_force=4.0, accuracy_torque=0.2)
 
@@ -89,5 +89,5 @@ def test_a_coarse_sensor_feigns_nothing():
             Rig(MODEL), table_one_plan(poses=60), Instruments(force_sensor=COARSE), seed
         )
         found = diagnose(made, arm(), (*FEW, LostMotion()))
-        alarms += found.detection.p_value < ALARM
+        alarms += found.detection.p_value < SIGNIFICANCE
     assert alarms <= 1

@@ -10,7 +10,7 @@ from stiffness.methods.dt_cnn import Direct, DtCnn, DtCnnFit
 from stiffness.methods.ft_mlp import FtMlp
 from stiffness.methods.gp_residual import GpResidual
 from stiffness.methods.method import Method
-from stiffness.methods.network_fit import beside, wrench_about
+from stiffness.methods.network_fit import relative_deflection, wrench_about
 from stiffness.methods.vjm import Vjm
 from stiffness.networks.alignment import Alignment
 from stiffness.networks.fine_tuning import FineTuning
@@ -158,11 +158,11 @@ def test_springs_carry_the_answer_to_another_point_of_the_flange(arm, recording)
     common = cases.point_in_flange[0]
     here = replace(cases, point_in_flange=np.tile(common, (len(cases), 1)))
     np.testing.assert_allclose(
-        springs.predict(here) + beside(springs, elsewhere, common),
+        springs.predict(here) + relative_deflection(springs, elsewhere, common),
         springs.predict(elsewhere),
         atol=1e-15,
     )
-    np.testing.assert_array_equal(beside(springs, here, common), 0.0)
+    np.testing.assert_array_equal(relative_deflection(springs, here, common), 0.0)
 
 
 def test_wrench_about_another_point_twists_the_axes_alike(arm, recording):

@@ -76,7 +76,7 @@ def test_one_reading_per_pose_is_enough(arm):
     # the fit stops at 1e-4 of sigma, itself up to two percent
     np.testing.assert_allclose(fitted.compliance * TABLE_3, 1.0, atol=2e-6)
     assert fitted.solution.groups == 40
-    assert fitted.solution.freedom == 3 * 40 - 6
+    assert fitted.solution.degrees_of_freedom == 3 * 40 - 6
 
 
 def test_prediction_is_the_deflection_that_was_measured(arm):
@@ -169,7 +169,7 @@ def test_stated_noise_alone_is_too_sure_where_the_model_is_wrong(arm):
     fitted = Vjm(arm).fit(
         noisy(replace(exact, points=points), np.random.default_rng(7))
     )
-    assert fitted.solution.chi_square > 10 * fitted.solution.freedom
+    assert fitted.solution.chi_square > 10 * fitted.solution.degrees_of_freedom
     assert (fitted.solution.sigma_clustered > 2 * fitted.solution.sigma).all()
 
 
