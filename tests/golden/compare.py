@@ -1,8 +1,8 @@
 """Two folders of results, compared file by file to the last digit.
 
 Every file is read as lines: numbers of JSON are written out in hexadecimal, pictures
-count by their pixels, tables by their contents, all else is text. What
-differs from run to run by its nature is taken out: `VOLATILE` to `CACHE`.
+count by their pixels, tables by their contents, all else is text. What differs from run
+to run by its nature is left out: `VOLATILE` to `CACHE`.
 """
 
 import csv
@@ -73,7 +73,7 @@ def differences(old: list[str], new: list[str]) -> Iterator[str]:
     for number, (a, b) in enumerate(zip_longest(old, new, fillvalue=""), start=1):
         if a != b:
             alike = takewhile(bool, map(eq, a, b))
-            start = max(0, sum(alike) - WIDTH // 2)
+            start = max(0, sum(alike) - 3 * WIDTH // 4)
             shown = slice(start, start + WIDTH)
             yield f"line {number}: {a[shown]}\n       is now: {b[shown]}"
 
