@@ -33,6 +33,7 @@ from bench.effects.wrench_bias import WrenchBias
 from bench.effects.wrench_gain import WrenchGain
 from bench.effects.wrench_misalignment import WrenchMisalignment
 from bench.effects.wrist_coupling import WristCoupling
+from bench.shared.effect_catalogue import CATALOGUE
 
 __all__ = ["EFFECTS", "OTHER_LAWS"]
 
@@ -76,3 +77,6 @@ OTHER_LAWS: tuple[type[Effect], ...] = (
     ManyContacts,
 )
 """Second mechanisms under names that `EFFECTS` has."""
+
+if missing := {kind.name for kind in EFFECTS} - CATALOGUE.keys():
+    raise ImportError(f"bench.shared.effect_catalogue.CATALOGUE has no {missing}.")

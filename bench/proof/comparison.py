@@ -11,16 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from bench.effects.effect import Effect
 from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
+from bench.shared.effect_catalogue import CATALOGUE, MEANS
 
-SEEN_IN_MEANS = frozenset(
-    {
-        *("gravity_load", "gravity_compensator", "geometry_error", "encoder_offset"),
-        *("transmission_error", "tracker_scale", "tracker_misalignment", "drift"),
-        *("marker_slip", "wrench_bias"),
-    }
-)
-"""Effects that show in where markers stand, hardly in how the load moves them."""
 FAINT = 9.0
 """Sum of squares, in sigmas of a reading, of what all differences within visits could
 show; chosen: below three sigmas in all, knowing its form would not make it visible."""
@@ -56,7 +50,7 @@ def means_count(
     if world.recording.displacement != "absolute":
         return False
     own = [e for e in patched.rig.effects if e not in nominal.rig.effects]
-    if any(effect.name in SEEN_IN_MEANS for effect in own):
+    if any(_shows_in_means_alone(effect) for effect in own):
         return True
     every = comparison_mode_of(world, True, np.ones(world.replay.rows, dtype=bool))
     seen = world.see(patched)
@@ -70,6 +64,11 @@ def means_count(
     sigma = sigma_of(world, every)[: away.shape[1]]
     within = centred(away, world.replay.visit, every.keep) / sigma
     return float(np.nansum(within**2)) < FAINT
+
+
+def _shows_in_means_alone(effect: Effect) -> bool:
+    info = CATALOGUE.get(effect.name)  # a table of what has no name is in none
+    return info is not None and info.visible_in == MEANS
 
 
 def comparison_mode_of(

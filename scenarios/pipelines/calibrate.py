@@ -21,6 +21,7 @@ import numpy as np
 from rich.console import Console
 from scipy.stats import norm
 
+from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from scenarios.pipelines.calibration_proof import (
     ALPHA,
@@ -50,13 +51,6 @@ from stiffness.robot.arm import Arm
 # --- The entry in schema 1 ------------------------------------------------------------
 
 MM = 1e3
-DEPENDS = {
-    "joint_compliance": ("torque",),
-    "bearing_tilt": ("torque",),
-    "transmission_error": ("angle",),
-    "hysteresis": ("direction", "history"),
-    "drift": ("time",),
-}
 LIKE = {"hysteresis": "lost_motion"}
 """What looks the same in an arm that only stands: the side it came from."""
 
@@ -136,7 +130,7 @@ def _located(found: Calibrated, names: tuple[Key, ...]) -> tuple[Placed, ...]:
     for where, own in places.items():
         share = sum(budget[k][0] for k in own) / max(total, 1e-30)
         p = min(float(norm.sf(budget[k][0] / budget[k][1])) for k in own)
-        depends = dict.fromkeys(d for k in own for d in DEPENDS.get(k[0], ()))
+        depends = dict.fromkeys(d for k in own for d in CATALOGUE[k[0]].depends_on)
         placed.append(Placed(where, p, float(share), tuple(depends), _zone(found, own)))
     return tuple(sorted(placed, key=lambda p: -p.share))
 

@@ -22,6 +22,7 @@ from scipy.stats import norm
 
 from bench.patch import Patch
 from bench.proof.explained_share import explained_share
+from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from scenarios.pipelines.encoder_axes import Axis, heldout_comparison, whole_rms
 from scenarios.pipelines.patching import patch_of_encoders
@@ -50,13 +51,6 @@ from stiffness.regression.testing import SMALLEST
 ALPHA = 0.005
 """Below this p-value there is something."""
 SUREST = 0.9999
-DEPENDS = {
-    "channel_delay": ("time", "direction"),
-    "transmission_error": ("angle",),
-    "joint_compliance": ("torque",),
-    "hysteresis": ("torque", "history"),
-    "lost_motion": ("direction",),
-}
 
 
 def called(axis: Axis) -> list[Called]:
@@ -74,7 +68,7 @@ def called(axis: Axis) -> list[Called]:
 def depends_on(axis: Axis) -> tuple[str, ...]:
     """Return what an axis' difference depends on."""
     kinds = [n.effect for n in called(axis)]
-    return tuple(dict.fromkeys(d for kind in kinds for d in DEPENDS[kind]))
+    return tuple(dict.fromkeys(d for kind in kinds for d in CATALOGUE[kind].depends_on))
 
 
 def max_significance(axis: Axis) -> float:

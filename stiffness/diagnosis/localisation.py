@@ -39,6 +39,7 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
+from bench.shared.effect_catalogue import CATALOGUE
 from stiffness.diagnosis.candidates import KNOTS, Library, hats
 from stiffness.diagnosis.model_fit import (
     ModelFit,
@@ -68,32 +69,6 @@ FAINT = 1e-3
 MAX_SITES = 4
 """Places that are looked for at most; chosen: more is no finding but a bad model."""
 
-DEPENDS: Mapping[str, tuple[str, ...]] = {
-    "joint_compliance": ("torque",),
-    "hardening": ("torque",),
-    "asymmetric_stiffness": ("torque", "direction"),
-    "lost_motion": ("torque",),
-    "hysteresis": ("torque", "history"),
-    "creep": ("torque", "time"),
-    "angle_dependent_stiffness": ("torque", "angle"),
-    "transmission_error": ("angle",),
-    "bearing_tilt": ("load",),
-    "wrist_coupling": ("torque",),
-    "encoder_offset": (),
-    "link_bending": ("load",),
-    "gravity_load": ("load", "angle"),
-    "gravity_compensator": ("angle",),
-    "geometry_error": ("angle",),
-    "base_compliance": ("load",),
-    "wrench_bias": ("load",),
-    "wrench_gain": ("load",),
-    "wrench_misalignment": ("load", "direction"),
-    "pulley_friction": ("load", "direction"),
-    "drift": ("time",),
-    "marker_slip": ("time",),
-    "channel_delay": ("time",),
-}
-"""On what each effect depends, by its equation."""
 WORDS = {"geometry": "angle"}
 
 
@@ -159,7 +134,9 @@ def places_of_names(
                 old.p_value,
                 old.share + gains[k] / total,
                 tuple(
-                    dict.fromkeys((*old.depends_on, *DEPENDS.get(member.name[0], ())))
+                    dict.fromkeys(
+                        (*old.depends_on, *CATALOGUE[member.name[0]].depends_on)
+                    )
                 ),
                 old.zone,
             )
@@ -168,7 +145,7 @@ def places_of_names(
             member.where,
             p_value,
             gains[k] / total,
-            DEPENDS.get(member.name[0], ()),
+            CATALOGUE[member.name[0]].depends_on,
             zone_of(situation, member),
         )
     return tuple(joined.values())

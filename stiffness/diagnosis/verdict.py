@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bench.shared.effect_catalogue import INSTRUMENTS
 from stiffness.diagnosis.detection import DetectionTest
 from stiffness.diagnosis.localisation import (
     confounded_with,
@@ -49,8 +50,6 @@ RESIDUAL_SHARE_LIMIT = 0.1
 stand beside a stranger that is ten times weaker; one that is not may be what feigns
 it."""
 
-ANYWHERE = ("wrench_sensor", "rig", "tracker")
-"""Places of instruments, whose faults show all over the arm."""
 INHOMOGENEITY_LIMIT = 0.01
 """Share of what a name explains by which its law may differ between groups of rows.
 Chosen: a tenth of its size, squared; laws are no truer than that."""
@@ -107,7 +106,7 @@ def _near(member: ModelTerm, loudest: str) -> bool:
     """
     if loudest.startswith("marker:"):
         return member.where == loudest
-    if loudest in ANYWHERE or member.where in ANYWHERE:
+    if loudest in INSTRUMENTS or member.where in INSTRUMENTS:
         return True
     if _weighs_on(member, loudest):
         return True

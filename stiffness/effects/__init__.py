@@ -1,5 +1,6 @@
 """Effects that models of arms leave out, one a file: what each does to the readings."""
 
+from bench.shared.effect_catalogue import CATALOGUE
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
 from stiffness.effects.base import Hypothesis
@@ -66,3 +67,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 
 Two laws may have one name: a base that tips is a base that gives way.
 """
+
+if missing := {law.effect for law in HYPOTHESES} - CATALOGUE.keys():
+    raise ImportError(f"bench.shared.effect_catalogue.CATALOGUE has no {missing}.")

@@ -15,9 +15,10 @@ import numpy as np
 
 from bench.patch import FILE, MODEL_FILE, mjcf_of, text_of
 from bench.proof.proof_checks import ProofCheck
+from bench.shared.effect_catalogue import usual
 from scenarios.pipelines import schema
 from scenarios.pipelines.diagnose import MICRO, Result, channel_of, curves_of
-from scenarios.pipelines.effect_parameters import chance, label, size, span, usual
+from scenarios.pipelines.effect_parameters import chance, label, size, span
 from scenarios.report import figures, page, playback, summary
 from scenarios.report.figures import of_law
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table

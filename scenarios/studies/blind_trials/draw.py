@@ -20,18 +20,15 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.effects import EFFECTS, OTHER_LAWS
-from bench.effects.creep import Creep
 from bench.effects.effect import Effect
-from bench.effects.hysteresis import Hysteresis
 from bench.effects.joint_compliance import JointCompliance
-from bench.effects.lost_motion import LostMotion
 from bench.effects.out_of_library import OUT_OF_LIBRARY_EFFECTS
 from bench.effects.pulley_friction import PulleyFriction
 from bench.instruments import Encoders, ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.encoders import ARRIVAL
 from bench.instruments.force_sensor import SIZE, TURN
 from scenarios.studies.blind_trials.arms import THE_KR10, Arm
-from scenarios.studies.blind_trials.strata import STRATA, Stratum
+from scenarios.studies.blind_trials.strata import MEMORY, STRATA, Stratum
 
 # --- Instruments ----------------------------------------------------------------------
 
@@ -73,7 +70,6 @@ def instruments_of(stratum: Stratum, number: int) -> Instruments:
 
 SPREAD = 3.0
 """True stiffness over the model's: up to this factor either way, by the bars' rule."""
-MEMORY = (LostMotion, Hysteresis, Creep)
 ALONE = (JointCompliance, PulleyFriction)
 """Effects that need a model or a sensor of their own and are tried by themselves."""
 
@@ -176,7 +172,8 @@ def kinds_of(
     elif name == "second_law":
         pool = OTHER_LAWS
     elif name.startswith("memory"):
-        pool = MEMORY
+        kinds = {kind.name: kind for kind in EFFECTS}
+        pool = tuple(kinds[name] for name in MEMORY)
     elif name == "removed":
         pool = tuple(kind for kind in EFFECTS if kind not in ALONE)
     return [pool[turn % len(pool)]]

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 
 from bench.effects.effect import Effect
+from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import BenchError, Unusable
 from scenarios.studies.blind_trials.visibility import Visibility
-from stiffness.robot.tracker_frame import LARGEST_SCALE
 
 ABOVE = 1.25
 """By how much an effect may exceed the χ² that is asked for; chosen: the bars say at
@@ -21,22 +21,14 @@ FEWEST = 20.0
 """Poses that have to contribute, by the rule of the bars."""
 TRIES = 7
 """Simulations that may be spent on finding a size; chosen, three are usual."""
-FORM = {
-    "hardening": ("torque_nm",),
-    "creep": ("time_s",),
-    "angle_dependent_stiffness": ("order", "phase_rad"),
-    "transmission_error": ("order", "phase_rad"),
-    "bearing_tilt": ("centre_m",),
-    "gravity_load": ("com_x_m", "com_y_m", "com_z_m"),
-    "gravity_compensator": ("phase_rad",),
-    "marker_slip": ("time_s",),
+OUT_OF_LIBRARY_SHAPES = {
     "softening": ("torque_nm",),
     "thrust_turn": ("lead_m",),
     "loose_bearing": ("angle_rad",),
     "foot_lift_off": ("angle_rad", "preload_nm"),
     "warming_gear": ("visits",),
 }
-"""Parameters that are no size; all others grow with it."""
+"""Parameters that are no size, of effects that no catalogue lists."""
 GROWS: dict[str, Callable[[float, float], float]] = {
     "hardening": lambda value, factor: 1.0 + (value - 1.0) * factor,
     "softening": lambda value, factor: 1.0 + (value - 1.0) * factor,
@@ -44,31 +36,8 @@ GROWS: dict[str, Callable[[float, float], float]] = {
     "link_bending": lambda value, factor: value / factor,
 }
 """How sizes grow that are not in proportion to what they do."""
-MAX_MAGNITUDES = {
-    "hardening": 3.0,
-    "asymmetric_stiffness": 3.0,
-    "angle_dependent_stiffness": 0.6,
-    "creep": 0.5,
-    "lost_motion": 2e-3,
-    "hysteresis": 2e-3,
-    "transmission_error": 3e-3,
-    "encoder_offset": 5e-3,
-    "geometry_error": 5e-3,
-    "gravity_load": 15.0,
-    "gravity_compensator": 300.0,
-    "pulley_friction": 0.3,
-    "wrench_bias": 20.0,
-    "wrench_gain": 0.3,
-    "wrench_misalignment": 0.1,
-    "tracker_scale": LARGEST_SCALE,
-    "tracker_misalignment": 2e-2,
-    "drift": 1e-2,
-    "marker_slip": 1e-3,
-    "thrust_turn": 1e-4,
-    "warming_gear": 0.5,
-}
-"""Largest sizes that are still physical, in SI; chosen: several times what catalogues
-and calibrations have."""
+OUT_OF_LIBRARY_LARGEST = {"thrust_turn": 1e-4, "warming_gear": 0.5}
+"""Largest sizes that are still physical, in SI; chosen."""
 
 
 class OutOfReach(BenchError):
@@ -85,17 +54,31 @@ def scaled(effect: Effect, factor: float) -> Effect:
     sizes = {
         name: float(grow(value, factor))
         for name, value in effect.parameters().items()
-        if name not in FORM.get(effect.name, ()) and not isinstance(value, str)
+        if name not in _shapes(effect) and not isinstance(value, str)
     }
     largest = max(map(abs, sizes.values()))
     if effect.name == "asymmetric_stiffness":  # either side may be the stiffer one
         largest = max(largest, 1.0 / largest)
-    if largest > MAX_MAGNITUDES.get(effect.name, np.inf):
+    if largest > _largest(effect):
         raise OutOfReach(f"{effect.name} at {effect.where} would have {sizes}.")
     try:
         return replace(effect, **sizes)
     except Unusable as error:
         raise OutOfReach(str(error)) from error
+
+
+def _shapes(effect: Effect) -> tuple[str, ...]:
+    if effect.name in CATALOGUE:
+        return CATALOGUE[effect.name].shapes
+    return OUT_OF_LIBRARY_SHAPES.get(effect.name, ())
+
+
+def _largest(effect: Effect) -> float:
+    if effect.name in CATALOGUE:
+        largest = CATALOGUE[effect.name].largest
+    else:
+        largest = OUT_OF_LIBRARY_LARGEST.get(effect.name)
+    return np.inf if largest is None else largest
 
 
 def as_large_as(

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from math import pi
 
 from bench.effects import OTHER_LAWS
+from scenarios.studies.blind_trials.strata import MEMORY
 
 # --- Coverage of intervals ------------------------------------------------------------
 
@@ -105,7 +106,6 @@ def _turned(true: dict[str, float], stated: Mapping) -> dict[str, float]:
 
 COUNTED = 3
 """Equivalents that count, by the rule of the answer's format."""
-MEMORY = ("lost_motion", "hysteresis", "creep")
 
 
 @dataclass(frozen=True)

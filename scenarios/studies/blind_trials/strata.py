@@ -6,7 +6,7 @@ our own: it holds the diagnosis to the smallest effect that it says would have s
 
 from dataclasses import dataclass
 
-__all__ = ["BARS", "STRATA", "Bar", "Stratum"]
+__all__ = ["BARS", "MEMORY", "STRATA", "Bar", "Stratum"]
 
 
 @dataclass(frozen=True)
@@ -100,3 +100,6 @@ BARS = (
     Bar(("one_45",), "detected", 0.90),
 )
 """Coverage of intervals, gain and time are no shares of trials: see `rates`."""
+
+MEMORY = ("lost_motion", "hysteresis", "creep")
+"""Effects that only a reversal or a dwell of the load tells apart."""

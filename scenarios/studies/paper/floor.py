@@ -31,6 +31,7 @@ from typing_extensions import override
 from bench import standard_plans
 from bench.effects.effect import Effect
 from bench.rig import Rig, States
+from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.plan import Plan
 from bench.study_arm import Truth, default_truth
 from scenarios.report import page, style
@@ -44,16 +45,6 @@ from stiffness.experiment.deflections import every_plateau
 
 NUDGE = 0.02
 """Share by which a size is changed; chosen: far above rounding, far below curvature."""
-SIZES = {
-    "base_compliance": ("rx_rad_per_nm", "ry_rad_per_nm"),
-    "link_bending": ("bending_nm2", "torsion_nm2"),
-    "hardening": ("stiffness_ratio",),
-    "hysteresis": ("width_rad",),
-    "creep": ("ratio",),
-    "angle_dependent_stiffness": ("ratio",),
-    "bearing_tilt": ("u_rad_per_nm", "v_rad_per_nm"),
-}
-"""What says how much of an effect there is, by its name."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +102,9 @@ def magnitudes(truth: Truth) -> list[tuple[Effect, str] | int]:
     """Return every size: an axis' stiffness by number, or an effect and its field."""
     found: list[tuple[Effect, str] | int] = list(range(len(truth.stiffness)))
     for effect in truth.effects:
-        found += [(effect, name) for name in SIZES[effect.name]]
+        names = CATALOGUE[effect.name].magnitudes
+        own = ((name, getattr(effect, name)) for name in names)
+        found += [(effect, name) for name, size in own if size and np.isfinite(size)]
     return found
 
 

@@ -1,0 +1,75 @@
+"""What the catalogue says of each effect is what mechanism and claim are."""
+
+import subprocess
+import sys
+
+import pytest
+
+from bench.effects import EFFECTS
+from bench.shared.effect_catalogue import CATALOGUE, usual
+from stiffness.effects import HYPOTHESES
+from stiffness.robot.tracker_frame import LARGEST_SCALE
+
+EXAMPLE = {"axis": "a5", "link": "link_2", "marker": "marker:x"}
+MECHANISMS = {kind.name: kind for kind in EFFECTS}
+WITHOUT_MECHANISM = {"channel_delay"}
+"""A delay is a matter of streams, which the bench does not record."""
+
+
+def test_every_effect_has_one_entry_and_every_entry_is_an_effect():
+    claims = {law.effect for law in HYPOTHESES}
+    assert claims == set(CATALOGUE)
+    assert set(MECHANISMS) == set(CATALOGUE) - WITHOUT_MECHANISM
+
+
+def test_effects_are_listed_in_one_order():
+    known = [name for name in CATALOGUE if name in MECHANISMS]
+    assert known == [kind.name for kind in EFFECTS]
+
+
+@pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.name)
+def test_mechanism_has_the_sites_and_parameters_of_its_entry(kind):
+    info = CATALOGUE[kind.name]
+    where = EXAMPLE.get(kind.places[0], kind.places[0])
+    assert info.sites == kind.places
+    assert [p.name for p in info.parameters] == list(kind(where).parameters())
+
+
+@pytest.mark.parametrize("law", HYPOTHESES, ids=lambda law: type(law).__name__)
+def test_claim_reports_parameters_of_its_entry(law):
+    """A first moment of mass stands for mass and centre, which it shows together."""
+    known = {p.name for p in CATALOGUE[law.effect].parameters}
+    moments = (
+        {f"moment_{i}_kg_m" for i in "xyz"} if law.effect == "gravity_load" else ()
+    )
+    assert set(law.limits) <= known | set(moments)
+    assert set(law.magnitudes) <= set(CATALOGUE[law.effect].magnitudes)
+
+
+@pytest.mark.parametrize("info", CATALOGUE.values(), ids=lambda info: info.name)
+def test_usual_ranges_are_ranges_with_a_source(info):
+    for parameter in info.parameters:
+        if parameter.usual is not None:
+            assert parameter.usual.low < parameter.usual.high
+            assert parameter.usual.source
+            assert usual(info.name, parameter.name) is parameter.usual
+    assert info.magnitudes and info.visible_in and info.leaves_out
+    assert usual(info.name, "of no effect") is None
+
+
+def test_largest_scale_is_the_one_that_claims_allow():
+    assert CATALOGUE["tracker_scale"].largest == LARGEST_SCALE
+
+
+@pytest.mark.parametrize("package", ["bench.effects", "stiffness.effects"])
+def test_a_missing_entry_fails_at_import_with_the_name_of_the_list(package):
+    program = (
+        "from bench.shared import effect_catalogue as c\n"
+        "c.CATALOGUE = {k: v for k, v in c.CATALOGUE.items() if k != 'creep'}\n"
+        f"import {package}"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 1
+    assert "effect_catalogue.CATALOGUE has no {'creep'}" in done.stderr
