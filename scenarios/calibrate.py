@@ -22,7 +22,7 @@ from scenarios.pipelines.calibrate import CalibrationOutcome, calibrate_and_prov
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.report.command_line import run
 from scenarios.report.output_folder import refuse_folder
-from scenarios.report.sections.calibration import write_calibration
+from scenarios.report.sections.calibration import show, write_calibration
 
 
 @dataclass(frozen=True)
@@ -35,6 +35,8 @@ class Settings:
     """Model of the robot, MJCF or URDF."""
     out: Path
     """Folder for the answer."""
+    view: bool = False
+    """Open the viewer too."""
 
 
 def main(settings: Settings) -> CalibrationOutcome:
@@ -45,6 +47,8 @@ def main(settings: Settings) -> CalibrationOutcome:
         print(note)
     outcome = calibrate_and_prove(recording, arm, settings.robot)
     write_calibration(settings.out, outcome)
+    if settings.view:
+        show(outcome)
     print(f"{settings.out / 'report.html'}")
     return outcome
 

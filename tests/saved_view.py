@@ -3,7 +3,21 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
+import rerun as rr
 from rerun import chunk
+
+
+def viewer_into(monkeypatch: pytest.MonkeyPatch, file: Path) -> list[object]:
+    """Let what would open the viewer write a file; returns the blueprints it got."""
+    opened: list[object] = []
+
+    def spawn(stream: rr.RecordingStream, default_blueprint: object) -> None:
+        opened.append(default_blueprint)
+        stream.save(str(file), default_blueprint=default_blueprint)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(rr.RecordingStream, "spawn", spawn)
+    return opened
 
 
 def identity(file: Path) -> tuple[str, str]:

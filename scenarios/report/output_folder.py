@@ -6,7 +6,7 @@ earlier answer left and this one has not is taken away.
 
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 from tempfile import mkdtemp
 
@@ -16,6 +16,12 @@ FILES = (
     "diagnosis.json", "report.html", "picture.png", "diagnosis.rrd", "model.xml",
     "patch.json",
 )  # fmt: skip
+"""What a diagnosis leaves; its pictures are inside the report."""
+ANSWERS = frozenset(
+    {*FILES, "report.md", "before_after.png", "gears.png", "residual_map.png"}
+    | {"looks_like.png"}
+)
+"""All that an answer of any engine leaves in its folder; other files are nobody's."""
 
 
 def refuse_folder(folder: Path, recording: Path) -> None:
@@ -33,12 +39,15 @@ def refuse_folder(folder: Path, recording: Path) -> None:
         raise Unusable(what, faults)
 
 
-def write_folder(folder: Path, make: Callable[[Path], None]) -> None:
+def write_folder(
+    folder: Path, make: Callable[[Path], None], kept: Collection[str] = ANSWERS
+) -> None:
     """Make an answer beside a folder and move it there whole.
 
     Args:
         folder: Where it goes; made if it is not there.
         make: Writes the files into the folder that it is given.
+        kept: Names of the files that are moved; others were only needed on the way.
 
     Raises:
         Unusable: Where nothing can be written; then nothing is.
@@ -46,11 +55,11 @@ def write_folder(folder: Path, make: Callable[[Path], None]) -> None:
     waiting: Path | None = None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
-        waiting = Path(mkdtemp(prefix=".diagnosis-", dir=folder.parent))
+        waiting = Path(mkdtemp(prefix=".answer-", dir=folder.parent))
         make(waiting)
         folder.mkdir(exist_ok=True)
-        for name in FILES:
-            if (waiting / name).exists():
+        for name in sorted(ANSWERS):
+            if name in kept and (waiting / name).exists():
                 os.replace(waiting / name, folder / name)
             else:
                 (folder / name).unlink(missing_ok=True)

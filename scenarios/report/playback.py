@@ -186,10 +186,7 @@ LONGEST = 0.15
 def show_diagnosis(finding: Result, file: Path | None) -> None:
     """Save the playback, or stream it to a viewer where no file is given."""
     stream = rr.RecordingStream("stiffness_diagnosis", recording_id=_id(finding))
-    if file is None:
-        stream.spawn(default_blueprint=_diagnosis_blueprint(finding))
-    else:
-        stream.save(str(file), default_blueprint=_diagnosis_blueprint(finding))
+    _begin(stream, file, _diagnosis_blueprint(finding))
     words = "\n\n".join(summary.sentences(finding))
     document = rr.TextDocument(words, media_type=rr.MediaType.MARKDOWN)
     stream.log("/read_me", document, static=True)
@@ -316,19 +313,19 @@ def _id(finding: Result) -> str:
 MM = 1e3
 
 
-def save_calibration(
-    found: Calibrated, proof: CalibrationProof, words: str, file: Path
+def show_calibration(
+    found: Calibrated, proof: CalibrationProof, words: str, file: Path | None
 ) -> None:
-    """Write the playback.
+    """Save the playback, or stream it to a viewer where no file is given.
 
     Args:
         found: The calibration.
         proof: What the simulator misses.
         words: What was found, in plain words.
-        file: Where to.
+        file: Where to; None: to a viewer.
     """
     stream = rr.RecordingStream("stiffness_calibration", recording_id="calibration")
-    stream.save(str(file), default_blueprint=_calibration_blueprint())
+    _begin(stream, file, _calibration_blueprint())
     stance = CalibrationState.of(found.readings, found.corrected_geometry)
     held = np.flatnonzero(found.held)
     times = [rr.TimeColumn(POSE, sequence=np.arange(len(held)))]
@@ -386,10 +383,15 @@ TIME = "time"
 URAD = 1e6
 
 
-def save_comparison(axes: Sequence[Axis], file: Path) -> None:
-    """Save curves of the judged motion, in µrad, and of its angle and torque."""
+def show_comparison(axes: Sequence[Axis], file: Path | None) -> None:
+    """Show curves of the judged motion, in µrad, and of its angle and torque.
+
+    Args:
+        axes: What was found of each.
+        file: Where to; None: to a viewer.
+    """
     stream = rr.RecordingStream("two_encoders")
-    stream.save(str(file))
+    _begin(stream, file, _comparison_blueprint(axes))
     for a in axes:
         times = [rr.TimeColumn(TIME, duration=a.judged.time)]
         curves = {"nominal": URAD * a.before, "named": URAD * a.after}
@@ -401,3 +403,35 @@ def save_comparison(axes: Sequence[Axis], file: Path) -> None:
             stream.send_columns(f"/{a.name}/{name}", indexes=times, columns=columns)
     stream.flush()
     stream.disconnect()
+
+
+def _comparison_blueprint(axes: Sequence[Axis]) -> rrb.Blueprint:
+    """Show what is missed of each axis above the angle that it stands at."""
+    columns = [
+        rrb.Vertical(
+            rrb.TimeSeriesView(
+                origin=f"/{a.name}",
+                contents=[f"/{a.name}/nominal", f"/{a.name}/named"],
+                name=f"{a.name}: second encoder less simulation [µrad]",
+            ),
+            rrb.TimeSeriesView(
+                origin=f"/{a.name}/angle_deg", name=f"{a.name}: angle [°]"
+            ),
+            row_shares=[2, 1],
+        )
+        for a in axes
+    ]
+    return rrb.Blueprint(rrb.Horizontal(*columns), collapse_panels=True)
+
+
+# --- Where a playback goes ------------------------------------------------------------
+
+
+def _begin(
+    stream: rr.RecordingStream, file: Path | None, blueprint: rrb.Blueprint
+) -> None:
+    """Send a stream to a file, or to a viewer that is opened where none is given."""
+    if file is None:
+        stream.spawn(default_blueprint=blueprint)
+    else:
+        stream.save(str(file), default_blueprint=blueprint)

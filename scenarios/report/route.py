@@ -17,7 +17,7 @@ from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.recording_check import replicate_noise
 from scenarios.pipelines.schema import Answer
 from scenarios.report import playback
-from scenarios.report.output_folder import refuse_folder, write_folder
+from scenarios.report.output_folder import FILES, refuse_folder, write_folder
 from scenarios.report.sections import calibration
 from scenarios.report.sections.diagnosis import write_diagnosis
 from scenarios.report.sections.dual_encoder import write_outcome
@@ -47,6 +47,8 @@ def diagnose_to_folder(
     if calls_for_comparison(recording):
         compared = compare_encoders(recording, robot)
         first = write_outcome(out, compared)
+        if view and compared.axes:
+            playback.show_comparison(compared.axes, None)
         for line in (first, *notes, out / "report.html"):
             console.print(f"{line}", markup=False, highlight=False)
         return compared.answer
@@ -60,6 +62,8 @@ def diagnose_to_folder(
         outcome = diagnose.try_calibration(whole, arm, robot, console, rejected)
         if outcome is not None:
             calibration.write_calibration(out, outcome)
+            if view:
+                calibration.show(outcome)
             console.print(f"{out / 'report.html'}", markup=False)
             return outcome.answer
     with console.status("proving it in the simulator"):
@@ -71,7 +75,7 @@ def diagnose_to_folder(
     noise = replicate_noise(recording) if recording.markers else None
     finding = Result(recording, found, simulated, unproved, noise, told)
     with console.status("writing"):
-        write_folder(out, lambda folder: write_diagnosis(folder, finding))
+        write_folder(out, lambda folder: write_diagnosis(folder, finding), FILES)
     tell(console, finding, notes, out)
     if view:
         playback.show_diagnosis(finding, None)

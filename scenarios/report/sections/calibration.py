@@ -3,16 +3,12 @@
 The report of a calibration, for an engineer to hand to a colleague.
 """
 
-import os
-import shutil
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from tempfile import mkdtemp
 
 import numpy as np
 
 from bench.patch import FILE, MODEL_FILE, mjcf_of, rig_of, text_of, with_arm
-from bench.shared.errors import Unusable
 from scenarios.pipelines import calibrate
 from scenarios.pipelines import schema as form
 from scenarios.pipelines.calibrate import MM, CalibrationOutcome
@@ -20,6 +16,7 @@ from scenarios.pipelines.calibration_proof import CalibrationProof, ResidualSumm
 from scenarios.pipelines.effect_parameters import label, size, span
 from scenarios.pipelines.schema import Answer
 from scenarios.report import figures, page, playback
+from scenarios.report.output_folder import write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from stiffness.calibration.result import Calibrated
 
@@ -171,14 +168,9 @@ def write_calibration(
     Raises:
         Unusable: Where nothing can be written; then nothing is.
     """
-    try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        waiting = Path(mkdtemp(prefix=".calibration-", dir=folder.parent))
-    except OSError as error:
-        fault = f"it cannot be written: {error}."
-        raise Unusable(f"Folder {str(folder)!r}", [fault]) from error
-    try:
-        o = outcome
+    o = outcome
+
+    def make(waiting: Path) -> None:
         blocks = blocks_of(o.found, o.proof, o.residual, o.answer, waiting)
         first = calibrate.first_sentence(o.answer, o.proof)
         title = f"Calibration: {o.answer.recording}"
@@ -189,9 +181,12 @@ def write_calibration(
         patch = with_arm(o.proof.patch, rig)
         (waiting / FILE).write_text(text_of(patch), encoding="utf-8")
         (waiting / MODEL_FILE).write_text(mjcf_of(rig), encoding="utf-8")
-        playback.save_calibration(o.found, o.proof, first, waiting / "diagnosis.rrd")
-        folder.mkdir(exist_ok=True)
-        for file in sorted(waiting.iterdir()):
-            os.replace(file, folder / file.name)
-    finally:
-        shutil.rmtree(waiting, ignore_errors=True)
+        playback.show_calibration(o.found, o.proof, first, waiting / "diagnosis.rrd")
+
+    write_folder(folder, make)
+
+
+def show(outcome: CalibrationOutcome) -> None:
+    """Open the viewer with the playback of a calibration."""
+    first = calibrate.first_sentence(outcome.answer, outcome.proof)
+    playback.show_calibration(outcome.found, outcome.proof, first, None)

@@ -7,11 +7,8 @@ The report of axes that are read on both sides of their gears.
 An answer is written whole: made beside its folder and moved there file by file.
 """
 
-import os
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from tempfile import mkdtemp
 
 import numpy as np
 
@@ -24,8 +21,9 @@ from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import Answer
 from scenarios.report import page
 from scenarios.report.figures import encoders_before_after, followed, looks_like
+from scenarios.report.output_folder import write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
-from scenarios.report.playback import PLAYBACK, save_comparison
+from scenarios.report.playback import PLAYBACK, show_comparison
 from stiffness.dual_encoder.fit import SelectionStep, columns, fitted
 from stiffness.dual_encoder.selection import BORROWED
 from stiffness.dual_encoder.terms import FRICTION
@@ -222,7 +220,7 @@ def write_comparison(
     def blocks(waiting: Path) -> list[Block]:
         if patch is not None:
             write_patch(waiting, patch)
-        save_comparison(axes, waiting / PLAYBACK)
+        show_comparison(axes, waiting / PLAYBACK)
         return blocks_of(axes, answer, waiting)
 
     _whole(folder, answer, first_sentence(axes, answer), blocks)
@@ -240,15 +238,10 @@ def _whole(
     first: str,
     blocks: Callable[[Path], Sequence[Block]],
 ) -> None:
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    waiting = Path(mkdtemp(prefix=".two-encoders-", dir=folder.parent))
-    try:
+    def make(waiting: Path) -> None:
         title = f"Two encoders an axis: {answer.recording}"
         page.write(waiting, title, first, blocks(waiting))
         text = form.text_of(answer)
         (waiting / "diagnosis.json").write_text(text, encoding="utf-8")
-        folder.mkdir(exist_ok=True)
-        for file in sorted(waiting.iterdir()):
-            os.replace(file, folder / file.name)
-    finally:
-        shutil.rmtree(waiting, ignore_errors=True)
+
+    write_folder(folder, make)

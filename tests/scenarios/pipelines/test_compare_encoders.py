@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from saved_view import entities, viewer_into
 
 from bench.shared.errors import Unusable
 from bench.shared.format.folder import write
@@ -145,6 +146,15 @@ def test_a_motion_that_was_not_fitted_is_predicted_to_the_noise(tmp_path):
     write_comparison(tmp_path / "out", axes, answer_of("a gear", axes, 1.0))
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert {"diagnosis.json", "report.html", "before_after.png"} <= names
+
+
+def test_a_viewer_opens_on_the_curves_of_both_encoders(monkeypatch, tmp_path):
+    opened = viewer_into(monkeypatch, tmp_path / "seen.rrd")
+    write(tmp_path / "recording", stream(delay=0.004))
+    model, out = real_kr300.MODEL, tmp_path / "out"
+    diagnose.main(diagnose.Settings(tmp_path / "recording", model, out, view=True))
+    assert len(opened) == 1
+    assert {"/a2/nominal", "/a2/named"} <= entities(tmp_path / "seen.rrd")
 
 
 @pytest.mark.parametrize("torque", [True, False])

@@ -193,6 +193,21 @@ def test_an_answer_that_cannot_be_made_leaves_the_earlier_one(tmp_path):
     assert [p.name for p in (tmp_path / "o").iterdir()] == ["diagnosis.json"]
 
 
+def test_an_answer_takes_the_files_of_an_earlier_one_of_any_engine_away(tmp_path):
+    """What belongs to nobody stays; what was only needed on the way goes."""
+    (tmp_path / "o").mkdir()
+    for name in ("gears.png", "looks_like.png", "patch.json", "draws.csv"):
+        (tmp_path / "o" / name).write_text("earlier", encoding="utf-8")
+
+    def makes(folder):
+        for name in ("report.html", "report.md", "law_a2.png"):
+            (folder / name).write_text("now", encoding="utf-8")
+
+    write_folder(tmp_path / "o", makes, FILES)
+    left = sorted(p.name for p in (tmp_path / "o").iterdir())
+    assert left == ["draws.csv", "report.html"]
+
+
 def test_next_measurements_tell_equivalents_apart(recording, kr10):
     good, _ = folder.read(recording)
     arm = arm_of(kr10)

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
+from saved_view import entities, viewer_into
 
 from bench.patch import Mounted, Patch, PatchEffect, rig_of
 from bench.shared.errors import Unusable
@@ -11,7 +12,7 @@ from bench.shared.instrument_specs import TrackerSpec
 from bench.shared.recording import UNLOADED, Marker, Payload, Recording
 from scenarios.pipelines.calibrate import calibrate_and_prove
 from scenarios.pipelines.inputs import arm_of
-from scenarios.report.sections.calibration import write_calibration
+from scenarios.report.sections.calibration import show, write_calibration
 from scenarios.studies import ur10_calibration
 from stiffness.calibration import model as geometry
 from stiffness.calibration.model import CalibrationState, readings_of, spatial_folds_of
@@ -169,6 +170,15 @@ def test_an_answer_is_written_whole_with_its_pictures(outcome, tmp_path):
         *("report.html", "report.md"),
         *("before_after.png", "gears.png", "residual_map.png"),
     }
+
+
+def test_a_viewer_opens_on_what_the_calibrated_arm_leaves(
+    outcome, monkeypatch, tmp_path
+):
+    opened = viewer_into(monkeypatch, tmp_path / "seen.rrd")
+    show(outcome)
+    assert len(opened) == 1
+    assert {"/error/before", "/error/after"} <= entities(tmp_path / "seen.rrd")
 
 
 def test_differences_alone_are_refused_with_the_reason(recording):
