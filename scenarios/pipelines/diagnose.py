@@ -55,8 +55,8 @@ from stiffness.robot.arm import Arm
 
 # --- Engine and simulator -------------------------------------------------------------
 
-ODD_NUMBERS = (ArithmeticError, AssertionError, LookupError, TypeError, ValueError)
-"""What arithmetic raises on numbers that no sensor gives; LinAlgError is among them."""
+ODD_NUMBERS = (ArithmeticError, np.linalg.LinAlgError)
+"""What arithmetic raises on numbers that no sensor gives; all else is a defect here."""
 
 
 def asked(recording: Recording, arm: Arm) -> Diagnosis:

@@ -6,10 +6,13 @@ and proved in the simulator.
 """
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
 
+from bench.shared.errors import BenchError
 from scenarios.pipelines import diagnose, next_experiments
 from scenarios.pipelines.compare_encoders import calls_for_comparison, compare_encoders
 from scenarios.pipelines.diagnose import Result, asked, proved
@@ -19,7 +22,7 @@ from scenarios.pipelines.schema import Answer
 from scenarios.report import playback
 from scenarios.report.output_folder import FILES, refuse_folder, write_folder
 from scenarios.report.sections import calibration
-from scenarios.report.sections.diagnosis import write_diagnosis
+from scenarios.report.sections.diagnosis import write_answer, write_diagnosis
 from scenarios.report.sections.dual_encoder import write_outcome
 from scenarios.report.summary import tell
 from stiffness.regression.splits import subsample_poses
@@ -39,6 +42,7 @@ def diagnose_to_folder(
 
     Raises:
         BenchError: Where recording or model cannot be used, or nothing can be written.
+        Exception: A defect of this tool, once what was found before it is written.
     """
     started = time.perf_counter()
     refuse_folder(out, recording_folder)
@@ -57,26 +61,49 @@ def diagnose_to_folder(
         recording, sampled = subsample_poses(whole)
         notes = (*notes, sampled) if sampled else notes
         found = asked(recording, arm)
+    defects: list[Exception] = []
     if diagnose.calls_for_calibration(recording, found):
         rejected = found.detection.p_value
-        outcome = diagnose.try_calibration(whole, arm, robot, console, rejected)
-        if outcome is not None:
-            calibration.write_calibration(out, outcome)
-            if view:
-                calibration.show(outcome)
-            console.print(f"{out / 'report.html'}", markup=False)
-            return outcome.answer
-    with console.status("proving it in the simulator"):
+        with _kept(defects):
+            outcome = diagnose.try_calibration(whole, arm, robot, console, rejected)
+            if outcome is not None:
+                calibration.write_calibration(out, outcome)
+                if view:
+                    calibration.show(outcome)
+                console.print(f"{out / 'report.html'}", markup=False)
+                return outcome.answer
+    simulated, unproved, steps = None, "", ()
+    with console.status("proving it in the simulator"), _kept(defects):
+        unproved = "this tool has a defect, which is told at the end."
         simulated, unproved = proved(found, recording, arm, robot)
-        steps = next_experiments.proposed(found, simulated if not unproved else None)
+        steps = next_experiments.proposed(found, None if unproved else simulated)
     told = diagnose.answer_of(
         found, simulated, unproved, steps, time.perf_counter() - started
     )
     noise = replicate_noise(recording) if recording.markers else None
-    finding = Result(recording, found, simulated, unproved, noise, told)
+    result = Result(recording, found, simulated, unproved, noise, told)
     with console.status("writing"):
-        write_folder(out, lambda folder: write_diagnosis(folder, finding), FILES)
-    tell(console, finding, notes, out)
+        try:
+            write_folder(out, lambda folder: write_diagnosis(folder, result), FILES)
+        except BenchError:
+            raise
+        except Exception:
+            write_folder(out, lambda folder: write_answer(folder, told))
+            raise
+    tell(console, result, notes, out)
     if view:
-        playback.show_diagnosis(finding, None)
+        playback.show_diagnosis(result, None)
+    for defect in defects:
+        raise defect
     return told
+
+
+@contextmanager
+def _kept(defects: list[Exception]) -> Iterator[None]:
+    """Keep a defect of ours for later, so that what was found can be written first."""
+    try:
+        yield
+    except BenchError:
+        raise
+    except Exception as defect:
+        defects.append(defect)

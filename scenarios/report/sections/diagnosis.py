@@ -324,10 +324,15 @@ def _pictures(finding: Result, folder: Path) -> Iterator[Block]:
 # --- The files ------------------------------------------------------------------------
 
 
+def write_answer(folder: Path, answer: schema.Answer) -> None:
+    """Write diagnosis.json into a folder."""
+    text = schema.text_of(answer)
+    (folder / "diagnosis.json").write_text(text, encoding="utf-8")
+
+
 def write_diagnosis(folder: Path, finding: Result) -> None:
     """Write the answer, the patch, the report and the playback into a folder."""
-    text = schema.text_of(finding.answer)
-    (folder / "diagnosis.json").write_text(text, encoding="utf-8")
+    write_answer(folder, finding.answer)
     simulated = finding.simulated
     if simulated is not None and (simulated.patch.effects or simulated.patch.laws):
         patch, rig = simulated.patch, simulated.patched.rig

@@ -174,6 +174,39 @@ def test_numbers_that_break_the_engine_are_the_recordings_fault(
         steps.asked(good, arm_of(kr10))
 
 
+@pytest.mark.parametrize("where", ["proved", "write_diagnosis"])
+def test_a_defect_of_ours_is_raised_once_what_was_found_is_written(
+    recording, kr10, where, monkeypatch, tmp_path
+):
+    """It is none of the user's mistakes, and costs nothing that was found before."""
+
+    def broken(*_):
+        raise TypeError("ours")
+
+    monkeypatch.setattr(route, where, broken)
+    settings = diagnose.Settings(recording, kr10, tmp_path / "o")
+    with pytest.raises(TypeError, match="ours"):
+        diagnose.main(settings)
+    written = json.loads((tmp_path / "o" / "diagnosis.json").read_text())
+    assert [n["effect"] for n in written["named"]] == ["hysteresis"]
+    if where == "proved":
+        assert written["verdict"] == "unproved"
+        report = (tmp_path / "o" / "report.html").read_text()
+        assert "this tool has a defect" in report
+
+
+def test_a_defect_of_the_engine_is_not_called_the_recording_s_fault(
+    recording, kr10, monkeypatch
+):
+    def broken(*_):
+        raise IndexError("ours")
+
+    monkeypatch.setattr(steps, "diagnose", broken)
+    good, _ = folder.read(recording)
+    with pytest.raises(IndexError, match="ours"):
+        steps.asked(good, arm_of(kr10))
+
+
 def test_an_answer_that_cannot_be_made_leaves_the_earlier_one(tmp_path):
     (tmp_path / "o").mkdir()
     (tmp_path / "o" / "model.xml").write_text("earlier", encoding="utf-8")
