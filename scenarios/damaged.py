@@ -14,7 +14,7 @@ Expect: what became of each kind, counted; none that crashes, none diagnosed sil
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -22,15 +22,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bench.effects.parse import parse_all
-from bench.experiment import record
-from bench.rig import Rig
 from bench.shared.errors import BenchError
-from bench.shared.format.folder import write
-from bench.shared.plan import parse_path
-from bench.standard_plans import tour
 from scenarios.pipelines import synthetic_recording
-from scenarios.pipelines.synthetic_recording import Watching
 from scenarios.report.command_line import progress_bar, run
 from scenarios.report.route import diagnose_to_folder
 from scenarios.studies.damage import (
@@ -38,8 +31,8 @@ from scenarios.studies.damage import (
     WHAT,
     CalibrationResult,
     Damage,
-    Samples,
     damages,
+    good_recording,
     own_names,
 )
 
@@ -84,17 +77,6 @@ def main(settings: Settings) -> Sequence[CalibrationResult]:
     if wrong:
         raise SystemExit(1)
     return outcomes
-
-
-def good_recording(folder: Path, poses: int) -> Samples:
-    """Record a KR10 with hysteresis, watched at the flange."""
-    effect = ("hysteresis@a2,width_rad=3e-4",)
-    watch = Watching(targets="flange", state_frame=True)
-    bare = Rig(synthetic_recording.KR10)
-    rig = replace(bare, effects=parse_all(effect, bare.nominal))
-    plan = tour(rig, poses, parse_path("0,10,0"))
-    write(folder, record(rig, plan, watch.instruments()))
-    return Samples.of(folder)
 
 
 def outcome_of(damage: Damage, folder: Path) -> CalibrationResult:

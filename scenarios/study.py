@@ -108,14 +108,10 @@ def main(settings: Settings) -> discussion.Study:
         discussion.summary(found, methods, results),
         blocks,
     )
-    data_files.write_run_file(
-        out,
-        data_files.command_of("scenarios.study", settings),
-        asdict(settings),
-        rows=len(experiment.recording.time),
-        fresh_poses=spent.unseen,
-        seeds=list(spent.transfer.seeds),
-    )
+    command = data_files.command_of("scenarios.study", settings)
+    known = {"fresh_poses": spent.unseen, "seeds": list(spent.transfer.seeds)}
+    rows = len(experiment.recording.time)
+    data_files.write_run_file(out, command, asdict(settings), rows=rows, **known)
     print(f"Report:    {out / 'report.html'}\nRecording: rerun {out / 'study.rrd'}")
     return discussion.Study(found, methods)
 

@@ -88,20 +88,17 @@ def main(settings: Settings) -> list[dict[str, object]]:
     used = experiment.measured.cases.wrench_in_base[:, :3]
     angle = np.rad2deg(study.nearest(judges.cases.wrench_in_base[:, :3], used))
     study.draw(errors, angle, study.LOADS, out / "wrench_plan.png")
-    told = "; ".join(
-        f"{', '.join(map(str, s))} ({plan} plan)" for plan, s in by_plan.items()
-    )
+    each = [f"{', '.join(map(str, s))} ({plan} plan)" for plan, s in by_plan.items()]
     blocks = [
         page.Figure(
             f"{study.finding(rows)} Left: MAE over x, y, z on {n} fresh postures with "
             "95 % intervals; right: the median error of a quarter of the poses against "
-            "the angle from the load to the nearest direction that the experiment "
-            "used.",
+            "the angle from the load to the nearest direction the experiment used.",
             "wrench_plan.png",
         ),
         page.Table(
             f"MAE and 99th percentile over all directions on {n} fresh postures each, "
-            f"seeds: {told} [mm]",
+            f"seeds: {'; '.join(each)} [mm]",
             *study.report_table(rows),
         ),
         page.Heading("Is the paper's gain reached?"),
@@ -113,9 +110,8 @@ def main(settings: Settings) -> list[dict[str, object]]:
     command = f"python -m scenarios.wrench_plan --seed {seed} --seeds"
     command += f" {' '.join(map(str, settings.seeds))} --seeds-of-table-5"
     command += f" {' '.join(map(str, by_plan['table 5']))}"
-    data_files.write_run_file(
-        out, f"{command} --out {out.as_posix()}", asdict(settings)
-    )
+    command += f" --out {out.as_posix()}"
+    data_files.write_run_file(out, command, asdict(settings))
     print(f"Report: {out / 'report.html'}")
     return rows
 

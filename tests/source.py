@@ -4,7 +4,7 @@ import ast
 import re
 import subprocess
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -75,6 +75,27 @@ RISKY_CALLS = {
     *("joblib.load", "joblib.dump", "torch.load", "torch.save"),
 }
 RISKY_SETTINGS = {("allow_pickle", "True"), ("shell", "True")}
+
+
+def dependencies(files: Sequence[str]) -> dict[str, set[str]]:
+    """Return which of some files' modules each of them imports."""
+    modules = {module_name(file): file for file in files}
+    found = {}
+    for module, file in modules.items():
+        package = module if file.endswith("__init__.py") else module.rpartition(".")[0]
+        found[module] = {
+            within_one
+            for name in imports(text(file), package)
+            if (within_one := _module_of(name, modules)) not in ("", module)
+        }
+    return found
+
+
+def _module_of(name: str, modules: Collection[str]) -> str:
+    """Return the module that a full name is or lies in; empty: none of these."""
+    while name and name not in modules:
+        name = name.rpartition(".")[0]
+    return name
 
 
 def risky_calls(source: str) -> Iterator[str]:

@@ -12,6 +12,7 @@ from source import (
     PROJECT,
     ROOT,
     committed_texts,
+    dependencies,
     docstring,
     effect_files,
     imports,
@@ -24,6 +25,8 @@ from source import (
 )
 
 SIDES = ("bench", "stiffness", "scenarios")
+ENGINES = ("diagnosis", "calibration", "dual_encoder")
+"""Of `stiffness`, one for each kind of recording; none imports another."""
 SOURCES = python_files(*SIDES)
 CLAIMS = python_files("stiffness")
 SHARED = ("bench.shared",)
@@ -147,6 +150,88 @@ def test_scenario_says_how_to_run_it_how_long_it_takes_and_what_to_expect(file):
 def test_effect_states_equation_source_validity_and_what_it_ignores(file):
     rows = re.findall(r"^(\w+) {2,}\S", docstring(file), re.MULTILINE)
     assert rows == ["Equation", "Source", "Valid", "Ignores"]
+
+
+# --- Rooms ---------------------------------------------------------------------------
+
+COMMANDS = [f for f in python_files("scenarios") if f.count("/") == 1 and "__" not in f]
+LONGEST_COMMAND = 120
+"""Lines of a command: flags, a call, what is printed."""
+MOST_FILES = 225
+"""Files beside those of effects that a newcomer finds his way in."""
+TINY = 60
+"""Lines under which a file with one importer belongs into that importer."""
+DIAGNOSIS_FILES, DIAGNOSIS_LEVELS, DIAGNOSIS_EDGES = 21, 9, 60
+GRAPH = dependencies(SOURCES)
+
+
+@pytest.mark.parametrize("file", COMMANDS)
+def test_command_is_thin_and_imported_by_nobody(file):
+    """What two commands share lies in pipelines, report or studies."""
+    assert text(file).count("\n") <= LONGEST_COMMAND
+    assert [name for name, used in GRAPH.items() if module_name(file) in used] == []
+
+
+@pytest.mark.parametrize(
+    ("package", "never"),
+    [
+        ("bench.shared", ("bench", "stiffness", "scenarios", "mujoco", "pinocchio")),
+        ("bench", ("stiffness", "scenarios")),
+        ("scenarios.pipelines", ("scenarios.report", "scenarios.studies")),
+        ("scenarios.report", ("scenarios.studies",)),
+        (
+            "stiffness.regression",
+            tuple(f"stiffness.{p}" for p in ("diagnosis", "robot")),
+        ),
+        *(
+            (f"stiffness.{one}", tuple(f"stiffness.{p}" for p in ENGINES if p != one))
+            for one in ENGINES
+        ),
+    ],
+)
+def test_arrows_between_rooms_point_one_way(package, never):
+    wrong = [
+        f"{file}: {name}"
+        for file in SOURCES
+        if within(module_name(file), (package,))
+        for name in imports(text(file), module_name(file).rpartition(".")[0])
+        if within(name, never) and not within(name, (package, *SHARED))
+    ]
+    assert wrong == []
+
+
+def test_there_are_few_files():
+    effects = ("bench/effects/", "stiffness/effects/")
+    assert len([f for f in SOURCES if not f.startswith(effects)]) <= MOST_FILES
+
+
+def test_no_file_is_a_piece_of_its_only_importer():
+    importers = {
+        name: [n for n, used in GRAPH.items() if name in used] for name in GRAPH
+    }
+    pieces = [
+        file
+        for file in SOURCES
+        if text(file).count("\n") < TINY
+        and len(importers[module_name(file)]) == 1
+        and not file.endswith("__init__.py")
+        and "/effects/" not in file
+    ]
+    assert pieces == []
+
+
+def test_the_diagnosis_is_read_in_few_steps():
+    """Files, levels of imports, and imports among them."""
+    inside = {n for n in GRAPH if within(n, ("stiffness.diagnosis",))}
+    edges = {n: GRAPH[n] & inside for n in inside}
+    level: dict[str, int] = {}
+    while len(level) < len(edges):
+        ready = {n for n in edges if n not in level and edges[n] <= level.keys()}
+        assert ready, "a circle of imports"
+        level |= {n: 1 + max((level[m] for m in edges[n]), default=0) for n in ready}
+    assert len(inside) <= DIAGNOSIS_FILES
+    assert max(level.values()) <= DIAGNOSIS_LEVELS
+    assert sum(map(len, edges.values())) <= DIAGNOSIS_EDGES
 
 
 # --- Safety --------------------------------------------------------------------------

@@ -23,9 +23,16 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pa_parquet
 
+from bench.effects.parse import parse_all
+from bench.experiment import record
+from bench.rig import Rig
+from bench.shared.format.folder import write
 from bench.shared.format.manifest import FILE
 from bench.shared.format.table import CSV_FILE, PARQUET_FILE
+from bench.shared.plan import parse_path
+from bench.standard_plans import tour
 from scenarios.pipelines.schema import Remark
+from scenarios.pipelines.synthetic_recording import KR10, Watching
 
 # --- The files of a recording ---------------------------------------------------------
 
@@ -378,3 +385,14 @@ def damages(good: Samples, variants: int, seed: int) -> list[Damage]:
     every = [*in_files(good, random), *in_meaning(good, random), *in_set_up(good)]
     order = random.permutation(len(every))[:variants]
     return [every[k] for k in sorted(order)]
+
+
+def good_recording(folder: Path, poses: int) -> Samples:
+    """Record a KR10 with hysteresis, watched at the flange."""
+    effect = ("hysteresis@a2,width_rad=3e-4",)
+    watch = Watching(targets="flange", state_frame=True)
+    bare = Rig(KR10)
+    rig = replace(bare, effects=parse_all(effect, bare.nominal))
+    plan = tour(rig, poses, parse_path("0,10,0"))
+    write(folder, record(rig, plan, watch.instruments()))
+    return Samples.of(folder)
