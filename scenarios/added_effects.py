@@ -13,11 +13,7 @@ Expect: a table for each arm, added.csv beside its report
 from dataclasses import dataclass
 from pathlib import Path
 
-from scenarios.pipelines.inputs import arm_of
-from scenarios.report import data_files
 from scenarios.report.command_line import run
-from scenarios.studies import added_effects, public_recordings, ur10_calibration
-from stiffness.calibration.model import readings_of
 
 
 @dataclass(frozen=True)
@@ -34,6 +30,10 @@ class Settings:
 
 def main(settings: Settings) -> list[dict[str, object]]:
     """Add, look, and write what was found."""
+    from scenarios.pipelines.inputs import arm_of
+    from scenarios.studies import added_effects, public_recordings, ur10_calibration
+    from stiffness.calibration.model import readings_of
+
     found: list[dict[str, object]] = []
     if settings.kr300 is not None:
         recording = public_recordings.kr300_recording(settings.kr300)
@@ -50,6 +50,8 @@ def main(settings: Settings) -> list[dict[str, object]]:
 
 
 def _written(folder: Path, rows) -> list[dict[str, object]]:
+    from scenarios.report import data_files
+
     found = []
     folder.mkdir(parents=True, exist_ok=True)
     partial = folder / ".added.csv"

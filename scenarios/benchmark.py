@@ -12,16 +12,18 @@ Expect: the whole experiment dozens of times faster than damped stepping, within
         within 20 ms; benchmark.csv, report.md, report.html, run.json in the folder
 """
 
+from __future__ import annotations
+
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
-from bench.shared.errors import Unusable
-from scenarios.report import data_files
 from scenarios.report.command_line import progress_bar, run
-from scenarios.studies.benchmarks import race, recording_tasks, regression_tasks
-from scenarios.studies.benchmarks.race import Lap, Race
+
+if TYPE_CHECKING:
+    from scenarios.studies.benchmarks.race import Lap, Race
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,10 @@ class Settings:
 
 def main(settings: Settings) -> tuple[Lap, ...]:
     """Measure everything in turn and write it down."""
+    from bench.shared.errors import Unusable
+    from scenarios.report import data_files
+    from scenarios.studies.benchmarks import race
+
     if settings.repeats < 1 or settings.poses < 1:
         fault = f"--repeats {settings.repeats}, --poses {settings.poses}: at least 1."
         raise Unusable("Flags", [fault])
@@ -60,6 +66,8 @@ def main(settings: Settings) -> tuple[Lap, ...]:
 
 
 def _races(settings: Settings, folder: Path) -> tuple[list[Race], list[str]]:
+    from scenarios.studies.benchmarks import recording_tasks, regression_tasks
+
     poses = settings.poses
     races = [
         recording_tasks.experiment_race(poses),
@@ -69,7 +77,7 @@ def _races(settings: Settings, folder: Path) -> tuple[list[Race], list[str]]:
     ]
     skipped = [line for each in races for line in each.skipped]
     try:
-        from scenarios.studies.benchmarks import diagnosis_task as diagnosis  # noqa: PLC0415  may be missing
+        from scenarios.studies.benchmarks import diagnosis_task as diagnosis
 
         races.append(diagnosis.race(poses))
     except ImportError as error:

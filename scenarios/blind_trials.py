@@ -13,20 +13,18 @@ Expect: summary.json and report.html in the folder, failures first; exit status 
         however the trials went
 """
 
+from __future__ import annotations
+
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from bench.shared.errors import UnknownName, Unusable
-from scenarios.report import data_files
 from scenarios.report.command_line import progress_bar, run
-from scenarios.studies.blind_trials import report
-from scenarios.studies.blind_trials.arms import arm_of
-from scenarios.studies.blind_trials.draw import trials_of
-from scenarios.studies.blind_trials.report import print_summary
-from scenarios.studies.blind_trials.run import Sweep, opened, run_trials
-from scenarios.studies.blind_trials.score import TrialScore, score_answer
 from scenarios.studies.blind_trials.strata import STRATA
+
+if TYPE_CHECKING:
+    from scenarios.studies.blind_trials.score import TrialScore
 
 
 @dataclass(frozen=True)
@@ -55,10 +53,24 @@ class Settings:
 
 def main(settings: Settings) -> list[TrialScore]:
     """Carry out the trials and mark the answers."""
+    from scenarios.report import data_files
+    from scenarios.studies.blind_trials import report
+    from scenarios.studies.blind_trials.arms import arm_of
+    from scenarios.studies.blind_trials.draw import trials_of
+    from scenarios.studies.blind_trials.report import print_summary
+    from scenarios.studies.blind_trials.run import (
+        Sweep,
+        opened,
+        refuse_other_trials,
+        run_trials,
+    )
+    from scenarios.studies.blind_trials.score import score_answer
+
     s = settings
     _check(s)
     sweep = Sweep(s.out, s.poses, s.proof, s.keep, s.jobs)
-    _same_seed(s)
+    text = f"{s.arm}, seed {s.seed}, {s.poses} poses"
+    refuse_other_trials(s.out, f"{text}, {'with' if s.proof else 'without'} proof\n")
     arm = arm_of(s.arm, s.seed, s.out / "models")
     trials = list(trials_of(s.seed, s.strata, 0, s.trials, arm))
     with progress_bar() as progress:
@@ -97,20 +109,6 @@ def _check(settings: Settings) -> None:
     faults += [str(UnknownName("kind of trial", name, STRATA)) for name in unknown]
     if faults:
         raise Unusable("Flags", faults)
-
-
-def _same_seed(settings: Settings) -> None:
-    """Refuse a folder whose trials were drawn otherwise."""
-    s = settings
-    s.out.mkdir(parents=True, exist_ok=True)
-    proof = "with" if s.proof else "without"
-    mine = f"{s.arm}, seed {s.seed}, {s.poses} poses, {proof} proof\n"
-    file = s.out / "sweep.txt"
-    if not file.exists():
-        file.write_text(mine, encoding="utf-8")
-    elif (theirs := file.read_text(encoding="utf-8")) != mine:
-        fault = f"it holds trials of {theirs.strip()}; give another name."
-        raise Unusable(f"Folder {str(s.out)!r}", [fault])
 
 
 if __name__ == "__main__":

@@ -12,17 +12,18 @@ Expect: what was believed, step by step, and in DIR diagnosis.json, patch.json,
         model.xml, diagnosis.rrd, report.html, report.md and pictures
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from scenarios.pipelines.calibrate import CalibrationOutcome, calibrate_and_prove
-from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.report.command_line import run
-from scenarios.report.output_folder import refuse_folder
-from scenarios.report.sections.calibration import show, write_calibration
+
+if TYPE_CHECKING:
+    from scenarios.pipelines.calibrate import CalibrationOutcome
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,11 @@ class Settings:
 
 def main(settings: Settings) -> CalibrationOutcome:
     """Calibrate, prove and write."""
+    from scenarios.pipelines.calibrate import calibrate_and_prove
+    from scenarios.pipelines.inputs import arm_of, read_for
+    from scenarios.report.output_folder import refuse_folder
+    from scenarios.report.sections.calibration import show, write_calibration
+
     refuse_folder(settings.out, settings.recording)
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
     for note in notes:

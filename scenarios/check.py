@@ -10,21 +10,20 @@ Takes:  2 s
 Expect: mistakes of the set-up, if any, and three tables; 2 and a list of faults
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import tyro
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
-from bench.shared.recording import Recording
-from scenarios.pipelines.diagnose import setup_errors_of
-from scenarios.pipelines.inputs import arm_of, read_for
-from scenarios.pipelines.recording_check import abilities, axis_views, contents_of
 from scenarios.report.command_line import run
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from bench.shared.recording import Recording
 
 AXES = ("axis", "travel [°]", "torque varies by [Nm]", "longest marker's lever [m]")
 
@@ -41,6 +40,14 @@ class Settings:
 
 def main(settings: Settings) -> Recording:
     """Print what is in a recording and what it can show; returns it."""
+    import numpy as np
+    from rich.console import Console
+    from rich.markup import escape
+
+    from scenarios.pipelines.diagnose import setup_errors_of
+    from scenarios.pipelines.inputs import arm_of, read_for
+    from scenarios.pipelines.recording_check import abilities, axis_views, contents_of
+
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
     views = axis_views(recording, arm)
     console = Console()
@@ -67,10 +74,15 @@ def main(settings: Settings) -> Recording:
 
 
 def _degrees(angle: float) -> str:
+    import numpy as np
+
     return f"{np.degrees(angle):.1f}"
 
 
 def _table(title: str, *columns: str) -> Table:
+    from rich.markup import escape
+    from rich.table import Table
+
     table = Table(title=escape(title), title_justify="left")
     for column in columns:
         table.add_column(escape(column))

@@ -12,29 +12,19 @@ Expect: what became of each kind, counted; none that crashes, none diagnosed sil
         none half written; exit status 1 otherwise
 """
 
+from __future__ import annotations
+
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
-from bench.shared.errors import BenchError
-from scenarios.pipelines import synthetic_recording
 from scenarios.report.command_line import progress_bar, run
-from scenarios.report.route import diagnose_to_folder
-from scenarios.studies.damage import (
-    MISTAKES,
-    WHAT,
-    CalibrationResult,
-    Damage,
-    damages,
-    good_recording,
-    own_names,
-)
+
+if TYPE_CHECKING:
+    from scenarios.studies.damage import CalibrationResult, Damage
 
 OTHER = Path(__file__).parents[1] / "mjcf" / "ur10" / "ur10.xml"
 
@@ -53,6 +43,12 @@ class Settings:
 
 def main(settings: Settings) -> Sequence[CalibrationResult]:
     """Damage, diagnose, count."""
+    from rich.console import Console
+    from rich.markup import escape
+    from rich.table import Table
+
+    from scenarios.studies.damage import WHAT, damages, good_recording, own_names
+
     with TemporaryDirectory(prefix="damaged-") as folder:
         good = good_recording(Path(folder) / "good", settings.poses)
         chosen = damages(good, settings.variants, settings.seed)
@@ -81,6 +77,13 @@ def main(settings: Settings) -> Sequence[CalibrationResult]:
 
 def outcome_of(damage: Damage, folder: Path) -> CalibrationResult:
     """Write a damaged recording and diagnose it."""
+    from rich.console import Console
+
+    from bench.shared.errors import BenchError
+    from scenarios.pipelines import synthetic_recording
+    from scenarios.report.route import diagnose_to_folder
+    from scenarios.studies.damage import MISTAKES, CalibrationResult
+
     recording, out = folder / "recording", folder / "answer"
     recording.mkdir(parents=True)
     damage.write(recording)

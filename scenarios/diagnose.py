@@ -13,16 +13,18 @@ Expect: the story, and in DIR diagnosis.json, report.html, diagnosis.rrd and, wh
         something was named, model.xml and patch.json; exit status 0 whatever is found
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from rich.console import Console
 
-from scenarios.pipelines.schema import Answer
 from scenarios.report.command_line import run
-from scenarios.report.route import diagnose_to_folder
+
+if TYPE_CHECKING:
+    from scenarios.pipelines.schema import Answer
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,10 @@ class Settings:
 
 def main(settings: Settings) -> Answer:
     """Diagnose a recording, prove what was found, and write the answer."""
+    from rich.console import Console
+
+    from scenarios.report.route import diagnose_to_folder
+
     s = settings
     return diagnose_to_folder(s.recording, s.robot, s.out, Console(), s.view)
 

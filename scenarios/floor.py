@@ -13,31 +13,8 @@ Expect: the oracle leaves a few micrometres; the network and the Gaussian proces
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-import numpy as np
-
-from bench.study_arm import default_truth
-from scenarios.report import data_files, page
 from scenarios.report.command_line import run
 from scenarios.studies.paper.budget import Transfer, budget
-from scenarios.studies.paper.cells import swept
-from scenarios.studies.paper.experiment import Material, carry_out
-from scenarios.studies.paper.floor import (
-    NudgeCell,
-    draw,
-    finding,
-    floor_rows,
-    magnitudes,
-    oracle_error,
-    report_table,
-    summary,
-)
-from scenarios.studies.paper.fresh_postures import unseen
-from scenarios.studies.paper.transfer import (
-    ConvolutionCell,
-    PerceptronCell,
-    SpringsCell,
-)
-from stiffness.experiment.deflections import every_plateau
 
 
 @dataclass(frozen=True)
@@ -62,6 +39,30 @@ class Settings:
 
 def main(settings: Settings) -> list[dict[str, object]]:
     """Find the floor and write everything into the folder."""
+    import numpy as np
+
+    from bench.study_arm import default_truth
+    from scenarios.report import data_files, page
+    from scenarios.studies.paper.cells import swept
+    from scenarios.studies.paper.experiment import Material, carry_out
+    from scenarios.studies.paper.floor import (
+        NudgeCell,
+        draw,
+        finding,
+        floor_rows,
+        magnitudes,
+        oracle_error,
+        report_table,
+        summary,
+    )
+    from scenarios.studies.paper.fresh_postures import unseen
+    from scenarios.studies.paper.transfer import (
+        ConvolutionCell,
+        PerceptronCell,
+        SpringsCell,
+    )
+    from stiffness.experiment.deflections import every_plateau
+
     out, seed, effort = settings.out, settings.seed, settings.effort
     experiment = carry_out(seed, settings.poses)
     out.mkdir(parents=True, exist_ok=True)

@@ -16,19 +16,8 @@ from dataclasses import asdict, dataclass, field
 from itertools import product
 from pathlib import Path
 
-from scenarios.report import data_files, page
 from scenarios.report.command_line import run
-from scenarios.studies.paper import few_poses
-from scenarios.studies.paper.cells import swept
-from scenarios.studies.paper.experiment import Material, carry_out
-from scenarios.studies.paper.few_poses import (
-    Effort,
-    FewPosesNetworks,
-    FewPosesPlain,
-    draw_courses,
-    prepared,
-)
-from scenarios.studies.paper.fresh_postures import unseen
+from scenarios.studies.paper.budget import Effort
 
 
 @dataclass(frozen=True)
@@ -57,6 +46,18 @@ class Settings:
 
 def main(settings: Settings) -> list[dict[str, object]]:
     """Run the comparison and write everything into the folder."""
+    from scenarios.report import data_files, page
+    from scenarios.studies.paper import few_poses
+    from scenarios.studies.paper.cells import swept
+    from scenarios.studies.paper.experiment import Material, carry_out
+    from scenarios.studies.paper.few_poses import (
+        FewPosesNetworks,
+        FewPosesPlain,
+        draw_courses,
+        prepared,
+    )
+    from scenarios.studies.paper.fresh_postures import unseen
+
     out, seed, splits = settings.out, settings.seed, settings.splits
     experiment = carry_out(seed, settings.poses)
     out.mkdir(parents=True, exist_ok=True)

@@ -12,23 +12,18 @@ Takes:  1 s for 1,000 rows
 Expect: DIR with a recording, which `python -m scenarios.check` finds whole
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import tyro
 
-from bench.shared.errors import Unusable
-from bench.shared.format import folder
-from bench.shared.recording import Recording
-from scenarios.pipelines.importing import log_files, ros_bag, spreadsheet
-from scenarios.pipelines.importing.clocks import Lag, lag_text, stream_lags
-from scenarios.pipelines.importing.mapping import contradictions, mapping_of
-from scenarios.pipelines.importing.ros_bag import bag_as_csv
-from scenarios.pipelines.importing.standstills import plateaus_of
-from scenarios.pipelines.inputs import arm_of, facts_of, said_of_one_pose
 from scenarios.report.command_line import run
+
+if TYPE_CHECKING:
+    from bench.shared.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -48,6 +43,17 @@ class Settings:
 
 def main(settings: Settings) -> Recording:
     """Import one experiment."""
+    import numpy as np
+
+    from bench.shared.errors import Unusable
+    from bench.shared.format import folder
+    from scenarios.pipelines.importing import log_files, ros_bag, spreadsheet
+    from scenarios.pipelines.importing.clocks import Lag, lag_text, stream_lags
+    from scenarios.pipelines.importing.mapping import contradictions, mapping_of
+    from scenarios.pipelines.importing.ros_bag import bag_as_csv
+    from scenarios.pipelines.importing.standstills import plateaus_of
+    from scenarios.pipelines.inputs import arm_of, facts_of, said_of_one_pose
+
     s = settings
     manifest, extras = mapping_of(s.mapping)
     model = None if s.robot is None else facts_of(arm_of(s.robot))

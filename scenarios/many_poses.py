@@ -16,10 +16,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from scenarios.report import data_files, page
 from scenarios.report.command_line import run
-from scenarios.report.page import Table
-from scenarios.studies.diagnosis_cost import Kind, answered, cost_rows
+from scenarios.studies.diagnosis_cost import Kind
 
 CAPTION = (
     "What one run of scenarios.diagnose takes, reading and writing too. Loads: four "
@@ -43,6 +41,10 @@ class Settings:
 
 def main(settings: Settings) -> list[dict[str, object]]:
     """Record, diagnose and write down what it cost."""
+    from scenarios.report import data_files, page
+    from scenarios.report.page import Table
+    from scenarios.studies.diagnosis_cost import answered, cost_rows
+
     settings.out.mkdir(parents=True, exist_ok=True)
     found: list[dict[str, object]] = []
     with TemporaryDirectory() as folder:

@@ -14,15 +14,16 @@ Expect: 3 ms of delay on all three axes, compliance refused with the reason; on 
         on means over 0.1 s
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from bench.shared.format.folder import write
-from scenarios.pipelines.compare_encoders import compare_encoders
-from scenarios.pipelines.schema import Answer
 from scenarios.report.command_line import run
-from scenarios.report.sections.dual_encoder import write_outcome
-from scenarios.studies.public_recordings import kr300_recording
+
+if TYPE_CHECKING:
+    from scenarios.pipelines.schema import Answer
 
 MODEL = Path(__file__).parents[1] / "mjcf" / "six_hinges" / "six_hinges.xml"
 
@@ -41,6 +42,11 @@ class Settings:
 
 def main(settings: Settings) -> Answer:
     """Compare the encoders, and write what was found."""
+    from bench.shared.format.folder import write
+    from scenarios.pipelines.compare_encoders import compare_encoders
+    from scenarios.report.sections.dual_encoder import write_outcome
+    from scenarios.studies.public_recordings import kr300_recording
+
     recording = kr300_recording(settings.data)
     if settings.recording is not None:
         write(settings.recording, recording)

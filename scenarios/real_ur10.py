@@ -16,19 +16,16 @@ Expect: over all poses 3.01 mm rms with the tracker's frame fitted, 0.84 mm with
         that was fitted
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from bench.shared.format.folder import write
-from scenarios.pipelines.calibrate import CalibrationOutcome, calibrate_and_prove
-from scenarios.pipelines.inputs import arm_of
-from scenarios.report import data_files
 from scenarios.report.command_line import progress_bar, run
-from scenarios.report.page import Block
-from scenarios.report.sections.calibration import write_calibration
-from scenarios.studies import ur10_calibration
-from scenarios.studies.public_recordings import ur10_recording
-from scenarios.studies.ur10_calibration import MODEL, nominal
+
+if TYPE_CHECKING:
+    from scenarios.pipelines.calibrate import CalibrationOutcome
 
 
 @dataclass(frozen=True)
@@ -47,6 +44,16 @@ class Settings:
 
 def main(settings: Settings) -> CalibrationOutcome:
     """State the error of the nominal arm, then calibrate it."""
+    from bench.shared.format.folder import write
+    from scenarios.pipelines.calibrate import calibrate_and_prove
+    from scenarios.pipelines.inputs import arm_of
+    from scenarios.report import data_files
+    from scenarios.report.page import Block
+    from scenarios.report.sections.calibration import write_calibration
+    from scenarios.studies import ur10_calibration
+    from scenarios.studies.public_recordings import ur10_recording
+    from scenarios.studies.ur10_calibration import MODEL, nominal
+
     recording = ur10_recording(settings.data)
     if settings.recording is not None:
         write(settings.recording, recording)

@@ -13,28 +13,19 @@ Takes:  4 s
 Expect: DIR with 1359 rows of 28 markers, which `python -m scenarios.check` finds whole
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
-from rich.console import Console
 
-from bench.experiment import record
-from bench.shared.errors import collect
-from bench.shared.format import folder
-from bench.shared.plan import parse_path
-from bench.shared.recording import Recording
-from bench.standard_plans import tour
-from scenarios.pipelines.synthetic_recording import (
-    KR10,
-    Watching,
-    concealing_rig,
-    refuse_truth_inside,
-    truth_text,
-    written_with_truth,
-)
+from scenarios.pipelines.synthetic_recording import KR10, Watching
 from scenarios.report.command_line import at_least, run
+
+if TYPE_CHECKING:
+    from bench.shared.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -74,6 +65,20 @@ class Settings:
 
 def main(settings: Settings) -> Recording:
     """Record one experiment."""
+    from rich.console import Console
+
+    from bench.experiment import record
+    from bench.shared.errors import collect
+    from bench.shared.format import folder
+    from bench.shared.plan import parse_path
+    from bench.standard_plans import tour
+    from scenarios.pipelines.synthetic_recording import (
+        concealing_rig,
+        refuse_truth_inside,
+        truth_text,
+        written_with_truth,
+    )
+
     s = settings
     rig, path, instruments, *_ = collect(
         lambda: concealing_rig(

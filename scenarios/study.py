@@ -15,28 +15,16 @@ Expect: Table 2 within 25 % of the paper's MAE and STDE in each direction; FT-ML
         not; report.html, table_02.csv to table_10.csv and study.rrd in the folder
 """
 
+from __future__ import annotations
+
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from scenarios.report import data_files, page
 from scenarios.report.command_line import run
-from scenarios.studies.paper import (
-    discussion,
-    imitation,
-    linear_fit,
-    playback,
-    table_08,
-    table_09,
-    table_10,
-    transfer,
-)
-from scenarios.studies.paper import tables_06_07 as imitation_tables
-from scenarios.studies.paper.budget import budget
-from scenarios.studies.paper.cells import Cell, CellResult, swept
-from scenarios.studies.paper.comparison import contenders
-from scenarios.studies.paper.experiment import Material, carry_out
-from scenarios.studies.paper.fresh_postures import unseen
+
+if TYPE_CHECKING:
+    from scenarios.studies.paper import discussion
 
 
 @dataclass(frozen=True)
@@ -63,6 +51,24 @@ class Settings:
 
 def main(settings: Settings) -> discussion.Study:
     """Run the study and write everything into the folder."""
+    from scenarios.report import data_files, page
+    from scenarios.studies.paper import (
+        discussion,
+        imitation,
+        linear_fit,
+        playback,
+        table_08,
+        table_09,
+        table_10,
+        transfer,
+    )
+    from scenarios.studies.paper import tables_06_07 as imitation_tables
+    from scenarios.studies.paper.budget import budget
+    from scenarios.studies.paper.cells import Cell, CellResult, swept
+    from scenarios.studies.paper.comparison import contenders
+    from scenarios.studies.paper.experiment import Material, carry_out
+    from scenarios.studies.paper.fresh_postures import unseen
+
     out, seed = settings.out, settings.seed
     spent = budget(settings.budget, seed)
     own = None if settings.method is None else transfer.OwnMethod.named(settings.method)
@@ -92,22 +98,14 @@ def main(settings: Settings) -> discussion.Study:
         *table_10.report(methods, spent.transfer.seeds, spent.name, out),
         *discussion.report(spent, methods, results),
     ]
-    curves = [
-        curve
-        for cell, result in results.items()
-        for curve in playback.curves(cell, result)
-    ]
+    curves = [c for one in results.items() for c in playback.curves(*one)]
     learnt = playback.Learnt(playback.shown_errors(methods), curves)
     if stream is not None:
         playback.show(stream, experiment, found, learnt)
     else:
         playback.save(out / "study.rrd", seed, experiment, found, learnt)
-    page.write(
-        out,
-        "The study on the bench",
-        discussion.summary(found, methods, results),
-        blocks,
-    )
+    first = discussion.summary(found, methods, results)
+    page.write(out, "The study on the bench", first, blocks)
     command = data_files.command_of("scenarios.study", settings)
     known = {"fresh_poses": spent.unseen, "seeds": list(spent.transfer.seeds)}
     rows = len(experiment.recording.time)

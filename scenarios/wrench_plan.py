@@ -15,17 +15,8 @@ Expect: with Table 5's plan FT-MLP is worse than the springs, most of all where 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-import numpy as np
-
-from scenarios.report import data_files, page
 from scenarios.report.command_line import run
-from scenarios.studies.paper import comparison
-from scenarios.studies.paper import wrench_plan as study
-from scenarios.studies.paper.budget import PLANS, Transfer, budget
-from scenarios.studies.paper.cells import swept
-from scenarios.studies.paper.experiment import Material, carry_out
-from scenarios.studies.paper.fresh_postures import unseen
-from scenarios.studies.paper.transfer import PerceptronCell, SpringsCell
+from scenarios.studies.paper.budget import Transfer, budget
 
 
 @dataclass(frozen=True)
@@ -52,13 +43,25 @@ class Settings:
 
 def main(settings: Settings) -> list[dict[str, object]]:
     """Run the comparison and write everything into the folder."""
+    import numpy as np
+
+    from scenarios.report import data_files, page
+    from scenarios.studies.paper import comparison
+    from scenarios.studies.paper import wrench_plan as study
+    from scenarios.studies.paper.budget import PLANS
+    from scenarios.studies.paper.cells import swept
+    from scenarios.studies.paper.experiment import Material, carry_out
+    from scenarios.studies.paper.fresh_postures import unseen
+    from scenarios.studies.paper.transfer import PerceptronCell, SpringsCell
+
     out, seed, n = settings.out, settings.seed, settings.unseen
     experiment = carry_out(seed, settings.poses)
     out.mkdir(parents=True, exist_ok=True)
     fresh = unseen(experiment.rig, experiment.arm, n, seed)
     judges = study.both(fresh, study.pulled_elsewhere(experiment, fresh, seed))
     material = Material.of(experiment, judges)
-    effort, by_plan = settings.effort, dict.fromkeys(PLANS, settings.seeds)
+    effort = settings.effort
+    by_plan: dict[str, tuple[int, ...]] = {plan: settings.seeds for plan in PLANS}
     if settings.seeds_of_table_5 is not None:
         by_plan["table 5"] = settings.seeds_of_table_5
     plain = {s: SpringsCell(s, effort.evaluations) for s in settings.seeds}
@@ -88,24 +91,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     used = experiment.measured.cases.wrench_in_base[:, :3]
     angle = np.rad2deg(study.nearest(judges.cases.wrench_in_base[:, :3], used))
     study.draw(errors, angle, study.LOADS, out / "wrench_plan.png")
-    each = [f"{', '.join(map(str, s))} ({plan} plan)" for plan, s in by_plan.items()]
-    blocks = [
-        page.Figure(
-            f"{study.finding(rows)} Left: MAE over x, y, z on {n} fresh postures with "
-            "95 % intervals; right: the median error of a quarter of the poses against "
-            "the angle from the load to the nearest direction the experiment used.",
-            "wrench_plan.png",
-        ),
-        page.Table(
-            f"MAE and 99th percentile over all directions on {n} fresh postures each, "
-            f"seeds: {'; '.join(each)} [mm]",
-            *study.report_table(rows),
-        ),
-        page.Heading("Is the paper's gain reached?"),
-        page.Paragraph(comparison.verdict(tuned, springs)),
-        comparison.gains_table(tuned, springs),
-        page.Paragraph(study.explanation(tuned[PLANS.index("table 5")], springs)),
-    ]
+    blocks = study.report_blocks(rows, tuned, springs, n, by_plan)
     page.write(out, "What does the wrench plan cost?", study.summary(rows), blocks)
     command = f"python -m scenarios.wrench_plan --seed {seed} --seeds"
     command += f" {' '.join(map(str, settings.seeds))} --seeds-of-table-5"

@@ -172,6 +172,27 @@ def test_command_is_thin_and_imported_by_nobody(file):
     assert [name for name, used in GRAPH.items() if module_name(file) in used] == []
 
 
+@pytest.mark.slow
+def test_the_manual_of_a_command_is_shown_without_what_the_command_needs():
+    """Flags that are settings of a network or an instrument bring their library."""
+    bring = {"floor", "how_many_poses", "many_poses", "record", "wrench_plan"}
+    names = [m for f in COMMANDS if (m := module_name(f)).split(".")[1] not in bring]
+    program = (
+        "import importlib, json, sys\n"
+        "for name in json.loads(sys.argv[1]): importlib.import_module(name)\n"
+        "print(json.dumps(sorted(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program, json.dumps(names)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    heavy = {"mujoco", "pinocchio", "torch", "rerun", "matplotlib", "scipy"}
+    assert heavy & set(json.loads(done.stdout)) == set()
+
+
 @pytest.mark.parametrize(
     ("package", "never"),
     [

@@ -195,3 +195,22 @@ def _asked(sweep: Sweep, questions: Sequence[Question], label: str) -> None:
         file.unlink()
     if done.returncode:
         raise BenchError(f"The diagnosis stopped: {done.stderr.strip()[-2000:]}")
+
+
+def refuse_other_trials(folder: Path, mine: str) -> None:
+    """Refuse a folder whose trials were drawn otherwise; remember how these are.
+
+    Args:
+        folder: Of the sweep; made if it is not there.
+        mine: How these trials are drawn, one line.
+
+    Raises:
+        Unusable: Where it holds others.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "sweep.txt"
+    if not file.exists():
+        file.write_text(mine, encoding="utf-8")
+    elif (theirs := file.read_text(encoding="utf-8")) != mine:
+        fault = f"it holds trials of {theirs.strip()}; give another name."
+        raise Unusable(f"Folder {str(folder)!r}", [fault])

@@ -16,7 +16,7 @@ Errors against the number of poses that were learnt from, with their scatter.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ from typing_extensions import override
 from bench.shared.errors import NotIdentifiable
 from bench.shared.recording import Recording
 from scenarios.report import page, style
+from scenarios.studies.paper.budget import Effort
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import TITLES
 from scenarios.studies.paper.experiment import Material
@@ -37,7 +38,7 @@ from stiffness.methods.gp_residual import GpResidual
 from stiffness.methods.method import Fitted
 from stiffness.methods.vjm import Vjm, VjmFit
 from stiffness.networks.fine_tuning import FineTuning
-from stiffness.networks.model import Cnn, Mlp
+from stiffness.networks.model import Cnn
 from stiffness.networks.pretraining import (
     Pretrained,
     Pretraining,
@@ -82,30 +83,6 @@ def springs_of(arm: Arm, few: Recording) -> tuple[VjmFit, tuple[str, ...]]:
 # --- Networks from few poses ----------------------------------------------------------
 
 PLAN = "spanning"
-ON = Training(steps=300, rate=1e-3)
-"""How a network goes on with the springs of the few poses; chosen: twice as many steps
-bring it no nearer to them (0.027 and 0.026 mm off on fresh poses)."""
-
-
-@dataclass(frozen=True)
-class Effort:
-    """What is spent on the networks.
-
-    Attributes:
-        shape: Of the perceptron.
-        steps: Of its pre-training.
-        cnn_steps: Of the convolutional network's.
-        on: Of going on with other springs.
-        epochs: Of fine-tuning.
-        every: Every how many of Table 4's postures are in the source plan.
-    """
-
-    shape: Mlp = field(default_factory=Mlp)
-    steps: int = 7000
-    cnn_steps: int = 2500
-    on: Training = ON
-    epochs: int = 300
-    every: int = 1
 
 
 def prepared(

@@ -16,9 +16,15 @@ from matplotlib.figure import Figure as Picture
 
 from bench.cell import GRAVITY
 from bench.shared.plan import DEFAULT_PATH
-from scenarios.report import style
+from scenarios.report import page, style
 from scenarios.studies.paper.budget import PLANS
-from scenarios.studies.paper.comparison import MEASURES, Contender, pooled
+from scenarios.studies.paper.comparison import (
+    MEASURES,
+    Contender,
+    gains_table,
+    pooled,
+    verdict,
+)
 from scenarios.studies.paper.experiment import Experiment
 from scenarios.studies.paper.fresh_postures import Unseen
 from stiffness.experiment.deflections import LoadCases
@@ -255,3 +261,40 @@ def summary(rows: list[dict]) -> str:
             "directions"
         )
     return f"Pre-trained {'; '.join(parts)}."
+
+
+def report_blocks(
+    rows: list[dict],
+    tuned: Sequence[Contender],
+    springs: Contender,
+    poses: int,
+    seeds: Mapping[str, Sequence[int]],
+) -> list[page.Block]:
+    """Return the report's figure, table and answer to the paper's claim.
+
+    Args:
+        rows: The tidy table.
+        tuned: Networks, one for each of `PLANS`.
+        springs: What they are compared with.
+        poses: How many fresh postures judge.
+        seeds: Of each plan.
+    """
+    each = [f"{', '.join(map(str, s))} ({plan} plan)" for plan, s in seeds.items()]
+    return [
+        page.Figure(
+            f"{finding(rows)} Left: MAE over x, y, z on {poses} fresh postures with "
+            "95 % intervals; right: the median error of a quarter of the poses against "
+            "the angle from the load to the nearest direction that the experiment "
+            "used.",
+            "wrench_plan.png",
+        ),
+        page.Table(
+            f"MAE and 99th percentile over all directions on {poses} fresh postures "
+            f"each, seeds: {'; '.join(each)} [mm]",
+            *report_table(rows),
+        ),
+        page.Heading("Is the paper's gain reached?"),
+        page.Paragraph(verdict(tuned, springs)),
+        gains_table(tuned, springs),
+        page.Paragraph(explanation(tuned[PLANS.index("table 5")], springs)),
+    ]

@@ -16,6 +16,7 @@ from scenarios.pipelines.encoder_axes import heldout_comparison, rms, whole_rms
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.recording_check import abilities
 from scenarios.report.sections.dual_encoder import write_comparison, write_outcome
+from scenarios.studies.public_recordings import kr300_recording
 from stiffness.dual_encoder.motions import SHORTEST
 from stiffness.regression.testing import SMALLEST
 
@@ -177,7 +178,7 @@ def test_a_recording_without_second_encoders_or_motions_is_refused(tmp_path):
     with pytest.raises(Unusable, match="two are fitted, one judges"):
         heldout_comparison(whole.take(whole.posture_id < 2), real_kr300.MODEL)
     with pytest.raises(Unusable, match=r"A\.mat"):
-        real_kr300.kr300_recording(tmp_path)
+        kr300_recording(tmp_path)
 
 
 def test_diagnose_compares_encoders_where_no_tracker_watched(tmp_path):
@@ -244,7 +245,7 @@ def test_axes_in_another_order_than_the_model_s_are_compared_alike():
 def test_the_kr300_s_encoders_lag_by_three_milliseconds_and_do_not_wind_up():
     """By hand: 39 / 61 / 60 µrad on the third motion with one parameter."""
     folder = Path(os.environ["REAL_RECORDINGS"]) / "kr300-two-encoders"
-    recording = real_kr300.kr300_recording(folder)
+    recording = kr300_recording(folder)
     axes = heldout_comparison(recording, real_kr300.MODEL)
     answer = answer_of(recording.name, axes, 0.0)
     effects = {(n.effect, n.where) for n in answer.named}

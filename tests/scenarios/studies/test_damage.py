@@ -3,10 +3,16 @@ from dataclasses import replace
 
 import pytest
 
-from scenarios import damaged
-from scenarios.damaged import Settings, good_recording, main, outcome_of
+from scenarios.damaged import Settings, main, outcome_of
 from scenarios.pipelines.schema import Remark
-from scenarios.studies.damage import MISTAKES, damages, own_names, rewritten
+from scenarios.report import route
+from scenarios.studies.damage import (
+    MISTAKES,
+    damages,
+    good_recording,
+    own_names,
+    rewritten,
+)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +40,7 @@ def test_a_damage_that_is_none_is_counted_as_diagnosed(good, tmp_path, monkeypat
     class Told:
         warnings, named, verdict = (), (), "no_mismatch"
 
-    monkeypatch.setattr(damaged, "diagnose_to_folder", lambda *_: Told)
+    monkeypatch.setattr(route, "diagnose_to_folder", lambda *_: Told)
     outcome = outcome_of(rewritten("nothing", "file", good), tmp_path / "0")
     assert outcome.what == "diagnosed" and not outcome.right
 
@@ -44,7 +50,7 @@ def test_a_mistake_said_by_another_name_is_not_recognised(good, tmp_path, monkey
         named, verdict = (), "set_up"
         warnings = (Remark("units", "wrench_sensor", "forces look given in lbf."),)
 
-    monkeypatch.setattr(damaged, "diagnose_to_folder", lambda *_: Told)
+    monkeypatch.setattr(route, "diagnose_to_folder", lambda *_: Told)
     kgf = replace(rewritten("kgf", "physics", good), code="units", word="kgf")
     outcomes = [
         outcome_of(damage, tmp_path / str(number))
@@ -68,6 +74,6 @@ def test_a_crash_is_counted_as_one(good, tmp_path, monkeypatch):
     def crash(*_):
         raise ZeroDivisionError
 
-    monkeypatch.setattr(damaged, "diagnose_to_folder", crash)
+    monkeypatch.setattr(route, "diagnose_to_folder", crash)
     outcome = outcome_of(rewritten("nothing", "physics", good), tmp_path / "0")
     assert outcome.what == "crashed" and not outcome.right

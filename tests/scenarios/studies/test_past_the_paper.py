@@ -8,11 +8,12 @@ from bench.shared.errors import NotIdentifiable
 from bench.study_arm import default_truth
 from scenarios import floor, how_many_poses, wrench_plan
 from scenarios.report import data_files
+from scenarios.studies.paper import experiment as paper_experiment
 from scenarios.studies.paper import wrench_plan as paper_wrench_plan
-from scenarios.studies.paper.budget import budget
+from scenarios.studies.paper.budget import Effort, budget
 from scenarios.studies.paper.comparison import BARS
 from scenarios.studies.paper.experiment import Material
-from scenarios.studies.paper.few_poses import Effort, few_of, springs_of
+from scenarios.studies.paper.few_poses import few_of, springs_of
 from scenarios.studies.paper.floor import (
     NUDGE,
     NudgeCell,
@@ -46,7 +47,7 @@ def material(small):
 
 @pytest.mark.slow
 def test_how_many_poses_runs_small(experiment, tmp_path, monkeypatch):
-    monkeypatch.setattr(how_many_poses, "carry_out", lambda *_: experiment)
+    monkeypatch.setattr(paper_experiment, "carry_out", lambda *_: experiment)
     settings = how_many_poses.Settings(
         tmp_path, (8, 25), 2, 1, 10, jobs=1, poses=POSES, effort=EFFORT
     )
@@ -59,7 +60,7 @@ def test_how_many_poses_runs_small(experiment, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_wrench_plan_runs_small(experiment, tmp_path, monkeypatch):
-    monkeypatch.setattr(wrench_plan, "carry_out", lambda *_: experiment)
+    monkeypatch.setattr(paper_experiment, "carry_out", lambda *_: experiment)
     settings = wrench_plan.Settings(
         tmp_path,
         unseen=12,
@@ -86,7 +87,7 @@ def test_wrench_plan_runs_small(experiment, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_floor_runs_small(experiment, tmp_path, monkeypatch):
-    monkeypatch.setattr(floor, "carry_out", lambda *_: experiment)
+    monkeypatch.setattr(paper_experiment, "carry_out", lambda *_: experiment)
     settings = floor.Settings(
         tmp_path, 10, jobs=1, poses=POSES, known=1, effort=TRANSFER
     )
