@@ -1,0 +1,70 @@
+import shutil
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from bench.model_file import load
+from bench.shared.errors import Unusable
+from scenarios import arm_trials as command
+from scenarios.studies.arm_trials import BASES, WOUND_UP, model_files, with_springs
+from stiffness.robot.arm import Arm
+
+
+@pytest.fixture
+def models(root, tmp_path):
+    folder = tmp_path / "models"
+    folder.mkdir()
+    shutil.copy(root / "mjcf" / "ur10" / "ur10.xml", folder)
+    return folder
+
+
+@pytest.mark.slow
+def test_arms_of_a_folder_are_tried_with_both_bases(models, tmp_path, capsys):
+    """Springs and the proof are as good with the base turned as with it as shipped."""
+    settings = command.Settings(models, tmp_path / "out", trials=1, poses=16)
+    trials = command.main(settings)
+    assert [t.base for t in trials] == list(BASES)
+    assert trials[0].truth == trials[1].truth
+    for trial in trials:
+        assert trial.failed == ""
+        assert trial.springs_off < 0.15
+        assert trial.after_over_noise < 1.5
+    assert "ur10" in (tmp_path / "out" / "report.md").read_text()
+    assert (tmp_path / "out" / "arm_trials.csv").exists()
+    assert "of 2 trials" in capsys.readouterr().out
+
+
+def test_a_turned_base_is_the_same_arm_under_another_gravity(models):
+    (file,) = model_files(models)
+    arms = {}
+    for base in BASES:
+        text = with_springs(file, base, np.random.default_rng(3))
+        arms[base] = Arm.from_mjcf_text(text)
+    one, other = (arms[base] for base in BASES)
+    np.testing.assert_array_equal(one.stiffness, other.stiffness)
+    assert np.all(one.stiffness > 0.0)
+    np.testing.assert_allclose(np.linalg.norm(other.chain.gravity), 9.81)
+    turn = Rotation.align_vectors(other.chain.gravity[None], one.chain.gravity[None])[0]
+    assert turn.magnitude() > 0.1
+    torque = one.gravity_torque(np.zeros((1, 6))) / one.stiffness
+    assert np.max(np.abs(torque)) <= 1.5 * WOUND_UP
+
+
+def test_a_folder_without_models_is_refused(tmp_path):
+    with pytest.raises(Unusable, match=r"no \.xml \(MJCF\) or \.urdf"):
+        model_files(tmp_path)
+
+
+def test_of_several_arms_the_longest_chain_is_taken(tmp_path):
+    text = """<mujoco><worldbody><body name="base"><body name="l" pos="0 1 0">
+    <joint name="l1"/><inertial mass="1" pos="0 0 1" diaginertia="1 1 1"/></body>
+    <body name="r"><joint name="r1"/><inertial mass="1" pos="0 0 1"
+    diaginertia="1 1 1"/><body name="r_tip" pos="0 0 1"><joint name="r2" axis="0 1 0"/>
+    <inertial mass="1" pos="0 0 1" diaginertia="1 1 1"/></body></body></body>
+    </worldbody></mujoco>"""
+    file = tmp_path / "torso.xml"
+    file.write_text(text)
+    assert load(file).njnt == 3
+    arm = Arm.from_mjcf_text(with_springs(file, "turned", np.random.default_rng(0)))
+    assert arm.axes == ("r1", "r2")
