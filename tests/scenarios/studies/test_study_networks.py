@@ -321,7 +321,8 @@ def test_method_that_breaks_the_contract_is_refused_before_the_study_runs(experi
 def test_readmes_method_and_its_check_run_as_they_stand(
     experiment, root, tmp_path, monkeypatch
 ):
-    blocks = re.findall(r"```python\n(.*?)```", (root / "README.md").read_text(), re.S)
+    manual = (root / "stiffness" / "README.md").read_text("utf-8")
+    blocks = re.findall(r"```python\n(.*?)```", manual, re.S)
     method, check = (
         next(b for b in blocks if word in b)
         for word in ("class Scaled(Method)", "import faults")
