@@ -255,13 +255,21 @@ def test_an_effect_is_two_files_and_an_entry_in_three_lists(root, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("package", ["bench.effects", "stiffness.effects"])
-def test_without_its_entry_in_the_catalogue_an_effect_cannot_be_imported(
-    package, root, tmp_path
+@pytest.mark.parametrize(
+    ("missing", "package", "named"),
+    [
+        (CATALOGUE, "bench.effects", "bench.shared.effect_catalogue.CATALOGUE"),
+        (CATALOGUE, "stiffness.effects", "bench.shared.effect_catalogue.CATALOGUE"),
+        (EFFECTS, "bench.effects", "bench.effects.EFFECTS"),
+        (HYPOTHESES, "stiffness.effects", "stiffness.effects.HYPOTHESES"),
+    ],
+)
+def test_a_missing_entry_fails_at_import_with_the_name_of_the_list(
+    missing, package, named, root, tmp_path
 ):
-    done = run(follow(tmp_path, root, without=CATALOGUE), f"import {package}")
+    done = run(follow(tmp_path, root, without=missing), f"import {package}")
     assert done.returncode == 1
-    assert "effect_catalogue.CATALOGUE has no {'belt_ratio'}" in done.stderr
+    assert f"{named} has no {{'belt_ratio'}}" in done.stderr
 
 
 def test_the_recipe_names_every_file_that_is_changed(root):

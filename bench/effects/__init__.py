@@ -78,5 +78,10 @@ OTHER_LAWS: tuple[type[Effect], ...] = (
 )
 """Second mechanisms under names that `EFFECTS` has."""
 
+WITHOUT_MECHANISM = {"channel_delay"}
+"""A delay is a matter of streams, which the bench does not record."""
+
 if missing := {kind.name for kind in EFFECTS} - CATALOGUE.keys():
     raise ImportError(f"bench.shared.effect_catalogue.CATALOGUE has no {missing}.")
+if missing := CATALOGUE.keys() - {kind.name for kind in EFFECTS} - WITHOUT_MECHANISM:
+    raise ImportError(f"bench.effects.EFFECTS has no {missing}.")

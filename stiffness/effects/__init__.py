@@ -70,3 +70,5 @@ Two laws may have one name: a base that tips is a base that gives way.
 
 if missing := {law.effect for law in HYPOTHESES} - CATALOGUE.keys():
     raise ImportError(f"bench.shared.effect_catalogue.CATALOGUE has no {missing}.")
+if missing := CATALOGUE.keys() - {law.effect for law in HYPOTHESES}:
+    raise ImportError(f"stiffness.effects.HYPOTHESES has no {missing}.")

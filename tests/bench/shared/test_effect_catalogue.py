@@ -5,15 +5,13 @@ import sys
 
 import pytest
 
-from bench.effects import EFFECTS
+from bench.effects import EFFECTS, WITHOUT_MECHANISM
 from bench.shared.effect_catalogue import CATALOGUE, usual
 from stiffness.effects import HYPOTHESES
 from stiffness.robot.tracker_frame import LARGEST_SCALE
 
 EXAMPLE = {"axis": "a5", "link": "link_2", "marker": "marker:x"}
 MECHANISMS = {kind.name: kind for kind in EFFECTS}
-WITHOUT_MECHANISM = {"channel_delay"}
-"""A delay is a matter of streams, which the bench does not record."""
 
 
 def test_every_effect_has_one_entry_and_every_entry_is_an_effect():
