@@ -5,7 +5,7 @@ A cell has room for a posture if no part is in the floor, a pulley or the trunk.
 Postures spread evenly over what an arm can reach show all of its axes at work.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -60,6 +60,12 @@ class Room:
         self, posture: Float[np.ndarray, "tried axes"]
     ) -> Bool[np.ndarray, " tried"]:
         """Say of each posture, in rad, whether there is room for it."""
+        return np.logical_not(np.any(self.obstacles(posture), axis=1))
+
+    def obstacles(
+        self, posture: Float[np.ndarray, "tried axes"]
+    ) -> Bool[np.ndarray, "tried 3"]:
+        """Say of each posture, in rad, what is in its way: floor, trunk, pulley."""
         model, data = self.model, mujoco.MjData(self.model)
         scale = reach(model, self.arm)
         axes = [model.joint(axis).qposadr[0] for axis in self.arm.axes]
@@ -68,7 +74,7 @@ class Room:
         ]
         base, flange = model.body(self.arm.base).id, model.body(self.arm.flange).id
         hook_in_flange = self.cell.sensor_position + np.array(self.cell.hook)
-        room = np.zeros(len(posture), dtype=bool)
+        blocked = np.zeros((len(posture), 3), dtype=bool)
         for row, angles in enumerate(posture):
             data.qpos[axes] = angles
             mujoco.mj_kinematics(model, data)
@@ -76,18 +82,50 @@ class Room:
             hook = data.xpos[flange] + data.xmat[flange].reshape(3, 3) @ hook_in_flange
             places = (np.vstack([data.xpos[carried], hook]) - data.xpos[base]) @ turn
             apart = np.linalg.norm(self.cell.pulley - places[-1], axis=1)
-            room[row] = (
-                places[:, 2].min() > FLOOR * scale
-                and np.linalg.norm(places[-1, :2]) > TRUNK * scale
-                and apart.min() > PULLEY * scale
+            blocked[row] = (
+                places[:, 2].min() <= FLOOR * scale,
+                np.linalg.norm(places[-1, :2]) <= TRUNK * scale,
+                apart.min() <= PULLEY * scale,
             )
-        return room
+        return blocked
 
 
 # --- Spread of configurations ---------------------------------------------------------
 
 CENTRAL = 0.8  # chosen: a tenth of the range is kept free at either stop
 CANDIDATES = 1000  # chosen: tried per posture before the wish is called infeasible
+
+HALF_TURN = np.pi
+"""How far axes turn either way where nothing else is asked for, in rad; chosen: that
+shows a whole turn, and the cables and hoses of many arms allow no more."""
+
+
+def within(
+    limits: Float[np.ndarray, "axes 2"],
+    slides: Sequence[bool],
+    widest: float = HALF_TURN,
+) -> Float[np.ndarray, "axes 2"]:
+    """Return limits that let no axis turn further than asked for; slides stay.
+
+    Args:
+        limits: Lowest and highest value of each axis, in rad (slides in m).
+        slides: Whether each axis slides.
+        widest: How far either way from zero, in rad; from its middle where the range
+            of an axis lies beyond.
+
+    Raises:
+        Unusable: Where that is no angle above zero.
+    """
+    if not widest > 0.0:
+        fault = f"axes may turn by {np.rad2deg(widest):g}°, expected above 0."
+        raise Unusable("Spread of postures", [fault])
+    narrow = np.clip(limits, -widest, widest)
+    middle, half = limits.mean(axis=1), np.diff(limits, axis=1)[:, 0] / 2.0
+    half = np.minimum(half, widest)
+    beyond = narrow[:, 0] >= narrow[:, 1]
+    narrow[beyond] = np.stack([middle - half, middle + half], axis=1)[beyond]
+    return np.where(np.array(slides, bool)[:, None], limits, narrow)
+
 
 Feasible = Callable[[Float[np.ndarray, "tried axes"]], Bool[np.ndarray, " tried"]]
 """Says of each posture, in rad, whether the cell has room for it."""
@@ -149,3 +187,43 @@ def spread(
         )
         raise Unusable("Spread of postures", [fault])
     return found[:count]
+
+
+SAMPLE = 400
+"""Postures of which it is said what is in their way; chosen."""
+
+
+def spread_in(
+    room: Room, count: int, seed: int, widest: float = HALF_TURN
+) -> Float[np.ndarray, "count axes"]:
+    """Return postures of low discrepancy for which a cell has room; see `spread`.
+
+    Args:
+        room: The room that an arm has in its cell.
+        count: How many postures.
+        seed: Of the scrambling.
+        widest: How far they turn an axis either way, in rad.
+
+    Raises:
+        Unusable: Where there are too few, with what is in the way of the others.
+    """
+    limits = within(room.limits, room.arm.slides, widest)
+    try:
+        return spread(limits, count, seed, room)
+    except Unusable as error:
+        tried = spread(limits, SAMPLE, seed)
+        scale = 1e3 * reach(room.model, room.arm)
+        floor, trunk, pulley = room.obstacles(tried).mean(axis=0)
+        fault = (
+            f"Of the postures {floor:.0%} bring a link or the hook to less than "
+            f"{FLOOR * scale:.0f} mm above the base's foot, {trunk:.0%} the hook to "
+            f"within {TRUNK * scale:.0f} mm of the base's z axis, and {pulley:.0%} to "
+            f"within {PULLEY * scale:.0f} mm of a pulley; "
+        )
+        fault += (
+            "no posture carries the hook away from the base's z axis: a rope cannot "
+            "load such an arm; check the directions of its axes and its lengths."
+            if trunk == 1.0
+            else "check the base's frame (z is up), the joints' ranges and the lengths."
+        )
+        raise Unusable(error.what, [*error.faults, fault]) from None

@@ -176,6 +176,7 @@ def tour(
     path: tuple[LoadStep, ...] = DEFAULT_PATH,
     revisits: int = 0,
     seed: int = 0,
+    widest: float = postures.HALF_TURN,
 ) -> Plan:
     """Return a plan that shows all axes of an arm at work.
 
@@ -185,9 +186,10 @@ def tour(
         path: What hangs on the hook in each.
         revisits: How many of them are visited once more at the end.
         seed: Of the postures, where they are spread.
+        widest: How far those turn an axis either way, in rad.
 
     Raises:
-        Unusable: Where there are not that many postures.
+        Unusable: Where there are not that many postures, with what is in their way.
     """
     pulleys = len(rig.mounted.pulley)
     if is_kr10(rig):
@@ -195,7 +197,7 @@ def tour(
     room = Room(rig.nominal, rig.anatomy, rig.mounted)
     once = Plan(
         name=f"{Path(rig.arm_file).stem}, {poses} postures",
-        posture=postures.spread(room.limits, poses, seed, room),
+        posture=postures.spread_in(room, poses, seed, widest),
         posture_id=np.arange(poses),
         pulley=mixed_pulleys(poses, pulleys),
         path=path,

@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 
 from bench import standard_plans
-from bench.postures import Room
+from bench.postures import Room, within
 from bench.rig import Rig
+from bench.shared.errors import Unusable
 from bench.standard_plans import is_kr10, tour
 
 WHERE_THE_HOOK_IS = np.deg2rad([[0, -90, 90, 0, 30, 0], [0, 40, 60, 0, 0, 0]])
@@ -49,3 +50,30 @@ def test_another_arm_tours_the_room_it_has(ur10_rig):
         plan.posture, tour(ur10_rig, 30, revisits=4, seed=1).posture
     )
     assert np.any(plan.posture != tour(ur10_rig, 30, revisits=4, seed=2).posture)
+
+
+def test_no_axis_turns_further_than_half_a_turn_unless_asked_to(ur10_rig):
+    """The UR10's axes are free for a whole turn either way."""
+    assert room(ur10_rig).limits.max() > 1.9 * np.pi
+    assert np.abs(tour(ur10_rig, 30).posture).max() <= np.pi
+    far = np.abs(tour(ur10_rig, 30, widest=2 * np.pi).posture).max()
+    assert np.pi < far <= 2 * np.pi
+    near = np.abs(tour(ur10_rig, 10, widest=np.deg2rad(100)).posture).max()
+    assert near <= np.deg2rad(100)
+
+
+def test_ranges_are_cut_at_the_widest_turn_and_slides_are_left_alone():
+    limits = np.array([[-6.0, 6.0], [-1.0, 2.0], [0.0, 9.0], [4.0, 11.0]])
+    cut = within(limits, (False, False, True, False), 3.0)
+    np.testing.assert_allclose(cut, [[-3, 3], [-1, 2], [0, 9], [4.5, 10.5]])
+    with pytest.raises(Unusable, match="expected above 0"):
+        within(limits, (False,) * 4, 0.0)
+
+
+def test_arm_that_finds_no_posture_is_told_what_is_in_the_way(root, ur10_rig):
+    """Six hinges on one line carry the hook nowhere."""
+    with pytest.raises(Unusable, match="100% the hook to within 100 mm") as error:
+        tour(Rig(root / "mjcf" / "six_hinges" / "six_hinges.xml"), 1)
+    assert "a rope cannot load such an arm" in str(error.value)
+    with pytest.raises(Unusable, match="check the base's frame"):
+        tour(ur10_rig, 1, widest=0.05)
