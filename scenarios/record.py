@@ -5,34 +5,50 @@ of the arm goes to the truth file, never beside the recording. Without `--effect
 `--truth` the arm is what its model says: linear springs and nothing else.
 
 A KR10 R1100-2 goes through the postures of the paper's Table 1, another arm through
-postures spread over its joint limits. A recording that is in DIR already is replaced;
-a folder that holds anything else is left alone. The same flags give the same files.
+postures spread over its joint limits; loads stay within its payload. What each effect
+moves is printed; one that noise would hide is refused. A recording that is in DIR is
+replaced, a folder with anything else left alone. The same flags give the same files.
 
 Run:    python -m scenarios.record --effect hysteresis@a2,width_rad=2e-4 --out DIR
 Takes:  4 s
 Expect: DIR with 1359 rows of 28 markers, which `python -m scenarios.check` finds whole
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import tyro
+from rich.console import Console
 
-from scenarios.pipelines.synthetic_recording import KR10, Watching
+from bench.effect_size import effect_sizes
+from bench.experiment import record
+from bench.shared.errors import collect
+from bench.shared.format import folder
+from bench.shared.plan import parse_path
+from bench.shared.recording import Recording
+from scenarios.pipelines.recording_limits import USUAL_LOADS, planned, refuse_unseen
+from scenarios.pipelines.synthetic_recording import (
+    KR10,
+    Watching,
+    bare_rig,
+    concealing_rig,
+    folder_beside,
+    truth_text,
+    written_with_truth,
+)
 from scenarios.report.command_line import at_least, run
+from scenarios.report.effects import catalogue_tables, sizes_table
 
-if TYPE_CHECKING:
-    from bench.shared.recording import Recording
+LOADS = tyro.conf.arg(metavar="KG,…", help_behavior_hint=f"(default: {USUAL_LOADS})")
+KUKA = tyro.conf.arg(help_behavior_hint="(default: the KR10 R1100-2)")
 
 
 @dataclass(frozen=True)
 class Settings:
     """What is true, what is done, and what watches."""
 
-    out: Path
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for the recording."""
     effect: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """NAME@WHERE[,param=value…] in SI, such as hysteresis@a2,width_rad=2e-4; repeat."""
@@ -40,9 +56,9 @@ class Settings:
     """`default`: the study's KR10, with springs and effects of its own; more add up."""
     stiffness_scale: tuple[float, ...] = (1.0,)
     """True stiffness over the model's, one for all axes or one each."""
-    robot: Annotated[
-        Path, tyro.conf.arg(help_behavior_hint="(default: the KR10 R1100-2)")
-    ] = KR10
+    stiffness: tuple[float, ...] = ()
+    """True stiffness in N m/rad in place of the model's, for all axes or one each."""
+    robot: Annotated[Path, KUKA] = KR10
     """MJCF or URDF of the arm alone."""
     hand: str = ""
     """Body that the ropes pull, where a torso carries several arms."""
@@ -50,14 +66,20 @@ class Settings:
     """How many postures; a KR10's table has 151."""
     revisits: int = 0
     """How many of them are visited once more at the end."""
-    path: str = "0,2.5,5,7.5,10,10@120,5,2.5,0"
+    path: Annotated[str | None, LOADS] = None
     """What hangs on the hook in each posture, in kg; mass@seconds stays that long."""
+    overload: bool = False
+    """Let --path hang more than the arm's payload."""
+    widest_deg: float = 180.0
+    """How far an axis turns either way at most; a KR10's table is what it is."""
     seed: int = 0
     """Of everything random."""
     truth_file: Path | None = None
     """JSON file for what is true; outside DIR."""
     name: str = ""
     """Name of the recording; empty: that of the plan."""
+    effects: Annotated[bool, tyro.conf.FlagCreatePairsOff] = False
+    """List all effects, their places, parameters and usual ranges, and end."""
     watch: Annotated[Watching, tyro.conf.OmitArgPrefixes] = field(
         default_factory=Watching
     )
@@ -65,41 +87,32 @@ class Settings:
 
 def main(settings: Settings) -> Recording:
     """Record one experiment."""
-    from rich.console import Console
-
-    from bench.experiment import record
-    from bench.shared.errors import collect
-    from bench.shared.format import folder
-    from bench.shared.plan import parse_path
-    from bench.standard_plans import tour
-    from scenarios.pipelines.synthetic_recording import (
-        concealing_rig,
-        refuse_truth_inside,
-        truth_text,
-        written_with_truth,
-    )
-
     s = settings
-    rig, path, instruments, *_ = collect(
-        lambda: concealing_rig(
-            s.robot, s.hand, s.effect, s.truth == "default", s.stiffness_scale
-        ),
-        lambda: parse_path(s.path),
+    if s.effects:
+        Console().print(catalogue_tables(bare_rig(s.robot, s.hand).anatomy))
+        raise SystemExit(0)
+    true = (s.effect, s.truth == "default", s.stiffness_scale, s.stiffness)
+    out, rig, path, instruments, *_ = collect(
+        lambda: folder_beside(s.out, s.truth_file),
+        lambda: concealing_rig(s.robot, s.hand, *true),
+        lambda: parse_path(s.path) if s.path else None,
         s.watch.instruments,
-        lambda: at_least(0, seed=s.seed),
+        lambda: at_least(0, seed=s.seed, revisits=s.revisits),
         lambda: at_least(1, poses=s.poses),
-        lambda: refuse_truth_inside(s.out, s.truth_file),
     )
-    plan = tour(rig, s.poses, path, s.revisits, s.seed)
+    plan, loads = planned(
+        rig, path, s.overload, s.poses, s.revisits, s.seed, s.widest_deg
+    )
     with Console(stderr=True).status("recording"):
+        sizes = tuple(effect_sizes(rig, plan, instruments, s.seed))
+        refuse_unseen(sizes[len(sizes) - len(s.effect) :], instruments, rig)
         recording = record(rig, plan, instruments, s.seed, s.name)
-    if s.truth_file is None:
-        folder.write(s.out, recording)
-    else:
-        truth = truth_text(rig, recording.name, s.seed, instruments)
-        written_with_truth(s.truth_file, truth, lambda: folder.write(s.out, recording))
+    truth = truth_text(rig, recording.name, s.seed, instruments)
+    written_with_truth(s.truth_file, truth, lambda: folder.write(out, recording))
     rows, markers = len(recording.time), len(recording.markers)
-    print(f"{s.out}: {rows} rows, {markers} markers.")
+    print(f"{out}: {rows} rows, {markers} markers.\n{loads}")
+    if sizes:
+        Console().print(sizes_table(sizes, instruments))
     return recording
 
 

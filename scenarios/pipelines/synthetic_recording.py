@@ -31,12 +31,23 @@ from bench.study_arm import default_truth
 KR10 = Path(__file__).parents[2] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 
 
+def bare_rig(robot: Path, hand: str) -> Rig:
+    """Return an arm as its model has it.
+
+    Args:
+        robot: Its model file.
+        hand: Body that the ropes pull, where a torso carries several arms; or empty.
+    """
+    return Rig(robot, axes=axes_to(load(robot), hand) if hand else ())
+
+
 def concealing_rig(
     robot: Path,
     hand: str,
     effects: Sequence[str],
     default: bool,
     scale: tuple[float, ...],
+    stiffness: tuple[float, ...] = (),
 ) -> Rig:
     """Return an arm with what is concealed in it.
 
@@ -46,33 +57,64 @@ def concealing_rig(
         effects: As flags give them, NAME@WHERE[,param=value…].
         default: Whether the study's KR10 is meant, with springs and effects of its own.
         scale: True stiffness over the model's, one for all axes or one each.
+        stiffness: What stands in place of the model's, in N m/rad, likewise; or empty.
 
     Raises:
         Unusable: Where something cannot be built, with all faults.
     """
-    rig = Rig(robot, axes=axes_to(load(robot), hand) if hand else ())
+    rig = bare_rig(robot, hand)
     axes = len(rig.anatomy.axes)
-    stiffness, known = rig.nominal.jnt_stiffness, ()
-    parsed, _ = collect(
+    springs, known = rig.nominal.jnt_stiffness, ()
+    parsed, *_ = collect(
         lambda: parse_all(effects, rig.nominal),
-        lambda: check_stiffness_scale(scale, axes),
+        lambda: check_for_axes("--stiffness-scale", scale, axes),
+        lambda: check_for_axes("--stiffness", stiffness or (1.0,), axes),
     )
     if default:
-        if not is_kr10(rig):
-            raise Unusable("Truth", ["--truth default is that of a KR10 R1100-2."])
+        faults = [] if is_kr10(rig) else ["--truth default is that of a KR10 R1100-2."]
+        if stiffness:
+            faults.append("--truth default has springs of its own; no --stiffness.")
+        if faults:
+            raise Unusable("Truth", faults)
         truth = default_truth()
-        known, stiffness = truth.effects, truth.stiffness
-    rig = replace(rig, effects=(*known, *parsed), stiffness=stiffness * np.array(scale))
-    _ = rig.model  # compiled here: what cannot be built is a fault of the settings
+        known, springs = truth.effects, truth.stiffness
+    if stiffness:
+        springs = np.broadcast_to(np.array(stiffness), axes)
+    rig = replace(rig, effects=(*known, *parsed), stiffness=springs * np.array(scale))
+    try:
+        _ = rig.model  # compiled here: what cannot be built is a fault of the settings
+    except Unusable as error:
+        if not (rigid := rigid_axes(rig)):
+            raise
+        why = f"{', '.join(rigid)} have no joint stiffness in the model, and {SPRINGS}."
+        raise Unusable(error.what, [*error.faults, why]) from None
     return rig
 
 
-def check_stiffness_scale(scale: tuple[float, ...], axes: int) -> None:
-    """Refuse scales that are not one number, or one for each axis, above zero."""
-    positive = all(np.isfinite(factor) and factor > 0.0 for factor in scale)
-    if len(scale) not in (1, axes) or not positive:
+SPRINGS = (
+    "most effects of a gear act on its axis' spring, which neither --stiffness-scale "
+    "nor joint_compliance gives it; give the model joint stiffness, or set it by "
+    "--stiffness, such as 5e4"
+)
+"""Why a rigid axis shows little, and what to do."""
+
+
+def rigid_axes(rig: Rig) -> list[str]:
+    """Return the axes, from a1 on, that have no spring."""
+    springs = enumerate(rig.springs, start=1)
+    return [f"a{k}" for k, stiffness in springs if stiffness >= RIGID]
+
+
+def check_for_axes(flag: str, values: tuple[float, ...], axes: int) -> None:
+    """Refuse what is not one number, or one for each axis, above zero.
+
+    Raises:
+        Unusable: Naming the flag.
+    """
+    positive = all(np.isfinite(value) and value > 0.0 for value in values)
+    if len(values) not in (1, axes) or not positive:
         say = f"expected one number or {axes}, all above 0"
-        raise Unusable("Flags", [f"--stiffness-scale is {scale}, {say}."])
+        raise Unusable("Flags", [f"{flag} is {values}, {say}."])
 
 
 # --- Instruments ----------------------------------------------------------------------
@@ -173,37 +215,49 @@ def truth_text(rig: Rig, name: str, seed: int, instruments: Instruments) -> str:
     return msgspec.json.format(msgspec.json.encode(truth), indent=2).decode() + "\n"
 
 
-def refuse_truth_inside(folder: Path, truth_file: Path | None) -> None:
-    """Refuse a truth file inside a recording's folder.
+def folder_beside(out: Path | None, truth_file: Path | None) -> Path:
+    """Return the recording's folder, which is there and holds no truth file.
+
+    Args:
+        out: The folder, as `--out` has it.
+        truth_file: Where the truth goes; None: nowhere.
 
     Raises:
-        Unusable: Where it lies there, also through links.
+        Unusable: Where no folder is named, or the truth lies in it, also through links.
     """
+    if out is None:
+        raise Unusable("Flags", ["--out is missing; name a folder for the recording."])
     if truth_file is None:
-        return
+        return out
     if os.path.lexists(truth_file) and not truth_file.is_file():
         fault = "it is there and is no file; give another name."
         raise Unusable("Truth file", [f"--truth-file {str(truth_file)!r}: {fault}"])
-    inside = truth_file.resolve().is_relative_to(folder.resolve())
-    if inside or folder.resolve().is_relative_to(truth_file.resolve()):
+    inside = truth_file.resolve().is_relative_to(out.resolve())
+    if inside or out.resolve().is_relative_to(truth_file.resolve()):
         fault = (
-            f"it lies inside {str(folder)!r}, or that inside it; put it elsewhere, for "
+            f"it lies inside {str(out)!r}, or that inside it; put it elsewhere, for "
             "a recording holds no truth."
         )
         raise Unusable("Truth file", [f"--truth-file {str(truth_file)!r}: {fault}"])
+    return out
 
 
-def written_with_truth(truth_file: Path, truth: str, write: Callable[[], None]) -> None:
+def written_with_truth(
+    truth_file: Path | None, truth: str, write: Callable[[], None]
+) -> None:
     """Write the truth and, while it waits beside its place, what belongs to it.
 
     Args:
-        truth_file: Where the truth goes; one that is there is replaced.
+        truth_file: Where the truth goes; one that is there is replaced. None: nowhere.
         truth: What it says.
         write: Writes the rest, or raises.
 
     Raises:
         Unusable: Where the truth cannot be written; then nothing is.
     """
+    if truth_file is None:
+        write()
+        return
     waiting = None
     try:
         truth_file.parent.mkdir(parents=True, exist_ok=True)

@@ -3,6 +3,7 @@ import json
 import numpy as np
 import pytest
 
+from bench.effects import EFFECTS
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.format import folder
 from scenarios import record as scenario
@@ -168,7 +169,7 @@ def test_recording_that_is_there_is_replaced_and_nothing_else(tmp_path):
 
 def test_default_truth_has_springs_and_effects_of_its_own(tmp_path):
     truth_file = tmp_path / "t.json"
-    main(small(tmp_path / "r", truth="default", truth_file=truth_file))
+    main(small(tmp_path / "r", truth="default", truth_file=truth_file, poses=2))
     truth = json.loads(truth_file.read_text())
     assert {e["effect"] for e in truth["effects"]} >= {"hardening", "hysteresis"}
     assert truth["stiffness"]["a2"] != 63360.0
@@ -182,6 +183,91 @@ def test_another_arm_goes_through_its_own_range_of_motion(tmp_path, root):
     assert len(np.unique(recording.posture_id)) == 12
     with pytest.raises(Unusable, match="KR10"):
         main(small(tmp_path / "q", robot=ur10, truth="default"))
+
+
+RIGID = ("hysteresis@a3,width_rad=1e-4", "creep@a2", "joint_compliance@a3")
+
+
+def test_effects_that_move_nothing_are_refused_at_once_and_say_why(tmp_path, root):
+    """A rigid gear does not wind up, so nothing slips or creeps in it."""
+    ur10 = root / "mjcf" / "ur10" / "ur10.xml"
+    with pytest.raises(Unusable, match="less than 1% of the noise of 10 µm") as error:
+        main(small(tmp_path / "r", robot=ur10, effect=RIGID))
+    named = [fault.partition(" ")[0] for fault in error.value.faults]
+    assert named == ["hysteresis@a3", "creep@a2"]
+    assert str(error.value).count("--stiffness, such as 5e4") == 2
+    assert list(tmp_path.iterdir()) == []
+    main(small(tmp_path / "r", robot=ur10, effect=RIGID, stiffness=(5e4,)))
+
+
+def test_effects_too_small_for_the_noise_are_refused(tmp_path):
+    words = ("hysteresis@a2,width_rad=1e-9", "wrench_bias@wrench_sensor,fx_n=1e-4")
+    with pytest.raises(Unusable, match=r"0\.0001 N and 0 N m rms") as error:
+        main(small(tmp_path / "r", effect=words))
+    assert len(error.value.faults) == 2 and "make it larger" in str(error.value)
+    finer = Watching(noise_mm=(1e-5,))
+    main(small(tmp_path / "r", effect=("hysteresis@a2,width_rad=1e-7",), watch=finer))
+
+
+def test_coupling_of_rigid_axes_is_refused_with_the_way_out(tmp_path, root):
+    ur10 = root / "mjcf" / "ur10" / "ur10.xml"
+    with pytest.raises(Unusable, match=r"a6 have no joint stiffness .* --stiffness"):
+        main(small(tmp_path / "r", robot=ur10, effect=("wrist_coupling@a5",)))
+
+
+def test_what_each_effect_moves_is_printed(tmp_path, capsys):
+    words = ("hysteresis@a2,width_rad=2e-4", "wrench_bias@wrench_sensor,fx_n=0.25")
+    main(small(tmp_path / "r", effect=words))
+    rows = {}
+    for line in capsys.readouterr().out.splitlines():
+        name, *cells = (cell.strip() for cell in line.strip("│").split("│"))
+        rows[name] = cells
+    assert 5 < float(rows["hysteresis@a2"][0]) < 100
+    assert rows["wrench_bias@wrench_sensor"] == ["0", "0.25", "0"]
+    assert rows["noise of a reading, one sigma"] == ["10", "0.04", "0.002"]
+
+
+def test_load_beyond_the_payload_is_refused_unless_asked_for(tmp_path, capsys):
+    with pytest.raises(Unusable, match=r"up to 12 kg .* carries 10 kg.* --overload"):
+        main(small(tmp_path / "r", path="0,12,0"))
+    main(small(tmp_path / "r", path="0,12,0", overload=True))
+    assert "up to 12 kg, not checked" in capsys.readouterr().out
+
+
+def test_usual_loads_of_a_small_arm_are_within_its_payload(tmp_path, root, capsys):
+    model = (root / "mjcf" / "ur10" / "ur10.xml").read_text()
+    weak = tmp_path / "weak.xml"
+    weak.write_text(model.replace('data="10"', 'data="3"'))
+    recording = main(Settings(tmp_path / "r", robot=weak, poses=3))
+    assert recording.load_mass is not None
+    assert recording.load_mass.max() == 3.0
+    assert "up to 3 kg in place of the usual 10 kg" in capsys.readouterr().out
+
+
+def test_springs_of_the_default_truth_are_its_own(tmp_path):
+    with pytest.raises(Unusable, match="no --stiffness"):
+        main(small(tmp_path / "r", truth="default", stiffness=(5e4,)))
+    with pytest.raises(Unusable, match="expected one number or 6, all above 0"):
+        main(small(tmp_path / "r", stiffness=(5e4, -1.0)))
+
+
+def test_list_of_effects_has_places_parameters_units_and_ranges(monkeypatch, capsys):
+    with pytest.raises(SystemExit) as end:
+        on_the_command_line(monkeypatch, "--effects")
+    assert end.value.code == 0
+    said = " ".join(capsys.readouterr().out.split())
+    for kind in EFFECTS:
+        assert f"{kind.name} @" in said
+    assert "hysteresis @ a1 to a6" in said
+    assert "width_rad 0.00015 rad 0 to 0.000291 (Harmonic Drive" in said
+    assert "rx_rad_per_nm 5e-07 rad/(N m) 1e-07 to 1e-06" in said
+
+
+def test_command_without_a_folder_ends_with_2(monkeypatch, capsys):
+    with pytest.raises(SystemExit) as end:
+        on_the_command_line(monkeypatch, "--poses", 3)
+    assert end.value.code == 2
+    assert "--out is missing" in capsys.readouterr().err
 
 
 def test_manual_names_every_flag_that_stays(monkeypatch, capsys):
