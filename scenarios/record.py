@@ -95,7 +95,7 @@ def main(settings: Settings) -> Recording:
     out, rig, path, instruments, *_ = collect(
         lambda: folder_beside(s.out, s.truth_file),
         lambda: concealing_rig(s.robot, s.hand, *true),
-        lambda: parse_path(s.path) if s.path else None,
+        lambda: None if s.path is None else parse_path(s.path),
         s.watch.instruments,
         lambda: at_least(0, seed=s.seed, revisits=s.revisits),
         lambda: at_least(1, poses=s.poses),
