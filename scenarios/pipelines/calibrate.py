@@ -1,6 +1,9 @@
-"""Calibrates an arm on absolute positions, proves it, and states the result.
+"""Calibrates an arm on absolute positions, proves it, and fills in diagnosis.json.
 
-A calibration is put into the fixed form of diagnosis.json.
+`calibrate_and_prove` fits, simulates the held-out poses and summarises the residual;
+`answer_of` puts the calibration into schema 1; `first_sentence` is the result in words.
+
+Probability and share of a named effect, in `answer_of`:
 
 ==========  ==========================================================================
 Equation    probability of a name = Phi(z), z = its loss when taken out over the loss'
@@ -9,8 +12,6 @@ Source      paired differences over clusters, taken as normal
 Valid       ten regions or more
 Ignores     that losses of confounded names overlap
 ==========  ==========================================================================
-
-A calibration is carried out, proved and written, all or nothing.
 """
 
 import time
@@ -52,7 +53,7 @@ from stiffness.robot.arm import Arm
 
 MM = 1e3
 LIKE = {"hysteresis": "lost_motion"}
-"""What looks the same in an arm that only stands: the side it came from."""
+"""Effects that cannot be told apart at rest: both depend on the side of approach."""
 
 
 def answer_of(
@@ -63,15 +64,15 @@ def answer_of(
     seconds: float,
     rejected: float = 1.0,
 ) -> Answer:
-    """Put everything together.
+    """Return a calibration as an answer in schema 1.
 
     Args:
-        name: Of the recording.
+        name: Name of the recording.
         found: The calibration.
-        proof: What the simulator says of it.
-        residual: Summary of what the calibrated arm leaves.
-        seconds: That it took.
-        rejected: p-value of the nominal arm, where another test has looked at it.
+        proof: Its proof in the simulator on the held-out poses.
+        residual: Summary of the calibrated arm's residual.
+        seconds: Time that it took, in s.
+        rejected: p-value of the nominal arm from a test made before; 1: none was made.
     """
     first, last = found.at_first, found.at_last
     p_value = min(1.0, rejected, 2.0 * min(first.p_value, proof.p_value))
@@ -183,7 +184,7 @@ def _called(found: Calibrated, key: Key) -> Called:
 
 
 def first_sentence(answer: Answer, proof: CalibrationProof) -> str:
-    """Return what was found, in one sentence."""
+    """Return the error before and after, and the verdict, in one sentence."""
     low, high = MM * proof.gain[1], MM * proof.gain[2]
     names = len(answer.named)
     before, after = MM * rms(proof.before), MM * rms(proof.after)
@@ -204,7 +205,7 @@ def first_sentence(answer: Answer, proof: CalibrationProof) -> str:
 
 @dataclass(frozen=True)
 class CalibrationOutcome:
-    """All that came out."""
+    """A calibration with its proof, its residual, its answer and the model file."""
 
     found: Calibrated
     proof: CalibrationProof
@@ -221,18 +222,18 @@ def calibrate_and_prove(
     quiet: bool = False,
     rejected: float = 1.0,
 ) -> CalibrationOutcome:
-    """Calibrate and prove.
+    """Calibrate an arm on a recording and prove it in the simulator.
 
     Args:
-        recording: Absolute positions, of which the unloaded rows count.
+        recording: Absolute positions; only the unloaded rows are used.
         arm: The nominal arm, with the recording's names.
         model: Its file, for the simulator.
-        draw: Which regions are kept back; see `spatial_folds_of`.
-        quiet: Whether to say nothing on the way.
-        rejected: p-value of the nominal arm, where another test has looked at it.
+        draw: Which regions are held out; see `spatial_folds_of`.
+        quiet: Whether to print no progress.
+        rejected: p-value of the nominal arm from a test made before; 1: none was made.
 
     Raises:
-        Unusable: Where the recording cannot be calibrated on.
+        Unusable: Where the recording does not allow a calibration.
     """
     started = time.perf_counter()
     console = Console(quiet=quiet)

@@ -1,11 +1,10 @@
-"""Held-out poses in the simulator before and after calibration, and what is left.
+"""Proves a calibration on held-out poses in the simulator, and summarises the residual.
 
-The simulator stands in the poses kept back, as drawn and as calibrated.
-
-Frames are fitted on the other poses, for both. Friction's side is played as what it
-does: an axis that stops short of where it was sent, on the side it came from.
-
-What calibration leaves has a look of its own, and is said even without a name.
+`proved` simulates the nominal and the calibrated arm in MuJoCo. For both, the tracker's
+frame is fitted on the poses that are not held out. Friction that depends on the side of
+approach is played as what it does: an axis that stops short of where it was sent, on
+the side it came from. `summarise_residual` tests the calibrated arm's residual on the
+held-out poses and states its size and pattern, named or not.
 """
 
 from dataclasses import dataclass, replace
@@ -32,23 +31,24 @@ from stiffness.robot.tracker_frame import kabsch
 HOUR = 3600.0
 RESAMPLES = 1999
 SETTLED = 1e-3
-"""How long a plateau stands, in s; nothing creeps here."""
+"""Duration of a simulated plateau, in s; short, since nothing creeps here."""
 AT_ONCE = 2000
-"""Rows that are simulated together."""
+"""Rows that are simulated in one batch."""
 
 
 @dataclass(frozen=True)
 class CalibrationProof:
-    """What the simulator leaves on the rows kept back.
+    """Residuals of the simulator on the held-out rows, before and after calibration.
 
     Attributes:
-        poses: How many were kept back.
-        before: Residual as drawn, in m.
-        after: Residual as calibrated, in m.
+        poses: Number of held-out poses.
+        before: Residual of the nominal arm, along the base's axes, in m.
+        after: Residual of the calibrated arm, along the base's axes, in m.
         gain: Rms before less after, in m, and its 95 % interval over regions.
-        p_value: Share of draws of regions without any gain; 1: nothing was put in.
-        patch: What was put in.
-        explained: Share of what noise does not explain; None where there is none.
+        p_value: Share of resamples of regions without any gain; 1: the patch is empty.
+        patch: The calibration as a patch of the simulator.
+        explained: Share of the residual beyond noise that the patch explains; None
+            where there is none.
     """
 
     poses: int
@@ -61,7 +61,7 @@ class CalibrationProof:
 
 
 def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationProof:
-    """Simulate the arm as drawn and as calibrated on everything that was seen."""
+    """Simulate the nominal and the calibrated arm at all poses of a calibration."""
     held = found.held
     carried = mounted_on(recording, rig_of(Patch(), model))
     patch = replace(patch_of_calibration(found), mounted=carried)
@@ -88,7 +88,7 @@ def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationP
 
 
 def rms(residual: Float[np.ndarray, "rows 3"]) -> float:
-    """Return the root of the mean square of the distance, in m."""
+    """Return the root mean square of the distance, in m."""
     return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
 
 
@@ -99,7 +99,7 @@ def _residual(
     geometry: Geometry,
     pose_repeatability: Float[np.ndarray, "rows axes"] | float,
 ) -> Float[np.ndarray, "rows 3"]:
-    """Return seen less simulated along the base's axes, in m."""
+    """Return observed less simulated positions along the base's axes, in m."""
     readings = found.readings
     rig = rig_of(patch, model)
     order = [rig.anatomy.axes.index(name) for name in readings.arm.axes]
@@ -141,7 +141,7 @@ def _pose_repeatability(found: Calibrated) -> Float[np.ndarray, "rows axes"]:
 
 
 def _gain(before, after, region) -> tuple[tuple[float, float, float], float]:
-    """Return gain, interval and p-value over regions drawn anew, whole ones."""
+    """Return gain in m, its interval and its p-value by a bootstrap over regions."""
     names, index = np.unique(region, return_inverse=True)
     count = np.bincount(index)
     squares = [np.bincount(index, np.sum(r**2, axis=1)) for r in (before, after)]
@@ -156,22 +156,23 @@ def _gain(before, after, region) -> tuple[tuple[float, float, float], float]:
 # --- Summary of the residual ----------------------------------------------------------
 
 FAR = np.radians(1.0)
-"""An angle further than this from any that was fitted is new to a table; chosen: a
-quarter of the shortest wave that matters."""
+"""An angle further than this from every fitted one lies outside an error table, in rad;
+chosen: a quarter of the shortest wave that matters."""
 ALPHA = 0.005
-"""Below this p-value something is left."""
+"""p-value below which the residual is significant."""
 
 
 @dataclass(frozen=True)
 class ResidualSummary:
-    """What is left on the poses kept back.
+    """The residual of the calibrated arm on the held-out poses, tested and described.
 
     Attributes:
-        where: The place that it hangs on most.
-        signature: How it looks, in words.
-        p_value: Of its being noise: alike in neighbours, or more than was stated.
+        where: The site that it depends on most.
+        signature: Its size and pattern, in words.
+        p_value: Of its being noise; small where neighbouring poses are correlated or
+            where it exceeds the stated noise.
         new_angle: Rows where some axis stands at an angle that was not fitted.
-        by_region: Of each region kept back: its number, rms in m, poses, share of new
+        by_region: Of each held-out region: its number, rms in m, poses, share of new
             angles.
     """
 
@@ -183,7 +184,7 @@ class ResidualSummary:
 
 
 def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSummary:
-    """Look at what is left."""
+    """Test the residual on the held-out poses, and describe it in words."""
     held, readings = found.held, found.readings
     new, by_axis = _new_angles(found)
     left, region = proof.after, found.spatial_folds.region[held]
@@ -245,9 +246,9 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
 
 
 def _beyond_stated(found: Calibrated, residual, region) -> tuple[float, float]:
-    """Return what the stated noise leaves, in m, and the p-value of no more than that.
+    """Return the rms that stated noise makes, in m, and the p-value of no more than it.
 
-    The noise of what was fitted counts twice: poses kept back lie at the edge.
+    The variance of the fitted parameters counts twice: held-out poses lie at the edge.
     """
     if not np.isfinite(found.readings.stated):
         return np.nan, 1.0
@@ -283,7 +284,7 @@ def _most_significant_axis(
     by_axis: dict[str, np.ndarray],
     posture: Float[np.ndarray, "rows axes"],
 ) -> str:
-    """Return the axis whose angle sorts what is left best."""
+    """Return the axis over whose angle the squared residual varies most."""
     size = np.sum(found.residual[found.held] ** 2, axis=1)
     best, most = "flange", 0.0
     for k in range(posture.shape[1]):

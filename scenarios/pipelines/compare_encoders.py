@@ -1,14 +1,10 @@
-"""Compares the encoders before and after each gear, and states what lies between.
+"""Compares the encoders before and after each gear, and fills in diagnosis.json.
 
-What is believed between encoders gets the vocabulary's names and parameters.
-
-What no name explains is measured: how much, where, what it goes with, how long.
-
-What a reader should know of a comparison of encoders, or mend,.
-
-What lies between two encoders is put into the fixed form of diagnosis.json.
-
-Where second encoders alone watched a moving arm, they are what is compared.
+`compare_encoders` is the whole comparison, for a stream with second encoders and no
+tracked target; `answer_of` puts it into schema 1. `called` gives accepted terms the
+vocabulary's effects and parameters; `unexplained` states the size of the residual, its
+axis, what it is correlated with and how long it keeps its sign; `notices` are the
+warnings on torques, springs, orders and refused terms.
 """
 
 import time
@@ -49,12 +45,12 @@ from stiffness.regression.testing import SMALLEST
 # --- Names and parameters -------------------------------------------------------------
 
 ALPHA = 0.005
-"""Below this p-value there is something."""
+"""p-value below which the nominal simulation is rejected."""
 SUREST = 0.9999
 
 
 def called(axis: Axis) -> list[Called]:
-    """Return what was named of an axis; contacts that slip are one hysteresis."""
+    """Return the effects named at an axis; slip elements make one hysteresis."""
     found, names = axis.found, []
     if found.delay_step is not None:
         known = {"delay_s": _interval(found.delay, found.delay_half)}
@@ -66,13 +62,13 @@ def called(axis: Axis) -> list[Called]:
 
 
 def depends_on(axis: Axis) -> tuple[str, ...]:
-    """Return what an axis' difference depends on."""
+    """Return the quantities that the named effects of an axis depend on."""
     kinds = [n.effect for n in called(axis)]
     return tuple(dict.fromkeys(d for kind in kinds for d in CATALOGUE[kind].depends_on))
 
 
 def max_significance(axis: Axis) -> float:
-    """Return how many standard errors the surest name gains; 0: none was believed."""
+    """Return the largest gain of a name in standard errors; 0: nothing is named."""
     late = [] if axis.found.delay_step is None else [axis.found.delay_step]
     named = [t for t in axis.found.believed if t.term.effect != FRICTION]
     if axis.is_nominal_spring:
@@ -81,7 +77,7 @@ def max_significance(axis: Axis) -> float:
 
 
 def contradicts(axis: Axis) -> bool:
-    """Return whether a spring that the model has is not there, or far off."""
+    """Return whether the recording contradicts the model's spring by over a decade."""
     return (
         axis.model_give > 0.0
         and axis.give is not None
@@ -93,7 +89,7 @@ def contradicts(axis: Axis) -> bool:
 def columns_of(
     axis: Axis,
 ) -> Iterator[tuple[Term, SelectionStep, np.ndarray, np.ndarray]]:
-    """Yield every term with its trial, its coefficients and half their intervals."""
+    """Yield each term with its selection step, coefficients and half intervals."""
     found, i = axis.found, 0
     for term, trial in zip(found.terms, found.believed, strict=True):
         width = len(term.parameters)
@@ -126,7 +122,7 @@ def _widths(axis: Axis) -> Iterator[Called]:
 
 
 def _harmonics(axis: Axis) -> list[Called]:
-    """Return all waves of a gear, the largest first."""
+    """Return all harmonics of a gear as transmission errors, the largest first."""
     waves = []
     for term, trial, x, half in columns_of(axis):
         if term.order:
@@ -163,7 +159,7 @@ URAD = 1e6
 
 
 def unexplained(axes: Sequence[Axis]) -> Left:
-    """Say what is left of the axis that is left most."""
+    """Describe the residual of the axis whose residual is the largest."""
     worst = max(axes, key=lambda a: whole_rms(a.after))
     left = [worst.found.residual(m) for m in worst.fitted]
     shares = followed(left, worst.fitted, worst.after, worst.judged)
@@ -189,11 +185,11 @@ def _help(a: Axis) -> str:
 # --- Notices --------------------------------------------------------------------------
 
 MIN_EXPLAINED = 0.5
-"""Share that a wind-up must explain before its sign is doubted; chosen."""
+"""Share that a wind-up must explain before the torque's sign is questioned; chosen."""
 
 
 def notices(axes: Sequence[Axis], named: Sequence[Called]) -> Iterator[Remark]:
-    """Yield what is known of torques and springs, of orders, and what was refused."""
+    """Yield warnings on torques, springs, orders of harmonics and refused terms."""
     for a in axes:
         if _torque(a):
             yield Remark("torque", a.name, _torque(a))
@@ -235,7 +231,7 @@ def _doubts(axes: Sequence[Axis], named: Sequence[Called]) -> Iterator[Remark]:
 
 
 def _backwards(trial: SelectionStep) -> bool:
-    """Return whether a spring that pushes would explain most of what is there."""
+    """Return whether a negative compliance would explain most of the difference."""
     return trial.coefficients[0] < 0.0 and trial.gain > MIN_EXPLAINED
 
 
@@ -275,7 +271,7 @@ def _known(a: Axis) -> bool:
 
 
 def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
-    """Put all axes together."""
+    """Return the comparison of all axes as an answer in schema 1."""
     p = min(1.0, len(axes) * min(map(_p_value, axes)))
     named = tuple(c for a in axes for c in called(a)) if p < ALPHA else ()
     more = len(axes) * min(a.beyond_after for a in axes) < ALPHA
@@ -312,7 +308,7 @@ def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
 
 
 def _p_value(axis: Axis) -> float:
-    """Return that of the axis being as simulated: by its noise and by its names."""
+    """Return the p-value of an axis being nominal, by its residual or its names."""
     named = (
         float(norm.sf(max_significance(axis))) if max_significance(axis) > 0.0 else 1.0
     )
@@ -348,7 +344,7 @@ def _noise(axes: Sequence[Axis]) -> float | None:
 
 
 def _explained(axes: Sequence[Axis]) -> Interval | None:
-    """Return the share of what noise does not explain; None without stated noise."""
+    """Return the explained share of the part beyond noise; None: noise not stated."""
     if not all(a.stated for a in axes):
         return None
     both, rows = _squares(axes)
@@ -359,7 +355,7 @@ def _explained(axes: Sequence[Axis]) -> Interval | None:
 
 
 def _squares(axes: Sequence[Axis]) -> tuple[np.ndarray, np.ndarray]:
-    """Return sums of squares before and after, and rows, of every stretch of time."""
+    """Return sums of squares before and after, and rows, of every block of time."""
     squares, count = [], []
     for a in axes:
         cut = a.judged.stretches()
@@ -369,7 +365,7 @@ def _squares(axes: Sequence[Axis]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _gain(axes: Sequence[Axis]) -> Interval:
-    """Return the gain and its interval; stretches of time are drawn anew."""
+    """Return the gain in µrad and its interval by a bootstrap over blocks of time."""
     both, rows = _squares(axes)
     drawn = np.random.default_rng(0).integers(len(rows), size=(1999, len(rows)))
     size = np.sqrt(both[:, drawn].sum(axis=2) / rows[drawn].sum(axis=1))
@@ -381,8 +377,8 @@ def _gain(axes: Sequence[Axis]) -> Interval:
 # --- The comparison -------------------------------------------------------------------
 
 OFF = 0.2
-"""How far the slope of one encoder over the other may be from 1; chosen: no gear winds
-up by a fifth of its way."""
+"""Largest difference from 1 of the slope of one encoder over the other; chosen: no gear
+winds up by a fifth of its travel."""
 
 
 def calls_for_comparison(recording: Recording) -> bool:
@@ -396,12 +392,12 @@ def calls_for_comparison(recording: Recording) -> bool:
 
 @dataclass(frozen=True)
 class ComparisonOutcome:
-    """All that came out of comparing encoders.
+    """The axes, the answer and the patch of a comparison of encoders.
 
     Attributes:
-        axes: What was found of each axis; empty where the set-up is mistaken.
-        answer: What goes to diagnosis.json.
-        patch: What goes into the simulator; None where nothing was named.
+        axes: Result of each axis; empty where the set-up is wrong.
+        answer: Content of diagnosis.json.
+        patch: For the simulator; None where nothing was named.
     """
 
     axes: tuple[Axis, ...]
@@ -413,7 +409,7 @@ def compare_encoders(recording: Recording, model: Path) -> ComparisonOutcome:
     """Compare the encoders on both sides of each gear.
 
     Args:
-        recording: A stream, every axis' motions told apart by `pose`.
+        recording: A stream whose motions are distinguished by `pose`.
         model: The arm's file, for the simulator.
 
     Raises:
@@ -431,7 +427,7 @@ def compare_encoders(recording: Recording, model: Path) -> ComparisonOutcome:
 
 
 def _mistakes(recording: Recording) -> Iterator[Remark]:
-    """Say which second encoders do not follow the first ones one to one."""
+    """Yield a warning for each second encoder that is not one to one with the first."""
     assert recording.link_posture is not None
     for k in axes_read_twice(recording):
         slope = _slope(recording.posture[:, k], recording.link_posture[:, k])

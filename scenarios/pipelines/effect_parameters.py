@@ -1,8 +1,7 @@
-"""Names, units and usual sizes of the parameters of effects, as people read them.
+"""Units, labels and number formats of effects' parameters, for reports and terminal.
 
-People read parameters in units of their own, and with an interval.
-
-Catalogues say how large an effect usually is; beyond that one looks twice.
+`size` and `span` print a parameter without and with its interval, `chance` a
+probability; `unit_of` and `label` split a parameter's name into unit and plain words.
 """
 
 import numpy as np
@@ -25,20 +24,20 @@ WORDS = {
     "s": ("s", 1.0),
     "kg_m": ("kg m", 1.0),
 }
-"""Units for people, by the end of a parameter's name."""
+"""Display unit and its number per SI unit, by the ending of a parameter's name."""
 DEGREES = ("°", 180.0 / np.pi)
-"""Of where in a turn something is."""
+"""Display unit of a phase."""
 MILLISECONDS = ("ms", 1e3)
-"""Of what a channel tells late."""
+"""Display unit of a channel's delay."""
 COUNTS = ("order",)
-"""Parameters that are whole numbers in gears."""
+"""Parameters that are whole numbers in gears, such as the order of a harmonic."""
 
 
 NOT_HELD = "(not held by these data)"
 
 
 def size(name: str, value: float | str | None) -> str:
-    """Return a parameter's value as people say it."""
+    """Return a parameter's value in its display unit, with three digits."""
     if value is None:
         return "no bound"
     if isinstance(value, str):
@@ -48,13 +47,13 @@ def size(name: str, value: float | str | None) -> str:
 
 
 def _digits(value: float) -> str:
-    """Return three digits, without powers of ten where people need none."""
+    """Return three digits, without a power of ten below a million."""
     small = f"{value:.3g}"
     return f"{value:.0f}" if 1e3 <= abs(float(small)) < 1e6 else small
 
 
 def span(name: str, interval: Interval) -> str:
-    """Return a parameter with its interval."""
+    """Return a parameter's value and its interval in its display unit."""
     text = size(name, interval.estimate)
     if interval.low is None and interval.high is None:
         return f"{text} {NOT_HELD}"
@@ -71,7 +70,7 @@ def span(name: str, interval: Interval) -> str:
 
 
 def _whole(name: str, interval: Interval) -> str:
-    """Return the one whole number that a count can be; empty where there is none."""
+    """Return the only whole number in a count's interval; empty: none, or several."""
     ends = interval.low, interval.estimate, interval.high
     low, here, high = (x if isinstance(x, float) else np.nan for x in ends)
     if name not in COUNTS or not low <= round(here) <= high or high - low >= 1.0:
@@ -80,14 +79,14 @@ def _whole(name: str, interval: Interval) -> str:
 
 
 def chance(probability: float) -> str:
-    """Return a probability without digits that nobody can stand for."""
+    """Return a probability with three digits, bounded at 0.001 and 0.999."""
     if probability < 1e-3:
         return "below 0.001"
     return f"{probability:.3f}" if probability <= 0.999 else "above 0.999"
 
 
 def unit_of(name: str) -> tuple[str, float]:
-    """Return the unit of a parameter, and its size in SI units, by its name."""
+    """Return a parameter's display unit and the factor from SI to it, by its name."""
     if name.startswith("phase"):
         return DEGREES
     if name.startswith("delay"):

@@ -1,15 +1,12 @@
 """Axes read on both sides of their gears, judged on a motion held out of the fit.
 
-An axis that is read twice, what lies between its encoders, and what that leaves.
-
-A spring that a model has is nominal: it is fitted silently within a decade.
-
-The second encoders of a stream are predicted on a motion that nothing was fitted to.
-
-The simulator is given the angles that the second encoder tells of, a delay being no
-matter of the arm; its gears turn unevenly as named. What winds up under the motor's own
-torque is added to what it says: the simulator stands still and cannot make that torque.
-A spring that the model has is nominal: it is fitted silently over a decade either way.
+`heldout_comparison` fits all motions of an axis but the last and predicts the second
+encoder on the last one; an `Axis` holds the fit and both residuals. The simulator is
+given the angles that the second encoder reports, corrected for the delay, which is not
+a property of the arm; its gears have the harmonics that were named. Wind-up under the
+motor's own torque is added to the simulated difference, since a static simulation
+cannot make that torque. The model's spring is nominal: its compliance is fitted within
+a decade either way (`nominal_left`).
 """
 
 from dataclasses import dataclass
@@ -31,28 +28,29 @@ from stiffness.robot.arm import Arm
 # --- One axis and its residual --------------------------------------------------------
 
 WINDOW = 0.1
-"""Seconds that are averaged beside the full rate; chosen: gear ripple is faster."""
+"""Length in s of the means that `rms` takes; chosen: gear ripple is faster."""
 DECADE = 10.0
-"""How far a spring of the model may be off and still be nominal."""
+"""Factor within which a fitted spring counts as the model's own."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis, what lies between its encoders, and the proof.
+    """The comparison of one axis' two encoders, and its proof on a held-out motion.
 
     Attributes:
         name: a1, a2 …
         fitted: Motions that were fitted.
-        judged: The last motion, that was not.
-        found: What was believed and what was refused.
-        before: What the nominal simulation leaves of the judged motion, in rad.
-        after: What the simulator leaves of it with what was named, in rad.
-        noise: Of a row, one sigma, in rad.
-        stated: Whether the recording states it.
-        beyond_before: P-value of the nominal simulation leaving more than noise.
-        beyond_after: The same of what was named, on the judged motion.
+        judged: The last motion, which was held out.
+        found: Accepted and refused terms.
+        before: Residual of the nominal simulation on the judged motion, in rad.
+        after: Residual of the patched simulation on the judged motion, in rad.
+        noise: One sigma of a row, in rad.
+        stated: Whether the recording states the noise.
+        beyond_before: p-value of the nominal residual being noise only, on all motions.
+        beyond_after: p-value of the patched residual, on the judged motion.
         model_give: Compliance of the model's spring, in rad/(N m); 0: rigid.
-        give: Compliance as fitted, and half its interval; None: torque is not known.
+        give: Fitted compliance and half width of its interval, in rad/(N m); None:
+            torque is not known.
     """
 
     name: str
@@ -80,14 +78,14 @@ class Axis:
 def rms(
     residual: Float[np.ndarray, " rows"], time: Float[np.ndarray, " rows"]
 ) -> float:
-    """Return the root of the mean square of means over a window, in rad."""
+    """Return the root mean square of the means over windows, in rad."""
     part = np.floor((time - time[0]) / WINDOW + 1e-9).astype(int)
     means = np.bincount(part, residual) / np.bincount(part)
     return float(np.sqrt(np.mean((means - means.mean()) ** 2)))
 
 
 def whole_rms(residual: Float[np.ndarray, " rows"]) -> float:
-    """Return the root of the mean square of all rows, in rad."""
+    """Return the root mean square of all rows about their mean, in rad."""
     return float(np.sqrt(np.mean((residual - residual.mean()) ** 2)))
 
 
@@ -97,7 +95,7 @@ def whole_rms(residual: Float[np.ndarray, " rows"]) -> float:
 def give_of(
     motions: tuple[Motion, ...], found: EncoderComparison
 ) -> tuple[float, float] | None:
-    """Return an axis' compliance with half its interval, believed or not."""
+    """Return an axis' compliance and half width of its interval, accepted or not."""
     terms = list(found.terms)
     if not any(t.effect == WOUND for t in terms):
         terms += [t for t in plain_terms(motions) if t.effect == WOUND]
@@ -115,7 +113,7 @@ def nominal_left(
     model_give: float,
     give: tuple[float, float] | None,
 ) -> Float[np.ndarray, " rows"]:
-    """Return what the model leaves of a motion, its springs fitted within a decade."""
+    """Return the nominal residual of a motion, the spring fitted within a decade."""
     if model_give == 0.0 or give is None or motion.torque is None:
         return motion.apart
     own = float(np.clip(give[0], model_give / DECADE, model_give * DECADE))
@@ -132,7 +130,7 @@ def nominal_left(
 
 
 def waves_of(name: str, found: EncoderComparison) -> tuple[PatchEffect, ...]:
-    """Return the waves of an axis' gear."""
+    """Return the harmonics of an axis' gear as effects of a patch."""
     effects, i = [], 0
     for term in found.terms:
         own = found.x[i : i + len(term.parameters)]
@@ -203,7 +201,7 @@ def _simulated(
     motion: Motion,
     found: EncoderComparison,
 ) -> Float[np.ndarray, " rows"]:
-    """Return what the simulator leaves of a motion."""
+    """Return the residual of the patched simulation on a motion, in rad."""
     seen = np.flatnonzero(recording.posture_id == motion.posture_id)
     rows = seen[np.searchsorted(recording.time[seen], motion.time)]
     bare = rig_of(Patch(), model).anatomy.axes

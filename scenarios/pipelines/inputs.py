@@ -1,8 +1,8 @@
 """Reads the nominal arm from its model file, and a recording against that arm.
 
-A stream of one pose is one reading: a diagnosis counts poses, not instants.
-
-One model file is the arm of a claim and the names that a recording must use.
+`arm_of` reads the arm; `read_for` reads a recording with the names and limits of that
+arm, and notes a moving stream that is a single pose (`said_of_one_pose`), because a
+diagnosis counts poses, not instants.
 """
 
 from dataclasses import replace
@@ -23,11 +23,11 @@ from stiffness.robot.arm import Arm
 # --- Streams of a single pose ---------------------------------------------------------
 
 SLIDE = 1e-4
-"""Way from which a slide has moved, in m; chosen: a tenth of what a limit allows."""
+"""Travel from which a slide has moved, in m; chosen: a tenth of what a limit allows."""
 
 
 def said_of_one_pose(recording: Recording) -> tuple[str, ...]:
-    """Say what to do with a stream that is all one pose though the arm moves."""
+    """Return advice on a stream that is a single pose though the arm moves."""
     r = recording
     way = np.ptp(r.posture, axis=0)
     least = np.where(np.resize(r.slides or (False,), way.shape), SLIDE, SAME_POSTURE)
@@ -75,8 +75,8 @@ def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
     """Read a recording of an arm.
 
     Returns:
-        The recording, its names without what a terminal would obey; the arm with the
-        recording's own names; and notes.
+        The recording, its names without the terminal's control characters; the arm with
+        the recording's own names; and notes.
 
     Raises:
         Unusable: With every fault of the recording.

@@ -1,7 +1,8 @@
-"""Proposes the measurements that tell competing models apart best.
+"""Proposes the measurements that discriminate best between competing models.
 
-A rival that would do as well is fitted in the simulator like the name itself; then
-both do what could be done next, and their readings are compared.
+A competing effect is fitted in the simulator in place of the named one; then both
+models simulate the candidate experiments, and the expected log Bayes factor of their
+readings ranks these.
 """
 
 from collections.abc import Iterator
@@ -21,13 +22,13 @@ from scenarios.pipelines.schema import Next
 from stiffness.diagnosis.result import Diagnosis, Name
 
 MOST_PAIRS, PER_PAIR = 2, 3
-"""Rivals that are looked at, and experiments proposed for each; chosen for time."""
+"""Pairs of rivals compared, and experiments proposed for each; chosen for time."""
 TELLING = 1.0
-"""Log Bayes factor below which an experiment tells nothing; chosen."""
+"""Expected log Bayes factor below which an experiment is not proposed; chosen."""
 
 
 def proposed(diagnosis: Diagnosis, proof: Proof | None) -> tuple[Next, ...]:
-    """Return the measurements that tell live rivals apart best, best first.
+    """Return the measurements that discriminate best between rivals, best first.
 
     Args:
         diagnosis: With equivalents and confounded pairs.
@@ -43,13 +44,13 @@ def proposed(diagnosis: Diagnosis, proof: Proof | None) -> tuple[Next, ...]:
             BenchError,
             ArithmeticError,
             ValueError,
-        ):  # a rival that cannot be built
+        ):  # a rival that cannot be simulated
             continue
     return tuple(sorted(found, key=lambda n: -n.expected_log_bayes_factor))
 
 
 def _pairs(diagnosis: Diagnosis) -> Iterator[tuple[Name, Name]]:
-    """Return names and what they might be instead, most alike first."""
+    """Yield each named effect with a rival of it: equivalents, then confounded ones."""
     named = {n.name for n in diagnosis.named}
     seen = set()
     pairs = [(n.name, rival) for n in diagnosis.named for rival in n.equivalents]
@@ -85,7 +86,7 @@ def _between(proof: Proof, own: Name, rival: Name) -> list[Next]:
 
 
 def usual_size(name: Name) -> dict[str, float | str | None]:
-    """Return the parameters of an effect of catalogue size, to begin with."""
+    """Return the parameters of an effect of catalogue size, as the fit's start."""
     kind = next(kind for kind in EFFECTS if kind.name == name.effect)
     return {
         k: v if isinstance(v, str) or np.isfinite(v) else None

@@ -1,14 +1,11 @@
 """The form of diagnosis.json, schema 1, and the rule of its verdict.
 
-The form of diagnosis.json is fixed: schema 1.
+`Answer` is the file. Lengths are in mm and angles in µrad or degrees where a name says
+so, all parameters in SI; a number that does not exist, or is not finite, is null.
 
-Lengths are in mm and angles in µrad or degrees where a name says so, all parameters in
-SI. A number that does not exist, or has no end, is null.
-
-The verdict of an answer: what the readings say, unless the proof speaks against it.
-
-The order is that of the format: nothing differs; no name; a proof that was asked for
-and failed or gains nothing for sure; all explained; a part explained.
+`verdict_of` follows the order of the format: no mismatch; no name; a proof that was
+asked for and failed, or whose gain is not surely positive; all explained; a part
+explained.
 """
 
 import math
@@ -26,14 +23,14 @@ Verdict = Literal[
 
 
 class At(msgspec.Struct, frozen=True):
-    """A name and its place."""
+    """An effect and its site."""
 
     effect: str
     where: str
 
 
 class Interval(msgspec.Struct, frozen=True):
-    """A number with its 95 % interval; a name where a parameter is one."""
+    """A number with its 95 % interval; text where the parameter is a name."""
 
     estimate: Number | str
     low: Number | str
@@ -41,7 +38,7 @@ class Interval(msgspec.Struct, frozen=True):
 
 
 class Detected(msgspec.Struct, frozen=True):
-    """Whether something is there."""
+    """Whether recording and nominal simulation differ, and by how much."""
 
     p_value: float
     residual_rms_mm: Number
@@ -50,7 +47,7 @@ class Detected(msgspec.Struct, frozen=True):
 
 
 class Placed(msgspec.Struct, frozen=True):
-    """Where."""
+    """A site of the mismatch, with its share and what it depends on."""
 
     where: str
     p_value: float
@@ -60,7 +57,7 @@ class Placed(msgspec.Struct, frozen=True):
 
 
 class Called(msgspec.Struct, frozen=True):
-    """What."""
+    """A named effect with its probability, equivalents and parameters."""
 
     effect: str
     where: str
@@ -70,14 +67,14 @@ class Called(msgspec.Struct, frozen=True):
 
 
 class Other(msgspec.Struct, frozen=True):
-    """What else it might be."""
+    """A competing model and its probability."""
 
     probability: float
     effects: tuple[At, ...]
 
 
 class Left(msgspec.Struct, frozen=True):
-    """What stays open, and the residual of the patched arm, else of the nominal."""
+    """The unexplained residual: of the patched arm, else of the nominal one."""
 
     where: str
     signature: str
@@ -86,7 +83,7 @@ class Left(msgspec.Struct, frozen=True):
 
 
 class Remark(msgspec.Struct, frozen=True):
-    """What the reader should mend or know."""
+    """A warning: something that the reader should correct or know."""
 
     code: str
     where: str
@@ -94,7 +91,7 @@ class Remark(msgspec.Struct, frozen=True):
 
 
 class Proved(msgspec.Struct, frozen=True, omit_defaults=True):
-    """What the simulator says on poses held out."""
+    """The proof in the simulator: errors on held-out poses before and after."""
 
     simulator: Literal["mujoco"]
     held_out_poses: int
@@ -109,7 +106,7 @@ class Proved(msgspec.Struct, frozen=True, omit_defaults=True):
 
 
 class Next(msgspec.Struct, frozen=True):
-    """What to measure next."""
+    """A proposed measurement, and the two models that it tells apart."""
 
     why: str
     pose_deg: tuple[float, ...]
@@ -118,7 +115,7 @@ class Next(msgspec.Struct, frozen=True):
 
 
 class Answer(msgspec.Struct, frozen=True):
-    """diagnosis.json."""
+    """The content of diagnosis.json."""
 
     schema: Literal[1]
     recording: str
@@ -141,7 +138,7 @@ class Answer(msgspec.Struct, frozen=True):
 
 ENOUGH, ENOUGH_LOW = 0.98, 0.95
 """Explained share, and the low end of its interval, from which all is explained though
-something is left that readings still show; the rule of the format."""
+the residual is still significant; the rule of the format."""
 DISAGREES = 1.5
 """Rms of the simulator's nominal arm over that of the fitted one, on the same poses,
 above which the two are not the same arm; the rule of the format."""
@@ -149,15 +146,15 @@ above which the two are not the same arm; the rule of the format."""
 
 @dataclass(frozen=True)
 class Findings:
-    """What a verdict rests on.
+    """The results from which the verdict follows.
 
     Attributes:
         mismatch: Whether the test found a mismatch.
-        named: Whether a name was given.
-        residual_passes: Whether nothing significant is left after the names.
+        named: Whether an effect was named.
+        residual_passes: Whether the residual after the named effects is insignificant.
         proof_requested: Whether a proof was asked for.
-        proof: What the simulator said; None where it was not asked or could not.
-        explained_share: On the poses kept back; None where there is none.
+        proof: Result of the simulator; None where it was not asked or could not.
+        explained_share: On the held-out poses; None where there is none.
     """
 
     mismatch: bool
@@ -169,7 +166,7 @@ class Findings:
 
 
 def verdict_of(findings: Findings) -> Verdict:
-    """Return the verdict."""
+    """Return the verdict of schema 1 that follows from the findings."""
     if not findings.mismatch:
         return "no_mismatch"
     if not findings.named:
@@ -182,9 +179,9 @@ def verdict_of(findings: Findings) -> Verdict:
 
 
 def gain_is_positive(proof: Proved | None) -> bool:
-    """Return whether a proof's gain is above zero for sure.
+    """Return whether the low end of a proof's gain is above zero.
 
-    Where markers and encoders were both compared, markers decide.
+    Where markers and encoders were both compared, the markers' gain decides.
     """
     if proof is None:
         return False
@@ -207,10 +204,10 @@ def _explains_enough(share: Interval | None) -> bool:
 
 
 def text_of(answer: Answer) -> str:
-    """Return diagnosis.json."""
+    """Return an answer as the text of diagnosis.json."""
     return msgspec.json.format(msgspec.json.encode(answer), indent=2).decode() + "\n"
 
 
 def number(value: float, unit: float = 1.0) -> Number:
-    """Return a finite number in a unit, or None."""
+    """Return a finite number times a unit's factor; None where it is not finite."""
     return float(value) * unit if math.isfinite(value) else None
