@@ -1,6 +1,8 @@
 """Reports: command line, pages, figures, data files, summaries, playbacks.
 
-What to use when: `route` diagnoses and writes the answer; `page` writes report.md and
-report.html from the same blocks, `sections` hold those of each engine; `data_files`
-writes tidy csv files, `style` gives every figure the same look.
+What to use when: `command_line` runs a command with its flags; `route` diagnoses and
+writes the answer, whole or not at all (`output_folder`); `page` writes report.md and
+report.html from the same blocks, `sections` make those of each engine; `summary` is a
+diagnosis in sentences, `figures` and `playback` show it; `data_files` writes tidy csv
+files, `style` holds what all figures share.
 """

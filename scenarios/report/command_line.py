@@ -1,12 +1,9 @@
 """Runs a command: its flags, faults and progress bar, and its exit status.
 
-A command ends with 0 done, 2 the user's mistake, or 130 interrupted; never a trace.
-
-Every scenario ends with `run(main, Settings)`; its docstring is its manual.
-
-A user who made several mistakes hears of all of them at once.
-
-How far a scenario is shows on a terminal alone, and vanishes when it is done.
+Every command ends with `run(main, Settings)`: flags are the fields of `Settings`, the
+module's docstring is its manual. The exit status is 0 when done, 2 after a user's
+mistake and 130 when interrupted, without a traceback. `at_least` reports all faults of
+the flags at once; `progress_bar` is shown on a terminal only and vanishes at the end.
 """
 
 import os
@@ -35,10 +32,10 @@ Settings = TypeVar("Settings")
 
 
 def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
-    """Read the command line, run a scenario, and end as the user expects.
+    """Read the command line, run a command, and exit with its status.
 
     Args:
-        main: What the scenario does.
+        main: Function of the command; called with the settings.
         settings: A frozen dataclass; its fields are the flags.
     """
     module = sys.modules[main.__module__]
@@ -57,9 +54,9 @@ def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
     except KeyboardInterrupt:
         print(SAYS, file=sys.stderr)
         sys.exit(INTERRUPTED)
-    except BrokenPipeError:  # the reader of our output left, as `head` does
+    except BrokenPipeError:  # the reader of the output was closed, as by `head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (OSError, MemoryError) as error:  # a folder, a disk, a memory: not a bug
+    except (OSError, MemoryError) as error:  # of a folder, disk or memory: not a bug
         print(f"It cannot be done here: {error}.", file=sys.stderr)
         sys.exit(USER_MISTAKE)
 
@@ -76,7 +73,7 @@ def _noted(message: Warning | str, category: type[Warning], *where: Any) -> None
 
 
 def at_least(least: int, **flags: int) -> None:
-    """Refuse flags below the least that they can be.
+    """Refuse flags whose number is below the least that is allowed.
 
     Raises:
         Unusable: Naming all of them.
@@ -94,10 +91,10 @@ def at_least(least: int, **flags: int) -> None:
 
 
 def progress_bar(*columns: ProgressColumn) -> Progress:
-    """Return a bar for one command; where nobody watches it writes nothing at all.
+    """Return a progress bar for one command; without a terminal it writes nothing.
 
     Args:
-        columns: What it shows; none: the usual.
+        columns: Columns of the bar; none: those that are usual.
     """
     console = Console(stderr=True)
     return Progress(

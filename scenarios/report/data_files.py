@@ -1,8 +1,7 @@
 """Data files beside a report: tidy tables as CSV, and run.json.
 
-A tidy table has one number a row and says everything about it in its columns.
-
-A result that nobody can make again is an anecdote: run.json says how it was made.
+A tidy table has one number a row; its other columns say what the number is. run.json
+holds the command, settings and versions that make a result again.
 """
 
 import csv
@@ -29,7 +28,7 @@ def write_table(file: Path, rows: Sequence[dict[str, object]]) -> None:
 
 
 def read_table(file: Path) -> list[dict[str, str]]:
-    """Read such a table back, as text."""
+    """Read a table that `write_table` wrote; all cells are text."""
     with file.open(newline="", encoding="utf-8") as source:
         return list(csv.DictReader(source))
 
@@ -46,7 +45,7 @@ LIBRARIES = ("mujoco", "pin", "numpy", "scipy", "torch", "rerun-sdk")
 
 
 def command_of(module: str, settings: Any) -> str:
-    """Return the command that makes a result again, all its flags written out."""
+    """Return the command that reproduces a result, with all its flags."""
     given = {f.name: getattr(settings, f.name) for f in fields(settings)}
     out = given.pop("out").as_posix()
     flags = [

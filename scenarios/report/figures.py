@@ -1,12 +1,9 @@
 """Figures of a diagnosis, a calibration and a comparison of encoders.
 
-Few pictures say most: axes, the law that was named, poses kept back, bodies.
-
-The law that was named is drawn through what the marks show of its axis.
-
-Before and after, the uneven gears, and what is left where.
-
-What goes apart between two encoders is drawn over time, torque and speed.
+Of a diagnosis: each axis' wind-up over its torque, the named law at an axis, held-out
+poses, and errors by body. Of a calibration: errors before and after, errors of uneven
+gears, and maps of the residual. Of a comparison of encoders: their difference over
+time, torque and speed.
 """
 
 from collections.abc import Sequence
@@ -38,11 +35,11 @@ MOST_POINTS = 4000
 
 
 def of_axes(curves: Curves, named: frozenset[str], file: Path) -> None:
-    """Draw what each axis turns beyond the nominal arm against its torque.
+    """Draw each axis' rotation beyond the nominal arm over its torque.
 
     Args:
         curves: Of all axes.
-        named: Axes to which something was ascribed.
+        named: Axes at which an effect was named.
         file: Where the picture goes.
     """
     count = len(curves.axes)
@@ -67,7 +64,7 @@ def of_axes(curves: Curves, named: frozenset[str], file: Path) -> None:
 
 
 def of_poses(channel: Channel, unit: str, file: Path) -> None:
-    """Draw before and after of every pose kept back, the worst first."""
+    """Draw the error of every held-out pose before and after, the worst first."""
     order = np.argsort(-channel.before_of)
     figure = Figure(figsize=(10.5, 3.2), layout="constrained")
     axes = figure.subplots()
@@ -89,7 +86,7 @@ def of_poses(channel: Channel, unit: str, file: Path) -> None:
 
 
 def of_bodies(simulated: Proof, proved: bool, file: Path) -> None:
-    """Draw the error by body, before and after."""
+    """Draw the rms error of each body, before and after."""
     before, after = by_body(simulated)
     figure = Figure(figsize=(10.5, 2.8), layout="constrained")
     axes = figure.subplots()
@@ -118,7 +115,7 @@ def of_bodies(simulated: Proof, proved: bool, file: Path) -> None:
 
 
 def by_body(simulated: Proof) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the rms of each body's marks over all rows, before and after, in m."""
+    """Return the rms of each body's markers over all rows, before and after, in m."""
     world, gauge = simulated.simulation, simulated.mode
     found = []
     names = [marker.body for marker in world.recording.markers]
@@ -171,7 +168,7 @@ def _one(
 
 
 def _limit(curves: Curves) -> np.ndarray:
-    """Return the half height of each axis' plot: all but stray points."""
+    """Return half the height of each axis' plot: holds all but stray points."""
     stray = np.quantile(np.abs(curves.before), 0.995, axis=0)
     law = np.max(np.abs(curves.law), axis=0)
     return 1.15 * MICRO * np.maximum(np.maximum(stray, law), 1e-7)
@@ -181,13 +178,13 @@ def _limit(curves: Curves) -> np.ndarray:
 
 WORDS = ("patch, simulated", "measured", "where a visit begins")
 STRAY = 1.5
-"""How far beyond all but a few readings one is still shown; chosen."""
+"""Factor on the 99.5 % quantile of readings up to which a reading is shown; chosen."""
 LOOPS = 3
-"""Visits whose course is drawn as a line; chosen: more is a tangle."""
+"""Number of visits drawn as loading curves; chosen: more cannot be told apart."""
 
 
 def of_law(curves: Curves, name: str, file: Path) -> None:
-    """Draw the course of an axis' turn in a few visits, and all of it against the law.
+    """Draw an axis' rotation in a few visits, and measured over simulated of all rows.
 
     Args:
         curves: Of all axes.
@@ -244,7 +241,7 @@ NAMES = ("as drawn", "as calibrated")
 def calibration_before_after(
     found: Calibrated, proof: CalibrationProof, file: Path
 ) -> None:
-    """Draw where the poses kept back stand and how far off the simulator is there."""
+    """Draw where the held-out poses are and the simulator's error there."""
     at = CalibrationState.of(found.readings, found.corrected_geometry).point[found.held]
     figure = Figure(figsize=(11, 4), layout="constrained")
     *places, shares = figure.subplots(1, 3, width_ratios=(1, 1, 1.15))
@@ -282,7 +279,7 @@ def calibration_before_after(
 
 
 def gears(found: Calibrated, file: Path) -> None:
-    """Draw each uneven gear over the angles that were fitted, and the readings."""
+    """Draw each gear's transmission error over the fitted angles, and the readings."""
     count = len(found.error_tables)
     figure = Figure(figsize=(11, 1.9 * count), layout="constrained")
     plots = figure.subplots(count, 1, squeeze=False)[:, 0]
@@ -314,7 +311,7 @@ def gears(found: Calibrated, file: Path) -> None:
 def residual_map(
     found: Calibrated, proof: CalibrationProof, new: np.ndarray, file: Path
 ) -> None:
-    """Draw what is left over place, angles and time."""
+    """Draw the residual over position, joint angles and time."""
     held = found.held
     posture, hours = found.readings.posture[held], found.readings.hours
     hours = (hours - hours.min())[held]
@@ -348,7 +345,7 @@ URAD = 1e6
 
 
 def encoders_before_after(axes: Sequence[Axis], file: Path) -> None:
-    """Draw what a rigid gear leaves of the judged motion, and what the patch does."""
+    """Draw the residual of the judged motion, nominal and patched, over time."""
     figure = Figure(figsize=(11, 2.1 * len(axes)), layout="constrained")
     plots = figure.subplots(len(axes), 1, squeeze=False, sharex=True)[:, 0]
     drawn = []
@@ -365,7 +362,7 @@ def encoders_before_after(axes: Sequence[Axis], file: Path) -> None:
 
 
 def looks_like(axes: Sequence[Axis], file: Path) -> None:
-    """Draw what goes apart over the motor's torque, where it was read, and speed."""
+    """Draw the encoders' difference over measured motor torque, and over speed."""
     figure = Figure(figsize=(11, 2.6 * len(axes)), layout="constrained")
     plots = figure.subplots(len(axes), 1 + _with_torque(axes), squeeze=False)
     for row, a in zip(plots, axes, strict=True):
@@ -385,7 +382,7 @@ def looks_like(axes: Sequence[Axis], file: Path) -> None:
 
 
 def followed(axes: Sequence[Axis]) -> str:
-    """Say what the picture shows, and how closely the difference follows it."""
+    """Return a caption with the correlations of the difference, torque and speed."""
     told = []
     for a in axes:
         motions = (*a.fitted, a.judged)
@@ -408,7 +405,7 @@ def _legend(figure: Figure, drawn: Sequence[Line2D], said: Sequence[str]) -> Non
 
 
 def _correlation(motions: Sequence[Motion], other: Sequence[np.ndarray]) -> float:
-    """Return the correlation with what goes apart, each motion's mean taken off."""
+    """Return the correlation with the encoders' difference, less each motion's mean."""
     apart = np.concatenate([m.apart for m in motions])
     beside = np.concatenate([x - x.mean() for x in other])
     size = np.linalg.norm(apart) * np.linalg.norm(beside)

@@ -1,7 +1,7 @@
-"""Writes an output folder whole or leaves it as it was.
+"""Writes an output folder whole, or leaves it as it was.
 
-Everything is made beside the folder and moved there at the end, file by file; what an
-earlier answer left and this one has not is taken away.
+All files are made in a folder beside it and moved there at the end, one by one; files
+of an earlier answer that the new one does not have are removed.
 """
 
 import os
@@ -16,16 +16,16 @@ FILES = (
     "diagnosis.json", "report.html", "picture.png", "diagnosis.rrd", "model.xml",
     "patch.json",
 )  # fmt: skip
-"""What a diagnosis leaves; its pictures are inside the report."""
+"""Files of a diagnosis; its pictures are inside the report."""
 ANSWERS = frozenset(
     {*FILES, "report.md", "before_after.png", "gears.png", "residual_map.png"}
     | {"looks_like.png"}
 )
-"""All that an answer of any engine leaves in its folder; other files are nobody's."""
+"""Files of an answer of any engine; all others in the folder are not touched."""
 
 
 def refuse_folder(folder: Path, recording: Path) -> None:
-    """Refuse a place that cannot hold an answer, before anything is worked out.
+    """Refuse a folder that cannot hold an answer, before anything is computed.
 
     Raises:
         Unusable: Where it is a file, or the recording's own folder.

@@ -15,7 +15,7 @@ from jinja2 import Environment, FileSystemLoader, select_autoescape
 
 TEMPLATES = Path(__file__).parent
 NUMBER = re.compile(r"[<>≤≥+−-]? ?\d|–$")
-"""How a cell begins that holds a number, or says that there is none."""
+"""Beginning of a cell that holds a number, or the dash that stands for none."""
 
 
 @dataclass(frozen=True)
@@ -81,13 +81,13 @@ def write(folder: Path, title: str, summary: str, blocks: Sequence[Block]) -> No
 
 
 def _plain(text: str) -> str:
-    """Return Markdown that shows a text as it stands, on one line."""
+    """Return Markdown that shows a text literally, on one line."""
     line = html.escape(" ".join(text.split()), quote=False)
     return re.sub(r"([\\`*\[\]|])", r"\\\1", line)
 
 
 def _side(table: Table, column: int) -> str:
-    """Return where cells of a column stand: numbers at the right, words at the left."""
+    """Return the alignment of a column: numbers to the right, words to the left."""
     cells = [row[column] for row in table.rows if row[column].strip()]
     return "right" if cells and all(map(NUMBER.match, cells)) else "left"
 

@@ -1,21 +1,14 @@
 """Rerun playbacks of a diagnosis, a calibration and a comparison of encoders.
 
-Wind-up curves stand beside the arm: what was measured, and the law drawn through.
+Of a diagnosis, on the timeline `pose`: the arm as recorded under its largest load, each
+body coloured by its markers' distance from the nominal simulation; arrows are the error
+before and after the patch, magnified; beside the arm stand the wind-up curves, measured
+and simulated.
 
-The arm stands as it stood, each body as warm as its marks are wrong.
+Of a calibration, on the timeline `pose`: the links as calibrated; arrows are the
+simulator's error on the held-out poses before and after, magnified.
 
-Posture by posture one sees where the arm differs, and what the patch leaves of it.
-
-On the timeline `pose` the arm stands as in the recording under its largest load, each
-body coloured by how far its marks are from the nominal simulation; arrows show what is
-missing before and after the patch, magnified; beside it the wind-up curves.
-
-Pose by pose one sees where the target was missed, before and after.
-
-On the timeline `pose` the links stand as calibrated; arrows show what the simulator
-misses on the poses kept back, magnified.
-
-What goes apart between encoders is played back over time, before and after.
+Of a comparison of encoders: their difference over time, before and after.
 """
 
 from collections.abc import Sequence
@@ -39,14 +32,14 @@ from stiffness.calibration.result import Calibrated
 # --- Curves of an axis ----------------------------------------------------------------
 
 WIDTH, HEIGHT = 100.0, 60.0
-"""Of a curve's plot, in its own units; chosen."""
+"""Width and height of a curve's plot, in its own units; chosen."""
 ACROSS, DOWN = (-58.0, 54.0), (-38.0, 46.0)
-"""What of it is shown; chosen: a margin for words."""
+"""Visible range across and down, in the same units; chosen: a margin for words."""
 GREY, ORANGE = (120, 120, 120), (240, 100, 0)
 
 
 def curves(stream: rr.RecordingStream, finding: Result, curves: Curves) -> None:
-    """Log the curves of the axes that matter."""
+    """Log the wind-up curves of the axes in `shown_axes`."""
     for k in shown_axes(finding, curves):
         name = curves.axes[k]
         courses = courses_of(curves, name)
@@ -85,7 +78,7 @@ def curves(stream: rr.RecordingStream, finding: Result, curves: Curves) -> None:
 
 
 def shown_axes(finding: Result, curves: Curves) -> list[int]:
-    """Return which axes' curves are shown: those that were named or located, or two."""
+    """Return up to three axes to show: those named or located, else the first two."""
     places = [n.where for n in finding.answer.named]
     places += [x.where for x in finding.answer.located]
     found = [k for k, name in enumerate(curves.axes) if name in places]
@@ -104,14 +97,14 @@ def bodies(
     heat: dict[str, np.ndarray],
     times: list[rr.TimeColumn],
 ) -> None:
-    """Log the bodies, where they stand and how warm they are.
+    """Log the bodies, their poses and their colours by error.
 
     Args:
-        stream: Where to.
-        simulated: What is shown.
-        rows: One of each visit.
-        heat: Of each body with marks, 0 to 1.
-        times: Of the rows.
+        stream: Stream that they are logged to.
+        simulated: Simulation whose bodies are shown.
+        rows: One row of each visit.
+        heat: Colour value of each body with markers, 0 to 1, by visit.
+        times: Times of the rows.
     """
     states = simulated.simulation.see(simulated.patched).states
     base, turn = simulated.simulation.base
@@ -152,7 +145,7 @@ def bodies(
 
 
 def heat_of(simulated: Proof, residual: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the error of every body visit by visit, 0 at the noise, 1 at the worst."""
+    """Return the error of every body by visit, scaled: 0 the noise, 1 the worst."""
     world = simulated.simulation
     visit, noise = world.replay.visit, simulated.mode.sigma * np.sqrt(3.0)
     square = np.sum(residual**2, axis=2)
@@ -320,9 +313,9 @@ def show_calibration(
 
     Args:
         found: The calibration.
-        proof: What the simulator misses.
-        words: What was found, in plain words.
-        file: Where to; None: to a viewer.
+        proof: Its proof, with the simulator's residuals.
+        words: The result in plain words.
+        file: File to write; None: a viewer is opened.
     """
     stream = rr.RecordingStream("stiffness_calibration", recording_id="calibration")
     _begin(stream, file, _calibration_blueprint())
@@ -387,8 +380,8 @@ def show_comparison(axes: Sequence[Axis], file: Path | None) -> None:
     """Show curves of the judged motion, in µrad, and of its angle and torque.
 
     Args:
-        axes: What was found of each.
-        file: Where to; None: to a viewer.
+        axes: Result of each axis.
+        file: File to write; None: a viewer is opened.
     """
     stream = rr.RecordingStream("two_encoders")
     _begin(stream, file, _comparison_blueprint(axes))
@@ -406,7 +399,7 @@ def show_comparison(axes: Sequence[Axis], file: Path | None) -> None:
 
 
 def _comparison_blueprint(axes: Sequence[Axis]) -> rrb.Blueprint:
-    """Show what is missed of each axis above the angle that it stands at."""
+    """Lay out each axis' residual above its joint angle."""
     columns = [
         rrb.Vertical(
             rrb.TimeSeriesView(

@@ -1,8 +1,8 @@
 """Diagnoses a recording by the engine that fits it, and writes the answer to a folder.
 
-A stream with second encoders and no tracker is a comparison of encoders; positions
-without a load that few effects do not explain are calibrated on; all else is diagnosed
-and proved in the simulator.
+A stream with second encoders and no tracked target goes to the comparison of encoders;
+unloaded positions whose mismatch few effects do not explain go to the calibration; all
+others are diagnosed, and proved in the simulator.
 """
 
 import time
@@ -37,12 +37,12 @@ def diagnose_to_folder(
         recording_folder: Where the recording is.
         robot: Model of the robot, MJCF or URDF.
         out: Folder for the answer.
-        console: Where the story is told.
+        console: Where progress and the summary are printed.
         view: Whether to open the viewer too.
 
     Raises:
         BenchError: Where recording or model cannot be used, or nothing can be written.
-        Exception: A defect of this tool, once what was found before it is written.
+        Exception: A defect of this tool, after the results before it are written.
     """
     started = time.perf_counter()
     refuse_folder(out, recording_folder)
@@ -100,7 +100,7 @@ def diagnose_to_folder(
 
 @contextmanager
 def _kept(defects: list[Exception]) -> Iterator[None]:
-    """Keep a defect of ours for later, so that what was found can be written first."""
+    """Keep a defect of this tool for later, so that results are written first."""
     try:
         yield
     except BenchError:

@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 mpl.use("Agg")
 
 ORANGE, GREY, BLUE, GREEN, RED = "#f06400", "#8a8a8a", "#1f6fb4", "#3a923a", "#c03d3e"
-"""Orange is ours, grey the paper's or the reference, then in order of appearance."""
+"""Orange is this tool, grey the paper or reference, others in order of appearance."""
 
 mpl.rcParams.update(
     {
@@ -30,13 +30,13 @@ mpl.rcParams.update(
 
 
 def save(figure: Figure, file: Path) -> None:
-    """Write a figure as png without a time stamp, so that same data are same bytes."""
+    """Write a figure as png without a time stamp: equal data give equal bytes."""
     figure.savefig(file, metadata={"Software": None})
     figure.clear()
 
 
 def plain_log(axis: Axis) -> None:
-    """Label an axis in decades by plain numbers, few enough not to touch each other."""
+    """Label a logarithmic axis by plain numbers, few enough not to overlap."""
     low, high = axis.get_view_interval()
     wide = np.log10(high / low) > 2.0
     axis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 2, 5)))

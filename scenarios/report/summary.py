@@ -1,10 +1,8 @@
 """A diagnosis in sentences, for the terminal, the report and the playback.
 
-Springs are fitted silently, and where they are not the model's it is said.
-
-A finding is told in plain sentences: is something there, where, what, proved?
-
-In the terminal the story is told in sentences, and what was named in a table.
+`sentences` states detection, sites, named effects, their proof and what stays open;
+`sentence` and `rows` give the springs that were fitted as nuisance parameters and
+differ from the model's; `tell` prints all of it, with a table of the named effects.
 """
 
 from collections.abc import Iterator, Sequence
@@ -24,19 +22,19 @@ from stiffness.diagnosis.result import Nominal
 # --- Fitted springs -------------------------------------------------------------------
 
 ANOTHER = 0.1
-"""Share by which a stiffness is another than the model's; chosen: catalogues are no
-better."""
+"""Relative difference from which a stiffness is not the model's; chosen: catalogues are
+no better."""
 SIGMAS = 3.0
-"""Standard errors that it has to be away as well; chosen."""
+"""Standard errors that it must differ by as well; chosen."""
 
 
 def rows(nominal: Nominal, slides: tuple[bool, ...]) -> Iterator[list[str]]:
     """Yield axis, stiffness, its standard error, the model's, and their ratio.
 
-    Stiffness is in kN m/rad; of an axis that slides in N/m, which is said.
+    Stiffness is in kN m/rad; of an axis that slides in N/m, with the unit in the cell.
 
     Args:
-        nominal: What was fitted silently.
+        nominal: The springs as fitted nuisance parameters.
         slides: Whether each axis slides; none where empty.
     """
     every = zip(nominal.compliance, nominal.sigma, nominal.modelled, strict=True)
@@ -53,7 +51,7 @@ def rows(nominal: Nominal, slides: tuple[bool, ...]) -> Iterator[list[str]]:
 
 
 def sentence(nominal: Nominal) -> str:
-    """Say which springs are clearly not the model's; empty where all are."""
+    """Return which springs clearly differ from the model's; empty: none does."""
     told = []
     every = zip(nominal.compliance, nominal.sigma, nominal.modelled, strict=True)
     for k, (c, s, m) in enumerate(every):
@@ -73,7 +71,7 @@ def sentence(nominal: Nominal) -> str:
 
 
 def sentences(finding: Result) -> Iterator[str]:
-    """Tell a finding, one sentence after the other."""
+    """Yield the sentences that state a result; one without proof begins with that."""
     d, a = finding.diagnosis, finding.answer
     if a.verdict == "unproved":
         yield _unproved(finding)
@@ -183,7 +181,7 @@ def _proved(proof: Proof) -> str:
 
 
 def _unproved(finding: Result) -> str:
-    """Say first that what follows was named but is not proved, and why."""
+    """Return a sentence that says that the names are not proved, and why."""
     proof = finding.proof
     channel, unit = (None, "") if proof is None else channel_of(proof)
     if proof is None or channel is None:
@@ -222,7 +220,7 @@ def _list(words) -> str:
 
 
 def tell(console: Console, finding: Result, notes: tuple[str, ...], out: Path) -> None:
-    """Print the story, the table, and where the report is."""
+    """Print the sentences, the table of named effects, and the report's path."""
     for sentence in sentences(finding):
         console.print(sentence, markup=False, highlight=False)
     told = finding.answer

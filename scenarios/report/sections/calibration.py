@@ -1,7 +1,4 @@
-"""The report of a calibration, and its files.
-
-The report of a calibration, for an engineer to hand to a colleague.
-"""
+"""The report of a calibration, and its files."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -125,7 +122,7 @@ def _blocks(
 
 
 def _named(found: Calibrated, answer: Answer) -> Iterator[Block]:
-    """Show each name with its size and what it is worth."""
+    """Yield the table of named effects: parameters, and the loss without each."""
     if not answer.named:
         yield Paragraph("Nothing: no effect earned a name.")
         return
@@ -161,9 +158,9 @@ def write_calibration(
     """Write diagnosis.json, patch.json, model.xml, pictures and the report.
 
     Args:
-        folder: Where to.
-        outcome: All that came out.
-        more: What the report goes on with.
+        folder: Folder that they are written to.
+        outcome: The calibration with its proof and answer.
+        more: Blocks that follow in the report.
 
     Raises:
         Unusable: Where nothing can be written; then nothing is.

@@ -1,10 +1,8 @@
 """The report of a diagnosis: what was found, its proof, the data, and its files.
 
-What a finding is worth depends on the data: noise, springs, outliers, twins.
-
-The proof is told with everything that might speak against it.
-
-A report that an engineer can hand to a colleague, and to a sceptic.
+`blocks_of` is the report; `proof` gives errors before and after the patch, `doubts` the
+checks that could contradict it (poses left out of the fit, placebos), `data` the noise,
+springs, outliers and confounded pairs. `write_diagnosis` writes all files.
 """
 
 import shutil
@@ -27,11 +25,11 @@ from stiffness.diagnosis.diagnose import SCATTER
 # --- The data -------------------------------------------------------------------------
 
 MISSTATED = 1.3
-"""Ratio of replicates' scatter to stated noise from which it is said; chosen."""
+"""Ratio of replicates' scatter to stated noise from which to warn; chosen."""
 
 
 def data(finding: Result) -> Iterator[Block]:
-    """Say how good the data are."""
+    """Yield the section on the quality of the data."""
     answer, recording = finding.answer, finding.recording
     yield Heading("How good the data are")
     yield from _noise(finding)
@@ -109,7 +107,7 @@ def _noise(finding: Result) -> Iterator[Block]:
 
 
 def proof(finding: Result, folder: Path) -> Iterator[Block]:
-    """Say before and after, and where the error comes from."""
+    """Yield the section on errors before and after the patch, and their sources."""
     proof = finding.proof
     if proof is None:
         return
@@ -155,7 +153,7 @@ def proof(finding: Result, folder: Path) -> Iterator[Block]:
 
 
 def doubts(finding: Result) -> Iterator[Block]:
-    """Say where the patch holds and where it fails, as it should."""
+    """Yield the section on checks of the patch: data left out of it, and placebos."""
     proof = finding.proof
     trials = () if proof is None else proof.trials
     unit = "" if proof is None else channel_of(proof)[1]
@@ -198,7 +196,7 @@ VERDICTS = {
 
 
 def title_of(finding: Result) -> str:
-    """Return the headline."""
+    """Return the report's title: the verdict and the recording's name."""
     answer = finding.answer
     said = VERDICTS[answer.verdict]
     calm = answer.verdict == "no_mismatch"

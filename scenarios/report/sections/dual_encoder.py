@@ -1,10 +1,7 @@
 """The report of a comparison of encoders: rejected terms, tables, and its files.
 
-What was tried between two encoders and not believed is told with its reason.
-
-The report of axes that are read on both sides of their gears.
-
-An answer is written whole: made beside its folder and moved there file by file.
+`rejected_terms` lists the terms that were tried and refused, with the reason;
+`blocks_of` is the report; `write_outcome` writes the folder whole, report or refusal.
 """
 
 from collections.abc import Callable, Sequence
@@ -34,7 +31,7 @@ URAD = 1e6
 
 
 def rejected_terms(axes: Sequence[Axis]) -> list[Block]:
-    """Return the report's section."""
+    """Return the section on terms that were tried and refused, with their reasons."""
     return [
         Heading("What was refused, and why"),
         Table(
@@ -64,7 +61,7 @@ def rejected_terms(axes: Sequence[Axis]) -> list[Block]:
 
 
 def _borrowing(axes: Sequence[Axis]) -> list[Block]:
-    """Explain a compliance that was refused since it lives on the delay."""
+    """Explain a compliance that was refused since it is confounded with a delay."""
     refused = [
         t for a in axes for t in a.found.refused if t.reason.startswith(BORROWED)
     ]
@@ -94,25 +91,25 @@ def _named(trial: SelectionStep) -> str:
 
 
 def _kind(trial: SelectionStep) -> str:
-    """Return what the size of a term is called."""
+    """Return the name of a term's size."""
     return "amplitude" if trial.term.order else label(trial.term.parameters[0])
 
 
 def _would_be(trial: SelectionStep) -> str:
-    """Return the size at which a term was refused; a wave's is its amplitude."""
+    """Return the size at which a term was refused; of a harmonic, its amplitude."""
     known = trial.coefficients[: len(trial.term.parameters)]
     value = float(np.linalg.norm(known)) if trial.term.order else known[0]
     return f"{_kind(trial)} {size(trial.term.parameters[0], value)}"
 
 
 def _why(trial: SelectionStep) -> str:
-    """Return why a term was refused, parameters called as people do."""
+    """Return why a term was refused, with parameters in plain words."""
     first, _, rest = trial.reason.partition(" ")
     return f"its {label(first)} {rest}" if "_" in first else trial.reason
 
 
 def _with(axis: Axis, trial: SelectionStep) -> float:
-    """Return what a refused term would leave of the judged motion, in rad."""
+    """Return the rms residual of the judged motion with a refused term, in rad."""
     found = axis.found
     terms = (*found.terms, trial.term, *trial.tried_with)
     x, _ = fitted(terms, [found.then(m) for m in axis.fitted])
@@ -124,7 +121,7 @@ def _with(axis: Axis, trial: SelectionStep) -> float:
 
 
 def first_sentence(axes: Sequence[Axis], answer: Answer) -> str:
-    """Return what was found, in one sentence."""
+    """Return rms before and after of each axis, and the names, in one sentence."""
     left = ", ".join(map(_magnitudes, axes))
     if len(axes) > 1:
         left += f"; most on {max(axes, key=lambda a: whole_rms(a.after)).name}"
@@ -203,7 +200,7 @@ def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]
 
 
 def write_outcome(folder: Path, outcome: ComparisonOutcome) -> str:
-    """Write the answer to a folder and return what was found in one sentence."""
+    """Write the answer to a folder and return the result in one sentence."""
     answer = outcome.answer
     if not outcome.axes:
         write_refusal(folder, answer)
@@ -227,7 +224,7 @@ def write_comparison(
 
 
 def write_refusal(folder: Path, answer: Answer) -> None:
-    """Write diagnosis.json and a report that says what has to be mended."""
+    """Write diagnosis.json and a report that says what has to be corrected."""
     mistakes = [Paragraph(w.text) for w in answer.warnings]
     _whole(folder, answer, "Nothing is named: the set-up is wrong.", lambda _: mistakes)
 
