@@ -1,4 +1,4 @@
-"""Tests run on one thread, repeat to the last bit, and leave the checkout clean."""
+"""Fixtures and settings of all tests: one thread, fixed examples, a clean checkout."""
 
 import os
 
@@ -41,7 +41,7 @@ def kr10() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def _mujoco_log(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """MuJoCo appends its warnings to a file in the working folder; not in ours."""
+    """Send MuJoCo's warnings to a temporary log, not to one in the working folder."""
     usual = mujoco.MjLogConfig.get()
     ours = mujoco.MjLogConfig.get()
     ours.logfile = str(tmp_path_factory.mktemp("mujoco") / "log.txt")

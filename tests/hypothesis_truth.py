@@ -1,4 +1,4 @@
-"""A small experiment without noise, and what signatures say of its markers."""
+"""A small experiment without noise, and marker displacements that Jacobians predict."""
 
 from dataclasses import replace
 from functools import cache
@@ -26,7 +26,7 @@ from stiffness.robot.arm import Arm
 
 KR10 = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 BY_NAME = {hypothesis.effect: hypothesis for hypothesis in HYPOTHESES}
-"""The last of each name, which is the more general."""
+"""Hypothesis of each effect's name; of several the last, which is the more general."""
 VISITS = 10
 PATH = (
     *(LoadStep(mass) for mass in (0.0, 2.5, 5.0, 7.5, 10.0)),
@@ -41,7 +41,7 @@ SILENT = Instruments(
 
 
 def plan() -> Plan:
-    """Visit postures in which every axis carries torque, up and down with a dwell."""
+    """Return a plan that loads every axis, up and down with a dwell."""
     low = np.deg2rad([-60, -120, 40, -120, -80, -150])
     high = np.deg2rad([60, -40, 120, 120, 80, 150])
     posture = np.random.default_rng(3).uniform(low, high, (VISITS, 6))
@@ -51,20 +51,20 @@ def plan() -> Plan:
 
 @cache
 def recording(*effects: Effect) -> Recording:
-    """Carry out the plan on the KR10 with these effects."""
+    """Record the plan on a KR10 with these effects."""
     return record(Rig(KR10, effects), plan(), SILENT)
 
 
 @cache
 def situation() -> StaticState:
-    """Say where the nominal arm stands in the plan."""
+    """Return the static state of the nominal arm in the plan."""
     return situation_in(recording())
 
 
 def situation_in(
     recording: Recording, rigid: tuple[int, ...] = (), file: Path = KR10
 ) -> StaticState:
-    """Say where the nominal arm stands in a recording, some axes rigid in the model."""
+    """Return the nominal arm's static state in a recording, some axes rigid."""
     arm = Arm.from_mjcf(file).for_recording(recording)
     stiffness = arm.stiffness.copy()
     stiffness[list(rigid)] = 0.0
@@ -76,7 +76,7 @@ def situation_in(
 
 
 def palletiser(folder: Path) -> StaticState:
-    """Say where an arm of three upright axes and a slide stands in a plan."""
+    """Return the static state of an arm of three vertical axes and a slide."""
     mass = '<inertial mass="2" pos="0.1 0.01 0" diaginertia="0.1 0.1 0.1"/>'
     file = folder / "palletiser.xml"
     file.write_text(
@@ -98,10 +98,10 @@ def palletiser(folder: Path) -> StaticState:
 
 @cache
 def swinging(late: float = 0.0, channel: str = "") -> StaticState:
-    """Say where the arm stands in a stream of slow swings under a changing pull.
+    """Return the static state in a stream of slow swings under a changing force.
 
     Args:
-        late: How far behind a channel is, in s.
+        late: Delay of a channel, in s.
         channel: `wrench_sensor`, or an axis counted from 0.
     """
     time = np.linspace(0.0, 20.0, 401)
@@ -135,20 +135,20 @@ def swinging(late: float = 0.0, channel: str = "") -> StaticState:
 
 @cache
 def showing(effect: str) -> StaticState:
-    """Return a situation in which an effect has a place."""
+    """Return a static state in which an effect has a site."""
     if effect == "joint_compliance":
         return situation_in(recording(), rigid=(1, 3))
     return swinging() if effect == "channel_delay" else situation()
 
 
 def middle(situation: StaticState, hypothesis: Hypothesis, where: str) -> np.ndarray:
-    """Return the middle one of a hypothesis' shapes."""
+    """Return the middle one of a hypothesis' shape parameters at a site."""
     shapes = hypothesis.shapes(situation, where)
     return shapes[len(shapes) // 2]
 
 
 def expected(situation: StaticState) -> np.ndarray:
-    """Return where the nominal arm has its markers, (rows, markers, 3), in m."""
+    """Return the nominal arm's marker positions, (rows, markers, 3), in m."""
     standing = situation.arm.at(situation.rest)
     places = []
     for marker in situation.recording.markers:
@@ -158,7 +158,7 @@ def expected(situation: StaticState) -> np.ndarray:
 
 
 def moved(situation: StaticState, signature: EffectJacobian) -> np.ndarray:
-    """Return what a signature does to the markers, (rows, markers, 3, columns)."""
+    """Return an effect Jacobian at the markers, (rows, markers, 3, columns)."""
     places = []
     for marker in situation.recording.markers:
         assert marker.position is not None
@@ -180,12 +180,12 @@ def moved(situation: StaticState, signature: EffectJacobian) -> np.ndarray:
 
 
 def at_point(twist: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Return how points move with twists, (rows, 3, columns), in m."""
+    """Return the displacements of points by twists, (rows, 3, columns), in m."""
     return twist[:, :3] + np.cross(twist[:, 3:], point[:, :, None], axis=1)
 
 
 def unexplained(recording: Recording) -> np.ndarray:
-    """Return the readings less where the nominal arm is under what was felt, in m."""
+    """Return the readings less the nominal positions under the read wrench, in m."""
     return in_base(recording) - expected(situation_in(recording))
 
 

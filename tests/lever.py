@@ -15,11 +15,11 @@ HEIGHT = 0.3
 
 
 def lever(folder: Path, *, mass: float = 0.0, second_axis: str = "") -> Path:
-    """Write an arm that turns about y and points along x; gravity needs a mass.
+    """Write an arm of one axis about y whose link points along x.
 
     Args:
-        folder: Where to.
-        mass: Of the link, in kg, at its end; without one there is no gravity.
+        folder: Folder of the model file.
+        mass: Point mass at the link's end, in kg; without one there is no gravity.
         second_axis: Direction of a second axis at the end of the link, if any.
 
     Returns:
@@ -56,9 +56,9 @@ def respond(
 
     Args:
         rig: The arm.
-        wrench: One for each step.
-        posture: Axis angles.
-        hold: For how long each load stands; default 1 s.
+        wrench: Force in N and torque in N m of each step, along the base's axes.
+        posture: Joint angles, in rad.
+        hold: Duration of each load, in s; default 1 s.
     """
     steps = len(wrench)
     return rig.respond(
@@ -76,7 +76,7 @@ def moments(*torque: float, axis: int = 1) -> np.ndarray:
 
 
 def turn(states: States, body: str = "flange") -> np.ndarray:
-    """Return how far a body is turned from the base's frame, (rows, 3), in rad."""
+    """Return a body's rotation vector in the base's frame, (rows, 3), in rad."""
     return Rotation.from_matrix(
         states.rotation[:, states.bodies.index(body)]
     ).as_rotvec()

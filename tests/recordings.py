@@ -1,4 +1,4 @@
-"""A small good recording as a lab would write it, and ways to spoil it."""
+"""A small valid recording in the format's files, and functions that damage it."""
 
 import csv
 from collections.abc import Callable, Sequence
@@ -80,7 +80,7 @@ Damage = Callable[[Path], object]
 
 
 def cell(row: int, column: str, text: str) -> Damage:
-    """Put a text into a row (counted from one) of a column."""
+    """Return a damage that puts a text into a column's row, counted from one."""
 
     def damage(folder: Path) -> None:
         rows = table(folder)
@@ -91,7 +91,7 @@ def cell(row: int, column: str, text: str) -> Damage:
 
 
 def every(column: str, change: Callable[[str], str]) -> Damage:
-    """Change every cell of a column."""
+    """Return a damage that changes every cell of a column."""
 
     def damage(folder: Path) -> None:
         rows = table(folder)
@@ -104,7 +104,7 @@ def every(column: str, change: Callable[[str], str]) -> Damage:
 
 
 def renamed(column: str, name: str) -> Damage:
-    """Call a column something else."""
+    """Return a damage that renames a column."""
 
     def damage(folder: Path) -> None:
         rows = table(folder)
@@ -115,7 +115,7 @@ def renamed(column: str, name: str) -> Damage:
 
 
 def without(*columns: str) -> Damage:
-    """Leave columns out."""
+    """Return a damage that removes columns."""
 
     def damage(folder: Path) -> None:
         rows = table(folder)
@@ -126,7 +126,7 @@ def without(*columns: str) -> Damage:
 
 
 def added(column: str, text: str) -> Damage:
-    """Add a column that says the same in every row."""
+    """Return a damage that adds a column with the same text in every row."""
 
     def damage(folder: Path) -> None:
         rows = table(folder)
@@ -136,7 +136,7 @@ def added(column: str, text: str) -> Damage:
 
 
 def said(old: str, new: str) -> Damage:
-    """Change what the manifest says."""
+    """Return a damage that replaces a text of the manifest."""
 
     def damage(folder: Path) -> None:
         path = folder / "recording.toml"
@@ -148,7 +148,7 @@ def said(old: str, new: str) -> Damage:
 
 
 def more(text: str) -> Damage:
-    """Let the manifest say more."""
+    """Return a damage that appends a text to the manifest."""
 
     def damage(folder: Path) -> None:
         path = folder / "recording.toml"
@@ -158,7 +158,7 @@ def more(text: str) -> Damage:
 
 
 def both(*damages: Damage) -> Damage:
-    """Do several damages."""
+    """Return a damage that does several, one after the other."""
 
     def damage(folder: Path) -> None:
         for each in damages:

@@ -1,4 +1,4 @@
-"""What is in a recording saved for the viewer, read back by the viewer's own reader."""
+"""Reads back a playback that was saved for the viewer, by the viewer's own reader."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from rerun import chunk
 
 
 def viewer_into(monkeypatch: pytest.MonkeyPatch, file: Path) -> list[object]:
-    """Let what would open the viewer write a file; returns the blueprints it got."""
+    """Write to a file instead of opening a viewer; returns the blueprints it got."""
     opened: list[object] = []
 
     def spawn(stream: rr.RecordingStream, default_blueprint: object) -> None:
@@ -21,13 +21,13 @@ def viewer_into(monkeypatch: pytest.MonkeyPatch, file: Path) -> list[object]:
 
 
 def identity(file: Path) -> tuple[str, str]:
-    """Return the ids of application and recording."""
+    """Return the application's and the recording's id."""
     (entry,) = chunk.RrdReader(file).recordings()
     return entry.application_id, entry.recording_id
 
 
 def entities(file: Path) -> set[str]:
-    """Return the paths of everything that can be seen."""
+    """Return the paths of all entities."""
     schema = chunk.RrdReader(file).store().schema()
     return {str(path) for path in schema.entity_paths()}
 
@@ -56,7 +56,7 @@ def column(file: Path, path: str, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def still(file: Path, path: str, name: str) -> list:
-    """Return the items of a component that is there at all times."""
+    """Return the items of a static component."""
     for piece in chunk.RrdReader(file).store().stream():
         batch = piece.to_record_batch()
         if str(piece.entity_path) == path and name in batch.schema.names:

@@ -1,4 +1,4 @@
-"""A KR10 on the bench in forty poses, true springs harder than its model's."""
+"""A KR10 on the bench in forty poses, with springs stiffer than the model's."""
 
 from dataclasses import replace
 from functools import cache
@@ -27,7 +27,7 @@ from stiffness.effects.jacobian import EffectJacobian
 from stiffness.robot.arm import Arm
 
 MODEL = Path(__file__).parents[1] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
-SOFTER = 1.6  # true stiffness over the model's, so that the silent fit has work to do
+SOFTER = 1.6  # true stiffness over the model's: the nuisance fit has to change it
 FEW = (Hardening(), Hysteresis(), BearingTilt(), EncoderOffset())
 
 
@@ -53,7 +53,7 @@ def prepared(*effects: str) -> Prepared:
 
 
 def moved_by(law: EffectJacobian, size: np.ndarray) -> Recording:
-    """Let the arm do a law of so much of each coefficient beyond what it does."""
+    """Return the recording plus an effect Jacobian times its coefficients."""
     made, ready = recording(), prepared()
     assert made.points is not None
     moved = truth.moved(ready.situation, law) @ size

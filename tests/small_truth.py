@@ -1,4 +1,4 @@
-"""A small exact simulator of arms with springs, to test claims without the bench."""
+"""A small exact simulator of arms with joint springs, without the bench."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ TABLE_3 = np.array([50.90e3, 63.36e3, 50.34e3, 2.27e3, 8.89e3, 1.39e3])
 """Wu et al. 2024, Table 3, in N m/rad."""
 PLACES = np.array([[60, 0, 5], [30, 35, 5], [30, -35, 5], [10, 10, 30]]) * 1e-3
 HOOK = np.array([0.04, 0.03, 0.06])
-"""Where the rope pulls, in the flange's frame, in m; beside the last axis."""
+"""Point where the rope pulls, in the flange's frame, in m; beside the last axis."""
 BASE_FROM_TRACKER = np.array(
     [[0.0, -1.0, 0.0, 2.1], [0.8, 0.0, -0.6, 0.3], [0.6, 0.0, 0.8, 0.9], [0, 0, 0, 1.0]]
 )
@@ -42,13 +42,13 @@ def record(
     """Pull at the hook with forces along the base's axes, one unloaded reading first.
 
     Args:
-        arm: Gives kinematics and masses.
+        arm: Kinematics and masses.
         posture: One row per pose, in rad.
         forces: Poses x plateaus x 3, in N.
-        compliance: The truth, in rad/(N m).
-        noise: Draws the instruments' errors; None = they have none.
-        hook: Where the force acts, in the flange's frame, in m.
-        tool: What is mounted beyond the model.
+        compliance: True compliance of each axis, in rad/(N m).
+        noise: Generator of the instruments' errors; None: they have none.
+        hook: Point where the force acts, in the flange's frame, in m.
+        tool: Payload that the model does not have.
         tracker_noise: One sigma per coordinate, in m.
         places: Markers in the flange's frame, in m.
         frame: Axes along which the force sensor reports.
@@ -108,7 +108,7 @@ def pulls(poses: int, plateaus: int, seed: int) -> np.ndarray:
 
 
 def permuted(recording: Recording, order: np.ndarray) -> Recording:
-    """Put a recording's visits in another order, as if made at other times."""
+    """Return a recording with its visits in another order, times unchanged."""
     rows = np.concatenate([np.flatnonzero(recording.visit == v) for v in order])
     shuffled = recording.take(rows)
     return replace(shuffled, time=recording.time, load_time=recording.load_time)

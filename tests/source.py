@@ -1,4 +1,4 @@
-"""What the architecture tests read: files of the project, their imports and calls."""
+"""Files of the project, their imports and calls, for the architecture tests."""
 
 import ast
 import re
@@ -49,7 +49,7 @@ def module_name(file: str) -> str:
 
 
 def imports(source: str, package: str = "") -> Iterator[str]:
-    """Yield the full name of everything a source imports, wherever it does so.
+    """Yield the full name of everything that a source imports, in functions too.
 
     Args:
         source: Python text.

@@ -1,4 +1,4 @@
-"""A small experiment on the default truth, and methods good and bad."""
+"""A small experiment on the default truth, and methods within and against contract."""
 
 import numpy as np
 from typing_extensions import override
@@ -10,25 +10,25 @@ from stiffness.methods.vjm import Vjm
 from stiffness.robot.arm import Arm
 
 POSES = 40
-"""As few as still show every spring, four fifths of them too."""
+"""The fewest that identify every spring, also from four fifths of them."""
 
 
 def small_experiment() -> tuple[Experiment, Material]:
-    """Carry out the experiment on a few postures, and simulate a few fresh ones."""
+    """Return the experiment on a few postures, and its material with fresh ones."""
     experiment = carry_out(0, POSES)
     fresh = unseen(experiment.rig, experiment.arm, 12, 0)
     return experiment, Material.of(experiment, fresh)
 
 
 class Mean(Method):
-    """Predicts what springs do: a method of one's own that keeps to the contract."""
+    """A user's method that keeps to the contract: fits six springs."""
 
     def __init__(self, arm: Arm):
-        """Keep the arm."""
+        """Store the arm."""
         self.arm = arm
 
     def __repr__(self) -> str:
-        """Say its name."""
+        """Return the class' name."""
         return type(self).__name__
 
     @override
@@ -37,14 +37,14 @@ class Mean(Method):
 
 
 class Careless(Method, Fitted):
-    """Changes itself, depends on what else is asked, and on chance."""
+    """Breaks the contract: changes in `fit`, depends on other cases and on chance."""
 
     def __init__(self, arm: Arm):
-        """Forget the arm."""
+        """Ignore the arm."""
         self.seen = 0
 
     def __repr__(self) -> str:
-        """Say what it has seen."""
+        """Return a name that changes with each fit."""
         return f"Careless({self.seen})"
 
     @override
@@ -64,7 +64,7 @@ class Careless(Method, Fitted):
 
 
 class Misshapen(Careless):
-    """Predicts too few numbers."""
+    """Breaks the contract: predicts too few numbers."""
 
     @override
     def predict(self, cases):

@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
 OUTER = ("MAKEFLAGS", "MAKEOVERRIDES", "MAKELEVEL")
-"""What `make test` would tell a make of its own."""
+"""Variables that `make test` passes on to the make of a test."""
 needed = pytest.mark.skipif(
     not sys.platform.startswith("linux") or shutil.which("make") is None,
     reason="a Linux with make",
@@ -18,7 +18,7 @@ needed = pytest.mark.skipif(
 
 @pytest.fixture
 def view(tmp_path):
-    """A viewer that only says what it would open, and a recording."""
+    """A recording, and a viewer that only prints what it would open."""
     program = tmp_path / "bin" / "rerun"
     program.parent.mkdir()
     program.write_text('#!/bin/sh\necho "opened $1"\n')
