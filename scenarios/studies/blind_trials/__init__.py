@@ -1,9 +1,9 @@
-"""Blind trials: conceal effects, diagnose without the truth, and score the answers.
+"""Blind trials: draw effects, diagnose without the truth, and score the answers.
 
-What to use when: `strata` says what is tried and how well it has to go, `draw` draws a
-trial from its seed, `effects` one effect, `magnitudes` makes it as large as is asked,
-`visibility` says how large it is, `oracle` what the best names of the library would
-leave of it; `generation` carries a trial out, `run` puts it to `method_under_test` in
-another process and commits to the truth before; `score` marks an answer, `rates` and
-`report` say how many were right.
+What to use when: `strata` lists the kinds of trials and their bars; `draw` draws a
+trial from its seed, `effects` the site and form of an effect, `arms` an arm;
+`visibility` computes the size of an effect as χ², `magnitudes` scales it to the χ²
+asked for, `oracle` gives its distance from the library; `generation` records a trial;
+`run` has it answered by `method_under_test` in another process and commits to the truth
+before; `score` marks an answer, `rates` and `report` give the shares that are right.
 """

@@ -1,7 +1,7 @@
-"""Draws arms of other builds: six or seven axes, or six on a column.
+"""Draws arms of other builds: six or seven axes, or six axes on a lift column.
 
 Lengths, offsets, masses and springs are drawn about those of arms that carry 5 to
-20 kg; axes are off their right angles, so that no kinematics of a textbook fits.
+20 kg. Axes deviate from right angles, so that no closed-form kinematics fits.
 """
 
 from collections.abc import Sequence
@@ -18,20 +18,20 @@ BUILDS: dict[str, tuple[str, ...]] = {
     "seven": (YAW, PITCH, YAW, PITCH, ROLL, PITCH, ROLL),
     "column": (LIFT, YAW, PITCH, PITCH, ROLL, PITCH, ROLL),
 }
-"""Kinds of axes from the base on; the arm stands upright at zero."""
+"""Kinds of axes from the base to the tool; the arm is upright at zero."""
 DIRECTION = {YAW: (0, 0, 1), PITCH: (0, 1, 0), ROLL: (0, 0, 1), LIFT: (0, 0, 1)}
 RANGE = {YAW: 2.8, PITCH: 1.7, ROLL: 2.8}
 LOAD, WEIGHT = 100.0, 120.0
 """The heaviest load in N, and weight of an arm in N per metre of its reach; chosen."""
 WOUND_UP = 2.5e-3
-"""Largest wind-up of a gear in rad; that of a KR10 under 100 N, 1.5 to 4e-3."""
+"""Largest wind-up of a gear in rad; a KR10 has 1.5 to 4e-3 under 100 N."""
 OFF = 0.1
 """One sigma of an axis' direction, in rad; chosen."""
 
 
 @dataclass(frozen=True)
 class Arm:
-    """The model file of an arm that is tried, and how many axes it has."""
+    """The model file of an arm of the trials, and its number of axes."""
 
     file: Path
     axes: int
@@ -45,8 +45,8 @@ def arm_of(name: str, seed: int, folder: Path) -> Arm:
 
     Args:
         name: `kr10` or one of `BUILDS`.
-        seed: Of all that a build leaves open.
-        folder: Where the model goes.
+        seed: Of lengths, masses, springs and everything else that is drawn.
+        folder: Folder of the model file.
     """
     if name == "kr10":
         return THE_KR10
@@ -61,9 +61,9 @@ def arm_text(build: Sequence[str], name: str, seed: int) -> str:
     """Return the model of an arm as MJCF.
 
     Args:
-        build: Kinds of its axes.
-        name: Of the model.
-        seed: Of everything else.
+        build: Kinds of its axes, from the base to the tool.
+        name: Name of the model.
+        seed: Of lengths, masses, springs and everything else that is drawn.
     """
     draw = np.random.default_rng(seed)
     turning = [kind for kind in build if kind != LIFT]
@@ -101,7 +101,7 @@ def arm_text(build: Sequence[str], name: str, seed: int) -> str:
 
 
 def _lengths(draw: np.random.Generator, axes: int) -> list[float]:
-    """Return a shoulder, two long links, whatever lies between, and a wrist."""
+    """Return the links' lengths in m: shoulder, two long links, others, wrist."""
     between = [float(draw.uniform(0.05, 0.15)) for _ in range(axes - 3)]
     long = [float(draw.uniform(0.35, 0.6)) for _ in range(2)]
     return [between[0], long[0], *between[1:-2], long[1], *between[-2:], 0.1][:axes]
@@ -110,7 +110,7 @@ def _lengths(draw: np.random.Generator, axes: int) -> list[float]:
 def _joint(
     k: int, kind: str, along: np.ndarray, reach: float, draw: np.random.Generator
 ) -> str:
-    """Return a joint whose gear suits its load: that winds it up by some 2.5 mrad."""
+    """Return a joint in MJCF with a spring that its load winds up by some 2.5 mrad."""
     axis = _row(*(along / np.linalg.norm(along)))
     if kind == LIFT:
         stiffness = 1e6 * 2.0 ** draw.uniform(-1, 1)
@@ -127,7 +127,7 @@ def _joint(
 
 
 def _inertia(mass: float, length: float, thick: float) -> tuple[float, float, float]:
-    """Return the moments of a cylinder: m (3 r² + h²) / 12 twice and m r² / 2."""
+    """Return a cylinder's moments of inertia: m (3 r² + h²) / 12 twice and m r² / 2."""
     across = mass * (3 * thick**2 + length**2) / 12
     return across, across, mass * thick**2 / 2
 

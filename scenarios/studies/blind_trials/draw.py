@@ -1,14 +1,11 @@
 """Draws blind trials and the errors of their instruments from seeds.
 
-Instruments of a trial are as imperfect as they state, and no more.
+A trial follows from the sweep's seed, its stratum and its number alone, so trial 7 of a
+stratum is the same however many are asked for, and whatever was run before.
 
-Every trial has the usual nuisance: an unknown frame, markers beside their places, noise
-and hidden readings. One kind of trial has the worst that a good cell has, in turn.
-
-A trial is drawn from the sweep's seed, its kind and its number, and nothing else.
-
-So trial 7 of a kind is the same however many are asked for, and whatever was run
-before.
+Every trial has the usual nuisance: an unknown tracker frame, markers beside their
+nominal positions, noise and hidden readings. The stratum `null_nuisance` has the worst
+instruments of a good cell, in turn; all errors are within what the recording states.
 """
 
 import hashlib
@@ -33,11 +30,11 @@ from scenarios.studies.blind_trials.strata import MEMORY, STRATA, Stratum
 # --- Instruments ----------------------------------------------------------------------
 
 PLACEMENT, OCCLUSIONS = 5e-4, 0.02
-"""Markers are off by so many m, one sigma; such a share of readings is hidden."""
+"""One sigma of a marker's position error, in m; share of readings that are hidden."""
 FIELD = 1.5e-5
-"""Correlated error of the tracker in m, in the stratum that has one."""
+"""Spatially correlated error of the tracker in m, in the stratum that has one."""
 DEPTH = (1e-5, 1e-5, 2.5e-5)
-"""Tracker's noise in m where it is worst in depth."""
+"""Noise of a tracker that is worst in depth, along its axes, in m."""
 
 
 def instruments_of(stratum: Stratum, number: int) -> Instruments:
@@ -71,22 +68,22 @@ def instruments_of(stratum: Stratum, number: int) -> Instruments:
 SPREAD = 3.0
 """True stiffness over the model's: up to this factor either way, by the bars' rule."""
 ALONE = (JointCompliance, PulleyFriction)
-"""Effects that need a model or a sensor of their own and are tried by themselves."""
+"""Effects that need a model or a sensor of their own: never combined or removed."""
 
 
 @dataclass(frozen=True)
 class BlindTrial:
-    """What was drawn before anything was simulated.
+    """The draws of one trial that precede any simulation.
 
     Attributes:
-        stratum: What kind of trial it is.
+        stratum: Kind of trial.
         robot: Model file of the arm.
-        number: Which of its kind, from 0.
-        name: What it is called where nobody may know what it is.
+        number: Number within its stratum, from 0.
+        name: Name that does not disclose stratum and number; used for files.
         seed: Of the instruments.
         stiffness: True stiffness over the model's, axis by axis.
-        instruments: What watches.
-        chance: Where further draws come from.
+        instruments: Instruments that record it.
+        chance: Seed sequence of all further draws.
     """
 
     stratum: Stratum
@@ -100,21 +97,21 @@ class BlindTrial:
 
     @property
     def label(self) -> str:
-        """What it is called where everybody may know."""
+        """Stratum and number, for logs and reports."""
         return f"{self.stratum.name} {self.number}"
 
 
 def trials_of(
     seed: int, strata: Sequence[str], first: int, beyond: int, arm: Arm = THE_KR10
 ) -> Iterator[BlindTrial]:
-    """Draw trials, one of each kind in turn.
+    """Draw trials, one of each stratum in turn.
 
     Args:
         seed: Of the sweep.
-        strata: Names of the kinds.
-        first: Number of the first of each kind.
+        strata: Names of the strata.
+        first: Number of the first of each stratum.
         beyond: Number after the last.
-        arm: Which is tried.
+        arm: Arm of the trials.
     """
     for number in range(first, beyond):
         for name in strata:
@@ -126,9 +123,9 @@ def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> Blind
 
     Args:
         seed: Of the sweep.
-        stratum: Name of its kind.
-        number: Which of its kind.
-        arm: Which is tried.
+        stratum: Name of its stratum.
+        number: Number within its stratum.
+        arm: Arm of the trial.
     """
     kind = list(STRATA).index(stratum)
     chance = np.random.SeedSequence(seed, spawn_key=(kind, number))
@@ -150,12 +147,12 @@ def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> Blind
 def kinds_of(
     trial: BlindTrial, draw: np.random.Generator, attempt: int
 ) -> list[type[Effect]]:
-    """Return the effects of a trial: names take turns, so that all come equally often.
+    """Return the kinds of effects of a trial, in turn, so that all are as frequent.
 
     Args:
-        trial: Which trial.
-        draw: For what is left to chance.
-        attempt: Counts from 0; a name that cannot be shown gives way to the next.
+        trial: The trial.
+        draw: Random numbers, for the second effect.
+        attempt: Counts from 0; every fourth goes on to the next kind.
     """
     name, number = trial.stratum.name, trial.number
     turn = number + attempt // 4

@@ -1,13 +1,9 @@
-"""Draws the form and the site of the effects of a blind trial.
+"""Draws the site and the form of the effects of a blind trial.
 
-A coupling joins neighbouring axes: the wrist's gears, or the first axes' frames.
-
-An effect of a trial has a form that was drawn.
-
-Forms are what is not size: a knee, a time constant, an order, a direction. They are
-drawn around those of a catalogue, so that no single value can be learnt.
-
-Where an effect is concealed is drawn from all the places where it can sit.
+A form is every parameter that is not a magnitude: knee torque, time constant, order,
+direction. Forms are drawn around catalogue values, so that no single value can be
+learnt. Sites are drawn from all at which the effect can act; a coupling joins
+neighbouring axes, in the wrist's gears or between the first axes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -53,11 +49,11 @@ from bench.study_arm import GEARS
 
 
 def partners_of(kind: type[Effect], turning: Sequence[str]) -> dict[str, Sequence[str]]:
-    """Return which axes a coupling can join, by where it sits; empty for no coupling.
+    """Return a coupling's possible partner axes by its site; empty for no coupling.
 
     Args:
-        kind: Of effect.
-        turning: The arm's axes that turn, from the base on.
+        kind: Kind of effect.
+        turning: The arm's rotary axes, from the base to the tool.
     """
     if kind is WristCoupling:
         first, second, third = turning[-3:]
@@ -71,7 +67,7 @@ def partners_of(kind: type[Effect], turning: Sequence[str]) -> dict[str, Sequenc
 def coupled(
     effect: Effect, draw: np.random.Generator, partners: Sequence[str]
 ) -> Effect:
-    """Draw which axis turns another, and which way."""
+    """Draw the partner axis and the sign of a coupling."""
     partner = str(draw.choice(partners))
     sign = float(draw.choice([-1.0, 1.0]))
     size = sign * effect.parameters()["compliance_rad_per_nm"]  # type: ignore[operator]
@@ -81,22 +77,22 @@ def coupled(
 # --- Forms ----------------------------------------------------------------------------
 
 KNEED = (Hardening, SmoothHardening, Softening, SmoothLostMotion)
-"""Effects whose form is a torque of the axis' own size."""
+"""Effects whose form is a torque that scales with the axis' gear."""
 WOUND_UP = 5e-4
 """Wind-up of a gear in rad where it begins to harden: 4 to 6e-4 by the catalogue."""
 CLOSED = 0.2
-"""Torque that closes a play over that of the knee; chosen: some hundredths of the
+"""Torque that closes a backlash over that of the knee; chosen: some hundredths of the
 largest, where makers measure lost motion."""
 SHIFT, TURN = ("x_m", "y_m", "z_m"), ("rx_rad", "ry_rad", "rz_rad")
 
 
 def as_it_is(effect: Effect, draw: np.random.Generator) -> Effect:
-    """Return an effect that has no form."""
+    """Return the effect unchanged: it has no form."""
     return effect
 
 
 def _about(draw: np.random.Generator, size: float, factor: float = 1.5) -> float:
-    """Draw log-uniformly within a factor of a size."""
+    """Draw a number log-uniformly within a factor of a size, either way."""
     return float(size * factor ** draw.uniform(-1.0, 1.0))
 
 
@@ -105,7 +101,7 @@ def _phase(draw: np.random.Generator) -> float:
 
 
 def _parts(*sizes: tuple[float, tuple[str, ...]], least: float = -1.0) -> Callable:
-    """Draw the components of vectors between least and 1 of their sizes."""
+    """Return a form that draws components uniformly from least to 1 times a size."""
 
     def form(effect: Effect, draw: np.random.Generator) -> Effect:
         values = {
@@ -121,8 +117,7 @@ def _parts(*sizes: tuple[float, tuple[str, ...]], least: float = -1.0) -> Callab
 def knees_of(rig: Rig) -> dict[str, float]:
     """Return the torque at which each axis' gear begins to harden.
 
-    A KR10's by its catalogue gears; any other arm's where the gear is wound up as far
-    as those are there.
+    A KR10's by its catalogue gears; any other arm's at the same wind-up, `WOUND_UP`.
     """
     if is_kr10(rig):
         return {axis: torques[0] for axis, (_, torques) in GEARS.items()}
@@ -131,7 +126,7 @@ def knees_of(rig: Rig) -> dict[str, float]:
 
 
 def bent(effect: Effect, draw: np.random.Generator, knee: float) -> Effect:
-    """Put a knee about where a gear has it; let a play close at a fifth of that."""
+    """Draw a knee torque about the gear's, or a closing torque about a fifth of it."""
     if isinstance(effect, SmoothLostMotion):
         return replace(effect, closing_nm=_about(draw, CLOSED * knee))
     return replace(effect, torque_nm=_about(draw, knee))  # type: ignore[call-arg]
@@ -179,26 +174,26 @@ FORMS: dict[type[Effect], Callable[[Effect, np.random.Generator], Effect]] = {
     ),
     WarmingGear: lambda e, d: replace(e, visits=_about(d, 50.0, 2.0)),
 }
-"""How forms are drawn; effects that are left out have none."""
+"""How forms are drawn, by kind of effect; kinds that are not listed have none."""
 
 
 # --- Sites ----------------------------------------------------------------------------
 
 BETWEEN_AXES = (GeometryError, GravityLoad, LinkBending)
-"""Effects of links: the vocabulary's end with an axis. What is beyond the last one are
-markers' places and a sensor's mounting, and weights that it calls the tool's."""
+"""Effects of links that never sit on the last one: beyond the last axis, the vocabulary
+has marker positions, the sensor's mounting and the tool's weight instead."""
 
 
 @dataclass(frozen=True)
 class Ground:
-    """Where effects can sit.
+    """The arm and plan of a trial, as far as sites and forms depend on them.
 
     Attributes:
         arm: The names of the arm's parts.
-        markers: The names of the marks that are followed.
+        markers: The names of the tracked markers.
         lasts: How long the experiment lasts, in s.
         knees: Torque in N m at which each axis' gear begins to harden.
-        turning: The axes that turn far in this experiment.
+        turning: The rotary axes that cover a large enough angle; see `turning`.
     """
 
     arm: Anatomy
@@ -209,21 +204,21 @@ class Ground:
 
 
 PERIODIC = (AngleDependentStiffness, GravityCompensator, TransmissionError)
-"""What comes again turn after turn; an axis that does not turn shows nothing of it."""
+"""Effects periodic in the joint angle, drawn only at axes that cover enough of it."""
 TURNS = 1.0
-"""Angle in rad that an axis goes through to be called turning; chosen: a sixth of a
+"""Least range of angle in rad of a site of a periodic effect; chosen: a sixth of a
 period of the slowest."""
 
 
 def draw_site_and_form(
     kind: type[Effect], draw: np.random.Generator, ground: Ground
 ) -> Effect:
-    """Draw a place and a form for an effect of about a catalogue's size.
+    """Draw a site and a form for an effect of about a catalogue's size.
 
     Args:
-        kind: Which effect.
-        draw: Where the draws come from.
-        ground: Where it can sit.
+        kind: Kind of effect.
+        draw: Random numbers.
+        ground: The arm and plan of the trial.
     """
     arm = ground.arm
     every = places_for(kind.places, arm)
@@ -248,11 +243,11 @@ def draw_site_and_form(
 
 
 def turning(arm: Anatomy, posture: Float[np.ndarray, "visits axes"]) -> tuple[str, ...]:
-    """Return the hinges that go through more than a small part of a turn.
+    """Return the rotary axes whose range of angle is `TURNS` or more.
 
     Args:
         arm: The names of the arm's parts.
-        posture: Where the experiment goes, in rad.
+        posture: Joint angles of the experiment, in rad.
     """
     far = np.ptp(posture, axis=0) >= TURNS
     return tuple(

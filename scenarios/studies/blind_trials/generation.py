@@ -1,11 +1,8 @@
-"""Generates a blind trial: a recording for the diagnosis, and its truth.
+"""Generates a blind trial: a recording for the method under test, and its truth.
 
-Sizes are found on silent instruments, where an effect alone makes the difference.
-
-A trial is carried out on the bench: a recording for the accused, a truth for later.
-
-Places and forms are drawn until one can show what is asked; sizes follow from weighing
-what the effect does to silent instruments.
+`generate_trial` draws sites and forms until one set can reach the χ² that the stratum
+asks for; `calibrate_magnitude` finds the magnitudes by recordings on error-free
+instruments, where the effect alone makes the difference.
 """
 
 import json
@@ -48,7 +45,7 @@ from scenarios.studies.blind_trials.visibility import Visibility, scale_of
 
 @dataclass(frozen=True)
 class Bench:
-    """An arm of a trial without its effects, and how large effects on it are."""
+    """The true arm and plan of a trial without its effects; records any effects."""
 
     trial: BlindTrial
     rig: Rig
@@ -57,20 +54,20 @@ class Bench:
     hook: bool
 
     def seen(self, effects: tuple[Effect, ...], instruments: Instruments) -> Recording:
-        """Record the arm with effects."""
+        """Return a recording of the arm with effects, by some instruments."""
         rig = replace(self.rig, effects=effects)
         seen = record(rig, self.plan, instruments, self.trial.seed, self.trial.name)
         if not self.hook:
             return seen
         quiet = error_free_instruments(self.trial.instruments)
         weight = record(self.rig, self.plan, quiet, self.trial.seed).wrench
-        return replace(seen, wrench=weight)  # taken from what hangs on the hook
+        return replace(seen, wrench=weight)  # computed from the hook's load
 
 
 def calibrate_magnitude(
     bench: Bench, effects: Sequence[Effect], draw: np.random.Generator
 ) -> tuple[tuple[Effect, ...], tuple[Visibility, ...]]:
-    """Make every effect as large as its stratum asks."""
+    """Return every effect scaled to the χ² of its stratum, and its visibility."""
     if not effects:
         return (), ()
     trial = bench.trial
@@ -85,7 +82,7 @@ def calibrate_magnitude(
     def weigh(effect: Effect) -> Visibility:
         return scale.visibility(bench.seen((effect,), quiet))
 
-    watching = replace(trial.instruments.tracker, occlusions=0.0)  # as it is weighed
+    watching = replace(trial.instruments.tracker, occlusions=0.0)  # as in `visibility`
 
     def captured(effect: Effect) -> float:
         seen = bench.seen((effect,), replace(trial.instruments, tracker=watching))
@@ -121,20 +118,20 @@ def error_free_instruments(instruments: Instruments) -> Instruments:
 # --- Recording and truth --------------------------------------------------------------
 
 REVISITS = 12
-"""Visits that are done twice; chosen, so that the noise can be seen in replicates."""
+"""Visits that are repeated; chosen, so that replicates show the noise."""
 ATTEMPTS = 40
-"""Places and forms that are tried before a trial is given up."""
+"""Draws of sites and forms before a trial is given up."""
 
 
 @dataclass(frozen=True)
 class Made:
-    """A trial that was carried out.
+    """A generated trial: recording, model and truth.
 
     Attributes:
-        recording: What the accused will see.
-        model: The model file that it is compared with.
-        left_out: Names that the diagnosis must do without.
-        rig: What is true.
+        recording: What the method under test is given.
+        model: The nominal model file that it is given.
+        left_out: Names that are taken out of the diagnosis' library.
+        rig: The true arm with its effects.
         truth: The same and how it was drawn, for JSON.
     """
 
@@ -146,15 +143,15 @@ class Made:
 
 
 def generate_trial(trial: BlindTrial, folder: Path, poses: int) -> Made:
-    """Carry out a trial.
+    """Draw effects of a trial, scale and record them.
 
     Args:
-        trial: Which one.
-        folder: Where model files go that differ from the arm's own.
-        poses: How many postures of the table.
+        trial: The trial.
+        folder: Folder of model files that differ from the arm's own.
+        poses: Number of postures.
 
     Raises:
-        BenchError: Where nothing that was drawn can show what is asked.
+        BenchError: Where no draw can reach the χ² that is asked for.
     """
     draw = np.random.default_rng(trial.chance)
     faults = []
@@ -162,7 +159,7 @@ def generate_trial(trial: BlindTrial, folder: Path, poses: int) -> Made:
         kinds = kinds_of(trial, draw, attempt)
         try:
             return _simulate(trial, kinds, draw, folder, poses, attempt)
-        except BenchError as error:  # out of reach, or no rest under so much
+        except BenchError as error:  # out of reach, or no equilibrium under the load
             faults.append(str(error).partition("\n")[0])
     raise BenchError(f"Trial {trial.label} cannot be made: {'; '.join(faults[-3:])}")
 
@@ -221,7 +218,7 @@ def _simulate(
 
 
 def _given(trial: BlindTrial, rigid: Sequence[str], folder: Path) -> Path:
-    """Return the model of a trial's arm, written anew where it calls axes rigid."""
+    """Return the given model file, rewritten where some axes are rigid in it."""
     if not rigid:
         return trial.robot
     file = folder / f"{trial.name}.xml"

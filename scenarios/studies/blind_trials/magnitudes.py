@@ -1,7 +1,7 @@
 """Scales an effect until its visibility is as large as asked.
 
-The readings answer nearly in proportion to an effect's size, and χ² to its square, so
-two or three simulations find the size that shows a given χ².
+The readings respond nearly in proportion to an effect's size, and χ² to its square, so
+two or three simulations find the size that has a given χ².
 """
 
 from collections.abc import Callable
@@ -15,12 +15,12 @@ from bench.shared.errors import BenchError, Unusable
 from scenarios.studies.blind_trials.visibility import Visibility
 
 ABOVE = 1.25
-"""By how much an effect may exceed the χ² that is asked for; chosen: the bars say at
-least, and the smallest are the hardest."""
+"""Factor by which an effect may exceed the χ² that is asked for; chosen: the bars give
+the least, and the smallest effects are the hardest."""
 FEWEST = 20.0
-"""Poses that have to contribute, by the rule of the bars."""
+"""Least number of poses that contribute, by the rule of the bars."""
 TRIES = 7
-"""Simulations that may be spent on finding a size; chosen, three are usual."""
+"""Most simulations to find a size; chosen, three are usual."""
 OUT_OF_LIBRARY_SHAPES = {
     "softening": ("torque_nm",),
     "thrust_turn": ("lead_m",),
@@ -28,24 +28,24 @@ OUT_OF_LIBRARY_SHAPES = {
     "foot_lift_off": ("angle_rad", "preload_nm"),
     "warming_gear": ("visits",),
 }
-"""Parameters that are no size, of effects that no catalogue lists."""
+"""Parameters that are not magnitudes, of effects that are not in the catalogue."""
 GROWS: dict[str, Callable[[float, float], float]] = {
     "hardening": lambda value, factor: 1.0 + (value - 1.0) * factor,
     "softening": lambda value, factor: 1.0 + (value - 1.0) * factor,
     "asymmetric_stiffness": lambda value, factor: value**factor,
     "link_bending": lambda value, factor: value / factor,
 }
-"""How sizes grow that are not in proportion to what they do."""
+"""How parameters scale that are not in proportion to the displacement they cause."""
 OUT_OF_LIBRARY_LARGEST = {"thrust_turn": 1e-4, "warming_gear": 0.5}
-"""Largest sizes that are still physical, in SI; chosen."""
+"""Largest physical sizes of effects that are not in the catalogue, in SI; chosen."""
 
 
 class OutOfReach(BenchError):
-    """An effect that cannot be made as large as is asked at its place."""
+    """An effect that cannot be made as large as is asked at its site."""
 
 
 def scaled(effect: Effect, factor: float) -> Effect:
-    """Return an effect that moves the arm about so many times as far.
+    """Return an effect whose displacements are larger by about a factor.
 
     Raises:
         OutOfReach: Where no such size is physical.
@@ -84,16 +84,16 @@ def _largest(effect: Effect) -> float:
 def as_large_as(
     effect: Effect, least: float, weigh: Callable[[Effect], Visibility]
 ) -> tuple[Effect, Visibility]:
-    """Find the size at which an effect shows at least a given χ², and not much more.
+    """Find the size at which an effect has at least a given χ², and not much more.
 
     Args:
         effect: Of a catalogue's size.
         least: The χ² that is asked for.
-        weigh: Simulates an effect and weighs what it changes.
+        weigh: Simulates an effect and returns its visibility.
 
     Raises:
-        OutOfReach: Where no physical size shows as much, or too few poses show it.
-        Unusable: Where it cannot be built at its place.
+        OutOfReach: Where no physical size has this χ², or too few poses contribute.
+        Unusable: Where it cannot be built at its site.
     """
     wanted = least * np.sqrt(ABOVE)
     factor, known = 1.0, []

@@ -1,8 +1,8 @@
-"""Answers the questions of blind trials, in a process that knows recordings alone.
+"""Answers the questions of blind trials, in a process that has recordings alone.
 
-The accused's side of a blind trial, a process of its own. It is given recordings, the
-robot's model and names that it must do without; the truth is on no disk yet. Each
-answer is diagnosis.json.
+This is the method under test, in a process of its own. It is given recordings, the
+robot's model and names to be taken out of the library; the truth is on no disk yet.
+Each answer is diagnosis.json.
 
 Run:    python -m scenarios.studies.blind_trials.method_under_test QUESTIONS.json
 Takes:  5 to 20 s for each recording of 151 poses
@@ -28,14 +28,14 @@ from stiffness.effects import HYPOTHESES
 
 
 class Question(msgspec.Struct, frozen=True):
-    """One recording and what to compare it with.
+    """One recording, the model to compare it with, and the answer's file.
 
     Attributes:
-        recording: Its folder.
+        recording: Folder of the recording.
         model: The robot's model file.
-        answer: Where the answer goes.
-        without: Names that are not in the library.
-        proof: Whether what was named is proved in the simulator.
+        answer: File of the answer.
+        without: Names that are taken out of the library.
+        proof: Whether named effects are proved in the simulator.
     """
 
     recording: str
@@ -47,7 +47,7 @@ class Question(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True)
 class Settings:
-    """What is asked."""
+    """Flags of the method under test."""
 
     questions: Annotated[Path, tyro.conf.Positional]
     """JSON file with a list of questions."""
@@ -67,7 +67,7 @@ def main(settings: Settings) -> None:
 
 
 def answered(question: Question) -> str:
-    """Return diagnosis.json, or what went wrong as `{"failed": …}`."""
+    """Return diagnosis.json, or the error as `{"failed": …}`."""
     started = time.perf_counter()
     names = [h for h in HYPOTHESES if h.effect not in question.without]
     try:

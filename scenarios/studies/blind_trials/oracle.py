@@ -1,13 +1,12 @@
 """Oracles: how far an effect is from the library, and the gain of knowing the truth.
 
-What the best names of the library leave of an effect is what makes it strange.
+`explained` fits an effect by the best set of up to three names of the library; what
+these do not explain makes it an effect outside the library. The library is the
+diagnosis' own, for its names are those that must not be given. The fit is made on an
+effect so large that the χ² by chance, some fifty at most, is small beside it. The size
+of the effect itself comes from `visibility`, without the diagnosis.
 
-The library here is the diagnosis' own, for it is its names that must not be given; its
-search runs over all sets of up to three names. It runs on an effect so large that what
-chance adds, some fifty at most, is little. How large the effect is at all is weighed
-elsewhere, without the diagnosis.
-
-Nobody can gain more on held-out poses than whoever knows what is true.
+`oracle_gain_mm` is the gain of the true mechanism on held-out poses, an upper bound.
 """
 
 from collections.abc import Callable, Sequence
@@ -43,26 +42,26 @@ from stiffness.regression.splits import split_of
 # --- Distance from the library --------------------------------------------------------
 
 PROBE = 20_000.0
-"""χ² of the effect that the library is tried on; chosen: its noise is 2 √χ², 1.4 %."""
+"""χ² of the effect that the library is fitted to; chosen: its noise is 2 √χ², 1.4 %."""
 LEAST_SHARE = 0.04
-"""Share that the library must leave to be told from that noise; chosen: three times."""
+"""Least unexplained share that exceeds that noise; chosen: three times."""
 MAX_CHI_SQUARE = 40_000.0
-"""χ² beyond which an effect is taken to be explained by the library; chosen."""
+"""χ² above which an effect counts as explained by the library; chosen."""
 LEFT = 1.3
-"""Least that is left over what is asked, for few sets are refined."""
+"""Factor on the unexplained χ² that is asked for, as only few models are refined."""
 SIZES, FRONT = (1, 2, 3), 3
-"""Sizes of sets, and how many front runners of each are refined; chosen for time."""
+"""Sizes of models, and how many of the best of each are refined; chosen for time."""
 SPAN = 4.0
-"""Largest that is left over the least; chosen."""
+"""Ratio of the largest drawn unexplained χ² to the least; chosen."""
 
 
 def explained(recording: Recording, model: Path, without: Sequence[str]) -> float:
     """Return the χ² that the best set of up to three names of the library explains.
 
     Args:
-        recording: With the effect.
-        model: Of the nominal arm.
-        without: Names that are left out.
+        recording: Recording with the effect.
+        model: Model file of the nominal arm.
+        without: Names that are taken out of the library.
     """
     arm = arm_of(model).for_recording(recording)
     names = [h for h in HYPOTHESES if h.effect not in without]
@@ -75,7 +74,7 @@ def explained(recording: Recording, model: Path, without: Sequence[str]) -> floa
 
 
 def _at_its_best(case: SelectionProblem, sets: RankedModels, number: int) -> float:
-    """Return what a set explains of all poses, refined and in its laws' other forms."""
+    """Return a model's χ² on all poses, refined and with its laws' other forms."""
     candidates = [case.library.candidates[k] for k in sets.models[number]]
     members = [
         ModelTerm(c.hypothesis, c.where, c.shapes[s])
@@ -96,10 +95,10 @@ def _at_its_best(case: SelectionProblem, sets: RankedModels, number: int) -> flo
 
 
 def _returning(prepared: Prepared) -> Prepared:
-    """Let axes return exactly, as they do where effects are weighed.
+    """Set the pose repeatability to zero, as it is where visibility is computed.
 
-    Otherwise the spread of an effect over visits passes for bad returns, and what the
-    library explains of it would be too little.
+    Otherwise the scatter of an effect over visits counts as repeatability, and the
+    library would explain too little of it.
     """
     situation, exact = prepared.situation, np.zeros(len(prepared.pose_repeatability))
     visits = visits_of(situation.visit, situation.posture_index)
@@ -114,14 +113,14 @@ def as_strange_as(
     captured: Callable[[Effect], float],
     draw: np.random.Generator,
 ) -> tuple[Effect, Visibility]:
-    """Find a size of which the library's best names leave at least a given χ².
+    """Find a size of which the library leaves at least a given χ² unexplained.
 
     Args:
         effect: Of a catalogue's size.
-        least: The χ² that has to be left.
-        weigh: Simulates an effect and weighs what it changes.
-        captured: Simulates an effect and returns what the library explains of it.
-        draw: How much more than the least is left.
+        least: The least unexplained χ².
+        weigh: Simulates an effect and returns its visibility.
+        captured: Simulates an effect and returns the χ² that the library explains.
+        draw: Random numbers, for the factor above the least.
 
     Raises:
         OutOfReach: Where the library explains nearly all of it, or no size will do.
@@ -141,18 +140,18 @@ MM = 1e3
 
 
 def oracle_gain_mm(folder: Path, model: Path, rig: Rig) -> float | None:
-    """Return what the true mechanism gains on the poses that are held out, in mm.
+    """Return the gain of the true mechanism on held-out poses, in mm.
 
-    It is proved as a diagnosis' patch is: frame and places start where the diagnosis
-    has them, springs and parameters where they truly are.
+    It is proved as a diagnosis' patch is: tracker frame and marker positions start at
+    the diagnosis' values, springs and parameters at the true ones.
 
     Args:
-        folder: Of the recording.
-        model: The nominal arm.
-        rig: What is true.
+        folder: Folder of the recording.
+        model: Model file of the nominal arm.
+        rig: The true arm.
 
     Returns:
-        The gain; None where the simulator has no such mechanism or finds no rest.
+        The gain; None where the simulator has no such mechanism or no equilibrium.
     """
     if not rig.effects or not all(can_build(e.name) for e in rig.effects):
         return None

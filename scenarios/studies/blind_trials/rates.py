@@ -1,6 +1,9 @@
 """Rates over blind trials with their intervals, confusions, and calibration.
 
-A rate of trials is a share with the interval that its count allows.
+`bars` compares shares of marks with the bars of `strata`; `confusion` counts answers by
+true effect; `calibration` gives how often statements of a probability were true.
+
+Interval of a share:
 
 ==========  ==========================================================================
 Equation    Clopper and Pearson's interval; a bar is met where the share meets it
@@ -8,8 +11,6 @@ Source      Clopper and Pearson 1934, "The use of confidence or fiducial limits"
 Valid       trials drawn independently
 Ignores     nothing; trials that failed count as wrong
 ==========  ==========================================================================
-
-What was said of what is one table, how sure it was and how right is another.
 """
 
 from collections import Counter
@@ -38,7 +39,7 @@ MEANINGS = (
     "declared, or nothing is named. χ²: how large an effect is in the instruments' "
     "squared sigmas, after springs took on what they can."
 )
-"""What marks say; see `TrialScore`."""
+"""Explanation of the marks, for the report; see `TrialScore`."""
 COVERAGE, GAIN, SECONDS = (0.90, 0.98), 0.90, 3.0
 """Bars of intervals, of the held-out gain and of the time of one answer."""
 
@@ -49,12 +50,12 @@ class Rate:
 
     Attributes:
         what: What was counted, in words.
-        bar: What is asked, in words.
-        successes: How many.
-        trials: Of how many.
-        value: Their share; None where nothing was counted.
+        bar: The bar, in words.
+        successes: Number of successes.
+        trials: Number of trials counted.
+        value: Share of successes; None where nothing was counted.
         low: Lower end of the 95 % interval.
-        high: Upper end.
+        high: Upper end of it.
         met: Whether the share meets the bar; None where nothing was counted.
     """
 
@@ -71,7 +72,7 @@ class Rate:
 def rate(
     what: str, marks: Sequence[bool], least: float = 0.0, most: float = 1.0
 ) -> Rate:
-    """Count marks against a bar."""
+    """Return the share of marks with its interval, compared with a bar."""
     bar = f"≤ {most:.0%}" if least == 0.0 else f"≥ {least:.0%}"
     if least > 0.0 and most < 1.0:
         bar = f"{least:.0%} to {most:.0%}"
@@ -84,7 +85,7 @@ def rate(
 
 
 def bars(scores: Sequence[TrialScore]) -> list[Rate]:
-    """Hold everything that was asked against what came."""
+    """Return the rate of every bar, and those of intervals, gains and seconds."""
     rates = [_of_bar(bar, scores) for bar in BARS]
     intervals = [i.holds for s in scores for i in s.intervals]
     rates.append(rate("intervals that hold their parameter", intervals, *COVERAGE))
@@ -97,7 +98,7 @@ def bars(scores: Sequence[TrialScore]) -> list[Rate]:
 
 
 def by_stratum(scores: Sequence[TrialScore]) -> list[dict[str, object]]:
-    """Return one row for each kind of trial: how often each mark was given."""
+    """Return one row for each stratum: how often each mark was given."""
     rows = []
     for name in STRATA:
         own = [s for s in scores if s.stratum == name]
@@ -114,12 +115,12 @@ def by_stratum(scores: Sequence[TrialScore]) -> list[dict[str, object]]:
 
 
 def failures(scores: Sequence[TrialScore]) -> list[TrialScore]:
-    """Return the trials that went wrong by the bars of their kind."""
+    """Return the trials that failed or violate a bar of their stratum."""
     return [s for s in scores if s.failed or wrong(s)]
 
 
 def wrong(score: TrialScore) -> tuple[str, ...]:
-    """Return the bars of its kind that a trial speaks against."""
+    """Return the bars of its stratum that a trial violates."""
     found = []
     for bar in BARS:
         counts = not bar.of or getattr(score, bar.of)
@@ -143,14 +144,13 @@ def _of_bar(bar: Bar, scores: Sequence[TrialScore]) -> Rate:
 # --- Confusion and calibration --------------------------------------------------------
 
 BINS = (0.0, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)
-"""Edges of stated probabilities that are looked at together; chosen: few, and where
-verdicts turn."""
+"""Edges of the bins of stated probabilities; chosen: few, and where verdicts change."""
 
 
 def confusion(scores: Sequence[TrialScore]) -> list[dict[str, Any]]:
-    """Return how often each true effect was answered by each name, by kind of trial.
+    """Return how often each true effect was answered by each name, by stratum.
 
-    Only trials with one effect or none; of several names the first counts.
+    Only trials with one effect or none count; of several names the first.
     """
     counts = Counter(
         (s.stratum, _effect(s.truth[0]) if s.truth else "nothing", said(s))
@@ -164,7 +164,7 @@ def confusion(scores: Sequence[TrialScore]) -> list[dict[str, Any]]:
 
 
 def said(score: TrialScore) -> str:
-    """Return in one word what an answer says."""
+    """Return an answer as one word: a name, nothing, unexplained or failed."""
     if score.named:
         return _effect(score.named[0])
     return {"no_mismatch": "nothing", "failed": "failed"}.get(
@@ -173,7 +173,7 @@ def said(score: TrialScore) -> str:
 
 
 def calibration(scores: Sequence[TrialScore]) -> list[dict[str, Any]]:
-    """Return how often what was stated with a probability was true."""
+    """Return how often statements were true, by bins of their stated probability."""
     stated = [pair for s in scores if s.truth for pair in s.stated]
     rows = []
     for low, high in pairwise(BINS):

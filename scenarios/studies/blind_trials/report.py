@@ -1,10 +1,8 @@
 """The report of blind trials: failures, limits, rates by stratum, and figures.
 
-The tables of a sweep's page: failures, bars, kinds of trials, probabilities.
-
-Two pictures of a sweep: what was said of what, and how sure against how right.
-
-A sweep's report begins with what went wrong.
+`write` makes the page, which begins with the failures, and its files; `tables_of` are
+its tables; `draw_confusion` shows answers by true effect, `draw_calibration` how often
+statements are true against their probability.
 """
 
 import json
@@ -36,11 +34,11 @@ from scenarios.studies.blind_trials.strata import STRATA
 # --- Tables ---------------------------------------------------------------------------
 
 SHOWN = 60
-"""Failures that the page lists; all are in summary.json and trials.csv."""
+"""Most failures that the page lists; all are in summary.json and trials.csv."""
 
 
 def tables_of(scores: Sequence[TrialScore], rates: Sequence[Rate]) -> list[page.Block]:
-    """Return failures first, bars, and what each kind of trial got."""
+    """Return the sections on failures, bars and strata, in this order."""
     bad = failures(scores)
     listed = [
         (s.label, ", ".join(s.truth) or "nothing", said(s), ", ".join(wrong(s)))
@@ -85,7 +83,7 @@ def tables_of(scores: Sequence[TrialScore], rates: Sequence[Rate]) -> list[page.
 
 
 def of_probabilities(rows: Sequence[dict[str, Any]]) -> list[page.Block]:
-    """Return how often what was stated with a probability was true."""
+    """Return figure and table of how often statements of a probability were true."""
     often = "How often a name is true against the probability that was stated for it"
     return [
         page.Figure(f"{often}, with 95 % intervals.", "calibration.png"),
@@ -105,7 +103,7 @@ def of_probabilities(rows: Sequence[dict[str, Any]]) -> list[page.Block]:
 
 
 def said(s: TrialScore) -> str:
-    """Return an answer in a few words."""
+    """Return an answer's verdict and names, or its failure, in a few words."""
     return s.failed or f"{s.verdict}: {', '.join(s.named) or 'no name'}"
 
 
@@ -124,7 +122,7 @@ Rows = Sequence[dict[str, object]]
 LIGHT = 0.5
 """Share from which a cell is too dark for black digits; chosen."""
 NOTHING, NO_NAME = "nothing", ("unexplained", "failed")
-"""What is no effect's name; it stands behind the names."""
+"""Answers that are not the name of an effect; they come after the names."""
 
 
 def draw_confusion(rows: Rows) -> Figure:
@@ -190,9 +188,9 @@ def write(out: Path, scores: Sequence[TrialScore], facts: dict[str, object]) -> 
     """Write summary.json, tables, pictures and the page.
 
     Args:
-        out: The folder.
-        scores: Of all trials that are finished; at least one.
-        facts: How they came about.
+        out: Folder of the report.
+        scores: Scores of all finished trials; at least one.
+        facts: Facts of the run, for summary.json.
     """
     rates, calibrated = bars(scores), calibration(scores)
     matrix = confusion(scores)

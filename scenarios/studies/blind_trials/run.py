@@ -1,12 +1,10 @@
 """Runs blind trials: recordings out, answers committed by hash, truth written last.
 
-A hash that was published binds whoever published it.
-
-The accused has answered before anybody can read the truth.
-
-For every trial: the recording is written, the truth stays in memory and only its hash
-is published; another process answers; the answer is hashed; then the truth is written.
-What is finished is kept, and a sweep that was interrupted goes on with the rest.
+For every trial the recording is written and the hash of its truth published, while the
+truth stays in memory; `method_under_test` answers in another process; the answer's hash
+is published; then the truth is written. So the answer cannot depend on the truth, and
+neither can be changed later: `opened` compares both with their hashes. Finished trials
+are kept, and an interrupted sweep goes on with the others.
 """
 
 import hashlib
@@ -35,14 +33,14 @@ ROOT = Path(__file__).parents[3]
 
 
 def opened(folder: Path, name: str) -> tuple[dict, dict, str]:
-    """Return answer and truth of a finished trial, and the hash of the code that spoke.
+    """Return answer and truth of a finished trial, and the hash of the method's code.
 
     Args:
-        folder: Of the sweep.
-        name: Of the trial.
+        folder: Folder of the sweep.
+        name: Name of the trial.
 
     Raises:
-        Unusable: Where either was changed since it was sealed.
+        Unusable: Where either differs from its published hash.
     """
     answer = (folder / "answers" / f"{name}.json").read_bytes()
     truth = (folder / "truth" / f"{name}.json").read_bytes()
@@ -63,7 +61,7 @@ def digest(content: bytes) -> str:
 
 
 def digest_of_code() -> str:
-    """Return the SHA-256 of all that claims anything."""
+    """Return the SHA-256 of paths and contents of all Python files of `stiffness`."""
     total = hashlib.sha256()
     for file in sorted((ROOT / "stiffness").rglob("*.py")):
         total.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())
@@ -71,7 +69,7 @@ def digest_of_code() -> str:
 
 
 def publish_hashes(file: Path, hashes: Mapping[str, str]) -> None:
-    """Publish hashes."""
+    """Write hashes to a file in JSON, whole or not at all."""
     write_whole(file, json.dumps(hashes, indent=2) + "\n")
 
 
@@ -85,19 +83,19 @@ def write_whole(file: Path, text: str) -> None:
 # --- The sweep ------------------------------------------------------------------------
 
 AT_ONCE = 12
-"""Trials that one answering process is asked; chosen: its start takes seconds."""
+"""Trials that one process answers; chosen: its start takes seconds."""
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """Where a sweep's files are, and how it is done.
+    """Folder and settings of a sweep of blind trials.
 
     Attributes:
-        folder: For everything.
-        poses: How many postures each recording has.
+        folder: Folder of all its files.
+        poses: Number of postures of each recording.
         proof: Whether names are proved in the simulator.
-        keep: Whether recordings stay after they were answered.
-        jobs: How many trials run side by side.
+        keep: Whether recordings are kept after they were answered.
+        jobs: Number of processes.
     """
 
     folder: Path
@@ -116,10 +114,10 @@ class Sweep:
 
 
 def run_trials(sweep: Sweep, trials: Sequence[BlindTrial]) -> Iterator[int]:
-    """Carry out what is not finished, and yield how many more are, time after time.
+    """Run the unfinished trials; yields the number newly done, first the finished ones.
 
     Raises:
-        BenchError: Where a trial cannot be made, or the answering process fails.
+        BenchError: Where a trial cannot be generated, or the answering process fails.
     """
     for kind in ("recordings", "answers", "truth", "seals", "models"):
         (sweep.folder / kind).mkdir(parents=True, exist_ok=True)
@@ -132,7 +130,7 @@ def run_trials(sweep: Sweep, trials: Sequence[BlindTrial]) -> Iterator[int]:
 
 
 def tried(sweep: Sweep, trials: Sequence[BlindTrial]) -> int:
-    """Carry out a few trials and return how many they were."""
+    """Generate, answer and commit a few trials; returns their number."""
     truths, questions = {}, []
     for trial in trials:
         made = generate_trial(trial, sweep.folder / "models", sweep.poses)
@@ -174,7 +172,7 @@ def tried(sweep: Sweep, trials: Sequence[BlindTrial]) -> int:
 
 
 def _asked(sweep: Sweep, questions: Sequence[Question], label: str) -> None:
-    """Put questions to a process that is given nothing else."""
+    """Have questions answered by a process that is given nothing else."""
     file = sweep.folder / f".questions-{label}.json"
     file.write_bytes(msgspec.json.encode(questions))
     try:
@@ -198,14 +196,14 @@ def _asked(sweep: Sweep, questions: Sequence[Question], label: str) -> None:
 
 
 def refuse_other_trials(folder: Path, mine: str) -> None:
-    """Refuse a folder whose trials were drawn otherwise; remember how these are.
+    """Refuse a folder whose trials were drawn with other settings; else record these.
 
     Args:
-        folder: Of the sweep; made if it is not there.
-        mine: How these trials are drawn, one line.
+        folder: Folder of the sweep; made if it is not there.
+        mine: Settings of the draws, one line.
 
     Raises:
-        Unusable: Where it holds others.
+        Unusable: Where the folder holds trials of other settings.
     """
     folder.mkdir(parents=True, exist_ok=True)
     file = folder / "sweep.txt"

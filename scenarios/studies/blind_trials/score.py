@@ -1,14 +1,12 @@
 """Scores an answer against the truth: names, sites, and coverage of intervals.
 
-An interval is good if it holds the true parameter as often as it says.
+The rules were written before any trial was run. Names are `effect@where`. A name with
+its first three equivalents is what the answer declares; what is right *with
+equivalents* has the truth among them.
 
-Only parameters of names that were given as they are true count, and only where the
-mechanism has the parameter: another law of the same name has another meaning of it.
-
-An answer is marked against the truth by rules that were written down before.
-
-Names are `effect@where`. A name with its first three equivalents is what the answer
-declares; what is right *with equivalents* has the truth among them.
+Coverage (`covered_by`) counts intervals that hold the true parameter, only for names
+that are true, and only where the mechanism has the parameter: in another law of the
+same name it has another meaning.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,18 +20,18 @@ from scenarios.studies.blind_trials.strata import MEMORY
 
 OTHER = {kind.__name__ for kind in OTHER_LAWS}
 SIGNED = {"torque_nm", "amplitude_rad", "ratio"}
-"""Sizes of waves: turned round, the phase moves by half a turn."""
+"""Amplitudes of harmonics: a change of sign shifts the phase by pi."""
 
 
 @dataclass(frozen=True)
 class Covered:
-    """A parameter, its interval, and whether it holds the truth.
+    """A parameter, its stated interval, and whether that holds the true value.
 
     Attributes:
         parameter: `effect.parameter`.
         true: Its true value, in SI.
-        low: Lower end.
-        high: Upper end.
+        low: Lower end of the interval.
+        high: Upper end of it.
         holds: Whether the true value lies between them.
     """
 
@@ -48,8 +46,8 @@ def covered_by(named: Sequence[Mapping], effect: Mapping) -> list[Covered]:
     """Return the intervals that an answer states for one true effect.
 
     Args:
-        named: Names that were given.
-        effect: What is true.
+        named: Entries of the names that were given.
+        effect: Entry of the true effect.
     """
     same = [
         one["parameters"]
@@ -83,14 +81,14 @@ def _is_interval(parameter: Mapping) -> bool:
 def _true(effect: Mapping) -> dict[str, float]:
     numbers = effect["parameters"].items()
     true = {k: float(v) for k, v in numbers if isinstance(v, int | float)}
-    if "mass_kg" in true:  # where a mass does not show, its moment does
+    if "mass_kg" in true:  # its moment is stated where the mass is not identifiable
         for axis in "xyz":
             true[f"moment_{axis}_kg_m"] = true["mass_kg"] * true[f"com_{axis}_m"]
     return true
 
 
 def _turned(true: dict[str, float], stated: Mapping) -> dict[str, float]:
-    """Write a wave with the sign and the turn of the phase that was stated."""
+    """Return a harmonic with the sign and the period of the phase that was stated."""
     true = dict(true)
     for name in SIGNED & true.keys() & stated.keys():
         if true[name] * (stated[name]["low"] + stated[name]["high"]) < 0.0:
@@ -105,20 +103,20 @@ def _turned(true: dict[str, float], stated: Mapping) -> dict[str, float]:
 # --- Scores ---------------------------------------------------------------------------
 
 COUNTED = 3
-"""Equivalents that count, by the rule of the answer's format."""
+"""Number of equivalents that count, by the rule of the answer's format."""
 
 
 @dataclass(frozen=True)
 class TrialScore:
-    """How one trial went. Marks that make no sense for its kind are False.
+    """Marks of one trial; those that do not apply to its stratum are False.
 
     Attributes:
-        stratum: Its kind.
-        label: Its kind and number.
-        name: Of its files.
-        truth: Names that are true.
-        chi2: Sizes of the true effects.
-        verdict: Of the answer; `failed` where there is none.
+        stratum: Its stratum.
+        label: Its stratum and number.
+        name: Name of its files.
+        truth: True names.
+        chi2: χ² of the true effects.
+        verdict: Verdict of the answer; `failed` where there is none.
         named: Names that were given.
         failed: Why there is no answer; empty where there is one.
         detected: Whether a difference was reported.
@@ -132,8 +130,8 @@ class TrialScore:
         told_apart: Whether the name given is the true one, and no other kind of memory
             is declared as its equivalent.
         declared: Whether the true name is given or declared, or nothing is named.
-        stated: Every probability that was stated, and whether it was about the truth.
-        intervals: Of the parameters of names rightly given.
+        stated: Every stated probability, and whether its statement was true.
+        intervals: Coverage of the parameters of true names that were given.
         gain: Held-out gain over that of the true effect; None without a proof.
         seconds: How long the answer took.
     """
@@ -162,13 +160,13 @@ class TrialScore:
 
 
 def score_answer(label: str, name: str, answer: Mapping, truth: Mapping) -> TrialScore:
-    """Mark one answer.
+    """Return the marks of one answer.
 
     Args:
-        label: Kind and number of the trial.
-        name: Of its files.
+        label: Stratum and number of the trial.
+        name: Name of its files.
         answer: diagnosis.json, or `{"failed": …}`.
-        truth: What was sealed.
+        truth: The truth file of the trial.
     """
     true = {_name(effect) for effect in truth["effects"]}
     places = {effect["where"] for effect in truth["effects"]}
@@ -220,7 +218,7 @@ def _declared(entry: Mapping) -> set[str]:
 
 
 def _one_each(true: set[str], declared: Sequence[set[str]]) -> bool:
-    """Return whether names can be handed out so that each stands for one true one."""
+    """Return whether each true name can be matched with a declared set of its own."""
     if not true:
         return True
     one = next(iter(true))
@@ -233,7 +231,7 @@ def _one_each(true: set[str], declared: Sequence[set[str]]) -> bool:
 def _stated(
     answer: Mapping, true: set[str], covering: Sequence[bool]
 ) -> tuple[tuple[float, bool], ...]:
-    """Return stated probabilities with what came of them: names, then rival sets."""
+    """Return stated probabilities and whether true: of names, then of rivals."""
     named = [
         (float(one["probability"]), hit)
         for one, hit in zip(answer.get("named", []), covering, strict=True)

@@ -1,7 +1,7 @@
 """Strata of the blind trials and their limits, written down before any trial.
 
-The bars are those of the project's plan: shares of trials, not to be moved. The last is
-our own: it holds the diagnosis to the smallest effect that it says would have shown.
+The bars are shares of trials, fixed by the project's plan. The last is added to them:
+it tests the smallest effect that the diagnosis says would have shown.
 """
 
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ __all__ = ["BARS", "MEMORY", "STRATA", "Bar", "Stratum"]
 
 @dataclass(frozen=True)
 class Stratum:
-    """One kind of trial.
+    """One kind of trial: its effects, markers and load path.
 
     Attributes:
-        name: Short, as in tables and flags.
-        what: In a sentence.
-        least: Projected χ² that each effect has at least; empty where there is none.
+        name: Short name, as in tables and flags.
+        what: Description in a phrase.
+        least: Least projected χ² of each effect; empty where there is none.
         targets: Which bodies carry markers.
-        path: What hangs on the hook, as `bench.shared.plan.parse_path` reads it; empty:
+        path: Load on the hook, as `bench.shared.plan.parse_path` reads it; empty:
             the default path, with a dwell and a reversal.
         known: Whether the vocabulary has its effects.
     """
@@ -32,7 +32,7 @@ class Stratum:
 
     @property
     def said(self) -> str:
-        """What is there, and how large it is at least."""
+        """Description with the least χ²."""
         least = " and ".join(f"{size:.0f}" for size in self.least)
         return f"{self.what}, χ² {least} or more" if least else self.what
 
@@ -59,19 +59,19 @@ STRATA = {
         Stratum("one_45", "one effect that should just show", (45.0,)),
     )
 }
-"""In this order for ever, for seeds count them; what comes anew goes to the end."""
+"""The order is fixed, since seeds depend on it; new strata are added at the end."""
 
 
 @dataclass(frozen=True)
 class Bar:
-    """How well one thing has to go.
+    """The share of a mark that is required of some strata.
 
     Attributes:
-        strata: Whose trials are counted together.
-        mark: Which mark of a score is counted.
-        share: The share that is asked for.
-        at_most: Whether less is better.
-        of: A mark that a trial needs to be counted at all; empty: all count.
+        strata: Strata whose trials are counted together.
+        mark: Mark of `TrialScore` that is counted.
+        share: The required share.
+        at_most: Whether the share is an upper limit.
+        of: Mark that a trial needs to be counted at all; empty: all count.
     """
 
     strata: tuple[str, ...]
@@ -99,7 +99,7 @@ BARS = (
     Bar(("second_law",), "right", 0.97),
     Bar(("one_45",), "detected", 0.90),
 )
-"""Coverage of intervals, gain and time are no shares of trials: see `rates`."""
+"""Limits on shares of trials; those on coverage, gain and time are in `rates`."""
 
 MEMORY = ("lost_motion", "hysteresis", "creep")
-"""Effects that only a reversal or a dwell of the load tells apart."""
+"""Effects that only a reversal or a dwell of the load discriminates."""

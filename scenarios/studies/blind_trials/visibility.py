@@ -1,6 +1,28 @@
-"""Visibility: the share of an effect's signal that no nuisance parameter absorbs.
+"""Visibility: the size of an effect's signal that no nuisance parameter absorbs, as χ².
 
-Where an arm stands says how its markers move when an axis gives way.
+Nuisance parameters are the stiffness of springs that the model has, marker positions,
+the tracker's frame where it is unknown, and per visit an error of the force of 0.3° and
+0.5 %. Nothing here comes from the diagnosis.
+
+Three sums: `within`, differences within visits, with a free rest position for every
+visit and marker; `between`, means of visits; `whole`, both with one error of the force
+for a visit, which is more than their sum. The size of an effect is the larger of the
+first two, as load effects show in differences and geometry in means.
+
+Visibility of an effect (`Scale`):
+
+==========  ==========================================================================
+Equation    χ² = min over β of |W (s - G β)|² + |β/prior|², s the noise-free
+            displacement, G the nuisance columns, W'W = (S + U U')^-1 with S the
+            tracker's noise and U the error of a visit's force; Woodbury per visit
+Source      generalised least squares; first-order kinematics (Siciliano et al. 2009,
+            section 3.1)
+Valid       small displacements
+Ignores     white noise of the force sensor, which moves a marker by less than 5 % of
+            the tracker's; readings that are hidden
+==========  ==========================================================================
+
+Displacement of markers by the wind-up of an axis (`ReadingSensitivity`):
 
 ==========  ==========================================================================
 Equation    dp = a_k × (p - o_k) θ_k for a marker beyond axis k, a_k θ_k where it
@@ -10,9 +32,7 @@ Valid       wind-ups of milliradians
 Ignores     how a wind-up changes the lever arms of the load
 ==========  ==========================================================================
 
-Silent instruments, after the gears too, saw where an arm stood.
-
-What a fit of nominal columns leaves of a signal is a projection, visit by visit.
+Residual after the nuisance columns, visit by visit (`Projection`):
 
 ==========  ==========================================================================
 Equation    (1 + U U')^-1 = 1 - U (1 + U'U)^-1 U'; β = (G'AG + P)^-1 G'A s;
@@ -21,30 +41,6 @@ Source      Sherman, Morrison and Woodbury 1950; ridge regression
 Valid       signals and columns in sigmas
 Ignores     nothing
 ==========  ==========================================================================
-
-What is nominal is fitted to everything that is seen, and nothing is said of it.
-
-How much of an effect is left to be seen once everything nominal was fitted to it.
-
-==========  ==========================================================================
-Equation    χ² = min over β of |W (s - G β)|² + |β/prior|², s the noise-free
-            displacement, G what is fitted silently, W'W = (S + U U')^-1 with S the
-            tracker's noise and U the error of a visit's force; Woodbury per visit
-Source      generalised least squares; first-order kinematics (Siciliano et al. 2009,
-            section 3.1)
-Valid       small displacements
-Ignores     white noise of the force sensor, which moves a marker by less than 5 % of
-            the tracker's; readings that are hidden
-==========  ==========================================================================
-
-What is fitted silently: springs that the model has, marker places within 1 mm, the
-tracker's frame where it is unknown; and per visit an error of the force of 0.3° and
-0.5 %. Nothing here comes from the diagnosis.
-
-Three sums: `within`, differences within visits, with a free rest position for every
-visit and marker; `between`, means of visits; `whole`, both with one error of the force
-for a visit, which is more than their sum. The size of an effect is the larger of the
-first two, for a load's effects show in the one and geometry's in the other.
 """
 
 from dataclasses import dataclass
@@ -63,20 +59,20 @@ from bench.shared.recording import Recording
 
 @dataclass(frozen=True)
 class ReadingSensitivity:
-    """An arm at the postures of a plan, all in the base's frame.
+    """Kinematics and loads of an arm at a plan's postures, along the base's axes.
 
     Attributes:
-        point: Where the markers were, in m.
+        point: Positions of the markers, in m.
         turn: base_from_body of each marker's body.
         axis: Direction of each axis.
         origin: A point of each axis, in m.
         wind_up: Of each axis, in rad.
         beyond: Which markers each axis carries.
-        slides: Which axes slide.
+        slides: Which axes are prismatic.
         stiffness: Of each axis' spring, in N m/rad.
-        sensor: Where the force sensor sits, in m.
+        sensor: Position of the force sensor, in m.
         sensor_turn: base_from_sensor.
-        felt: What it read, along the base's axes, in N and N m.
+        felt: Its readings along the base's axes, in N and N m.
     """
 
     point: Float[np.ndarray, "visits rows markers 3"]
@@ -94,7 +90,7 @@ class ReadingSensitivity:
     def turned(
         self, k: int, angle: Float[np.ndarray, "visits rows"] | None = None
     ) -> Float[np.ndarray, "visits rows markers 3"]:
-        """Return how markers move when an axis turns, by its wind-up if not said."""
+        """Return markers' displacements in m by an axis' angle, default its wind-up."""
         angle = self.wind_up[:, :, k] if angle is None else angle
         along = self.axis[:, None, None, k]
         lever = self.point - self.origin[:, None, None, k]
@@ -108,7 +104,7 @@ class ReadingSensitivity:
     def response(
         self, wrench: Float[np.ndarray, "visits rows 6"]
     ) -> Float[np.ndarray, "n markers 3"]:
-        """Return what the springs make of a wrench on the sensor, row by row, in m."""
+        """Return the springs' deflection under a wrench at the sensor, by row, in m."""
         moved = np.zeros(self.point.shape)
         force, torque = wrench[..., :3], wrench[..., 3:]
         for k, stiffness in enumerate(self.stiffness):
@@ -122,7 +118,7 @@ class ReadingSensitivity:
     def force_errors(
         self, turn: float, size: float
     ) -> Float[np.ndarray, "visits rows markers 3 4"]:
-        """Return what a visit's force, turned about each axis or scaled, would do.
+        """Return displacements by errors of a visit's force: three turns and a scale.
 
         Args:
             turn: One sigma of the turn, in rad.
@@ -153,10 +149,12 @@ def along_base(
 def reading_sensitivity_of(
     rig: Rig, seen: Recording, point: Float[np.ndarray, "rows markers 3"]
 ) -> ReadingSensitivity:
-    """Say where an arm stood at the postures that its controller reports.
+    """Return kinematics and loads of an arm at the postures its controller reports.
 
-    What silent instruments saw of it, after the gears too, puts its markers at `point`
-    in the base's frame, in m.
+    Args:
+        rig: The arm.
+        seen: Its recording by error-free instruments, with encoders after the gears.
+        point: Positions of its markers, in the base's frame, in m.
     """
     assert seen.link_posture is not None and seen.wrench_sensor is not None
     model, arm = rig.nominal, rig.anatomy
@@ -220,10 +218,10 @@ def _beyond(
 
 @dataclass(frozen=True)
 class Projection:
-    """Takes nominal columns and a common error of each visit out of signals.
+    """Projects nuisance columns and a common error of each visit out of signals.
 
     Attributes:
-        nominal: Columns G of all visits.
+        nominal: Nuisance columns G of all visits.
         error: Columns U of each visit, in units of their own sigma.
         prior: Diagonal of P.
         inner: Factor of G'AG + P.
@@ -239,10 +237,10 @@ class Projection:
     posture_index: Int[np.ndarray, " visits"]
 
     def residual(self, signal: np.ndarray) -> tuple[float, Float[np.ndarray, " poses"]]:
-        """Return what is left of a signal, altogether and by pose.
+        """Return the residual χ² of a signal, in total and by pose.
 
         Args:
-            signal: Of all visits, (visits, …), in sigmas.
+            signal: Signal of all visits, (visits, …), in sigmas.
         """
         asked = signal.reshape(len(self.posture_index), -1)
         told = np.einsum("vn,vnc->c", self._without_error(asked), self.nominal)
@@ -264,11 +262,11 @@ def projection_of(
     prior: Float[np.ndarray, " columns"],
     pose: Int[np.ndarray, " visits"],
 ) -> Projection:
-    """Prepare a projection.
+    """Return a projection, its normal equations factorised.
 
     Args:
-        nominal: (visits, …, columns), in sigmas per unit.
-        error: (visits, …, errors), in sigmas per sigma of the error.
+        nominal: Nuisance columns, (visits, …, columns), in sigmas per unit.
+        error: Common errors, (visits, …, errors), in sigmas per sigma of the error.
         prior: Inverse variances of the columns' coefficients.
         pose: Id of each visit's pose.
     """
@@ -287,14 +285,14 @@ def projection_of(
 # --- Nuisance columns -----------------------------------------------------------------
 
 PLACE, DECADE, UNKNOWN = 1e-2, 2.3, 1.0
-"""One sigma of a marker's place in m, of ln stiffness, of what is unknown in m or rad.
-The rules call a place nominal within 1 mm: ten times that is flat over it."""
+"""Prior sigma of a marker's position in m, of ln stiffness, of an unknown frame in m or
+rad. The rules call a position nominal within 1 mm: ten times that is flat over it."""
 
 
 def nuisance_jacobian(
     rig: Rig, standing: ReadingSensitivity, known_frame: bool
 ) -> tuple[Float[np.ndarray, "visits rows markers 3 n"], Float[np.ndarray, " n"]]:
-    """Return what is fitted silently, and its inverse variances."""
+    """Return the columns of all nuisance parameters, and their prior precisions."""
     point = standing.point
     visits, rows, markers, _ = point.shape
     columns, sigma = [], []
@@ -318,14 +316,14 @@ def nuisance_jacobian(
 
 @dataclass(frozen=True)
 class Visibility:
-    """How large an effect is.
+    """The size of an effect as χ², after the nuisance parameters were fitted to it.
 
     Attributes:
         within: χ² of differences within visits.
         between: χ² of means of visits.
         whole: χ² of both at once.
-        poses: How many poses contribute: (Σ c)² / Σ c² of their shares c.
-        left: What the library's best names would leave of χ²; None where not asked.
+        poses: Effective number of poses: (Σ c)² / Σ c² of their shares c.
+        left: χ² that the library's best names do not explain; None where not asked.
     """
 
     within: float
@@ -336,21 +334,21 @@ class Visibility:
 
     @property
     def chi2(self) -> float:
-        """The size of the effect."""
+        """The larger of `within` and `between`: the size of the effect."""
         return max(self.within, self.between)
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Weighs displacements of one plan, watched by one tracker.
+    """Computes visibility for one arm, plan and tracker.
 
     Attributes:
-        reference: The arm without the effect, seen by silent instruments.
-        standing: Where it stood.
-        to_white: Turns a displacement in the base's frame into sigmas.
-        within: What is nominal in differences within visits.
-        between: In means of visits.
-        whole: In all readings.
+        reference: Recording without the effect, by error-free instruments.
+        standing: Its kinematics and loads.
+        to_white: Maps a displacement along the base's axes, in m, to sigmas.
+        within: Projection of nuisance columns from differences within visits.
+        between: The same from means of visits.
+        whole: The same from all readings.
     """
 
     reference: Recording
@@ -361,10 +359,10 @@ class Scale:
     whole: Projection
 
     def visibility(self, seen: Recording) -> Visibility:
-        """Weigh what an effect changed.
+        """Return the visibility of an effect.
 
         Args:
-            seen: The same plan with the effect, by the same silent instruments.
+            seen: Recording of the same plan with the effect, by the same instruments.
         """
         moved = in_base(seen) - in_base(self.reference)
         felt = self.standing.wrench(seen) - self.standing.wrench(self.reference)
@@ -383,13 +381,13 @@ def scale_of(
     repeatability: tuple[float, ...],
     known_frame: bool,
 ) -> Scale:
-    """Lay out what is fitted silently.
+    """Prepare the projections of a plan.
 
     Args:
         rig: The arm without the effect.
-        reference: What silent instruments saw of it, after the gears too.
+        reference: Its recording by error-free instruments, with link encoders.
         repeatability: One sigma of the tracker along its axes, in m.
-        known_frame: Whether the recording will state where the tracker stands.
+        known_frame: Whether the trial's recording will state the tracker's frame.
     """
     assert reference.base_from_tracker is not None
     to_white = reference.base_from_tracker[:3, :3] / np.array(repeatability)
@@ -412,7 +410,7 @@ def scale_of(
 
 
 def in_base(recording: Recording) -> Float[np.ndarray, "rows markers 3"]:
-    """Return where the manifest's frame puts the readings in the base's frame, in m."""
+    """Return the readings in the base's frame by the manifest's transform, in m."""
     frame = recording.base_from_tracker
     assert recording.points is not None and frame is not None
     return recording.points @ frame[:3, :3].T + frame[:3, 3]
