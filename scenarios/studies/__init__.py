@@ -1,1 +1,1 @@
-"""Questions asked many times: blind trials, the paper, benchmarks, real arms."""
+"""Studies of many runs: blind trials, the 2024 paper, benchmarks, recorded arms."""

@@ -1,8 +1,7 @@
-"""Effects of known size added to the readings of a UR10 and a KR300, and found again.
+"""Effects of known size added to the readings of a UR10 and a KR300, and recovered.
 
-What is added to the KR300's second encoders, and what is found of it.
-
-What is added to the UR10's target, as MuJoCo moves it, and what is found of it.
+`kr300_rows` adds effects to the KR300's second encoders, `ur10_rows` to the UR10's
+target as MuJoCo displaces it; each row compares the size found with the size added.
 """
 
 from collections.abc import Callable, Iterator
@@ -30,14 +29,14 @@ from stiffness.dual_encoder.terms import DELAY, FRICTION, Term
 
 @dataclass(frozen=True)
 class Added:
-    """An effect that is put into one axis.
+    """An effect that is added to one axis of the KR300.
 
     Attributes:
         effect: Its name.
-        axis: Counted from 0.
-        parameter: Reported in SI.
-        size: What is added.
-        change: From a motion to what it adds to the second encoder, in rad.
+        axis: Its axis, counted from 0.
+        parameter: Parameter that is compared, in SI.
+        size: Added size of that parameter.
+        change: Function from a motion to the change of the second encoder, in rad.
     """
 
     effect: str
@@ -48,7 +47,7 @@ class Added:
 
 
 KR300_ORDER = 61.0
-"""Of the wave that is added; chosen: no multiple of what was found."""
+"""Order of the added harmonic; chosen: no multiple of those found."""
 KR300_ADDED = tuple(
     Added(effect, axis, parameter, size, change)
     for axis in range(3)
@@ -68,7 +67,7 @@ KR300_ADDED = tuple(
         ),
     )
 )  # fmt: skip
-"""Every effect on every axis that is read twice."""
+"""Every effect, on every axis that has a second encoder."""
 
 
 def kr300_rows(recording: Recording) -> Iterator[dict[str, object]]:
@@ -121,7 +120,7 @@ def _same(term: Term, added: Added) -> bool:
 
 
 def _kr300_size(found: EncoderComparison, added: Added) -> tuple[float, float]:
-    """Return the coefficient and half its interval; zeros where it is not there."""
+    """Return the size and half width of its interval; zeros where it was not found."""
     if added.effect == DELAY.effect:
         return found.delay, found.delay_half
     i = 0
@@ -147,11 +146,11 @@ def _centred(values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
 # --- The UR10's target ----------------------------------------------------------------
 
 EVERY, HIGHEST = 2, 129
-"""One of so many poses is taken, and tables end at this order; chosen: three times as
-quick, and what is added is slower than that."""
+"""One pose in so many is used, and error tables end at this order; chosen: three times
+as fast, and the added harmonic is of a lower order."""
 PLACE = np.array([0.0, 0.0, 0.093])
 UR10_ORDER = 11.0
-"""Of the wave that is added; chosen: not the largest of what was found."""
+"""Order of the added harmonic; chosen: not the largest of those found."""
 UR10_ADDED = (
     ("joint_compliance", "a2", "compliance_rad_per_nm", 1e-5, {}),
     ("drift", "base", "z_m_per_h", 3e-6, {}),
@@ -166,7 +165,7 @@ UR10_ADDED = (
 
 @dataclass(frozen=True)
 class Base:
-    """The readings as they are, and what was found in them."""
+    """The readings without added effects, and their calibration."""
 
     readings: Readings
     spatial_folds: SpatialFolds
@@ -174,7 +173,7 @@ class Base:
 
 
 def base_of(readings: Readings) -> Base:
-    """Calibrate on the readings as they are."""
+    """Calibrate on the readings without added effects."""
     part = readings.take(np.arange(0, len(readings.seen), EVERY))
     regions = spatial_folds_of(part)
     return Base(part, regions, calibrated(part, regions, highest=HIGHEST))
@@ -208,7 +207,7 @@ def ur10_rows(base: Base, model: Path) -> Iterator[dict[str, object]]:
 def _estimate(
     found: Calibrated, effect: str, where: str, parameter: str
 ) -> tuple[float, float]:
-    """Return a number and half its interval; none where it was not fitted."""
+    """Return an estimate and half width of its interval; zeros where it has none."""
     own = found.estimates.get((effect, where), {}).get(parameter)
     return (0.0, 0.0) if own is None else (own.value, (own.high - own.low) / 2)
 
@@ -216,7 +215,7 @@ def _estimate(
 def _ur10_size(
     found: Calibrated, base: Calibrated, named: PatchEffect, parameter: str
 ) -> tuple[float, float, float]:
-    """Return how much more is found, and its interval."""
+    """Return the size found beyond that without the effect, and its interval."""
     if named.effect == "transmission_error":
         if named.where not in found.error_tables:
             return 0.0, 0.0, 0.0

@@ -1,14 +1,10 @@
-"""Recordings damaged in their files, their physics or their set-up.
+"""Damages of recordings: in their files, their physics or their set-up.
 
-A recording's two files as text, and a folder written anew from them.
-
-A damage is a folder that was a good recording.
-
-Damages that the files themselves show: each has to be refused, its place named.
-
-Damages that only the physics shows: each has to be said, and no effect named.
-
-Columns that were exchanged, rows that slipped, units of a scale: each has a name.
+`Samples` is a recording as text; a `Damage` writes a folder from an altered copy.
+`in_files` lists damages that the files show, which must be refused with their place;
+`in_meaning` those that only the physics shows, which must be warned of without naming
+an effect; `in_set_up` exchanged columns, shifted rows and wrong units, each with a
+warning of its own.
 """
 
 import csv
@@ -39,7 +35,7 @@ from scenarios.pipelines.synthetic_recording import KR10, Watching
 
 @dataclass(frozen=True)
 class Samples:
-    """What stands in the files of a recording.
+    """The two files of a recording, as text.
 
     Attributes:
         manifest: Text of recording.toml.
@@ -53,14 +49,14 @@ class Samples:
 
     @classmethod
     def of(cls, folder: Path) -> "Samples":
-        """Read them as text."""
+        """Read the files of a recording."""
         with (folder / CSV_FILE).open(newline="", encoding="utf-8") as file:
             header, *rows = (tuple(row) for row in csv.reader(file))
         text = (folder / FILE).read_text(encoding="utf-8")
         return cls(text, header, tuple(rows))
 
     def write(self, folder: Path) -> None:
-        """Write them into a folder that is there."""
+        """Write the files into an existing folder."""
         (folder / FILE).write_text(self.manifest, encoding="utf-8")
         with (folder / CSV_FILE).open("w", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows([self.header, *self.rows])
@@ -71,7 +67,7 @@ class Samples:
         return [row[k] for row in self.rows]
 
     def having(self, **columns: list[str]) -> "Samples":
-        """Return the same with other cells in some columns."""
+        """Return a copy with other cells in some columns."""
         at = {self.header.index(name): cells for name, cells in columns.items()}
         rows = [
             tuple(at[k][r] if k in at else cell for k, cell in enumerate(row))
@@ -80,7 +76,7 @@ class Samples:
         return replace(self, rows=tuple(rows))
 
     def scaled(self, factor: float, *names: str) -> "Samples":
-        """Return the same with numbers in some columns times a factor."""
+        """Return a copy with the numbers of some columns times a factor."""
         return self.having(
             **{
                 name: [repr(float(c) * factor) if c else "" for c in self.column(name)]
@@ -89,13 +85,13 @@ class Samples:
         )
 
     def cell(self, row: int, name: str, text: str) -> "Samples":
-        """Return the same with another text in one cell."""
+        """Return a copy with another text in one cell."""
         cells = self.column(name)
         cells[row] = text
         return self.having(**{name: cells})
 
     def drop_columns(self, *names: str) -> "Samples":
-        """Return the same without some columns."""
+        """Return a copy without some columns."""
         keep = [k for k, name in enumerate(self.header) if name not in names]
         return replace(
             self,
@@ -109,15 +105,15 @@ class Samples:
 
 @dataclass(frozen=True)
 class Damage:
-    """One way to spoil a recording.
+    """One way to damage a recording.
 
     Attributes:
-        name: What was done.
+        name: Description of the damage.
         shows: Whether the `file` itself shows it, or only the `physics`.
-        write: Writes it into a folder.
+        write: Writes the damaged recording into a folder.
         other_model: Whether the model of another arm is given.
-        code: Of the warning that alone recognises it; empty: any mistake of the set-up.
-        word: Has to be in that warning.
+        code: Code of the warning that is required; empty: any mistake of the set-up.
+        word: Word that this warning must contain.
     """
 
     name: str
@@ -128,14 +124,14 @@ class Damage:
     word: str = ""
 
     def recognised(self, told: Iterable[Remark]) -> bool:
-        """Say whether one of the warnings is of this damage."""
+        """Return whether one of the warnings is that of this damage."""
         return not self.code or any(
             w.code == self.code and self.word in w.text for w in told
         )
 
 
 def rewritten(name: str, shows: Literal["file", "physics"], samples: Samples) -> Damage:
-    """Return a damage that is other text in the same two files."""
+    """Return a damage that writes altered samples."""
     return Damage(name, shows, samples.write)
 
 
@@ -149,7 +145,7 @@ OPTIONAL = ("load_time_s", "visit", "stage", "load_kg")
 
 
 def in_files(good: Samples, random: np.random.Generator) -> Iterator[Damage]:
-    """List damages that a reader can see."""
+    """Yield damages that reading the files must detect."""
     for name in good.header:
         if name not in OPTIONAL:
             yield rewritten(f"{name} is missing", "file", good.drop_columns(name))
@@ -237,7 +233,7 @@ def _bytes(good: Samples, random: np.random.Generator) -> Iterator[Damage]:
 
 
 def in_meaning(good: Samples, random: np.random.Generator) -> Iterator[Damage]:
-    """List damages of files that are whole."""
+    """Yield damages of valid files that contradict the physics."""
     axes = [n for n in good.header if n.startswith("a") and n.endswith("_deg")]
     moved = [n for n in axes if _travel(good, n) > 10.0]
     for name in moved:
@@ -292,11 +288,11 @@ def _travel(good: Samples, name: str) -> float:
 FORCES, MOMENTS = ("fx_n", "fy_n", "fz_n"), ("tx_nm", "ty_nm", "tz_nm")
 ENDS = ("_x_mm", "_y_mm", "_z_mm")
 SCALES = (("kgf", 9.80665), ("lbf", 4.4482216))
-"""N in what scales show (ISO 80000-4)."""
+"""Newtons per unit of force (ISO 80000-4)."""
 
 
 def in_set_up(good: Samples) -> Iterator[Damage]:
-    """List mistakes that have to be said by their own name."""
+    """Yield mistakes of the set-up, each with the code of its warning."""
     yield from _markers(good)
     for one, other in combinations(range(3), 2):
         for name, parts in (("forces", (FORCES,)), ("wrench", (FORCES, MOMENTS))):
@@ -351,16 +347,16 @@ MISTAKES = (
     *("wrench_sign", "wrench_frame", "wrench_columns", "wrench_rows"),
     *("tracker_frame", "marker_places", "marker_names"),
 )
-"""Codes of warnings while which no effect is named."""
+"""Codes of warnings with which no effect may be named."""
 WHAT = ("refused", "warned", "misnamed", "diagnosed", "half written", "crashed")
-"""What can become of one."""
+"""Possible outcomes of a damage."""
 RIGHT = {"file": ("refused",), "physics": ("warned", "refused")}
-"""What has to become of each; an angle of the wrong sign may exceed its limits too."""
+"""Right outcomes by kind; an angle of the wrong sign may also exceed its limits."""
 
 
 @dataclass(frozen=True)
 class CalibrationResult:
-    """What became of one."""
+    """The outcome of one damage."""
 
     damage: Damage
     what: str
@@ -368,19 +364,19 @@ class CalibrationResult:
 
     @property
     def right(self) -> bool:
-        """Whether it had to be so."""
+        """Whether the outcome is a right one."""
         return self.what in RIGHT[self.damage.shows]
 
 
 def own_names(outcomes: Sequence[CalibrationResult]) -> list[str]:
-    """Count the mistakes that have to be said by their own name."""
+    """Return by code how many mistakes of the set-up got their own warning."""
     planted = Counter(o.damage.code for o in outcomes if o.damage.code)
     said = Counter(o.damage.code for o in outcomes if o.what == "warned")
     return [f"{code}: {said[code]} of {n} said." for code, n in sorted(planted.items())]
 
 
 def damages(good: Samples, variants: int, seed: int) -> list[Damage]:
-    """Draw damages of both kinds, in proportion to how many there are."""
+    """Draw damages at random from all kinds."""
     random = np.random.default_rng(seed)
     every = [*in_files(good, random), *in_meaning(good, random), *in_set_up(good)]
     order = random.permutation(len(every))[:variants]
@@ -388,7 +384,7 @@ def damages(good: Samples, variants: int, seed: int) -> list[Damage]:
 
 
 def good_recording(folder: Path, poses: int) -> Samples:
-    """Record a KR10 with hysteresis, watched at the flange."""
+    """Record a KR10 with hysteresis, with markers at the flange, into a folder."""
     effect = ("hysteresis@a2,width_rad=3e-4",)
     watch = Watching(targets="flange", state_frame=True)
     bare = Rig(KR10)

@@ -1,6 +1,7 @@
 """Core time and memory that a diagnosis takes, against the number of poses.
 
-A cost is held against its bars, and against the poses that it was paid for.
+`cost_rows` measures diagnoses of recordings of growing length, each in a process of its
+own; `answered` compares them with the bars, and their growth with that of the poses.
 """
 
 import os
@@ -26,11 +27,11 @@ from bench.shared.recording import Recording
 # --- Limits and growth ----------------------------------------------------------------
 
 BAR_S, BAR_GB = 60.0, 4.0
-"""Core seconds and GB that a diagnosis of many poses may take."""
+"""Limits of a diagnosis of many poses, in core seconds and GB."""
 
 
 def answered(found: Sequence[Mapping[str, object]]) -> str:
-    """Say whether the bars are kept and whether the cost grows with the poses.
+    """Return whether the bars are kept and how the cost grows, in words.
 
     Args:
         found: A row for each kind and count, as in the table.
@@ -102,7 +103,7 @@ def cost_rows(
 
 
 def recorded(kind: Kind, poses: int) -> Recording:
-    """Carry out an experiment of many poses on the bench."""
+    """Return the recording of an experiment of many poses on the bench."""
     bare = Rig(KR10)
     rig = Rig(KR10, parse_all(UNEVEN if kind == "weight" else LOADED, bare.nominal))
     room = Room(rig.nominal, rig.anatomy, rig.mounted)
@@ -123,7 +124,7 @@ def recorded(kind: Kind, poses: int) -> Recording:
 
 
 def spent(recording: Path, out: Path) -> tuple[float, float, float]:
-    """Diagnose in a process of its own; returns wall s, core s and peak GB.
+    """Diagnose in a process of its own; return wall s, core s and peak GB.
 
     Raises:
         BenchError: Where the diagnosis does not end well.

@@ -1,13 +1,11 @@
 """Public measurements of a UR10 and a KUKA KR300, read into the recording's format.
 
-A UR10's target, seen 11,911 times by a laser tracker, becomes a recording.
+`ur10_recording`: a UR10's target, measured 11,911 times by a laser tracker; series A of
+github.com/christianlandgraf/ipa-robot-accuracy (MIT licence, July 2020).
 
-Series A of github.com/christianlandgraf/ipa-robot-accuracy (MIT licence, July 2020).
-
-A KUKA KR300 whose first three axes carry a second encoder becomes a stream.
-
-Motions A, B and C of github.com/JonasWeigand/Robot_Identification (MIT licence): 10 s
-each, every 4 ms, no load but the arm's own weight.
+`kr300_recording`: a KUKA KR300 whose first three axes carry a second encoder, as a
+stream; motions A, B and C of github.com/JonasWeigand/Robot_Identification (MIT
+licence): 10 s each, every 4 ms, no load but the arm's own weight.
 """
 
 from datetime import datetime, timedelta
@@ -30,7 +28,7 @@ UR10_FILE = "measurements_grid.csv"
 REPEATABILITY = 1e-5
 """One sigma of a point, in m (the tracker's class)."""
 TETRAHEDRON = 0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-"""Four points that stand for the 6D target, in its frame, in m (chosen: 0.01° are
+"""Four points that represent the 6D target, in its frame, in m (chosen: 0.01° are
 then 10 µm)."""
 
 
@@ -85,7 +83,7 @@ def _columns() -> tuple[str, ...]:
 
 MOTIONS = ("A", "B", "C")
 TWICE = 3
-"""Axes that have a second encoder."""
+"""Number of axes that have a second encoder, from the base on."""
 BETWEEN = 60.0
 """Seconds between motions in the recording; chosen: the series does not say."""
 

@@ -1,6 +1,9 @@
 """The UR10's error before calibration, and calibrations with other regions held out.
 
-How good a calibration is hangs on which regions were kept back: others are drawn.
+The result of a calibration depends on the regions that are held out, so `rows`
+calibrates with several draws of them.
+
+Interval over draws (`interval`):
 
 ==========  ==========================================================================
 Equation    mean ± t(n − 1) s sqrt(1 / n + r), s over n draws, r = poses kept back over
@@ -33,12 +36,12 @@ from stiffness.robot.tracker_frame import kabsch
 
 MODEL = Path(__file__).parents[2] / "mjcf" / "ur10" / "ur10.xml"
 NOMINAL_TARGET = np.array([0.0, 0.0, 0.109])
-"""Place of the target in the flange's frame, in m (the series' own description; its
+"""Position of the target in the flange's frame, in m (the series' own description; its
 flange's y is this model's z)."""
 
 
 def nominal(recording: Recording, out: Path) -> dict[str, object]:
-    """State the error of the nominal arm; returns what nominal.json holds."""
+    """Write the nominal arm's error to nominal.json; returns its content."""
     arm = arm_of(MODEL).for_recording(recording)
     held = errors(arm, recording, NOMINAL_TARGET)
     place = fitted_target(arm, recording)
@@ -62,7 +65,7 @@ def nominal(recording: Recording, out: Path) -> dict[str, object]:
 def errors(
     arm: Arm, recording: Recording, target: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "rows 3"]:
-    """Return where the target is beside where the arm says, in m, frame fitted."""
+    """Return the target's measured less its nominal position, in m, frame fitted."""
     said = arm.point_in_base(recording.posture, "flange", target)
     assert recording.points is not None
     seen = recording.points[:, 0]
@@ -71,7 +74,7 @@ def errors(
 
 
 def fitted_target(arm: Arm, recording: Recording) -> Float[np.ndarray, "3"]:
-    """Return the place of the target in the flange's frame that fits best, in m.
+    """Return the best-fitting position of the target in the flange's frame, in m.
 
     The frame is eliminated in closed form, so three unknowns are left.
     """
@@ -96,7 +99,7 @@ MM = 1e3
 def rows(
     recording: Recording, arm: Arm, model: Path, draws: Sequence[int]
 ) -> Iterator[Row]:
-    """Calibrate with other regions kept back; yields a row of the table for each."""
+    """Calibrate with other regions held out; yield a row of the table for each."""
     for draw in draws:
         o = calibrate_and_prove(recording, arm, model, draw, quiet=True)
         new, after = o.residual.new_angle, o.proof.after
@@ -129,7 +132,7 @@ def interval(found: Sequence[Row], column: str) -> tuple[float, float, float]:
 
 
 def blocks_of(found: Sequence[Row]) -> list[Block]:
-    """Return the report's section."""
+    """Return the report's section on calibrations with other regions held out."""
     lines: list[Block] = [Heading("With other regions kept back")]
     said = ""
     if len(found) > 1:

@@ -1,4 +1,4 @@
 """Speed of the bench and the methods, beside what a user would use otherwise.
 
-`race` lets ways of doing one task run in turn; every other file holds one task.
+`race` runs several ways of doing one task in turn; every other file holds tasks.
 """

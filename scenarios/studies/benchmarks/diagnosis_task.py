@@ -1,9 +1,10 @@
 """Benchmark task that ranks causes in columns, or by trying each in the simulator.
 
-One other way simulates each hypothesis' mechanism once, at one place and with one size,
-and compares nothing: less than any search by simulation can cost. One is run. The other
-is ours on a longer recording, its time divided by how much longer it is: about once
-ours, since the cost grows with the poses and not with their square.
+One other way simulates the mechanism of each hypothesis once, at one site and with one
+size, and compares nothing: a lower bound on any search by simulation. One simulation is
+run and its time multiplied. The other is this diagnosis on a longer recording, its time
+divided by how much longer it is: about as long as ours, since the cost grows with the
+number of poses and not with its square.
 """
 
 import numpy as np
@@ -22,7 +23,7 @@ from stiffness.effects import HYPOTHESES
 from stiffness.robot.arm import Arm
 
 LONGER = 4
-"""Times the poses of the longer recording; chosen for time."""
+"""Factor on the poses of the longer recording; chosen for time."""
 
 
 def race(poses: int) -> Race:

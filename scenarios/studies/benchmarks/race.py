@@ -1,14 +1,15 @@
 """Times several ways of doing one task in turn, and reports their ratios.
 
-On a busy machine only ways that run in turn can be compared, and only as ratios.
+On a busy machine only ways that run in turn can be compared, and only as ratios; the
+report gives seconds, cores and load beside them.
+
+Ratio of a way to ours (`run`):
 
 ==========  ==========================================================================
 Equation    ratio = median over rounds of t_other / t_ours, both of the same round
 Ours        runs first in every round: A B C A B C, so that a slow minute hits all
 Ends        smallest and largest ratio of a round; of a few rounds no more can be said
 ==========  ==========================================================================
-
-A benchmark is reported as ratios, with the seconds, cores and load beside them.
 """
 
 import os
@@ -35,9 +36,9 @@ class Way:
     """One way to do a task.
 
     Attributes:
-        name: What it is called in the report.
+        name: Its name in the report.
         run: Does the task and returns its answer.
-        share: Part of the task that is run; times are scaled up by it.
+        share: Part of the task that is run; times are divided by it.
     """
 
     name: str
@@ -50,11 +51,11 @@ class Race:
     """One task and the ways to do it.
 
     Attributes:
-        task: What is done.
-        ways: Ours first.
-        difference: Says of our answer and another one how far they are apart.
-        bar: What ours may take on two quiet cores, in s; None: nothing was promised.
-        rounds: How often each way runs for every repeat that is asked for.
+        task: Description of the task.
+        ways: Ways to do it, ours first.
+        difference: Describes the difference of our answer and another one.
+        bar: Limit for ours on two idle cores, in s; None: there is none.
+        rounds: Runs of each way for every repeat that is asked for.
         skipped: Ways that cannot run here, and why.
     """
 
@@ -68,17 +69,17 @@ class Race:
 
 @dataclass(frozen=True)
 class Lap:
-    """What one way took.
+    """Times of one way of a task.
 
     Attributes:
-        task: What was done.
-        way: How.
+        task: Description of the task.
+        way: Name of the way.
         share: Part of the task that was run.
-        wall: Time by the clock in each round, scaled to the whole task, in s.
-        cpu: Time of all cores, scaled alike, in s.
-        ratio: Over ours in each round.
-        difference: How far its answer is from ours.
-        bar: What ours may take, in s; None for the others.
+        wall: Wall time in each round, scaled to the whole task, in s.
+        cpu: Time of all cores in each round, scaled alike, in s.
+        ratio: Wall time over ours in each round.
+        difference: Difference of its answer from ours, in words.
+        bar: Limit for ours, in s; None for the others.
     """
 
     task: str
@@ -111,11 +112,11 @@ class Lap:
 
 
 def run(race: Race, repeats: int, tick: Callable[[], object]) -> Sequence[Lap]:
-    """Let every way run once unmeasured, for its answer, and then in turn.
+    """Run every way once unmeasured, for its answer, and then in turn.
 
     Args:
         race: The task and its ways.
-        repeats: How often; times the race's rounds.
+        repeats: Number of repeats, each of the race's rounds.
         tick: Called after each run.
     """
     answers = []

@@ -1,16 +1,14 @@
 """Benchmark tasks that simulate an experiment, and that read and write recordings.
 
-An experiment of rests can be jumped through, or stepped through as time passes.
+An experiment of static states can be solved for each equilibrium, or stepped through as
+time passes. The other way does what a user of MuJoCo does: the same model with damping,
+the implicit integrator, loads applied gradually, and every load held for as long as the
+plan says, since creep depends on time. It uses as many threads as ours, and is run for
+two readings of a few visits and scaled to all the seconds of the plan.
 
-The other way is what MuJoCo's user does: the same model with damping, the implicit
-integrator, weights put on softly, and every load standing for as long as the plan says,
-for creep goes by the clock. It uses as many threads as ours, and is run for two
-readings of a few visits and scaled to all the seconds of the plan.
-
-A recording that is checked cell by cell costs more to read than a bare table.
-
-The other ways only turn the samples into an array, or back: no unit, no manifest, no
-fault is looked at. They are what the checks are to be weighed against.
+A recording that is checked cell by cell costs more to read than a plain table. The
+other ways only turn the samples into an array, or back, without units, manifest or
+checks: their difference from ours is the cost of the checks.
 """
 
 import copy
@@ -38,14 +36,14 @@ from scenarios.studies.benchmarks.race import Race, Way
 
 KR10 = Path(__file__).parents[3] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 PAPERS = 151
-"""Postures of the paper's experiment; bars are for them."""
+"""Number of postures of the paper's experiment, to which bars apply."""
 TWO_READINGS = (LoadStep(0.0), LoadStep(10.0))
 DAMPING_TIME = 0.03
 """Damping over stiffness, in s; chosen: slower than the arm's swing of 10 to 13 Hz."""
 RAMP = 0.5
-"""How long a weight takes to come on, in s; chosen: several of those swings."""
+"""Time in which a load is applied, in s; chosen: several periods of that swing."""
 STEPS = (2e-3, 5e-3)
-"""In s: MuJoCo's default, and a larger one at which the stiff bearings stay calm."""
+"""Time steps in s: MuJoCo's default, and a larger one at which bearings are stable."""
 
 
 def experiment_race(poses: int) -> Race:
@@ -79,7 +77,7 @@ def experiment_race(poses: int) -> Race:
 
 
 def flange(rig: Rig, plan: Plan) -> Float[np.ndarray, "visits readings 3"]:
-    """Return where the flange rests, by the jumps of `bench.equilibrium`, in m."""
+    """Return the flange's positions at rest in m, by `bench.equilibrium`."""
     states = rig.carry_out(plan)
     place = states.position[:, states.bodies.index(rig.anatomy.flange)]
     return place.reshape(plan.visits, -1, 3)
@@ -92,8 +90,8 @@ def damped_stepping(
 
     Args:
         rig: The arm with its effects; those of ropes and commands are not stepped.
-        plan: What is done.
-        time_step: In s.
+        plan: The experiment.
+        time_step: Time step, in s.
     """
     rig.model  # noqa: B018  compiled before the threads share it
     with ThreadPoolExecutor(os.cpu_count()) as threads:
@@ -121,7 +119,7 @@ def _visit(
     axes = [model.joint(axis).id for axis in rig.anatomy.axes]
     address = model.jnt_qposadr[axes]
     model.jnt_stiffness[axes] = command.stiffness[0]
-    # A joint's angle is qpos - qpos0: all springs are slack where the motors stand.
+    # A joint's angle is qpos - qpos0: springs are slack at the motors' angles.
     model.qpos0[address] -= command.reference[0] - model.qpos_spring[address]
     data = mujoco.MjData(model)
     data.qpos[:] = model.qpos_spring
@@ -154,8 +152,8 @@ def reading_races(poses: int, folder: Path) -> tuple[Race, Race]:
     """Return the races over writing and reading one recording.
 
     Args:
-        poses: Of its postures, nine rows of 28 markers each.
-        folder: Where to; one that is empty and goes away afterwards.
+        poses: Number of postures, nine rows of 28 markers each.
+        folder: Empty folder for the files; removed by the caller.
     """
     recording = record(Rig(KR10), table_one(poses))
     files.write(folder / "ours", recording)
@@ -193,7 +191,7 @@ def reading_races(poses: int, folder: Path) -> tuple[Race, Race]:
 
 
 def _numbers(table: Path) -> np.ndarray:
-    """Read a table of samples; what is no number becomes NaN."""
+    """Read a table of samples; cells that are not numbers become NaN."""
     with table.open(newline="", encoding="utf-8") as source:
         rows = list(csv.reader(source))[1:]
     return np.array([[_number(cell) for cell in row] for row in rows])

@@ -1,12 +1,11 @@
 """Benchmark tasks of a method: rows of the source domain, and the fit of six springs.
 
-Small deflections at many postures are one product of arrays, or a loop over them.
+Deflections of the source domain are one product of arrays, or a loop over postures.
 
-Six springs can be found by equations of their own, or by anybody's optimiser.
-
-The other ways have MuJoCo find where the arm rests, for all cases at once, and differ
-in who turns the knobs. They are handed the deflections ready made and start within a
-factor of two; ours starts from the recording, and from rigid.
+Six springs are fitted by linear least squares, or by a general optimiser on MuJoCo. The
+other ways have MuJoCo find the equilibrium of all cases at once, and differ in their
+optimiser. They are given the deflections and start within a factor of two; ours starts
+from the recording, and from a rigid arm.
 """
 
 import io
@@ -42,14 +41,14 @@ from stiffness.robot.arm import Arm
 # --- Rows of the source domain --------------------------------------------------------
 
 POINT, ORIGIN = np.array([0.01, 0.0, 0.06]), np.array([0.0, 0.0, 0.0254])
-"""In the flange's frame, in m; chosen: a tool's tip and a sensor's face."""
+"""Points in the flange's frame, in m; chosen: a tool's tip and a sensor's face."""
 
 
 def source_race(postures: int | None = None) -> Race:
     """Return the race over the source domain.
 
     Args:
-        postures: How many of Table 4's 21,280; None: all.
+        postures: Number of Table 4's 21,280 postures; None: all.
     """
     plan = spanning_plan(table_4_postures()[:postures])
     arm, compliance = Arm.from_mjcf(KR10), 1.0 / np.array(TABLE_03_NM_PER_RAD)
@@ -75,7 +74,7 @@ def source_race(postures: int | None = None) -> Race:
 def pinocchio_loop(
     model: pin.Model, compliance: Float[np.ndarray, " axes"], plan: SourcePlan
 ) -> Float[np.ndarray, "rows 3"]:
-    """Ask posture by posture for two Jacobians, and all its wrenches at once."""
+    """Return displacements in m by a loop over postures, with two Jacobians each."""
     model = pin.Model(model)
     flange = model.frames[model.getFrameId("flange")]
     ids = []
@@ -96,7 +95,7 @@ def pinocchio_loop(
 # --- The fit of six springs -----------------------------------------------------------
 
 START = np.log(np.array([35e3, 90e3, 35e3, 3.5e3, 6e3, 2e3]))
-"""Log of N m/rad; chosen: within a factor of two of Table 3."""
+"""Initial log stiffness, of N m/rad; chosen: within a factor of two of Table 3."""
 LARGE, STEPS = 100.0, 6
 """Time step of the `discrete` integrator in s, and steps: each is one of Newton's, and
 after five nothing changes."""
@@ -145,7 +144,7 @@ def _difference(ours: VjmFit, other: np.ndarray) -> str:
 
 
 def _residual(data: Deflections) -> Residual:
-    """Return what six log stiffnesses leave, in sigma of the tracker."""
+    """Return the residual as a function of log stiffness, in sigmas of the tracker."""
     cases, model = data.cases, _model(data)
     count = len(cases)
     runs = batch.Batch(model, nsim=2 * count, nthread=os.cpu_count() or 1)
@@ -172,7 +171,7 @@ def _residual(data: Deflections) -> Residual:
 
 
 def _model(data: Deflections) -> mujoco.MjModel:
-    """Return the arm with what it carries; without ropes, a step costs half."""
+    """Return the arm with its payload, without ropes, which halves a step's cost."""
     spec, tool = mujoco.MjSpec.from_file(str(KR10)), data.cases.payload
     flange = spec.body("flange")
     flange.add_site(name="face", pos=data.cases.origin_in_flange)
@@ -191,7 +190,7 @@ def _model(data: Deflections) -> mujoco.MjModel:
 
 
 def _minimised(residual: Residual) -> Float[np.ndarray, " axes"]:
-    """Let MuJoCo's Gauss-Newton turn the knobs; it asks for many columns at once."""
+    """Fit by MuJoCo's Gauss-Newton, which evaluates many columns at once."""
     silent = minimize.Verbosity.SILENT
     found, _ = minimize.least_squares(START, _columns(residual), verbose=silent)
     return np.exp(found.ravel())
@@ -202,7 +201,7 @@ def _columns(residual: Residual) -> Residual:
 
 
 def _identified(residual: Residual) -> Float[np.ndarray, " axes"]:
-    """Let the toolbox for identification turn the knobs, with its own defaults."""
+    """Fit by MuJoCo's toolbox for system identification, with its defaults."""
     wide = np.log(10.0)
     springs = sysid.Parameter("springs", START, START - wide, START + wide)
     every = _columns(residual)

@@ -1,4 +1,4 @@
-"""Budgets of the study: steps, seeds and poses for each question."""
+"""Budgets of the study: training steps, seeds and poses for each question."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -8,12 +8,12 @@ from stiffness.networks.model import Mlp
 from stiffness.networks.training import Training
 
 PLANS = ("table 5", "spanning")
-"""Both source plans: the paper's, and one whose wrenches span all six dimensions."""
+"""Source plans by name: the paper's, and one whose wrenches span all six dimensions."""
 
 
 ON = Training(steps=300, rate=1e-3)
-"""How a network goes on with the springs of the few poses; chosen: twice as many steps
-bring it no nearer to them (0.027 and 0.026 mm off on fresh poses)."""
+"""Further training on the springs of the few poses; chosen: twice as many steps bring
+the network no nearer to them (0.027 and 0.026 mm off on fresh poses)."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Effort:
 
 @dataclass(frozen=True)
 class Sweep:
-    """How the shape of the pre-trained network is chosen: Tables 6 and 7, Fig. 5.
+    """Budget of the choice of the network's shape: Tables 6 and 7, Fig. 5.
 
     Attributes:
         depths: Hidden layers of Table 6.
@@ -98,13 +98,13 @@ class Transfer:
 
 @dataclass(frozen=True)
 class Budget:
-    """What the study spends.
+    """The whole budget of the study.
 
     Attributes:
-        name: What it is called.
-        unseen: Fresh postures on which methods are judged.
-        sweep: On the network's shape.
-        transfer: On the comparison.
+        name: Its name.
+        unseen: Number of fresh postures for evaluation.
+        sweep: Budget of the choice of the network's shape.
+        transfer: Budget of the comparison of methods.
     """
 
     name: str
@@ -114,7 +114,7 @@ class Budget:
 
 
 def budget(name: Literal["quick", "full", "tiny"], seed: int) -> Budget:
-    """Return a budget; its seeds count on from the one given.
+    """Return a budget; its seeds are consecutive from the one given.
 
     Raises:
         UnknownName: Where there is none of that name.

@@ -1,12 +1,9 @@
 """Cells of a study: pieces of work that are cached and worked in parallel.
 
-A sweep is many cells; one that is finished is kept and never worked again.
-
-A cell's file is a plain archive of arrays, named by the cell, its settings, the data
-and the library's version. Interrupted sweeps go on where they stopped, with the same
-numbers: a cell follows from its settings and the data alone.
-
-Long work shows how far it is and how long it will take.
+`results` works a sweep of cells and keeps each finished one in a file, a plain archive
+of arrays, named by the cell, its settings, the data and the library's version. An
+interrupted sweep continues with the same numbers, since a cell follows from its
+settings and the data alone. `swept` does the same under a progress bar.
 """
 
 import os
@@ -29,24 +26,24 @@ from scenarios.studies.paper.experiment import Material
 # --- Cells and their cache ------------------------------------------------------------
 
 CellResult = Mapping[str, np.ndarray]
-"""What a cell found, by names such as `best/unseen`."""
+"""Arrays that a cell computed, by names such as `best/unseen`."""
 
 
 class Cell(ABC):
-    """One piece of work; a frozen dataclass, whose repr says all of its settings."""
+    """One piece of work; a frozen dataclass, whose repr states all of its settings."""
 
     @property
     @abstractmethod
     def cost(self) -> float:
-        """About how many seconds of one core it takes; for the progress bar."""
+        """Approximate time on one core, in s; for the progress bar."""
 
     @abstractmethod
     def work(self, material: Material, scratch: Path) -> CellResult:
-        """Do it.
+        """Do the work and return its arrays.
 
         Args:
             material: The data.
-            scratch: Where a long training may be written down on its way.
+            scratch: File for intermediate states of a long training.
         """
 
 
@@ -57,17 +54,17 @@ def results(
     jobs: int,
     told: Callable[[Cell, CellResult], None] = lambda _cell, _result: None,
 ) -> list[CellResult]:
-    """Return what cells found, working those that are not kept yet.
+    """Return the results of cells, working those that are not kept yet.
 
     Args:
-        cells: In any order; the dearest are worked first.
+        cells: In any order; the most expensive are worked first.
         material: The data of all of them.
-        folder: Where they are kept.
-        jobs: How many at once, each on one core.
-        told: Is told of every cell that is there, kept ones first.
+        folder: Folder of the kept results.
+        jobs: Number of processes, each on one core.
+        told: Called with every cell and its result, kept ones first.
 
     Returns:
-        In the order of the cells.
+        The results, in the order of the cells.
     """
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / _name(cell, material.digest()) for cell in cells]
@@ -129,17 +126,17 @@ def swept(
     jobs: int,
     told: Callable[[Cell, CellResult], None] | None = None,
 ) -> dict[Cell, CellResult]:
-    """Work all cells under a progress bar that counts what they cost.
+    """Work all cells under a progress bar that counts their cost.
 
     Args:
-        cells: To be worked; those that are kept are there at once.
+        cells: Cells to be worked; kept results are taken from their files.
         material: The data of all of them.
-        folder: Where finished cells are kept.
-        jobs: How many at once.
-        told: Is told of every cell that is there.
+        folder: Folder of the kept results.
+        jobs: Number of processes.
+        told: Called with every cell and its result.
 
     Returns:
-        What was found, by cell.
+        The results, by cell.
     """
     columns = (
         TextColumn("{task.description}"),

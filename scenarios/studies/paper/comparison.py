@@ -1,6 +1,10 @@
 """Compares methods over seeds and plans: errors and gains with their intervals.
 
-A number over seeds and poses scatters with both, and so does its interval.
+`pooled` gives a statistic over seeds and poses with bootstrap replicates, as both
+scatter; a `Contender` holds a method's errors on poses it has not seen; `gain_rows`,
+`gains_table` and `verdict` compare FT-MLP with the springs, in per cent.
+
+Interval of a pooled statistic (`pooled`):
 
 ==========  ==========================================================================
 Equation    value = mean over seeds of statistic(errors of that seed); interval: 2.5 to
@@ -10,10 +14,6 @@ Source      Efron, Tibshirani 1993, "An Introduction to the Bootstrap", chapter 
 Needs       a few seeds, some hundred poses
 Assumes     poses that are independent; with one seed it scatters with poses alone
 ==========  ==========================================================================
-
-What every method leaves on poses it has not seen, gathered over seeds and plans.
-
-How much better than springs a method is, in per cent, with an interval.
 """
 
 from collections.abc import Mapping, Sequence
@@ -46,7 +46,7 @@ RESAMPLES = 2000
 def p99(
     error: Float[np.ndarray, " rows"], weight: Float[np.ndarray, "*resamples rows"]
 ) -> Float[np.ndarray, "*resamples"]:
-    """Return the 99th percentile of absolute errors: a maximum that can be trusted."""
+    """Return the 99th percentile of absolute errors, more robust than their maximum."""
     size = np.abs(error)
     order = np.argsort(size, kind="stable")
     share = np.cumsum(weight[..., order], axis=-1)
@@ -60,11 +60,11 @@ MEASURES: Final[Mapping[str, Statistic]] = MappingProxyType({**METRICS, "P99": p
 
 @dataclass(frozen=True)
 class Draws:
-    """A number and what it would have been with other seeds and poses.
+    """A statistic with its bootstrap replicates over seeds and poses.
 
     Attributes:
-        value: Of all.
-        replicates: Of every draw.
+        value: Statistic of all seeds and poses.
+        replicates: Statistic of every resample.
     """
 
     value: float
@@ -72,18 +72,18 @@ class Draws:
 
     @property
     def interval(self) -> Interval:
-        """The 95 % interval; its ends are NaN where there is none."""
+        """Value and 95 % interval; the ends are NaN where there is none."""
         low, high = np.quantile(self.replicates, [0.025, 0.975])
         return Interval(self.value, float(low), float(high))
 
     def change_from(self, other: "Draws") -> "Draws":
-        """Return by which share this differs from another, draw by draw."""
+        """Return the relative difference from another, replicate by replicate."""
         return Draws(
             self.value / other.value - 1.0, self.replicates / other.replicates - 1.0
         )
 
     def way(self, top: "Draws", bottom: "Draws") -> "Draws":
-        """Return how far down this is from one to another, 0 to 1, draw by draw."""
+        """Return (top - self) / (top - bottom), replicate by replicate."""
         return Draws(
             (top.value - self.value) / (top.value - bottom.value),
             (top.replicates - self.replicates) / (top.replicates - bottom.replicates),
@@ -94,7 +94,7 @@ class Draws:
 def _resampled(
     seeds: int, poses: int, seed: int, resamples: int
 ) -> tuple[Float[np.ndarray, "resamples poses"], Float[np.ndarray, "resamples seeds"]]:
-    """Return how often each pose counts, and what each seed weighs."""
+    """Return the bootstrap counts of poses and weights of seeds."""
     draw = np.random.default_rng(seed)
     weight = draw.multinomial(poses, np.full(poses, 1 / poses), resamples).astype(float)
     which = draw.multinomial(seeds, np.full(seeds, 1 / seeds), resamples) / seeds
@@ -107,16 +107,16 @@ def pooled(
     seed: int = 0,
     resamples: int = RESAMPLES,
 ) -> Draws:
-    """Pool a statistic over seeds; two calls of one shape and seed draw alike.
+    """Pool a statistic over seeds; calls of one shape and seed share their resamples.
 
-    A largest error has no interval, for draws from these poses cannot exceed it.
+    A largest error has no interval, for resamples of these poses cannot exceed it.
 
     Args:
         error: Of each seed in each pose, the same poses for all seeds; one number or,
             where the statistic takes them, several.
         statistic: Of one seed's errors, vectorised over weights.
-        seed: Of the draws.
-        resamples: How many.
+        seed: Of the resamples.
+        resamples: Number of resamples.
     """
     seeds, poses = error.shape[:2]
     weight, which = _resampled(seeds, poses, seed, resamples)
@@ -146,9 +146,9 @@ class Contender:
     """One method, on one source plan where it has one.
 
     Attributes:
-        method: Its name in tables that one computes with.
-        title: Its name for readers.
-        plan: Of its source domain; `-` where it has none.
+        method: Its name in data files.
+        title: Its name in reports.
+        plan: Plan of its source domain; `-` where it has none.
         seeds: Of its splits and networks.
         unseen: Errors in mm of every seed on the fresh poses.
         held_out: Errors in mm of every seed on the measured poses it has not seen.
@@ -168,7 +168,7 @@ class Contender:
         return pooled(self.unseen[:, :, direction], MEASURES[measure], seed)
 
     def held_out_draws(self, direction: int, measure: str, seed: int = 0) -> Draws:
-        """Return it on the measured poses; each seed has its own, so they add up."""
+        """Return a measure on measured poses held out; each seed holds out its own."""
         error = self.held_out[:, :, direction].reshape(1, -1)
         return pooled(error, MEASURES[measure], seed)
 
@@ -178,14 +178,14 @@ class Contender:
 
     @property
     def name(self) -> str:
-        """Title and plan."""
+        """Title, and plan where it has one."""
         return self.title if self.plan == NO_PLAN else f"{self.title} ({self.plan})"
 
 
 def contenders(
     budget: Budget, found: Mapping[Cell, CellResult], own: OwnMethod | None
 ) -> list[Contender]:
-    """Gather every method, the paper's three first."""
+    """Return every method's errors, the paper's three methods first."""
     seeds, evaluations = budget.transfer.seeds, budget.transfer.evaluations
     springs = {seed: found[SpringsCell(seed, evaluations)] for seed in seeds}
     gathered = [of_results("vjm", NO_PLAN, springs, "vjm")]
@@ -227,13 +227,13 @@ def perceptrons(
 def of_results(
     method: str, plan: str, by_seed: Mapping[int, CellResult], name: str
 ) -> Contender:
-    """Gather one method's cells, one a seed.
+    """Return one method's errors from its cells, one a seed.
 
     Args:
-        method: Its name in tables.
-        plan: Of its source domain, or `NO_PLAN`.
-        by_seed: What the cells found.
-        name: What the cells call it.
+        method: Its name in data files.
+        plan: Plan of its source domain, or `NO_PLAN`.
+        by_seed: Results of its cells, by seed.
+        name: Its name in those results.
     """
     results = list(by_seed.values())
     return Contender(
@@ -254,17 +254,17 @@ GAINS = {
     "STDE_signed": (0.318, 0.392, 0.142),
     "ME": (0.077, 0.209, 0.439),
 }
-"""What FT-MLP takes off the VJM's error in the paper's Table 10 in x, y, z; MAE and
+"""Reduction of the VJM's error by FT-MLP in the paper's Table 10 in x, y, z; MAE and
 STDE as its text says, ME as its table prints (its text says 8.5, 21.7 and 44.2 %)."""
 BARS = {"MAE": 0.249, "STDE_absolute": 0.142, "STDE_signed": 0.142, "P99": 0.077}
-"""The paper's least gain of any direction; that in ME is asked of the 99th percentile,
-for a largest error hangs on a single pose."""
+"""The paper's least gain of any direction; that in ME is required of the 99th
+percentile, for a largest error depends on a single pose."""
 CALLED = {"STDE_absolute": "STDE, absolute", "STDE_signed": "STDE, signed"}
 SURELY, YES, NO = "surely", "yes", "no"
 
 
 def gain_rows(c: Contender, springs: Contender) -> list[dict[str, object]]:
-    """Return by how many per cent a method's errors differ from the springs'."""
+    """Return rows with the difference of a method's errors from the springs', in %."""
     rows = []
     for k, direction in enumerate(DIRECTIONS):
         for metric in MEASURES:
@@ -326,7 +326,7 @@ def _seeds(tuned: Sequence[Contender]) -> str:
 
 
 def verdict(tuned: Sequence[Contender], springs: Contender) -> str:
-    """Say in words whether the paper's gains are reached, and what is missed."""
+    """Return in words which of the paper's gains are reached, and which are not."""
     said = [
         "The paper's least gains over the springs are 24.9 % in MAE, 14.2 % in STDE "
         "and 7.7 % in ME, which is asked of the 99th percentile here; judged on "
@@ -354,7 +354,7 @@ def verdict(tuned: Sequence[Contender], springs: Contender) -> str:
 
 
 def finding(tuned: Sequence[Contender], springs: Contender) -> str:
-    """Say in one sentence what the two plans make of FT-MLP."""
+    """Return the caption of Fig. 9: changes of FT-MLP's MAE by plan."""
     parts = []
     for c in tuned:
         change = [

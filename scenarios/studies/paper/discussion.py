@@ -1,10 +1,8 @@
 """Summary and discussion of the study: what agrees with the paper, and why not.
 
-What transfer is worth, and what explains where it is not as in the paper.
-
-What agrees with the paper, what does not, what explains it, and how it was read.
-
-The study in a paragraph: what six springs leave, and what learning takes off it.
+`summary` gives errors of six springs and of every method in a paragraph; `report` is
+the section on agreement, with the effect of the source plan (`plans`), of keeping the
+best epoch (`best_epoch`) and of the other methods (`others`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,7 +25,7 @@ from stiffness.regression.intervals import Interval
 
 
 def plans(methods: Sequence[Contender]) -> str:
-    """Say what the source plan is worth, and why."""
+    """Return the paragraph on FT-MLP's error by source plan, and its explanation."""
     times = {c.plan: _times(c, methods[0]) for c in methods if c.method == "ft_mlp"}
     table_5 = times["table 5"]
     if table_5.low > 1.0:
@@ -51,7 +49,7 @@ def plans(methods: Sequence[Contender]) -> str:
 
 
 def best_epoch(budget: Budget, found: Mapping[Cell, CellResult]) -> str:
-    """Say what keeping the best epoch changes."""
+    """Return the paragraph on what keeping the best epoch changes."""
     results = perceptrons(budget, found, "spanning")
     last, best = (
         pooled(
@@ -79,7 +77,7 @@ def best_epoch(budget: Budget, found: Mapping[Cell, CellResult]) -> str:
 def others(
     budget: Budget, methods: Sequence[Contender], found: Mapping[Cell, CellResult]
 ) -> str:
-    """Say what DT-CNN and a Gaussian process come to."""
+    """Return the paragraph on DT-CNN and the Gaussian process."""
     own = [
         r["errors"][1, MAE].mean()
         for c, r in found.items()
@@ -169,7 +167,7 @@ READINGS = (
 def report(
     budget: Budget, methods: Sequence[Contender], found: Mapping[Cell, CellResult]
 ) -> Sequence[Block]:
-    """Return the section that weighs the results."""
+    """Return the section on agreement with the paper."""
     return [
         Heading("What agrees with the paper, what does not, and why"),
         Paragraph(_imitation(budget, found)),
@@ -213,7 +211,7 @@ def _imitation(budget: Budget, found: Mapping[Cell, CellResult]) -> str:
 def summary(
     found: LinearFit, methods: Sequence[Contender], results: Mapping[Cell, CellResult]
 ) -> str:
-    """Return what was found in some sentences."""
+    """Return the results in some sentences, for the head of the report."""
     return " ".join([_springs(found), _pretrained(results), *_learnt(methods)])
 
 
@@ -250,7 +248,7 @@ def _pretrained(results: Mapping[Cell, CellResult]) -> str:
 
 
 def _learnt(methods: Sequence[Contender]) -> list[str]:
-    """Say by how much every method differs from the springs on fresh poses."""
+    """Return every method's difference from the springs on fresh poses, in words."""
     springs, said = methods[0], []
     for c in methods[1:]:
         if c.method in ("pretrained", "aligned", "frozen"):
@@ -272,7 +270,7 @@ def _learnt(methods: Sequence[Contender]) -> list[str]:
 
 @dataclass(frozen=True)
 class Study:
-    """What was found: six springs' fit, and every method on fresh poses."""
+    """Results of the study: the fit of six springs, and every method on fresh poses."""
 
     springs: LinearFit
     methods: Sequence[Contender]

@@ -1,8 +1,7 @@
-"""The paper's experiment, carried out on the bench, and what methods may see of it.
+"""The paper's experiment on the bench: 151 postures, a rope, a tracker.
 
-The paper's experiment, carried out on the bench: 151 postures, a rope, a tracker.
-
-What methods are given, and what they are judged on, is all that a worker needs.
+`Experiment` holds recording and truth; `Material` holds what methods may see of it, and
+the fresh poses on which they are evaluated: all that a worker process needs.
 """
 
 from dataclasses import dataclass, fields
@@ -31,13 +30,13 @@ REVISITS = 12  # chosen: every twelfth posture or so twice shows the real noise
 
 @dataclass(frozen=True)
 class Experiment:
-    """What was done, what was seen, and, because this is a bench, what was true.
+    """The experiment's plan, its recording, and, because this is a bench, its truth.
 
     Attributes:
-        rig: The arm made real.
-        plan: What was done.
-        recording: What the instruments saw.
-        states: What was true; only for comparison, never for a method.
+        rig: The true arm.
+        plan: Postures and loads.
+        recording: Readings of the instruments.
+        states: True states; only for comparison, never for a method.
         arm: The nominal arm.
         measured: Deflections as the paper takes them: one row per posture.
     """
@@ -51,7 +50,7 @@ class Experiment:
 
     @property
     def true_deflection(self) -> Float[np.ndarray, "rows 3"]:
-        """What `measured` would be with silent instruments, in m, base's frame."""
+        """True deflection for each row of `measured`, in m, along the base's axes."""
         point = self.measured.cases.point_in_flange
         flange = self.states.bodies.index(self.rig.anatomy.flange)
         loaded = self.measured.row
@@ -81,11 +80,11 @@ class Experiment:
 
 
 def carry_out(seed: int, poses: int = 151) -> Experiment:
-    """Carry out the experiment on the default truth.
+    """Record the experiment on the default truth.
 
     Args:
         seed: Of the instruments.
-        poses: How many of the 151 postures.
+        poses: Number of the 151 postures.
     """
     truth = default_truth()
     rig = Rig(KR10, truth.effects, truth.stiffness)
@@ -118,8 +117,8 @@ class Material:
 
     Attributes:
         arm: The nominal arm.
-        recording: What the instruments saw.
-        measured: One row per posture, the paper's reading of the experiment.
+        recording: Readings of the instruments.
+        measured: One deflection per posture, as the paper takes them.
         unseen: Fresh poses with their true deflection.
     """
 
@@ -130,11 +129,11 @@ class Material:
 
     @classmethod
     def of(cls, experiment: Experiment, unseen: Unseen) -> "Material":
-        """Leave the truth of an experiment behind."""
+        """Return an experiment without its truth, with fresh poses."""
         return cls(experiment.arm, experiment.recording, experiment.measured, unseen)
 
     def held_out(self, seed: int) -> np.ndarray:
-        """Draw the poses that no method sees."""
+        """Draw the ids of poses that no method sees."""
         poses = np.unique(self.recording.posture_id)
         order = np.random.default_rng([seed, len(poses)]).permutation(poses)
         return np.sort(order[: max(round(HELD_OUT * len(poses)), 1)])
@@ -145,7 +144,7 @@ class Material:
         return self.recording.take(kept)
 
     def digest(self) -> str:
-        """Return what tells this material from all other."""
+        """Return a SHA-256 of all data, for the names of kept cells."""
         told = sha256()
         for part in (self.recording, self.unseen, self.unseen.cases):
             for field in fields(part):

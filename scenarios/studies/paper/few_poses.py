@@ -1,18 +1,10 @@
 """How many poses are enough: methods that learn from 5 to 121 poses.
 
-Few poses may not show every axis; what they do not show, the model file says.
-
-A network that knows other springs needs few steps to learn these.
-
-It is pre-trained once on the springs of the model file, so that no pose teaches it
-before its turn, and then goes on for some steps with the springs that the few poses
-show.
-
-Methods learn from a few poses, each from as many as it is given and no more.
-
-What few poses teach, as tables and in words; every draw counts for itself.
-
-Errors against the number of poses that were learnt from, with their scatter.
+`springs_of` fits springs to few poses; an axis that these do not identify keeps the
+stiffness of the model file. A network is pre-trained once on the springs of the model
+file (`prepared`), so that no pose is used before its turn, and then trained for some
+steps on the springs that the few poses show (`gone_on`). Each cell holds the methods on
+some poses of one draw; tables and figure give mean and range over draws.
 """
 
 from collections.abc import Mapping, Sequence
@@ -60,13 +52,14 @@ def few_of(recording: Recording, poses: int, draw: int) -> Recording:
 
 
 def springs_of(arm: Arm, few: Recording) -> tuple[VjmFit, tuple[str, ...]]:
-    """Fit springs, holding as many axes as must be, and say which.
+    """Fit springs, holding as few axes as necessary; return the fit and these axes.
 
-    Of the axes that a refusal names, the one furthest out is held, until none is named:
-    its spring moves the tool by the shortest lever, so the model's value harms least.
+    Of the axes that are not identifiable, the one nearest to the tool is held, until
+    the others are: its spring moves the tool by the shortest lever, so an error of the
+    model's value has the least effect.
 
     Raises:
-        NotIdentifiable: Where no axis can be identified, the others held.
+        NotIdentifiable: Where no axis is identifiable with all others held.
     """
     held: tuple[str, ...] = ()
     while True:
@@ -108,7 +101,7 @@ def prepared(
 def gone_on(
     base: Pretrained, domain: SourceDomain, training: Training, seed: int
 ) -> Pretrained:
-    """Return a network that has learnt other springs, too."""
+    """Return a pre-trained network after further steps on other springs."""
     network = base.network
     after = train(network.build(), source_rows(network, domain), training, seed)
     return replace(base, network=replace(network, weights=after.weights))
@@ -119,11 +112,11 @@ def gone_on(
 
 @dataclass(frozen=True)
 class FewPosesPlain(Cell):
-    """Springs, and a Gaussian process on what they leave, on some poses of one draw.
+    """Springs, and a Gaussian process on their residuals, on some poses of one draw.
 
     Attributes:
-        poses: How many.
-        draw: Which draw; the poses of fewer are the first of more.
+        poses: Number of poses.
+        draw: Number of the draw; smaller numbers of poses are subsets of larger ones.
     """
 
     poses: int
@@ -145,12 +138,12 @@ class FewPosesPlain(Cell):
 
 @dataclass(frozen=True)
 class FewPosesNetworks(Cell):
-    """Both networks on the same poses.
+    """Both networks on some poses of one draw.
 
     Attributes:
-        poses: How many.
-        draw: Which draw.
-        effort: What is spent.
+        poses: Number of poses.
+        draw: Number of the draw.
+        effort: Steps and shapes of the networks.
         seed: Of the networks.
     """
 
@@ -191,7 +184,7 @@ class FewPosesNetworks(Cell):
 
 
 def residuals(fits: Mapping[str, Fitted], material: Material) -> dict[str, np.ndarray]:
-    """Return what methods leave on the fresh poses, in mm."""
+    """Return the residuals of methods on the fresh poses, in mm."""
     unseen = material.unseen
     return {
         name: 1e3 * (fit.predict(unseen.cases) - unseen.deflection)
@@ -207,12 +200,12 @@ METHODS = ("vjm", "ft_mlp", "dt_cnn", "gp_residual")
 def tidy(
     found: Mapping[int, Mapping[int, CellResult]], fresh: int
 ) -> list[dict[str, object]]:
-    """Return one row a number.
+    """Return the tidy table: one row for each number of poses, method and metric.
 
     Args:
-        found: What cells found, by number of poses and by draw; not every draw has
+        found: Results of cells, by number of poses and by draw; not every draw has
             every method.
-        fresh: How many poses it was judged on.
+        fresh: Number of fresh poses for evaluation.
     """
     rows: list[dict[str, object]] = []
     for count, draws in found.items():
@@ -252,12 +245,12 @@ def _p99(size: np.ndarray) -> np.ndarray:
 
 
 def of(rows: Sequence[Mapping], method: str, metric: str = "MAE") -> list[Mapping]:
-    """Return the rows of a method, one a number of poses."""
+    """Return the rows of a method and metric, one for each number of poses."""
     return [r for r in rows if (r["method"], r["metric"]) == (method, metric)]
 
 
 def errors(rows: Sequence[Mapping]) -> page.Table:
-    """Return the table of all methods."""
+    """Return the report's table: MAE of all methods by number of poses."""
     shown = [method for method in METHODS if of(rows, method)]
     cells = []
     for beside in zip(*(of(rows, method) for method in shown), strict=True):
@@ -281,7 +274,7 @@ def errors(rows: Sequence[Mapping]) -> page.Table:
 
 
 def summary(rows: Sequence[Mapping]) -> str:
-    """Say from how many poses on a method is better than the springs."""
+    """Return from how many poses on each method is better than the springs."""
     springs = of(rows, "vjm")
     most, fewest = springs[-1], springs[0]
     enough = next(r for r in springs if r["value_mm"] <= 1.1 * most["value_mm"])
@@ -306,7 +299,7 @@ def summary(rows: Sequence[Mapping]) -> str:
 
 def _from(rows: Sequence[Mapping], better: Sequence[bool]) -> str:
     worse = np.flatnonzero(~np.array(better))
-    first = 0 if len(worse) == 0 else worse[-1] + 1  # better from here to the last
+    first = 0 if len(worse) == 0 else worse[-1] + 1  # better from this row to the last
     return f"from {rows[first]['poses']} poses" if first < len(rows) else "never"
 
 
@@ -318,12 +311,12 @@ def _ranged(row: Mapping) -> str:
 
 TICKS_MM = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 1, 2, 5)
 BESIDE = 1.035
-"""By which factor methods stand beside each other, so that their bars are seen."""
+"""Factor between the abscissae of methods, so that their bars do not overlap."""
 COLOURS = (style.GREY, style.ORANGE, style.BLUE, style.GREEN)
 
 
 def draw_courses(rows: Sequence[Mapping], file: Path) -> None:
-    """Draw mean and range of every method's MAE."""
+    """Draw mean and range of every method's MAE over the number of poses."""
     picture = Picture(figsize=(7, 4.2), layout="constrained")
     axes = picture.subplots()
     counts = [row["poses"] for row in of(rows, "vjm")]

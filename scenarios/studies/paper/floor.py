@@ -1,6 +1,11 @@
-"""The noise floor: an oracle that knows the truth's form and learns its sizes alone.
+"""The noise floor: errors of an oracle that knows the truth's form and fits its sizes.
 
-Who knows the form of the truth has only its sizes to learn: nobody does better.
+No method that has to learn the form can do better. Sizes are the springs' first
+stiffness and the magnitudes of every effect; the instruments' noise in their estimates
+is all of the oracle's error. `floor_rows` gives every method's share of the way from
+the springs to this floor.
+
+Error of the oracle (`oracle_error`):
 
 ==========  ==========================================================================
 Equation    theta = least squares of what was measured; error on fresh poses
@@ -10,13 +15,6 @@ Source      Gauss-Newton's last step: Nocedal, Wright 2006, "Numerical Optimizat
 Valid       errors small enough that deflections are linear in the sizes there
 Ignores     weights of the readings: all have the same noise
 ==========  ==========================================================================
-
-Sizes are: the springs' first stiffness, and for every effect how much of it there is.
-What the instruments' noise makes of them is all that the oracle gets wrong.
-
-How far every method comes on the way to the floor, as a table and in words.
-
-How far every method comes on the way to the floor, and where it fails.
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,16 +42,16 @@ from stiffness.experiment.deflections import every_plateau
 # --- The oracle -----------------------------------------------------------------------
 
 NUDGE = 0.02
-"""Share by which a size is changed; chosen: far above rounding, far below curvature."""
+"""Relative step of a size; chosen: far above rounding, small against nonlinearity."""
 
 
 @dataclass(frozen=True)
 class NudgeCell(Cell):
-    """How deflections change when one size of the truth does.
+    """Deflections of the truth with one size changed, for forward differences.
 
     Attributes:
-        size: Which; -1 for none.
-        poses: Of the experiment.
+        size: Number of the size in `magnitudes`; -1 for none.
+        poses: Number of poses of the experiment.
         seed: Of the fresh poses.
     """
 
@@ -87,7 +85,7 @@ class NudgeCell(Cell):
 def deflection(
     rig: Rig, plan: Plan, rows: np.ndarray, point: Float[np.ndarray, "rows 3"]
 ) -> Float[np.ndarray, "rows 3"]:
-    """Return how far points of the flange truly move within a visit, in mm."""
+    """Return true displacements of points of the flange within a visit, in mm."""
     states: States = rig.carry_out(plan)
     flange = states.bodies.index(rig.anatomy.flange)
     ends = [
@@ -129,7 +127,7 @@ def oracle_error(
 
     Args:
         still: Deflections of the truth.
-        moved: Of the truth with each size a little larger.
+        moved: Deflections of the truth with each size a little larger.
         noise: Measured less true deflections of the experiment, in mm.
     """
     j, fresh = (
@@ -164,7 +162,7 @@ def report_table(rows: Sequence[Mapping]) -> page.Table:
 
 
 def summary(rows: Sequence[Mapping]) -> str:
-    """Say how far each method comes."""
+    """Return each method's share of the way from springs to oracle, in words."""
     mae = {r["method"]: r["MAE_mm"] for r in rows}
     way = [
         f"{r['method']} {100 * r['share_of_the_way']:.0f} %"
@@ -182,12 +180,12 @@ def finding(
     errors: Mapping[str, Float[np.ndarray, "poses 3"]],
     place: Float[np.ndarray, "poses 3"],
 ) -> str:
-    """Say what the picture shows: who comes furthest, and where each method fails.
+    """Return the figure's caption: the best method, and where each method is worst.
 
     Args:
         rows: With the shares of the way.
-        errors: Of each method on each pose, in mm; the oracle last.
-        place: Of the flange, in m.
+        errors: Errors of each method on each pose, in mm; the oracle last.
+        place: Positions of the flange, in m.
     """
     learnt = [r for r in rows if r["method"] not in ("VJM", "oracle")]
     best = max(learnt, key=lambda r: r["share_of_the_way"])
@@ -219,10 +217,10 @@ def draw(
     """Draw shares of the way, and a map of errors for every method but the oracle.
 
     Args:
-        errors: In mm; the oracle last.
+        errors: Errors of each method on each pose, in mm; the oracle last.
         rows: With the shares and their intervals.
-        place: Of the flange, in m.
-        file: Where to.
+        place: Positions of the flange, in m.
+        file: File of the picture.
     """
     picture = Picture(figsize=(12, 4.2), layout="constrained")
     shown = list(errors)[:-1]

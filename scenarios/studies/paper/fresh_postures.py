@@ -28,14 +28,14 @@ SILENT = Instruments(
 UP_TO_LOAD = DEFAULT_PATH[:5]
 """The experiment's path up to its first reading under the full load."""
 STEPS_DEG = (15.0, 15.0, 30.0, 0.0, 15.0, 15.0)
-"""Of Table 1's first group; those of A5 and A6 are what was chosen for it."""
+"""Steps of Table 1's first group by axis; those of A5 and A6 were chosen there."""
 GRID = np.array([[0.3, 0.8], [-0.3, 0.3], [0.3, 0.8]])
-"""Of its second group, in m."""
+"""Limits of the grid of Table 1's second group along x, y, z, in m."""
 
 
 @dataclass(frozen=True)
 class Unseen:
-    """What a method is asked and what would be right.
+    """Fresh load cases and their true deflections.
 
     Attributes:
         cases: Postures and loads.
@@ -52,7 +52,7 @@ def unseen(rig: Rig, arm: Arm, count: int, seed: int) -> Unseen:
     Args:
         rig: The truth.
         arm: The nominal arm.
-        count: How many poses.
+        count: Number of poses.
         seed: Of the postures.
     """
     plan = fresh_plan(fresh_postures(rig, count, seed), seed)
@@ -61,7 +61,7 @@ def unseen(rig: Rig, arm: Arm, count: int, seed: int) -> Unseen:
 
 
 def fresh_plan(posture: Float[np.ndarray, "count 6"], seed: int) -> Plan:
-    """Return the plan that visits fresh postures, pulleys in another order."""
+    """Return the plan that visits fresh postures, with pulleys in another order."""
     count = len(posture)
     return Plan(
         f"{count} fresh postures",
@@ -73,7 +73,7 @@ def fresh_plan(posture: Float[np.ndarray, "count 6"], seed: int) -> Plan:
 
 
 def fresh_postures(rig: Rig, count: int, seed: int) -> Float[np.ndarray, "count 6"]:
-    """Return postures of the experiment's region, in rad, with room in the cell."""
+    """Return postures of the experiment's region without collisions, in rad."""
     room = Room(rig.nominal, rig.anatomy, rig.mounted)
     second = round(count * 90 / 150)
     inside = spread(GRID, second, seed, lambda p: room(facing_down(p)), central=1.0)
@@ -83,7 +83,7 @@ def fresh_postures(rig: Rig, count: int, seed: int) -> Float[np.ndarray, "count 
 
 
 def facing_down(place: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 6"]:
-    """Return postures with the flange at a place, in m, as Table 1's second group."""
+    """Return postures with the flange at positions in m, as Table 1's second group."""
     transform = np.tile(np.eye(4), (len(place), 1, 1))
     away = np.arctan2(place[:, 1], place[:, 0])
     transform[:, 0, 0], transform[:, 1, 0] = -np.cos(away), -np.sin(away)
@@ -96,7 +96,7 @@ def facing_down(place: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 6
 def _near(unit: Float[np.ndarray, "rows 6"]) -> Float[np.ndarray, "rows 6"]:
     """Turn numbers from 0 to 1 into postures near those of the first group.
 
-    The number of the axis that stands still chooses the posture that is near.
+    The number of the axis that does not move chooses the posture of the table.
     """
     table = standard_plans.joint_space_postures()[:-1]  # home stands alone
     still = STEPS_DEG.index(0.0)

@@ -24,23 +24,23 @@ from stiffness.networks.source_domain import (
 from stiffness.networks.training import Training
 
 PLAN = "table 5"
-"""The sweep is over the paper's own source plan."""
+"""Source plan of the sweep: the paper's own."""
 CURVE = 200
-"""Points that are kept of a loss curve; each is a mean over its stretch."""
+"""Number of points kept of a loss curve; each is a mean over an interval of steps."""
 SECONDS_A_WEIGHT = 4e-8
-"""Of one step of 256 rows, per weight of the network, and 2 ms more: as measured."""
+"""Time of a step of 256 rows per weight of the network, to which 2 ms are added."""
 
 
 @dataclass(frozen=True)
 class Imitation(Cell):
-    """One network, pre-trained on the springs of the whole experiment.
+    """A network that is pre-trained on the springs of the whole experiment.
 
     Attributes:
-        shape: The network.
+        shape: Shape of the network.
         plan: Name of the source plan.
-        steps: Of the training.
+        steps: Training steps.
         seed: Of weights, split and order.
-        every: Every how many of Table 4's postures are asked.
+        every: Every how many of Table 4's postures are in the source plan.
     """
 
     shape: Mlp
@@ -67,7 +67,7 @@ class Imitation(Cell):
 
 
 def cells(budget: Budget, seed: int) -> list[Imitation]:
-    """Return every cell of Tables 6 and 7 and Fig. 5; each only once."""
+    """Return every cell of Tables 6 and 7 and Fig. 5, without repetitions."""
     found = [
         *(cell for row in depth_cells(budget).values() for cell in row),
         *(cell for row in longer_cells(budget).values() for cell in row),
@@ -86,7 +86,7 @@ def depth_cells(budget: Budget) -> dict[int, list[Imitation]]:
 
 
 def longer_cells(budget: Budget) -> dict[int, list[Imitation]]:
-    """Return four layers of 100 after fewer and more steps, by steps."""
+    """Return cells of four layers of 100, by number of steps."""
     return {
         steps: _seeds(budget, Mlp(4, 100), steps) for steps in budget.sweep.convergence
     }
@@ -126,7 +126,7 @@ def _seeds(budget: Budget, shape: Mlp, steps: int) -> list[Imitation]:
 
 
 def imitated(pretrained: Pretrained) -> dict[str, np.ndarray]:
-    """Return errors on training and test rows, in mm, and the loss on its way.
+    """Return errors on training and test rows, in mm, and the loss curve.
 
     Returns:
         `errors`: (training and test) x (MAE, STDE, ME) x (x, y, z); `loss` and `step`.
@@ -141,7 +141,7 @@ def imitated(pretrained: Pretrained) -> dict[str, np.ndarray]:
 def thinned(
     loss: Float[np.ndarray, " steps"], points: int = CURVE
 ) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
-    """Return steps and mean losses of the stretches of a curve."""
+    """Return the end steps and mean losses of equal intervals of a curve."""
     parts = np.array_split(loss, min(points, len(loss)))
     ends = np.cumsum([len(part) for part in parts]).astype(float)
     return ends, np.array([part.mean() for part in parts])
@@ -154,6 +154,6 @@ def source_plan(name: str, every: int = 1) -> SourcePlan:
 
 
 def step_cost(shape: Mlp) -> float:
-    """Return about how long a step takes, in s."""
+    """Return the approximate time of a training step, in s."""
     weights = shape.width * (21 + (shape.hidden - 1) * shape.width)
     return 2e-3 + SECONDS_A_WEIGHT * weights

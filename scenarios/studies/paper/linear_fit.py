@@ -1,17 +1,9 @@
 """The fit of six linear springs: Tables 2 and 3, Fig. 4.
 
-Postures that show every spring are needed, by the whole experiment and every split.
-
-What every method stands on are six springs. Few postures cannot show them all: what
-gives way beside the axes is then taken for one of them, or lost in it.
-
-Six linear springs are fitted to the experiment, and scored, as the paper does.
-
-What the fit of six springs shows, in words that follow from its numbers.
-
-Fig. 4 of the paper and a picture of Table 3.
-
-Tables 2 and 3 and Fig. 4: what six linear springs make of the experiment.
+`refuse_if_blind` checks that the experiment and every split of it identify all six
+springs, on which every method depends: with too few postures, compliance beside the
+axes would be ascribed to one of them, or lost in it. `fit` fits the springs and scores
+them as the paper does; `report` makes tables, figures and their text.
 """
 
 from collections.abc import Sequence
@@ -43,14 +35,14 @@ ADVICE = (
 
 
 def refuse_if_blind(material: Material, seeds: Sequence[int]) -> None:
-    """Refuse an experiment that does not show every axis, before hours are spent on it.
+    """Refuse an experiment that does not identify every spring, before the study runs.
 
     Args:
         material: The experiment as methods may see it.
         seeds: Of the splits.
 
     Raises:
-        Unusable: With every axis that is not shown, and to whom.
+        Unusable: With every axis that is not identified, and on which data.
     """
     whole, count = material.recording, len(np.unique(material.recording.posture_id))
     asked: list[tuple[str, Recording, Selection]] = [
@@ -78,13 +70,13 @@ def refuse_if_blind(material: Material, seeds: Sequence[int]) -> None:
 
 @dataclass(frozen=True)
 class LinearFit:
-    """What was fitted and how far it is off.
+    """The fitted springs, their predictions and their errors.
 
     Attributes:
-        fitted: The VJM.
-        predicted: By each method, in m, along the base's axes.
-        scores: Of each method.
-        floor: Of the instruments alone: measured against true deflections.
+        fitted: The fitted VJM.
+        predicted: Deflections by each method, in m, along the base's axes.
+        scores: Scores of each method.
+        floor: Scores of the instruments alone: measured against true deflections.
     """
 
     fitted: VjmFit
@@ -119,7 +111,7 @@ def fit(experiment: Experiment, seed: int) -> LinearFit:
 
 
 def against_truth(experiment: Experiment, found: LinearFit) -> str:
-    """Say how the springs stand to the true axes, and which is furthest off."""
+    """Return how the springs differ from the true axes, in words."""
     rows = stiffness_of(experiment, found)
     softer = [p for p, secant, _ in rows if p.high < secant]
     stiffer = [p for p, secant, _ in rows if p.low > secant]
@@ -145,7 +137,7 @@ def _names(axes: Sequence[Parameter]) -> str:
 
 
 def against_paper(found: LinearFit) -> str:
-    """Say by how much MAE and signed STDE differ from the paper's."""
+    """Return by how much MAE and signed STDE differ from the paper's, in words."""
     parts = []
     for metric in ("MAE", "STDE_signed"):
         change = [
@@ -162,7 +154,7 @@ def against_paper(found: LinearFit) -> str:
 
 
 def over_floor(found: LinearFit) -> float:
-    """Return the springs' MAE over the instruments', mean over the directions."""
+    """Return the ratio of the springs' MAE to the instruments', mean of directions."""
     floor = {s.direction: s.value_mm for s in found.floor if s.metric == "MAE"}
     own = {s.direction: s.value_mm for s in found.scores["vjm"] if s.metric == "MAE"}
     return sum(own[d] / floor[d] for d in floor) / len(floor)

@@ -1,14 +1,8 @@
 """Rerun playback of the study: the arm, errors, the worst poses, training curves.
 
-How a network was trained is a curve over its steps.
-
-What is to be seen of the experiment, reading by reading.
-
-The worst poses stand beside each other, with every method's error on each.
-
-The poses that methods get most wrong are one click away, worst first.
-
-The experiment is shown as it went: arm, rigid ghost, rope, methods' errors.
+The experiment is shown row by row: the arm, its rigid ghost, the rope and the methods'
+errors. The poses with the largest errors stand side by side, worst first, on a timeline
+of their own; each network's training is a curve over its steps.
 """
 
 import os
@@ -40,11 +34,11 @@ LEARNT = ("learnt", "held_back")
 
 @dataclass(frozen=True)
 class Curve:
-    """One training.
+    """The training curve of one network.
 
     Attributes:
-        name: Of the network; a path of a recording.
-        step: Steps or epochs that are done.
+        name: Name of the network; a path in the playback.
+        step: Completed steps or epochs.
         value: Loss, or error in mm.
     """
 
@@ -54,7 +48,7 @@ class Curve:
 
 
 def curves(cell: Cell, result: CellResult) -> list[Curve]:
-    """Return the trainings of a cell that the study's comparison rests on."""
+    """Return the training curves of a cell of the study's comparison."""
     if not isinstance(cell, PerceptronCell | ConvolutionCell):
         return []
     kind = "ft_mlp" if isinstance(cell, PerceptronCell) else "dt_cnn"
@@ -84,7 +78,7 @@ MAGNIFIED = 50.0
 
 
 def scene(experiment: Experiment) -> viewer.Scene:
-    """Return what is to be seen of the experiment, row by row."""
+    """Return the experiment's scene, row by row."""
     rig, plan, states = experiment.rig, experiment.plan, experiment.states
     anatomy = rig.anatomy
     bodies = (anatomy.base, *anatomy.links, anatomy.flange)
@@ -132,7 +126,7 @@ LINES = {"rigid": ((150, 158, 170), 0.012), "actual": ((240, 100, 0), 0.028)}
 
 
 def view() -> rrb.Spatial3DView:
-    """Return the view of all of them, from the side."""
+    """Return the view of all worst poses, from the side."""
     middle = 0.5 * APART * [A_ROW - 1, 0, 1]
     target = np.array([0.2, 0.0, 0.6]) + middle
     away = np.array([0.0, -7.8, 0.5])
@@ -160,14 +154,14 @@ def hang(
     error_mm: Mapping[str, Float[np.ndarray, "worst 3"]],
     words: Sequence[str],
 ) -> None:
-    """Draw arms as lines from base to flange, whatever the time is.
+    """Log arms as static lines from base to flange, side by side.
 
     Args:
-        recording: Where to.
-        scene: What is to be seen, row by row.
-        rows: Which of them are drawn, worst first.
-        error_mm: Of each method in each of them.
-        words: What stands at the foot of each.
+        recording: Stream that they are logged to.
+        scene: The experiment's scene, row by row.
+        rows: Rows that are drawn, worst first.
+        error_mm: Errors of each method in each of them, in mm.
+        words: Label at the foot of each.
     """
     steps = np.stack([np.divmod(k, A_ROW) for k in range(len(rows))])
     place = APART * np.stack([steps[:, 1], 0 * steps[:, 0], steps[:, 0]], axis=1)
@@ -201,9 +195,9 @@ TEN = 10
 def worst_poses(
     error_mm: Mapping[str, Float[np.ndarray, "poses 3"]], count: int = TEN
 ) -> Int[np.ndarray, " count"]:
-    """Return the poses with the largest error of any method but the springs, in turn.
+    """Return the poses with the largest error of any method but the springs, sorted.
 
-    The length of a method's error in all directions is what counts.
+    Errors are compared by their length over all directions.
     """
     shown = list(error_mm.values())
     learnt = [error for name, error in error_mm.items() if name != "vjm"]
@@ -221,10 +215,10 @@ def show_worst(
     """Log the worst poses side by side, on a timeline of their own, and in a table.
 
     Args:
-        recording: Where to.
-        scene: What is to be seen, row by row.
-        error_mm: Of each method in each pose.
-        measured: Which row and posture each pose is.
+        recording: Stream that they are logged to.
+        scene: The experiment's scene, row by row.
+        error_mm: Errors of each method in each pose, in mm.
+        measured: Row and posture of each pose.
     """
     chosen = worst_poses(error_mm)
     rows = measured.row[chosen]
@@ -294,11 +288,11 @@ LAYOUT = viewer.blueprint(
 
 @dataclass(frozen=True)
 class Learnt:
-    """What the methods that are shown made of the experiment.
+    """Errors and training curves of the methods that are shown.
 
     Attributes:
-        error_mm: Of each method in each pose of the experiment.
-        curves: How their networks were trained.
+        error_mm: Errors of each method in each pose of the experiment, in mm.
+        curves: Training curves of their networks.
     """
 
     error_mm: Mapping[str, Float[np.ndarray, "poses 3"]]
@@ -317,7 +311,7 @@ def save(
     found: LinearFit,
     learnt: Learnt,
 ) -> None:
-    """Write a recording whole, or leave what was there; as `show`."""
+    """Write a playback whole, or keep the earlier file; content as in `show`."""
     beside = file.with_suffix(".partial")
     recording = viewer.saved(beside, "study", seed, LAYOUT)
     show(recording, experiment, found, learnt)
@@ -330,13 +324,13 @@ def show(
     found: LinearFit,
     learnt: Learnt,
 ) -> None:
-    """Log everything that is to be seen.
+    """Log the scene, errors, worst poses, curves and text.
 
     Args:
-        recording: Where to.
-        experiment: What was done and seen.
-        found: What six springs made of it.
-        learnt: What the methods made of it.
+        recording: Stream that they are logged to.
+        experiment: The experiment.
+        found: The fit of six springs.
+        learnt: Errors and training curves of the methods.
     """
     rows, shown = experiment.measured.row, scene(experiment)
     words = _words(experiment, found, learnt)
@@ -355,7 +349,7 @@ def _arrows(
     shown: viewer.Scene,
     learnt: Learnt,
 ) -> None:
-    """Draw each method's error at the flange, side by side."""
+    """Log each method's error as an arrow at the flange, side by side."""
     rows = experiment.measured.row
     place = shown.actual[rows, -1, :3, 3]
     colour = colours(learnt.error_mm)
@@ -402,7 +396,7 @@ def _words(experiment: Experiment, found: LinearFit, learnt: Learnt) -> str:
 
 
 def shown_errors(methods: Sequence[Contender]) -> dict:
-    """Return the errors that the recording shows: each method on its best plan."""
+    """Return the errors that the playback shows: each method on its best plan."""
     variants = ("pretrained", "aligned", "frozen")
     return {
         c.method: c.experiment

@@ -1,7 +1,4 @@
-"""Table 8 and Fig. 6: which layers of the network are fine-tuned.
-
-Table 8 and Fig. 6: which layers of the network are corrected.
-"""
+"""Table 8 and Fig. 6: which layers of the network are fine-tuned."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -87,7 +84,7 @@ def report(
 
 
 def _finding(names: Sequence[str], results: Sequence[CellResult]) -> str:
-    """Say what two layers gain over one, and which choices are as good as the best."""
+    """Return the gain of two layers over one, and the choices equal to the best."""
     draws = {name: _mae(results, name) for name in names}
     learnt = {
         n: float(np.mean([r[f"{n}/learnt"][0, 0] for r in results])) for n in names

@@ -1,9 +1,4 @@
-"""Table 10, Figs 8 and 9: the methods side by side on fresh poses.
-
-Figs 6 to 9 of the paper: layers, epochs, methods side by side.
-
-Table 10, Figs 8 and 9: the methods side by side on poses that none has seen.
-"""
+"""Table 10, Figs 8 and 9: the methods side by side on poses that none has seen."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -77,7 +72,7 @@ def figure_09(contenders: Sequence[Contender], file: Path) -> None:
 # --- Table ----------------------------------------------------------------------------
 
 NEAR_MM = 0.1
-"""Error at which a caption counts; chosen: about the springs' standard deviation."""
+"""Error below which a caption counts poses, in mm; chosen: about the springs' STDE."""
 PUBLISHED = {"MAE": "MAE", "STDE_signed": "STDE", "ME": "ME"}
 
 
@@ -119,7 +114,7 @@ def report(
 
 
 def _below(contenders: Sequence[Contender]) -> str:
-    """Say in how many poses each method stays near in every direction."""
+    """Return in how many poses each method's error is below `NEAR_MM` everywhere."""
     near = [
         f"{c.name} {100 * np.mean(np.abs(c.unseen).max(axis=2) < NEAR_MM):.0f} %"
         for c in contenders

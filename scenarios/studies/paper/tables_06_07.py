@@ -1,10 +1,7 @@
 """Tables 6 and 7 and Fig. 5: which network imitates six springs best.
 
-A row of a table is a mean over seeds, with the smallest and the largest.
-
-What the tables of imitation show, in words that follow from their numbers.
-
-Fig. 5 of the paper: width, depth, and how the loss falls.
+A row of a table is a mean over seeds, with the smallest and the largest; captions
+follow from the numbers; Fig. 5 shows the error over width and depth, and a loss curve.
 """
 
 from collections.abc import Mapping, Sequence
@@ -50,7 +47,7 @@ def errors_of(result: CellResult) -> Float[np.ndarray, "2 3"]:
 def spread_of(
     cells: Sequence[Imitation], found: CellResults
 ) -> Float[np.ndarray, "2 2 3"]:
-    """Return smallest and largest over the seeds."""
+    """Return (least, most over seeds) x (training and test) x (MAE, STDE, ME)."""
     each = np.array([errors_of(found[cell]) for cell in cells])
     return np.array([each.min(axis=0), each.max(axis=0)])
 
@@ -77,12 +74,12 @@ def report_table(
 
 
 def said_range(low: float, high: float, seeds: int) -> str:
-    """Say between which values seeds lie; of one seed there is nothing to say."""
+    """Return the range over seeds in words; of one seed, that it is one."""
     return "one seed" if seeds == 1 else f"{low:.4f} to {high:.4f}"
 
 
 def said_seeds(n: int) -> str:
-    """Say how many seeds there are."""
+    """Return the number of seeds in words."""
     return "one seed" if n == 1 else f"{n} seeds"
 
 
@@ -92,7 +89,7 @@ TEST = 1
 
 
 def best_of(rows: Mapping, found: CellResults, theirs: object) -> str:
-    """Say which row tests best, which cannot be told from it, and the paper's best."""
+    """Return which row tests best, which equal it over seeds, and the paper's best."""
     mae = {name: mean_of(cells, found)[TEST, MAE] for name, cells in rows.items()}
     best = min(mae, key=lambda name: mae[name])
     said = f"least test MAE: {best} here, {theirs} in the paper"
@@ -111,7 +108,7 @@ def best_of(rows: Mapping, found: CellResults, theirs: object) -> str:
 
 
 def of_widths(widths: Mapping[tuple[int, int], Imitation], found: CellResults) -> str:
-    """Say at which width each depth tests best."""
+    """Return at which width each depth tests best, in words."""
     parts = []
     for depth in sorted({d for d, _ in widths}):
         mae = {
@@ -126,7 +123,7 @@ def of_widths(widths: Mapping[tuple[int, int], Imitation], found: CellResults) -
 
 
 def of_end(loss: Float[np.ndarray, " points"]) -> str:
-    """Say what the last fifth of the steps takes off the loss."""
+    """Return the change of the loss over the last fifth of the steps, in words."""
     fifth = max(len(loss) // 5, 1)
     few = max(fifth // 4, 1)
     end, before = np.mean(loss[-few:]), np.mean(loss[-fifth - few : -fifth or None])
@@ -135,7 +132,7 @@ def of_end(loss: Float[np.ndarray, " points"]) -> str:
 
 
 def of_doubling(longer: Mapping[int, Sequence[Imitation]], found: CellResults) -> str:
-    """Say from how many steps on doubling moves the test MAE by less than the seeds."""
+    """Return from which steps on doubling changes the test MAE less than seeds do."""
     steps = sorted(longer)
     mae = {s: mean_of(longer[s], found)[TEST, MAE] for s in steps}
     spread = {s: np.ptp(spread_of(longer[s], found)[:, TEST, MAE]) for s in steps}
@@ -144,7 +141,7 @@ def of_doubling(longer: Mapping[int, Sequence[Imitation]], found: CellResults) -
         for few, many in pairwise(steps)
     }
     still = [few for few, (_, by, seeds) in moved.items() if abs(by) >= seeds]
-    first = steps.index(still[-1]) + 1 if still else 0  # from here to the last
+    first = steps.index(still[-1]) + 1 if still else 0  # from this one to the last
     few = steps[min(first, len(steps) - 2)]
     many, by, seeds = moved[few]
     verdict = "not even {} are enough" if few in still else "{} are enough"

@@ -1,23 +1,15 @@
 """Cells in which every method learns from the same poses and predicts the same.
 
-What was learnt is asked for poses it has seen, poses held out, and fresh ones.
+A seed splits the experiment's poses: 80 % are for learning, 20 % are held out. FT-MLP
+holds back a fifth of the first to choose its epoch, so no pose of the evaluation is
+used for a choice. Cells: springs and Gaussian process; FT-MLP, pre-trained on springs
+once and fine-tuned in many ways (Tables 8 to 10); DT-CNN, as pre-trained or
+transferred; and a user's own method.
 
-A researcher's own method runs beside ours: a class that is built from an arm.
-
-`package.module:Class` is imported from where Python finds modules, the working folder
-included. The class derives from `Method` and takes the nominal arm; `fit(recording)`
-returns a `Fitted`, which can `predict(cases)`: deflections in m along the base's axes.
-
-Methods without a network learn in seconds: springs, a process, and your own.
-
-FT-MLP learns from springs once and is corrected in many ways: Tables 8 to 10.
-
-DT-CNN learns from springs and is asked about the arm, as it is or transferred.
-
-Every method learns from the same poses and is asked about the same others.
-
-A seed splits the experiment's poses: 80 % are learnt from, 20 % are held out. FT-MLP
-holds back a fifth of the first to choose its epoch, so nothing that judges has chosen.
+A user's method is `package.module:Class`, imported from where Python finds modules, the
+working folder included. The class derives from `Method` and takes the nominal arm;
+`fit(recording)` returns a `Fitted`, which can `predict(cases)`: deflections in m along
+the base's axes.
 """
 
 import importlib
@@ -86,12 +78,12 @@ EXPECTED = (
 
 @dataclass(frozen=True)
 class OwnMethod:
-    """Where a method is found, and what it was when the study began.
+    """A user's method: its name and a hash of its source.
 
     Attributes:
         name: `package.module:Class`.
-        source: Fingerprint of its module, so that kept cells of another version are
-            not taken.
+        source: SHA-256 of its module's source, so that kept cells of another version
+            are not used.
     """
 
     name: str
@@ -99,7 +91,7 @@ class OwnMethod:
 
     @classmethod
     def named(cls, name: str) -> "OwnMethod":
-        """Find a method.
+        """Return the method of a name, with its source's hash.
 
         Raises:
             Unusable: Where there is none, saying what is wrong and what is expected.
@@ -108,24 +100,24 @@ class OwnMethod:
         return cls(name, sha256(module.encode()).hexdigest())
 
     def load(self) -> Callable[[Arm], Method]:
-        """Return the class."""
+        """Import and return the class."""
         return _found(self.name)
 
     @property
     def title(self) -> str:
-        """What tables call it."""
+        """Its name in tables: the class' name."""
         return self.name.partition(":")[2]
 
 
 def checked(own: OwnMethod, arm: Arm, recording: Recording) -> None:
-    """Hold a method to the contract before hours are spent on it.
+    """Check that a method keeps to the contract, before the study runs.
 
     Raises:
         Unusable: With everything that would spoil the comparison.
     """
     try:
         method = own.load()(arm)
-    except Exception as error:  # whatever a stranger's class does when built
+    except Exception as error:  # anything that a user's class raises when built
         fault = f"building it from an arm raises {error!r}; {EXPECTED}"
         raise Unusable(f"--method {own.name!r}", [fault]) from error
     if found := faults(method, arm, recording):
@@ -138,7 +130,7 @@ def _found(name: str) -> type[Method]:
         raise Unusable(f"--method {name!r}", [f"it names no class; {EXPECTED}"])
     try:
         found = getattr(importlib.import_module(module), called, None)
-    except Exception as error:  # whatever a stranger's module does when imported
+    except Exception as error:  # anything that a user's module raises on import
         fault = f"{module!r} cannot be imported: {error!r}; {EXPECTED}"
         raise Unusable(f"--method {name!r}", [fault]) from error
     if not inspect.isclass(found):
@@ -155,7 +147,7 @@ def _found(name: str) -> type[Method]:
 
 @dataclass(frozen=True)
 class SpringsCell(Cell):
-    """What needs no network: springs, and a Gaussian process on what they leave."""
+    """Springs, and a Gaussian process on their residuals, on one split."""
 
     seed: int
     evaluations: int
@@ -198,7 +190,7 @@ class OwnCell(Cell):
 # --- FT-MLP ---------------------------------------------------------------------------
 
 EPOCH_SECONDS = 0.04
-"""Of fine-tuning the paper's network by eight plateaus of 121 poses; as measured."""
+"""Time of an epoch on eight plateaus of 121 poses, of the paper's network; measured."""
 
 
 @dataclass(frozen=True)
@@ -254,16 +246,16 @@ class PerceptronCell(Cell):
 
 
 def unfrozen(layers: tuple[int, ...]) -> str:
-    """Return how a table calls an unfreezing."""
+    """Return the name of an unfreezing in tables."""
     return "unfrozen " + "+".join(str(layer) for layer in layers)
 
 
 # --- DT-CNN ---------------------------------------------------------------------------
 
 STEP_SECONDS = 0.011
-"""Of one step of 256 rows; as measured."""
+"""Time of a step of 256 rows, in s; as measured."""
 DENSE, OUTPUT = 5, 6
-"""Layers of the convolutional network that its frozen variant corrects."""
+"""Layers of the convolutional network that its frozen variant fine-tunes."""
 
 
 @dataclass(frozen=True)

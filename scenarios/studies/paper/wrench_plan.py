@@ -1,10 +1,8 @@
 """What the wrench plan costs: errors under loads in other directions.
 
-Loads that pull where the experiment never did show what a wrench plan was worth.
-
-Errors under loads as in the experiment, and under others, as tables.
-
-Errors under loads as in the experiment, and under others.
+`pulled_elsewhere` loads fresh postures in directions that the experiment did not use;
+tables, figure and summary compare errors under these loads with those under loads as in
+the experiment, for networks pre-trained on each source plan.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,7 +30,7 @@ from stiffness.experiment.deflections import LoadCases
 # --- Loads in other directions --------------------------------------------------------
 
 APART = np.deg2rad(25.0)
-"""Least angle to any direction the experiment used, in rad; chosen."""
+"""Least angle to every direction that the experiment used, in rad; chosen."""
 TRIED = 10_000
 
 
@@ -106,8 +104,8 @@ def tidy(methods: Sequence[Contender], loads: Sequence[str]) -> list[dict[str, o
     """Return a row for every method, kind of loads and measure.
 
     Args:
-        methods: The second half of their fresh poses is loaded otherwise.
-        loads: What both kinds are called.
+        methods: The second half of their fresh poses has the other loads.
+        loads: Names of both kinds of loads.
     """
     rows = []
     for c in methods:
@@ -143,7 +141,7 @@ def report_table(rows: Sequence[dict]) -> tuple[list[str], list[list[str]]]:
 
 
 def finding(rows: Sequence[dict]) -> str:
-    """Say who errs least under either kind of loads, and what other loads cost."""
+    """Return the best method under each kind of loads, and the ratios of errors."""
     kinds = dict.fromkeys(r["loads"] for r in rows)
     mae = {
         load: {
@@ -176,10 +174,10 @@ def draw(
     """Draw MAE under both kinds of loads, and median errors against the angle.
 
     Args:
-        errors: Of each method, in mm; the second half of the poses is loaded otherwise.
+        errors: Errors of each method, in mm; the second half has the other loads.
         angle: To the nearest direction that the experiment used, in deg.
-        loads: What both kinds are called.
-        file: Where to.
+        loads: Names of both kinds of loads.
+        file: File of the picture.
     """
     n = len(angle) // 2
     picture = Picture(figsize=(10.5, 3.9), layout="constrained")
@@ -231,7 +229,7 @@ LOADS = ("as in the experiment", "in other directions")
 
 
 def explanation(table_5: Contender, springs: Contender) -> str:
-    """Say what was compared, and why Table 5 costs where it surely does."""
+    """Return what was compared, and why Table 5 costs where it surely does."""
     change = table_5.overall().change_from(springs.overall()).interval
     why = (
         ", and there a network that never saw the like extrapolates before a few poses "
@@ -275,9 +273,9 @@ def report_blocks(
     Args:
         rows: The tidy table.
         tuned: Networks, one for each of `PLANS`.
-        springs: What they are compared with.
-        poses: How many fresh postures judge.
-        seeds: Of each plan.
+        springs: The springs, with which they are compared.
+        poses: Number of fresh postures for evaluation.
+        seeds: Seeds of each plan.
     """
     each = [f"{', '.join(map(str, s))} ({plan} plan)" for plan, s in seeds.items()]
     return [
