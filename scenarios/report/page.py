@@ -28,7 +28,7 @@ class Heading:
 
 @dataclass(frozen=True)
 class Paragraph:
-    """Running text; no markup."""
+    """Running text, without markup."""
 
     text: str
     kind: str = "paragraph"

@@ -292,7 +292,7 @@ def _diagnosis_blueprint(finding: Result) -> rrb.Blueprint:
 
 
 def _round(value: float) -> float:
-    """Return the nearest of 1, 2 and 5 times a power of ten, from below."""
+    """Round down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(max(n for n in (1, 2, 5) if n * power <= value) * power)
 
