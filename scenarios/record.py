@@ -14,31 +14,20 @@ Takes:  4 s
 Expect: DIR with 1359 rows of 28 markers, which `python -m scenarios.check` finds whole
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
-from rich.console import Console
 
-from bench.effect_size import effect_sizes
-from bench.experiment import record
-from bench.shared.errors import collect
-from bench.shared.format import folder
-from bench.shared.plan import parse_path
-from bench.shared.recording import Recording
-from scenarios.pipelines.recording_limits import USUAL_LOADS, planned, refuse_unseen
-from scenarios.pipelines.synthetic_recording import (
-    KR10,
-    Watching,
-    bare_rig,
-    concealing_rig,
-    folder_beside,
-    truth_text,
-    written_with_truth,
-)
+from scenarios.pipelines.recording_limits import USUAL_LOADS
+from scenarios.pipelines.synthetic_recording import KR10, Watching
 from scenarios.report.command_line import at_least, run
-from scenarios.report.effects import catalogue_tables, sizes_table
+
+if TYPE_CHECKING:
+    from bench.shared.recording import Recording
 
 LOADS = tyro.conf.arg(metavar="KG,…", help_behavior_hint=f"(default: {USUAL_LOADS})")
 KUKA = tyro.conf.arg(help_behavior_hint="(default: the KR10 R1100-2)")
@@ -87,6 +76,23 @@ class Settings:
 
 def main(settings: Settings) -> Recording:
     """Record one experiment."""
+    from rich.console import Console
+
+    from bench.effect_size import effect_sizes
+    from bench.experiment import record
+    from bench.shared.errors import collect
+    from bench.shared.format import folder
+    from bench.shared.plan import parse_path
+    from scenarios.pipelines.recording_limits import planned, refuse_unseen
+    from scenarios.pipelines.synthetic_recording import (
+        bare_rig,
+        concealing_rig,
+        folder_beside,
+        truth_text,
+        written_with_truth,
+    )
+    from scenarios.report.effects import catalogue_tables, sizes_table
+
     s = settings
     if s.effects:
         Console().print(catalogue_tables(bare_rig(s.robot, s.hand).anatomy))
