@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from scenarios.pipelines.recording_limits import USUAL_LOADS
-from scenarios.pipelines.synthetic_recording import KR10, Watching
+from scenarios.pipelines.synthetic_recording import KR10, USUAL_LOADS, Watching
 from scenarios.report.command_line import at_least, run
 
 if TYPE_CHECKING:
@@ -83,38 +82,33 @@ def main(settings: Settings) -> Recording:
     from bench.shared.errors import collect
     from bench.shared.format import folder
     from bench.shared.plan import parse_path
-    from scenarios.pipelines.recording_limits import planned, refuse_unseen
-    from scenarios.pipelines.synthetic_recording import (
-        bare_rig,
-        concealing_rig,
-        folder_beside,
-        truth_text,
-        written_with_truth,
-    )
+    from scenarios.pipelines import synthetic_recording as synthetic
     from scenarios.report.effects import catalogue_tables, sizes_table
 
     s = settings
     if s.effects:
-        Console().print(catalogue_tables(bare_rig(s.robot, s.hand).anatomy))
+        Console().print(catalogue_tables(synthetic.bare_rig(s.robot, s.hand).anatomy))
         raise SystemExit(0)
     true = (s.effect, s.truth == "default", s.stiffness_scale, s.stiffness)
     out, rig, path, instruments, *_ = collect(
-        lambda: folder_beside(s.out, s.truth_file),
-        lambda: concealing_rig(s.robot, s.hand, *true),
+        lambda: synthetic.folder_beside(s.out, s.truth_file),
+        lambda: synthetic.concealing_rig(s.robot, s.hand, *true),
         lambda: None if s.path is None else parse_path(s.path),
         s.watch.instruments,
         lambda: at_least(0, seed=s.seed, revisits=s.revisits),
         lambda: at_least(1, poses=s.poses),
     )
-    plan, loads = planned(
+    plan, loads = synthetic.planned(
         rig, path, s.overload, s.poses, s.revisits, s.seed, s.widest_deg
     )
     with Console(stderr=True).status("recording"):
         sizes = tuple(effect_sizes(rig, plan, instruments, s.seed))
-        refuse_unseen(sizes[len(sizes) - len(s.effect) :], instruments, rig)
+        synthetic.refuse_unseen(sizes[len(sizes) - len(s.effect) :], instruments, rig)
         recording = record(rig, plan, instruments, s.seed, s.name)
-    truth = truth_text(rig, recording.name, s.seed, instruments)
-    written_with_truth(s.truth_file, truth, lambda: folder.write(out, recording))
+    truth = synthetic.truth_text(rig, recording.name, s.seed, instruments)
+    synthetic.written_with_truth(
+        s.truth_file, truth, lambda: folder.write(out, recording)
+    )
     rows, markers = len(recording.time), len(recording.markers)
     print(f"{out}: {rows} rows, {markers} markers.\n{loads}")
     if sizes:

@@ -14,7 +14,7 @@ from bench.effects.effect import Effect
 from bench.instruments import Instruments
 from bench.kinematic_chain import Anatomy
 from bench.shared.effect_catalogue import CATALOGUE
-from scenarios.pipelines.recording_limits import rms_noise
+from scenarios.pipelines.synthetic_recording import rms_noise
 
 # --- Effects that can be asked for ----------------------------------------------------
 
