@@ -45,49 +45,23 @@ def main(settings: Settings) -> Recording:
     """Import one experiment."""
     import numpy as np
 
-    from bench.shared.errors import Unusable
     from bench.shared.format import folder
-    from scenarios.pipelines.importing import log_files, ros_bag, spreadsheet
-    from scenarios.pipelines.importing.clocks import Lag, lag_text, stream_lags
-    from scenarios.pipelines.importing.mapping import contradictions, mapping_of
-    from scenarios.pipelines.importing.ros_bag import bag_as_csv
-    from scenarios.pipelines.importing.standstills import plateaus_of
-    from scenarios.pipelines.inputs import arm_of, facts_of, said_of_one_pose
+    from scenarios.pipelines.importing.clocks import lag_text
+    from scenarios.pipelines.importing.lab_files import imported
+    from scenarios.pipelines.inputs import said_of_one_pose
 
     s = settings
-    manifest, extras = mapping_of(s.mapping)
-    model = None if s.robot is None else facts_of(arm_of(s.robot))
-    in_bag = s.source.is_dir() or s.source.suffix.lower() in ros_bag.FILES
-    rows = str(manifest.get("rows"))
-    if faults := [*contradictions(extras, rows, in_bag)]:
-        raise Unusable(f"Mapping {str(s.mapping)!r}", faults)
-    names = (s.source.name, s.mapping.name)
-    lags: dict[str, Lag | None] = {}
-    told: list[str] = []
-    if extras.files:
-        recording, notes, told = log_files.recording_of(
-            s.source, manifest, extras, model, names
-        )
-    else:
-        if in_bag:
-            source, manifest, lags = bag_as_csv(s.source, manifest, extras, model)
-        else:
-            source = spreadsheet.source_of(s.source)
-        read = spreadsheet.recording_of(source, manifest, extras.targets, model, names)
-        recording, notes = read
-        if not lags and recording.rows == "stream":
-            lags = dict(stream_lags(recording))
-    if extras.rests:
-        recording = plateaus_of(recording, extras.rests)
+    read = imported(s.source, s.mapping, s.robot)
+    recording = read.recording
     folder.write(s.out, recording)
     rows, kind = len(recording.time), recording.rows
     poses = len(np.unique(recording.posture_id))
     print(f"{s.out}: {rows} rows ({kind}), {poses} poses.")
-    for line in told:
+    for line in read.told:
         print(line)
-    for name, lag in lags.items():
+    for name, lag in read.lags.items():
         print(f"Lag of {name} behind the axes: {lag_text(lag)}.")
-    for note in (*notes, *said_of_one_pose(recording)):
+    for note in (*read.notes, *said_of_one_pose(recording)):
         print(f"Note: {note}")
     return recording
 

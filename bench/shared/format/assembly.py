@@ -11,6 +11,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,15 @@ import pyarrow.csv as pa_csv
 from jaxtyping import Float, Int
 
 from bench.shared.errors import Unusable
-from bench.shared.format.columns import COORDINATES, DEGREE, MILLIMETRE, WRENCH, Layout
-from bench.shared.format.manifest import FILE, Manifest
+from bench.shared.format.columns import (
+    COORDINATES,
+    DEGREE,
+    MILLIMETRE,
+    WRENCH,
+    Layout,
+    spread_of,
+)
+from bench.shared.format.manifest import Manifest
 from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
 from bench.shared.quaternions import matrix_of, quaternion_of, unit_quaternion
 from bench.shared.recording import (
@@ -112,7 +120,7 @@ def _stages_of_visit(load: Float[np.ndarray, " rows"], step: float) -> list[str]
 
 def assemble(
     folder: str, manifest: Manifest, layout: Layout, values: Mapping[str, np.ndarray]
-) -> Recording:
+) -> tuple[Recording, list[str]]:
     """Build the recording of a folder whose columns have no faults.
 
     Args:
@@ -121,12 +129,18 @@ def assemble(
         layout: Which columns there are.
         values: The columns in SI.
 
+    Returns:
+        The recording, and what to note of how its rows were understood.
+
     Raises:
-        Unusable: Where readings have no stated accuracy.
+        Unusable: Where spreads of readings say nothing.
     """
     sensors, names = manifest.sensors, manifest.model_names
-    wrench = _stacked(values, WRENCH)
-    _refuse_unstated(manifest, wrench is not None)
+    wrench, notes = _wrench(values), []
+    if wrench is not None and WRENCH[3] not in values:
+        notes.append("no torque columns: the wrench is a pure force at its origin.")
+    tracker, said = _tracker(manifest, values)
+    notes += said
     pose = values["pose"].astype(np.int64)
     visit = values["visit"].astype(np.int64) if "visit" in values else visits_of(pose)
     mass = values.get("load_kg")
@@ -134,7 +148,7 @@ def assemble(
     axes = range(1, layout.axes + 1)
     ends = ["mm" if slides else "deg" for slides in layout.slides]
     points = [_stacked(values, [m + c for c in COORDINATES]) for m in manifest.markers]
-    return Recording(
+    recording = Recording(
         name=manifest.name or folder,
         time=values["time_s"],
         posture_id=pose,
@@ -162,7 +176,7 @@ def assemble(
         temperature=values.get("temperature_c"),
         frames=values["frames"].astype(np.int64) if "frames" in values else None,
         base_from_tracker=_base_from_tracker(manifest),
-        tracker=_tracker(manifest),
+        tracker=tracker,
         wrench_sensor=_wrench_sensor(manifest),
         encoder_repeatability=np.deg2rad(sensors.encoder.repeatability_deg).item()
         if sensors.encoder
@@ -175,16 +189,48 @@ def assemble(
         rows=manifest.rows,
         displacement=manifest.displacement,
     )
+    if not manifest.pulled:
+        return recording, notes
+    many = len(recording.time)
+    notes.append(f"{many} pulled poses, each with its unloaded reading of zero.")
+    return _with_zeros(recording), notes
 
 
-def _refuse_unstated(manifest: Manifest, has_wrench: bool) -> None:
-    faults = []
-    if manifest.markers and manifest.sensors.tracker is None:
-        faults.append(f"{FILE}: there are markers but no [sensors.tracker].")
-    if has_wrench and manifest.sensors.wrench is None:
-        faults.append(f"{FILE}: there is a wrench but no [sensors.wrench].")
-    if faults:
-        raise Unusable("Recording", faults)
+def _with_zeros(pulled: Recording) -> Recording:
+    """Put before each row the unloaded reading that is zero by definition.
+
+    Both rows have the time of the one that was read: when the rope was slack, nobody
+    said, and time may not run backwards.
+    """
+    rows = np.repeat(np.arange(len(pulled.time)), 2)
+    zero = np.arange(len(rows)) % 2 == 0
+    twice = pulled.take(rows)
+
+    def unloaded(values: np.ndarray | None) -> np.ndarray | None:
+        if values is None:
+            return None
+        values = values.copy()
+        values[zero] = np.where(np.isnan(values[zero]), np.nan, 0.0)
+        return values
+
+    return replace(
+        twice,
+        visit=rows,
+        load_time=twice.time,
+        stage=np.where(zero, UNLOADED, LOADED).astype("<U9"),
+        wrench=unloaded(twice.wrench),
+        load_mass=unloaded(twice.load_mass),
+        points=unloaded(twice.points),
+        displacement="relative",
+    )
+
+
+def _wrench(values: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Return the wrench, a pure force where no torque was read."""
+    force, torque = _stacked(values, WRENCH[:3]), _stacked(values, WRENCH[3:])
+    if force is None or torque is not None:
+        return _stacked(values, WRENCH)
+    return np.hstack([force, np.zeros_like(force)])
 
 
 def _stacked(values: Mapping[str, np.ndarray], names) -> np.ndarray | None:
@@ -235,13 +281,44 @@ def _markers(manifest: Manifest) -> tuple[Marker, ...]:
     )
 
 
-def _tracker(manifest: Manifest) -> TrackerSpec | None:
+def _tracker(
+    manifest: Manifest, values: Mapping[str, np.ndarray]
+) -> tuple[TrackerSpec | None, list[str]]:
+    """Return the tracker's noise: that of its readings, else what it states.
+
+    Raises:
+        Unusable: Where the readings' own spread is zero throughout.
+    """
     stated = manifest.sensors.tracker
-    if stated is None:
-        return None
+    volumetric = None if stated is None else stated.volumetric_mm
+    volumetric = None if volumetric is None else volumetric / 1e3
+    spreads = [
+        np.where(
+            np.isfinite(_stacked(values, [m + c for c in COORDINATES])),
+            _stacked(values, spread_of(m)),
+            np.nan,
+        )
+        for m in manifest.markers
+        if spread_of(m)[0] in values
+    ]
+    each = np.concatenate([*spreads, np.zeros((0, 3))])
+    if "frames" in values:  # the tracker's own noise is that of one frame
+        each *= np.sqrt(np.tile(values["frames"], len(spreads)))[:, None]
+    if spreads and np.isfinite(each).any(axis=0).all():
+        sigma = np.sqrt(np.nanmean(each**2, axis=0))
+        if not np.all(sigma > 0.0):
+            say = "the spreads of readings (`_std` columns) are all 0; leave them out"
+            raise Unusable("Recording", [f"{say}."])
+        shown = ", ".join(f"{1e3 * s:.4g}" for s in sigma)
+        note = f"noise of the tracker from the {len(spreads)} markers' own spreads: "
+        note += f"{shown} mm in x, y, z (root mean square, one for all rows)."
+        return TrackerSpec(sigma, volumetric), [note]
+    if stated is None or stated.repeatability_mm is None:
+        if spreads:
+            raise Unusable("Recording", ["the `_std` columns hold no number."])
+        return None, []
     sigma = np.broadcast_to(np.array(stated.repeatability_mm) / 1e3, 3).copy()
-    volumetric = stated.volumetric_mm
-    return TrackerSpec(sigma, None if volumetric is None else volumetric / 1e3)
+    return TrackerSpec(sigma, volumetric), []
 
 
 def _wrench_sensor(manifest: Manifest) -> WrenchSpec | None:
@@ -250,7 +327,7 @@ def _wrench_sensor(manifest: Manifest) -> WrenchSpec | None:
         return None
     return WrenchSpec(
         accuracy_force=stated.accuracy_n,
-        accuracy_torque=stated.accuracy_nm,
+        accuracy_torque=stated.accuracy_nm or 0.0,
         body=stated.body,
         position=np.array(stated.position_mm) / 1e3,
         quaternion_wxyz=unit_quaternion(np.array(stated.quaternion_wxyz)),

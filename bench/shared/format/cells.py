@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.compute
 from jaxtyping import Float
 
-from bench.shared.format.columns import COUNT, WORD, Held
+from bench.shared.format.columns import COUNT, WORD, Held, Unit
 from bench.shared.format.faults import Place, first_line, quoted
 from bench.shared.format.table import Cells
 
@@ -38,10 +38,10 @@ def all_values_of(
     """
     values, faults = {}, []
     for name, one in held.items():
-        if one.source in cells.columns:
-            column = cells.columns[one.source]
-            values[name], found = values_of(one, column, cells.location, mark)
+        if all(source in cells.columns for source in one.sources):
+            values[name], found = _value_of(one, cells, mark)
             faults += found
+    faults = list(dict.fromkeys(faults))  # a column may be read for two
     meant = "," if mark == "." else "."
     if not faults or not _any(held, cells, meant) or _any(held, cells, mark):
         return values, faults
@@ -50,10 +50,27 @@ def all_values_of(
     return values, [f"{cells.location.file}: its numbers have a decimal {say}", *faults]
 
 
+def _value_of(one: Held, cells: Cells, mark: str) -> tuple[np.ndarray, list[str]]:
+    """Turn one column of the format, which may be a sum of the file's, into SI."""
+    if not one.terms:
+        return values_of(one, cells.columns[one.source], cells.location, mark)
+    total, faults = None, []
+    for source, factor in one.terms:
+        term = Held(one.column, source, Unit())
+        numbers, found = values_of(term, cells.columns[source], cells.location, mark)
+        faults += found
+        if numbers.dtype.kind == "f":
+            total = factor * numbers if total is None else total + factor * numbers
+    if total is None:  # words; a fault of the mapping
+        return np.full(cells.rows, np.nan), faults
+    return one.unit.inward(total), faults
+
+
 def _any(held: Mapping[str, Held], cells: Cells, mark: str) -> bool:
     """Return whether any number has this decimal mark."""
     pattern = rf"^\s*[+-]?[0-9]*[{mark}][0-9]*([eE][+-]?[0-9]+)?\s*$"
-    sources = {h.source for h in held.values() if h.column.kind != WORD}
+    numbers = [h for h in held.values() if h.column.kind != WORD]
+    sources = {source for h in numbers for source in h.sources}
     columns = [cells.columns[s] for s in sources if s in cells.columns]
     texts = [c for c in columns if pa.types.is_string(c.type)]
     return any(
@@ -107,7 +124,10 @@ def values_of(
 
 
 def _blank(row: int) -> str:
-    return "blank; a blank is legal in marker and aK_link_deg columns alone."
+    return (
+        "blank; a blank is legal in marker and aK_link_deg columns alone. Rows like "
+        "this are left out and counted by skip_incomplete = true in [csv]."
+    )
 
 
 def _no_column(

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Float, Int
 
-from bench.shared.format.columns import WRENCH, Layout
+from bench.shared.format.columns import WRENCH, Layout, spread_of
 from bench.shared.format.faults import SHOWN, Place, nearest, quoted
 from bench.shared.format.manifest import (
     FILE,
@@ -24,6 +24,7 @@ from bench.shared.format.manifest import (
     MarkerEntry,
     Quaternion,
 )
+from bench.shared.format.table import ENCODINGS, is_encoding, is_separator
 from bench.shared.models import ModelFacts
 from bench.shared.recording import STAGES, Recording
 
@@ -101,11 +102,19 @@ def faults_of(
 
 
 def csv_faults(manifest: Manifest) -> list[str]:
-    """Name what is wrong with the separator and the decimal mark."""
-    separator, mark, faults = manifest.csv.separator, manifest.csv.mark, []
-    if len(separator) != 1 or not separator.isascii() or separator in '\r\n"\0':
+    """Name what is wrong with how the file is said to be written."""
+    about, mark, faults = manifest.csv, manifest.csv.mark, []
+    separator, lines = about.separator, about.skip_rows
+    if not is_separator(separator):
         say = "one plain character separates cells, such as ',' or ';'"
         faults.append(f"{FILE}, csv.separator: {quoted(separator)}; {say}.")
+    if not is_encoding(about.encoding):
+        known = ", ".join(ENCODINGS)
+        say = f"{quoted(about.encoding)} is not one of: {known}."
+        faults.append(f"{FILE}, csv.encoding: {say}")
+    if lines < 0 if isinstance(lines, int) else any(n < 1 for n in lines):
+        say = "say how many rows below the header, or which lines, counted from 1"
+        faults.append(f"{FILE}, csv.skip_rows: {say}.")
     if mark not in (".", ","):
         faults.append(f"{FILE}, csv.decimal: {quoted(mark)} is not '.' or ','.")
     if separator == mark:
@@ -117,10 +126,50 @@ def csv_faults(manifest: Manifest) -> list[str]:
     return faults
 
 
+def faults_of_rules(manifest: Manifest, layout: Layout) -> list[str]:
+    """Name what a manifest lacks, or says twice, for the columns that are there.
+
+    Args:
+        manifest: What was measured, with what.
+        layout: Which columns there are.
+    """
+    faults, sensors = [], manifest.sensors
+    there = {*layout.held, *manifest.columns}
+    spreads = [m for m in manifest.markers if spread_of(m)[0] in there]
+    forces = [name in there for name in WRENCH]
+    if manifest.markers and sensors.tracker is None and not spreads:
+        faults.append(f"{FILE}: there are markers but no [sensors.tracker].")
+    if any(forces) and sensors.wrench is None:
+        faults.append(f"{FILE}: there is a wrench but no [sensors.wrench].")
+    if sensors.tracker and sensors.tracker.repeatability_mm is None and not spreads:
+        faults.append(f"{FILE}, sensors.tracker.repeatability_mm: missing.")
+    if sensors.wrench and sensors.wrench.accuracy_nm is None and any(forces[3:]):
+        faults.append(f"{FILE}, sensors.wrench.accuracy_nm: missing.")
+    if manifest.pulled:
+        if manifest.rows == "stream":
+            say = 'each row is a pulled pose at rest; rows = "plateaus"'
+            faults.append(f"{FILE}, pulled: {say}.")
+        double = [n for n in ("visit", "stage", "load_time_s") if n in layout.held]
+        double += [n for n in layout.held if n.endswith("_link_deg")]
+        if double:
+            say = "each row is a pulled pose, a visit of its own, seen by markers"
+            columns = ", ".join(map(repr, double))
+            faults.append(f"{FILE}, pulled: {say}; leave out {columns}.")
+        if not manifest.markers:
+            faults.append(f"{FILE}, pulled: there are no markers that were pulled.")
+    elif manifest.number_rows and manifest.displacement == "relative":
+        say = (
+            "each row is a pose of one reading, and relative displacements need two; "
+            "where the unloaded reading is zero by definition, say pulled = true"
+        )
+        faults.append(f"{FILE}, number_rows: {say}.")
+    return faults
+
+
 def _tracker_faults(manifest: Manifest) -> list[str]:
     tracker = manifest.sensors.tracker
     stated = tracker.repeatability_mm if tracker else 1.0
-    if all(0.0 < s <= MAX_NUMBER for s in np.ravel(stated)):
+    if stated is None or all(0.0 < s <= MAX_NUMBER for s in np.ravel(stated)):
         return []
     place = f"{FILE}, sensors.tracker.repeatability_mm"
     say = f"a standard deviation is above 0 and at most {MAX_NUMBER:g}"
@@ -181,6 +230,9 @@ SLIDE_BEYOND_LIMIT = 1e-3
 """The same for a slide, in m (chosen: the format speaks of angles alone)."""
 
 
+SPREAD = re.compile(r"_std_[xyz]_mm$")
+
+
 def faults_in(
     values: Mapping[str, np.ndarray],
     layout: Layout,
@@ -234,6 +286,10 @@ def faults_in(
                 name, column < least, lambda r, c=column, s=say: s.format(c[r])
             )
     faults += _too_strong(values, at)
+    for name in (n for n in values if SPREAD.search(n)):
+        column = 1e3 * values[name]
+        say = "a spread of {:g} mm; one sigma is not below 0."
+        faults += at(name, column < 0.0, lambda r, c=column, s=say: s.format(c[r]))
     for name, held in layout.held.items():
         if (
             name in values
@@ -258,14 +314,14 @@ At = Callable[[str, np.ndarray, Callable[[int], str]], list[str]]
 
 
 def _too_strong(values: Mapping[str, np.ndarray], at: At) -> list[str]:
-    if not all(name in values for name in WRENCH):
-        return []
     faults = []
     kinds = (
         (WRENCH[:3], MAX_FORCE, "a force", "20 kN"),
         (WRENCH[3:], MAX_TORQUE, "a torque", "5 kNm"),
     )
     for names, limit, kind, shown in kinds:
+        if not all(name in values for name in names):
+            continue
         vectors = np.stack([values[name] for name in names], axis=1)
         sizes = np.linalg.norm(np.nan_to_num(vectors), axis=1)
         largest = np.argmax(np.abs(np.nan_to_num(vectors)), axis=1)

@@ -20,8 +20,8 @@ from math import pi
 import numpy as np
 from jaxtyping import Float
 
-from bench.shared.format.faults import nearest, quoted
-from bench.shared.format.manifest import FILE, Manifest, Source
+from bench.shared.format.faults import nearest, nearest_of, quoted
+from bench.shared.format.manifest import FILE, UNCLEAR, Manifest, Source
 
 # --- Columns --------------------------------------------------------------------------
 
@@ -114,6 +114,7 @@ _FIXED = {
     **dict.fromkeys(WRENCH[:3], "force"),
     **dict.fromkeys(WRENCH[3:], "torque"),
 }
+_SPREAD = re.compile(r"(.+)_std(_[xyz]_mm)")
 _AXIS = re.compile(r"a([1-9][0-9]?)_(deg|mm|link_deg|tau_nm)")
 _AXIS_KIND = {
     "deg": "angle",
@@ -156,12 +157,20 @@ def column_of(name: str, markers: Collection[str]) -> Column | None:
         return Column(name, kind, match[2] == "link_deg", int(match[1]))
     if name.endswith(COORDINATES) and name[:-5] in markers:
         return Column(name, "length", may_be_blank=True)
+    if (match := _SPREAD.fullmatch(name)) and match[1] in markers:
+        return Column(name, "length", may_be_blank=True)
     return None
 
 
 def is_stray_marker(name: str, markers: Collection[str]) -> bool:
     """Tell whether a column claims to be of a marker that the manifest lacks."""
-    return name.endswith(COORDINATES[0]) and name[:-5] not in markers
+    stray = name.endswith(COORDINATES[0]) and name[:-5] not in markers
+    return stray and column_of(name, markers) is None
+
+
+def spread_of(marker: str) -> tuple[str, ...]:
+    """Return the columns that hold the spread of a marker's readings, 1 sigma."""
+    return tuple(f"{marker}_std{c}" for c in COORDINATES)
 
 
 # --- Layout of a file -----------------------------------------------------------------
@@ -175,13 +184,23 @@ class Held:
 
     Attributes:
         column: What the format says of it.
-        source: Its name in the file.
+        source: Its name in the file; of a sum, how it is made up.
         unit: Its unit in the file.
+        terms: The file's columns that are added, each with its factor; empty: the
+            source as it stands.
+        doubtful: Whether its entry has a fault, so that no reading can be judged.
     """
 
     column: Column
     source: str
     unit: Unit
+    terms: tuple[tuple[str, float], ...] = ()
+    doubtful: bool = False
+
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """The columns of the file that it is made of."""
+        return tuple(name for name, _ in self.terms) or (self.source,)
 
 
 @dataclass(frozen=True)
@@ -215,11 +234,14 @@ def layout_of(
         axes: How many axes there must be; None where nothing says.
     """
     held, faults = _mapped(header, manifest, file)
-    read = {h.source for h in held.values()}
+    read = {source for h in held.values() for source in h.sources}
+    made = made_by_rule(manifest)
+    unclear = {n for n, entry in manifest.columns.items() if entry is UNCLEAR}
+    strays = {n for n in manifest.columns if is_stray_marker(n, manifest.markers)}
     for name in header:
         column = column_of(name, manifest.markers)
         if column and name not in held:
-            if name not in manifest.columns:
+            if name not in {*manifest.columns, *made}:
                 held[name] = Held(column, name, column.unit())
         elif column and held[name].source != name and name not in read:
             faults.append(
@@ -228,15 +250,18 @@ def layout_of(
             )
         elif is_stray_marker(name, manifest.markers) and name not in read:
             faults.append(_stray(f"{file}, column {name!r}", name, manifest))
+            strays.add(name)
     numbers = {h.column.axis for h in held.values()} - {0}
+    numbers |= {c.axis for n in unclear if (c := column_of(n, ()))} - {0}
     count = max(numbers, default=0) if axes is None else axes
     unread = [n for n in header if n not in held and n not in read]
-    faults += _missing(held, manifest, file, max(count, 1), unread)
+    there = {*held, *made, *unclear, *_meant_by_strays(strays, manifest)}
+    faults += _missing(there, manifest, file, max(count, 1), unread)
     if extra := sorted(n for n in numbers if n > count):
         faults.append(
             f"{file}: columns for a{extra[0]} and up, but there are {count} axes."
         )
-    slides = tuple(f"a{k}_mm" in held for k in range(1, count + 1))
+    slides = tuple(f"a{k}_mm" in there for k in range(1, count + 1))
     faults += [
         f"{file}: 'a{k}_link_deg' is an angle, but a{k} slides."
         for k in np.flatnonzero(slides) + 1
@@ -246,37 +271,115 @@ def layout_of(
     return Layout(held, count, slides, unknown, tuple(faults))
 
 
+def made_by_rule(manifest: Manifest) -> tuple[str, ...]:
+    """Return the columns that a rule of rows makes, so that the file need not."""
+    rules = {"pose": manifest.number_rows, "time_s": manifest.interval_s is not None}
+    return tuple(name for name, holds in rules.items() if holds)
+
+
+def _meant_by_strays(strays: Collection[str], manifest: Manifest) -> set[str]:
+    """Return columns of markers that stand there under a marker's misspelt name."""
+    names = {n[:-5] for n in strays}
+    meant = {nearest_of(n, list(manifest.markers)) for n in names} - {None}
+    return {f"{marker}{c}" for marker in meant for c in COORDINATES}
+
+
 def _mapped(
     header: Sequence[str], manifest: Manifest, file: str
 ) -> tuple[dict[str, Held], list[str]]:
     held: dict[str, Held] = {}
     faults: list[str] = []
-    for name, entry in manifest.columns.items():
-        place = f"{FILE}, columns.{name}"
+    for said, entry in manifest.columns.items():
+        name, place = said, f"{FILE}, columns.{said}"
         source = Source(from_=entry) if isinstance(entry, str) else entry
+        if source is UNCLEAR:
+            continue
         column = column_of(name, manifest.markers)
         if column is None:
             if is_stray_marker(name, manifest.markers):
                 faults.append(_stray(place, name, manifest))
-            else:
-                known = expected(6, manifest.markers)
-                faults.append(
-                    f"{place}: the format has no such column.{nearest(name, known)}"
-                )
-            continue
-        unit = source.unit
+                continue
+            known = expected(6, manifest.markers)
+            faults.append(
+                f"{place}: the format has no such column.{nearest(name, known)}"
+            )
+            name = _meant(name, header, manifest)
+            if not name or not (column := column_of(name, manifest.markers)):
+                continue
+        if name in made_by_rule(manifest):
+            rule = "number_rows" if name == "pose" else "interval_s"
+            faults.append(f"{place}: {rule} makes it already; keep one of the two.")
+        unit, before = source.unit, len(faults)
         allowed = () if column.kind in (COUNT, WORD) else tuple(UNITS[column.kind])
         if unit is not None and unit not in allowed:
             kinds = ", ".join(allowed) or "none, it has no unit"
             faults.append(f"{place}: unit {quoted(unit)} is not one of: {kinds}.")
             unit = None
-        held[name] = Held(column, source.from_ or name, column.unit(unit))
-        if held[name].source not in header:
-            faults.append(
-                f"{file}: column {held[name].source!r} is missing, which "
-                f"{place} asks for.{nearest(held[name].source, header)}"
-            )
+        terms, fault = _terms(source, column)
+        faults += [f"{place}: {fault}"] if fault else []
+        shown = _formula(terms) if terms else source.from_ or name
+        doubtful = len(faults) > before
+        held[name] = Held(column, str(shown), column.unit(unit), terms, doubtful)
+        faults += [
+            f"{file}: column {one!r} is missing, which "
+            f"{place} asks for.{nearest(one, header)}"
+            for one in held[name].sources
+            if one not in header
+        ]
     return held, faults
+
+
+def _meant(name: str, header: Sequence[str], manifest: Manifest) -> str:
+    """Return the column that a misspelt entry is for; empty where none is missing."""
+    free = [
+        n
+        for n in expected(6, manifest.markers)
+        if n not in manifest.columns and n not in header
+    ]
+    return nearest_of(name, free) or ""
+
+
+def _terms(source: Source, column: Column) -> tuple[tuple[tuple[str, float], ...], str]:
+    """Return what a column is the sum of, and what is wrong with that."""
+    names = source.from_
+    if source.factor is None and source.sum is None and not isinstance(names, tuple):
+        return (), ""
+    if isinstance(names, str):
+        names = (names,)
+    names, factors = names or (column.name,), source.sum
+    fault = ""
+    if len(names) > 1 and source.factor is not None:
+        fault = "give the factors of several columns in sum, one for each."
+    elif source.sum is not None and source.factor is not None:
+        fault = "give factor or sum, not both."
+    elif source.factor is not None:
+        factors = (source.factor,)
+    if not fault and (factors is None or len(factors) != len(names)):
+        ones = ", ".join(["1"] * len(names))
+        fault = f"sum needs one factor for each column, as in sum = [{ones}]."
+    elif not fault and not all(factors or ()):
+        fault = "a factor is 0; leave the column out."
+    elif not fault and column.kind in (COUNT, WORD):
+        fault = "it counts or names; it has no factor and is no sum."
+    if fault or factors is None:
+        factors = (1.0,) * len(names)
+    return tuple(zip(names, factors, strict=True)), fault
+
+
+def _formula(terms: Sequence[tuple[str, float]]) -> str:
+    """Write a sum as a person would."""
+    shown = ""
+    for name, factor in terms:
+        size = "" if abs(factor) == 1.0 else f"{abs(factor):g} * "
+        sign = "-" if factor < 0 else "+"
+        shown += f" {sign} {size}{name}"
+    return shown.removeprefix(" + ").lstrip()
+
+
+_INSTEAD_OF = {
+    "time_s": " Rows at even times need none: interval_s = N, in s.",
+    "pose": " Where each row is a pose of its own: number_rows = true.",
+}
 
 
 def _missing(
@@ -293,10 +396,15 @@ def _missing(
         if slide not in held:
             needed.append(turn)
     if any(name in held for name in WRENCH):
-        needed += WRENCH
+        torque = any(name in held for name in WRENCH[3:])
+        needed += WRENCH if torque else WRENCH[:3]  # else a pure force
     needed += [m + suffix for m in manifest.markers for suffix in COORDINATES]
+    for marker in manifest.markers:
+        if any(name in held for name in spread_of(marker)):
+            needed += spread_of(marker)
     return faults + [
         f"{file}: column {name!r} is missing.{nearest(name, unread)}"
+        f"{_INSTEAD_OF.get(name, '')}"
         for name in needed
         if name not in held
     ]
@@ -308,7 +416,8 @@ def expected(axes: int, markers: Collection[str]) -> list[str]:
     each = [f"a{k}_{end}" for k in range(1, axes + 1) for end in ends]
     others = ["visit", "stage", "load_time_s", "load_kg", "temperature_c", "frames"]
     points = [m + suffix for m in markers for suffix in COORDINATES]
-    return [*ALWAYS, *others, *each, *WRENCH, *points]
+    spreads = [name for m in markers for name in spread_of(m)]
+    return [*ALWAYS, *others, *each, *WRENCH, *points, *spreads]
 
 
 def _stray(place: str, name: str, manifest: Manifest) -> str:

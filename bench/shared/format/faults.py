@@ -25,19 +25,29 @@ class Place:
 
     Attributes:
         file: Its name.
-        has_lines: Whether a row is also a line of text, below one line of header.
+        has_lines: Whether a row is also a line of text, below a line of header.
         unread: Rows of the file that are not in the table, ascending, from zero.
+        above: Lines above the header.
+        twice: Whether each row of the file stands twice in the table.
     """
 
     file: str
     has_lines: bool
     unread: tuple[int, ...] = ()
+    above: int = 0
+    twice: bool = False
 
     def row(self, index: int) -> str:
-        """Name a row as a spreadsheet numbers it, the header being line 1."""
+        """Name a row as a spreadsheet numbers it, its first line being line 1."""
+        index //= 2 if self.twice else 1
         row = index + bisect_right([u - i for i, u in enumerate(self.unread)], index)
-        where = line_of(row) if self.has_lines else f"row {row + 1}"
+        where = line_of(row, self.above) if self.has_lines else f"row {row + 1}"
         return f"{self.file}, {where}"
+
+    def rows(self, count: int) -> np.ndarray:
+        """Return which rows of the file so many rows of the table are, from zero."""
+        every = np.arange(count + len(self.unread))
+        return every[~np.isin(every, self.unread)]
 
     def at(
         self, column: str, rows: Iterable[int] | np.ndarray, say: Callable[[int], str]
@@ -60,10 +70,10 @@ class Place:
         return faults
 
 
-def line_of(row: int) -> str:
-    """Name the line of a row, counted from zero below one line of header: line 1."""
+def line_of(row: int, above: int = 0) -> str:
+    """Name the line of a row, counted from zero below the header's line."""
     below = f" (row {row + 1} below the header)" if row >= 0 else ""
-    return f"line {row + 2}{below}"
+    return f"line {row + 2 + above}{below}"
 
 
 def quoted(text: object) -> str:
@@ -77,11 +87,17 @@ def visible(text: str) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
-def nearest(name: str, known: Sequence[str]) -> str:
-    """Ask whether the nearest known name was meant; empty where none is near."""
+def nearest_of(name: str, known: Sequence[str]) -> str | None:
+    """Return the known name that was probably meant; None where none is near."""
     folded = {k.casefold(): k for k in known}
     guess = get_close_matches(name.casefold(), folded, n=1, cutoff=0.7)
-    return f" Did you mean {folded[guess[0]]!r}?" if guess else ""
+    return folded[guess[0]] if guess else None
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Ask whether the nearest known name was meant; empty where none is near."""
+    guess = nearest_of(name, known)
+    return f" Did you mean {guess!r}?" if guess else ""
 
 
 # --- Sections -------------------------------------------------------------------------

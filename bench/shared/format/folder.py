@@ -10,23 +10,33 @@ does not; `write` leaves a whole recording or none.
 
 import os
 import stat
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 import pyarrow as pa
+from jaxtyping import Int
 
 from bench.shared.errors import Unusable
 from bench.shared.format.assembly import assemble, manifest_text, samples_table
 from bench.shared.format.cells import all_values_of
-from bench.shared.format.checks import csv_faults, faults_in, faults_of, joints_of
-from bench.shared.format.columns import Layout, layout_of
-from bench.shared.format.faults import quoted
-from bench.shared.format.manifest import FILE, Manifest, parse
+from bench.shared.format.checks import (
+    faults_in,
+    faults_of,
+    faults_of_rules,
+    joints_of,
+)
+from bench.shared.format.columns import Layout, expected, layout_of
+from bench.shared.format.faults import SHOWN, Place, quoted
+from bench.shared.format.manifest import FILE, Csv, Manifest, parse
+from bench.shared.format.readings import readings_of
 from bench.shared.format.table import (
     CSV_FILE,
     MAX_BYTES,
     PARQUET_FILE,
+    Cells,
     Header,
     open_csv,
     open_parquet,
@@ -42,41 +52,82 @@ MAX_LINE = 2_000
 """Longest line of it (chosen: a dotted key costs its length squared to read)."""
 
 
-def faults_or_recording(
-    folder: Path, model: ModelFacts | None
-) -> tuple[Recording | None, list[str], list[str]]:
-    """Read a recording as far as it goes.
+LEFT_ALONE = "left alone."
+"""How a note ends on a column that nothing reads."""
 
-    Returns:
-        The recording, None where there are faults; notes; and the faults.
+
+@dataclass(frozen=True)
+class FolderRead:
+    """A folder as far as it can be read.
+
+    Attributes:
+        recording: None where there are faults.
+        notes: What was seen, one for each column that was left alone.
+        faults: What is wrong, all of it.
+        location: Where the recording's rows are in the file.
+        rows: Which rows of the file they are, from 0 below the header; of pulled poses
+            each stands twice.
     """
+
+    recording: Recording | None
+    notes: Sequence[str]
+    faults: Sequence[str]
+    location: Place = field(default_factory=lambda: Place(CSV_FILE, True))
+    rows: Int[np.ndarray, " rows"] = field(
+        default_factory=lambda: np.zeros(0, dtype=int)
+    )
+
+
+def read_as_far_as_possible(folder: Path, model: ModelFacts | None) -> FolderRead:
+    """Read a recording, going on after each fault."""
     if not folder.is_dir():
-        return None, [], ["there is no such folder."]
+        return FolderRead(None, [], ["there is no such folder."])
     manifest, faults = _manifest(folder)
     header, found = _header(folder, manifest)
     faults += found
     if manifest is None:
-        return None, [], faults
+        return FolderRead(None, [], faults)
     joints, found = joints_of(manifest, model)
     faults += found
     axes = len(manifest.model_names.axes or joints or ()) or None
     if header is None:
-        return None, [], faults + faults_of(manifest, axes, model)
+        return FolderRead(None, [], faults + faults_of(manifest, axes, model))
     layout = layout_of(header.names, manifest, header.location.file, axes)
     faults += faults_of(manifest, layout.axes or None, model)
     faults += layout.faults
-    notes = [
-        f"{header.location.file}: column {n!r} left alone." for n in layout.unknown
-    ]
+    faults += faults_of_rules(manifest, layout)
+    file = header.location.file
+    notes = [f"{file}: column {n!r} {LEFT_ALONE}" for n in layout.unknown]
     known = (model, joints) if model is not None and joints is not None else None
-    values, found = _values(header, layout, manifest, known)
+    values, cells, more, found = _values(header, layout, manifest, known)
     faults += found
     if faults:
-        return None, notes, faults
+        return FolderRead(None, notes, faults)
     try:
-        return assemble(folder.name, manifest, layout, values), notes, []
+        recording, said = assemble(folder.name, manifest, layout, values)
     except Unusable as error:
-        return None, notes, list(error.faults)
+        return FolderRead(None, notes, error.faults)
+    rows = np.repeat(cells.location.rows(cells.rows), 2 if manifest.pulled else 1)
+    location = replace(cells.location, twice=manifest.pulled)
+    return FolderRead(recording, [*notes, *more, *said], [], location, rows)
+
+
+def counted(notes: Sequence[str]) -> tuple[str, ...]:
+    """Say once how many columns of a file were left alone, whatever else is noted."""
+    files: dict[str, list[str]] = {}
+    for note in notes:
+        if note.endswith(LEFT_ALONE):
+            file, _, rest = note.partition(": column ")
+            files.setdefault(file, []).append(rest.removesuffix(f" {LEFT_ALONE}"))
+    said = []
+    for file, names in files.items():
+        if len(names) == 1:
+            said.append(f"{file}: column {names[0]} {LEFT_ALONE}")
+            continue
+        shown = ", ".join(names[:SHOWN])
+        more = f" and {len(names) - SHOWN} more" if len(names) > SHOWN else ""
+        said.append(f"{file}: {len(names)} columns left alone: {shown}{more}.")
+    return (*said, *(n for n in notes if not n.endswith(LEFT_ALONE)))
 
 
 def _manifest(folder: Path) -> tuple[Manifest | None, list[str]]:
@@ -108,8 +159,14 @@ def _header(folder: Path, manifest: Manifest | None) -> tuple[Header | None, lis
         return None, [f"{there[0]} is empty."]
     if there[0] == PARQUET_FILE:
         return open_parquet(source)
-    usable = manifest is not None and not csv_faults(manifest)
-    return open_csv(source, manifest.csv.separator if manifest and usable else ",")
+    about, wanted = Csv(), set()
+    if manifest is not None:
+        about = manifest.csv
+        wanted = {*expected(12, manifest.markers)}
+        for name, entry in manifest.columns.items():
+            names = entry if isinstance(entry, str) else entry.from_ or name
+            wanted |= {names} if isinstance(names, str) else {*names}
+    return open_csv(source, about, wanted)
 
 
 def _values(
@@ -117,19 +174,31 @@ def _values(
     layout: Layout,
     manifest: Manifest,
     model: tuple[ModelFacts, tuple[int, ...]] | None,
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Read every column that is there, and say what is wrong in its rows."""
-    wanted = {held.source for held in layout.held.values()} & set(header.names)
-    cells = header.read(wanted)
-    values, found = all_values_of(layout.held, cells, manifest.csv.mark)
-    faults = [*cells.faults, *found]
+) -> tuple[dict[str, np.ndarray], Cells, list[str], list[str]]:
+    """Read every column that is there; what to note; and what is wrong in its rows."""
+    wanted = {source for held in layout.held.values() for source in held.sources}
+    cells = header.read(wanted & set(header.names))
+    mark = manifest.csv.mark
+    cells, rows, notes, faults = readings_of(header, cells, layout, manifest.csv)
+    values, found = all_values_of(layout.held, cells, mark)
+    faults = [*cells.faults, *faults, *found]
     if values and not any(len(column) for column in values.values()):
-        return {}, [*faults, f"{header.location.file}: there are no rows."]
-    relative = manifest.displacement == "relative"
+        none = f"{header.location.file}: there are no rows."
+        return {}, cells, notes, [*faults, none]
+    if manifest.number_rows:
+        values["pose"] = rows + 1.0
+    if manifest.interval_s is not None:
+        values["time_s"] = rows * manifest.interval_s
+    judged = {
+        n: v
+        for n, v in values.items()
+        if n not in layout.held or not layout.held[n].doubtful
+    }
+    alone = manifest.pulled or manifest.number_rows
+    relative = manifest.displacement == "relative" and not alone
     plateaus = manifest.rows == "plateaus"
-    return values, faults + faults_in(
-        values, layout, cells.location, relative, plateaus, model
-    )
+    faults += faults_in(judged, layout, cells.location, relative, plateaus, model)
+    return values, cells, notes, faults
 
 
 def _bytes(folder: Path, file: str, most: int) -> tuple[bytes | None, list[str]]:
@@ -172,13 +241,14 @@ def read(
         Unusable: With every fault, each with file, row and column.
     """
     folder = Path(folder)
-    recording, notes, faults = faults_or_recording(folder, model)
+    found = read_as_far_as_possible(folder, model)
+    recording, notes, faults = found.recording, found.notes, list(found.faults)
     if recording is None or faults:
         if len(faults) > MAX_FAULTS:
             more = len(faults) - MAX_FAULTS
             faults = [*faults[:MAX_FAULTS], f"and {more} more faults."]
         raise Unusable(f"Recording {str(folder)!r}", faults)
-    return recording, tuple(notes)
+    return recording, counted(notes)
 
 
 def write(folder: Path | str, recording: Recording) -> None:

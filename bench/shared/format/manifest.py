@@ -9,12 +9,21 @@ import math
 import tomllib
 from collections.abc import Mapping
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import msgspec
 from msgspec import UNSET, Struct, UnsetType, field
 
-from bench.shared.format.faults import first_line, nearest, quoted
+from bench.shared.format.faults import first_line, nearest, nearest_of, quoted
 
 # --- Sections -------------------------------------------------------------------------
 
@@ -29,19 +38,20 @@ def fill(kind: Any, value: Any, where: str) -> tuple[Any, list[str]]:
 
     Returns:
         The value, None where it cannot be built, and the faults. A key that nothing
-        knows is a fault and is left out, so that the rest can still be checked.
+        knows is a fault and is read as the nearest one that is not there; what cannot
+        be meant is a fault and left at its default, or at the section's placeholder.
+        So the rest can still be checked, and a misspelt key is one fault.
     """
-    choices = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
-    section = next((c for c in choices if _is_section(c)), None)
+    section = next((c for c in _choices(kind) if _is_section(c)), None)
     if isinstance(value, Mapping) and section:
         return _fill_section(section, value, where)
     if isinstance(value, Mapping) and get_origin(kind) is dict:
         item = get_args(kind)[1]
         filled = {k: fill(item, v, _join(where, k)) for k, v in value.items()}
         faults = [fault for _, found in filled.values() for fault in found]
-        if any(v is None and found for v, found in filled.values()):
-            return None, faults
-        return {k: v for k, (v, _) in filled.items()}, faults
+        instead = next((INSTEAD[c] for c in _choices(item) if c in INSTEAD), None)
+        kept = {k: v if v is not None else instead for k, (v, _) in filled.items()}
+        return {k: v for k, v in kept.items() if v is not None}, faults
     numbers = value if isinstance(value, list) else [value]
     if any(isinstance(n, float) and not math.isfinite(n) for n in numbers):
         return None, [f"{where}: {quoted(value)} is not a finite number."]
@@ -57,23 +67,42 @@ def _fill_section(
 ) -> tuple[Struct | None, list[str]]:
     fields = {f.encode_name: f for f in msgspec.structs.fields(kind)}
     types = get_type_hints(kind, include_extras=True)
-    faults = [
-        f"{_join(where, key)}: nothing is called so.{nearest(key, list(fields))} "
-        f"Known here: {', '.join(fields)}."
-        for key in table
-        if key not in fields
-    ]
-    values, whole = {}, True
-    for key, known in fields.items():
-        if key in table:
+    faults, said = [], {key: key for key in table if key in fields}
+    for key in table:
+        if key not in fields:
+            meant = nearest_of(key, [name for name in fields if name not in said])
+            faults.append(
+                f"{_join(where, key)}: nothing is called so."
+                f"{nearest(key, [meant] if meant else list(fields))} "
+                f"Known here: {', '.join(fields)}."
+            )
+            if meant:
+                said[meant] = key
+    stand_ins = getattr(kind, "PLACEHOLDERS", {})
+    strict = getattr(kind, "STRICT", False)
+    values, whole = {}, len(said) == len(table) or not strict
+    for name, known in fields.items():
+        filled, found = None, []
+        if name in said:
+            key = said[name]
             filled, found = fill(types[known.name], table[key], _join(where, key))
-            values[known.name] = filled
-            faults += found
-            whole = whole and not (filled is None and found)
+            if key == name or isinstance(filled, Struct):
+                faults += found  # whether a word for another one fits, nobody asked
         elif known.required:
-            faults.append(f"{_join(where, key)}: missing.")
+            faults.append(f"{_join(where, name)}: missing.")
+        if name in said and not (filled is None and found):
+            values[known.name] = filled
+        elif name in said and strict:
+            whole = False
+        elif name in stand_ins:
+            values[known.name] = stand_ins[name]
+        elif known.required:
             whole = False
     return (kind(**values) if whole else None), faults
+
+
+def _choices(kind: Any) -> tuple[Any, ...]:
+    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
 
 
 def _is_section(kind: Any) -> bool:
@@ -97,24 +126,30 @@ Quaternion = tuple[float, float, float, float]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=MAX_NUMBER)]
 
 
+Placeholders = ClassVar[Mapping[str, Any]]
+"""What stands for entries that are required and at fault, so that a section stays."""
+
+
 class Entry(Struct, frozen=True, forbid_unknown_fields=True):
     """A section of the manifest; what it does not know is a fault."""
 
 
 class Tracker(Entry, frozen=True):
-    """`[sensors.tracker]`."""
+    """`[sensors.tracker]`; without a repeatability where each reading has its own."""
 
-    repeatability_mm: float | tuple[float, float, float]
+    PLACEHOLDERS: Placeholders = {"repeatability_mm": 1.0}
+    repeatability_mm: float | tuple[float, float, float] | None = None
     # its size is checked in `agreement`: msgspec 0.22 aborts on a union of a bounded
     # float and a tuple
     volumetric_mm: NotNegative | None = None
 
 
 class Wrench(Entry, frozen=True):
-    """`[sensors.wrench]`."""
+    """`[sensors.wrench]`; without `accuracy_nm` where no torque is read."""
 
+    PLACEHOLDERS: Placeholders = {"accuracy_n": 0.0, "accuracy_nm": 0.0}
     accuracy_n: NotNegative
-    accuracy_nm: NotNegative
+    accuracy_nm: NotNegative | None = None
     body: str = "flange"
     position_mm: Vector = (0.0, 0.0, 0.0)
     quaternion_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -125,6 +160,7 @@ class Wrench(Entry, frozen=True):
 class Encoder(Entry, frozen=True):
     """`[sensors.encoder]`."""
 
+    PLACEHOLDERS: Placeholders = {"repeatability_deg": 0.0}
     repeatability_deg: NotNegative
 
 
@@ -174,24 +210,55 @@ class Frames(Entry, frozen=True):
 class MarkerEntry(Entry, frozen=True):
     """`[markers.NAME]`."""
 
+    PLACEHOLDERS: Placeholders = {"body": "base"}
     body: str
     position_mm: Vector | None = None
     target: str | None = None
 
 
 class Source(Entry, frozen=True):
-    """`[columns]`: where a column of the format is in a lab's own file."""
+    """`[columns]`: where a column of the format is in a lab's own file.
 
-    from_: str | None = field(default=None, name="from")
+    Attributes:
+        from_: Its name there, or the names of those that are added.
+        unit: The unit there; None for the format's own.
+        factor: What its numbers are multiplied by, such as -1 for another sign.
+        sum: One factor for each of several columns.
+    """
+
+    STRICT: ClassVar[bool] = True  # half an entry would be another column
+    from_: str | tuple[str, ...] | None = field(default=None, name="from")
     unit: str | None = None
+    factor: float | None = None
+    sum: tuple[float, ...] | None = None
+
+
+UNCLEAR = Source(unit="?")
+"""Stands for a column whose entry cannot be meant: it is there, and is not read."""
+INSTEAD: dict[Any, Struct] = {Source: UNCLEAR, MarkerEntry: MarkerEntry(body="base")}
+"""What stands for an entry of a named table that cannot be meant."""
 
 
 class Csv(Entry, frozen=True):
-    """`[csv]`: how a lab's own file is written."""
+    """`[csv]`: how a lab's own file is written.
+
+    Attributes:
+        separator: Between cells.
+        decimal: The decimal mark.
+        decimal_mark: The same under another name.
+        encoding: Of its text.
+        skip_rows: How many rows below the header are no readings, such as one of units;
+            or a list of lines, above the header too, as a spreadsheet counts them.
+        skip_incomplete: Whether rows are left out in which a required cell is blank.
+    """
 
     separator: str = ","
     decimal: str | UnsetType = UNSET
     decimal_mark: str | UnsetType = UNSET
+    encoding: str = "utf-8"
+    skip_rows: int | tuple[int, ...] = 0
+    # its size is checked in `csv_faults`, as the tracker's
+    skip_incomplete: bool = False
 
     @property
     def mark(self) -> str:
@@ -203,10 +270,19 @@ class Csv(Entry, frozen=True):
 
 
 class Manifest(Entry, frozen=True):
-    """The whole file."""
+    """The whole file.
 
+    `number_rows` makes each row a pose, `interval_s` the time where there is no column
+    of it; `pulled`: each row is a pulled pose whose unloaded reading is zero by
+    definition. These three may stand in `[csv]` as well.
+    """
+
+    PLACEHOLDERS: Placeholders = {"format": 1, "rows": "plateaus"}
     format: Literal[1]
     rows: Literal["plateaus", "stream"]
+    number_rows: bool = False
+    interval_s: Annotated[float, msgspec.Meta(gt=0.0, le=MAX_NUMBER)] | None = None
+    pulled: bool = False
     name: str = ""
     robot: str | Robot = ""
     displacement: Literal["absolute", "relative"] = "absolute"
@@ -229,8 +305,24 @@ def parse(text: str) -> tuple[Manifest | None, list[str]]:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         return None, [f"{FILE} is not TOML: {first_line(error)}.{twice(text)}"]
-    manifest, faults = fill(Manifest, table, "")
+    manifest, faults = fill(Manifest, _lifted(table), "")
+    tables = (table.get(name, {}) for name in ("columns", "markers", "csv"))
+    if not all(isinstance(t, dict) for t in tables):
+        manifest = None  # nothing tells what the samples should be
     return manifest, [f"{FILE}, {fault}" for fault in faults]
+
+
+ROW_RULES = ("number_rows", "interval_s", "pulled")
+"""What a row is, where no column says so."""
+
+
+def _lifted(table: dict[str, Any]) -> dict[str, Any]:
+    """Take the rules of rows out of `[csv]`, where they may stand as well."""
+    about = table.get("csv")
+    if not isinstance(about, dict):
+        return table
+    rules = {k: about[k] for k in ROW_RULES if k in about and k not in table}
+    return {**table, **rules, "csv": {k: about[k] for k in about if k not in rules}}
 
 
 def twice(text: str) -> str:

@@ -1,4 +1,4 @@
-"""Joins several CSV files with clocks of their own on the clock of the axes.
+"""Reads further CSV files of a mapping, and finds the offsets of their clocks.
 
 A mapping takes a further CSV's columns by NAME.column, for markers or a wrench.
 
@@ -12,12 +12,12 @@ The first file holds the axes. Another file's time and a number, its offset, is 
 stated, that of a file by the same clock, or found from the motion that both saw.
 """
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from bench.shared.errors import Unusable
@@ -30,13 +30,20 @@ from bench.shared.format.columns import (
     WRENCH,
     Column,
     Held,
+    Layout,
     Unit,
     column_of,
 )
 from bench.shared.format.faults import nearest, quoted
-from bench.shared.format.manifest import Source
-from bench.shared.format.table import CSV_FILE, Header, open_csv
-from bench.shared.models import ModelFacts
+from bench.shared.format.manifest import Csv, Source
+from bench.shared.format.readings import readings_of
+from bench.shared.format.table import (
+    CSV_FILE,
+    ENCODINGS,
+    Header,
+    is_encoding,
+    open_csv,
+)
 from bench.shared.recording import Recording
 from scenarios.pipelines.importing import spreadsheet
 from scenarios.pipelines.importing.clocks import (
@@ -45,11 +52,10 @@ from scenarios.pipelines.importing.clocks import (
     lag_between,
     lag_text,
     on_one_side,
-    rows_of,
     shift_of,
 )
 from scenarios.pipelines.importing.mapping import Extras, Log
-from scenarios.pipelines.importing.spreadsheet import columns_of, marks_of, source_of
+from scenarios.pipelines.importing.spreadsheet import columns_of, source_of
 
 # --- Required columns -----------------------------------------------------------------
 
@@ -78,27 +84,32 @@ def required_columns_of(
     others: dict[str, list[str]] = {}
     faults = []
     start = f"{name}."
+    log = extras.files.get(name)
+    by_row = log is not None and log.join == "rows"
     for said, entry in manifest.get("columns", {}).items():
         source = entry.get("from") if isinstance(entry, dict) else entry
-        if not isinstance(source, str) or not source.startswith(start):
-            continue
+        sources = source if isinstance(source, list) else [source]
+        sources = [s for s in sources if isinstance(s, str) and s.startswith(start)]
         column = column_of(said, manifest.get("markers", {}))
-        if column is None:
+        if column is None or not sources:
             continue  # the format's reader says why
         turns = column.axis > 0 and said.endswith(("_deg", "_mm"))
         own = turns and not said.endswith("_link_deg")
-        if own or column.kind in (COUNT, WORD, "time"):
+        if column.kind == WORD or (
+            not by_row and (own or column.kind in (COUNT, "time"))
+        ):
+            which = "words" if by_row else "the axes, their time, counts and words"
             faults.append(
-                f"columns.{said}: {source!r} cannot come from [files.{name}]; the axes,"
-                " their time, counts and words stand in FILE itself."
+                f"columns.{said}: {sources[0]!r} cannot come from [files.{name}]; "
+                f"{which} stand in FILE itself."
             )
             continue
-        own_name = source.removeprefix(start)
-        columns[own_name] = column.may_be_blank
-        if said.endswith(COORDINATES):
-            markers.setdefault(said[:-5], []).append(own_name)
-        elif said in WRENCH[:3] or column.axis:
-            others.setdefault(said[:1] + said[-3:], []).append(own_name)
+        for own_name in (s.removeprefix(start) for s in sources):
+            columns[own_name] = columns.get(own_name, True) and column.may_be_blank
+            if said.endswith(COORDINATES):
+                markers.setdefault(said[:-5], []).append(own_name)
+            elif said in WRENCH[:3] or column.axis:
+                others.setdefault(said[:1] + said[-3:], []).append(own_name)
     for target in extras.targets.values():
         own = [c.removeprefix(start) for c in columns_of(target) if c.startswith(start)]
         columns |= dict.fromkeys(own, True)
@@ -135,36 +146,70 @@ def log_of(
     Returns:
         Its readings, None where it has faults; columns that nothing reads; its faults.
     """
-    path = beside / log.file
-    if not path.resolve().is_relative_to(beside.resolve()):
-        say = f"{quoted(log.file)} is outside the folder of FILE."
-        return None, (), [f"files.{name}.file: {say}"]
-    try:
-        source = source_of(path)
-    except Unusable as error:
-        return None, (), [f"files.{name}.file, {log.file}: {f}" for f in error.faults]
-    separator, mark = marks_of(manifest)
-    header, faults = open_csv(source, (log.separator or separator)[:1] or ",")
+    header, faults = header_of(name, log, wanted, beside, manifest)
+    if header is None:
+        return None, (), faults
     channel = None
-    stamp = log.time if isinstance(log.time, str) else log.time.from_ or "time_s"
-    if header is not None:
-        faults += _missing(header, [stamp, *wanted.columns])
-        clock = log.time if isinstance(log.time, Source) else Source()
-        if clock.unit not in (None, *UNITS["time"]):
-            known = ", ".join(UNITS["time"])
-            faults.append(f"its time: {quoted(clock.unit)} is not one of: {known}.")
-        if not faults:
-            held = Held(TIME, stamp, TIME.unit(clock.unit))
-            channel, faults = _readings(header, held, wanted, log.decimal or mark)
-    names = header.names if header else ()
-    unread = tuple(c for c in names if c and c not in (stamp, *wanted.columns))
+    said = log.time or "time_s"
+    stamp = said if isinstance(said, str) else str(said.from_ or "time_s")
+    faults += missing_of(header, [stamp, *wanted.columns])
+    clock = said if isinstance(said, Source) else Source()
+    if clock.unit not in (None, *UNITS["time"]):
+        known = ", ".join(UNITS["time"])
+        faults.append(f"its time: {quoted(clock.unit)} is not one of: {known}.")
+    if not faults:
+        held = Held(TIME, stamp, TIME.unit(clock.unit))
+        mark = log.decimal or spreadsheet.csv_of(manifest).mark
+        channel, faults = _readings(header, held, wanted, mark)
+    unread = unread_of(header, [stamp, *wanted.columns])
     if faults:
-        named = [f.replace(CSV_FILE, log.file) for f in faults]
-        return None, (), [f if log.file in f else f"{log.file}: {f}" for f in named]
+        return None, (), in_names_of(log, faults)
     return channel, unread, []
 
 
-def _missing(header: Header, names: list[str]) -> list[str]:
+def header_of(
+    name: str,
+    log: Log,
+    wanted: RequiredColumns,
+    beside: Path,
+    manifest: Mapping[str, Any],
+) -> tuple[Header | None, list[str]]:
+    """Open a further file; None, with all faults named in full, where it cannot be."""
+    path = beside / log.file
+    if not path.resolve().is_relative_to(beside.resolve()):
+        say = f"{quoted(log.file)} is outside the folder of FILE."
+        return None, [f"files.{name}.file: {say}"]
+    try:
+        source = source_of(path)
+    except Unusable as error:
+        return None, [f"files.{name}.file, {log.file}: {f}" for f in error.faults]
+    about = msgspec.structs.replace(
+        spreadsheet.csv_of(manifest), skip_rows=log.skip_rows, skip_incomplete=False
+    )
+    for own in ("separator", "encoding"):
+        if (value := getattr(log, own)) is not None:
+            about = msgspec.structs.replace(about, **{own: value})
+    if not is_encoding(about.encoding):
+        known = ", ".join(ENCODINGS)
+        say = f"{quoted(about.encoding)} is not one of: {known}."
+        return None, [f"files.{name}.encoding: {say}"]
+    header, faults = open_csv(source, about, wanted.columns)
+    return header, faults if header else in_names_of(log, faults)
+
+
+def unread_of(header: Header, read: Collection[str]) -> tuple[str, ...]:
+    """Return the columns of a file that nothing reads."""
+    return tuple(c for c in header.names if c and c not in read)
+
+
+def in_names_of(log: Log, faults: Iterable[str]) -> list[str]:
+    """Say faults of a file with its own name."""
+    named = [f.replace(CSV_FILE, log.file) for f in faults]
+    return [f if log.file in f else f"{log.file}: {f}" for f in named]
+
+
+def missing_of(header: Header, names: list[str]) -> list[str]:
+    """Name the columns that a file lacks."""
     return [
         f"{CSV_FILE}: column {c!r} is missing, which the mapping asks for."
         f"{nearest(c, header.names)}"
@@ -176,13 +221,15 @@ def _missing(header: Header, names: list[str]) -> list[str]:
 def _readings(
     header: Header, time: Held, wanted: RequiredColumns, mark: str
 ) -> tuple[Channel, list[str]]:
-    cells = header.read({time.source, *wanted.columns})
     held = {
         c: Held(Column(c, "length", may_be_blank=blank), c, Unit())
         for c, blank in wanted.columns.items()
     }
-    values, found = all_values_of({**held, "": time}, cells, mark)
-    faults = [*cells.faults, *found]
+    cells = header.read({time.source, *wanted.columns})
+    layout = Layout({**held, "": time}, 0, (), (), ())
+    cells, _, _, found = readings_of(header, cells, layout, Csv())
+    values, wrong = all_values_of({**held, "": time}, cells, mark)
+    faults = [*cells.faults, *found, *wrong]
     stamps = values.pop("")
     back = np.flatnonzero(np.diff(stamps) < 0) + 1
     faults += cells.location.at(time.source, back, lambda _: "time runs backwards.")
@@ -289,131 +336,3 @@ def offsets_of(
             lag = lag_between(axes.time, axes.posture, time, motion.values)
             told.append(f"Lag of {log.file} behind the axes: {lag_text(lag)}.")
     return offsets, told, faults
-
-
-# --- The joined recording -------------------------------------------------------------
-
-COUNTS = re.compile(r"(\d+) cells, but the header has (\d+) columns")
-"""How the format's reader says that a row is too long or too short."""
-
-
-def recording_of(
-    path: Path,
-    manifest: Mapping[str, Any],
-    extras: Extras,
-    model: ModelFacts | None,
-    names: tuple[str, str],
-) -> tuple[Recording, tuple[str, ...], list[str]]:
-    """Read all files and join them instant by instant.
-
-    Args:
-        path: The CSV that holds the axes; the others are beside it.
-        manifest: What the format's manifest says.
-        extras: With `[files]`.
-        model: Names and limits of the robot; None checks neither.
-        names: What the user calls the CSV and the mapping, for the faults.
-
-    Returns:
-        The stream, notes on columns, and what was said of the clocks.
-
-    Raises:
-        Unusable: With all faults of all files; then of all their clocks.
-    """
-    source = spreadsheet.source_of(path)
-    reads, notes, faults = _read(path.parent, manifest, extras)
-    zeros = {
-        f"{name}.{c}": Channel(np.zeros(1), np.zeros((1, 1)))
-        for name in extras.files
-        for c in required_columns_of(name, manifest, extras)[0].columns
-    }
-    try:
-        bare = _joined(source, manifest, extras, model, names, zeros, np.zeros(1))
-    except Unusable as error:
-        faults += [COUNTS.sub(lambda m: _fewer(m, len(zeros)), f) for f in error.faults]
-        bare = None
-    whole = f"{names[0]} with {names[1]}"
-    if bare is None or faults:
-        raise Unusable(whole, faults)
-    axes, more = bare
-    notes = (*more, *notes)
-    offsets, told, faults = offsets_of(axes, reads, names[1])
-    if faults:
-        raise Unusable(whole, faults)
-    columns: dict[str, Channel] = {}
-    covered, stamps = np.full(len(axes.time), True), []
-    for read in reads:
-        time = read.channel.time + offsets[read.name]
-        smooth = without_jumps(read.channel, read.name, read.required_columns, extras)
-        for c, values in zip(
-            read.required_columns.columns, smooth.values.T, strict=True
-        ):
-            columns[f"{read.name}.{c}"] = Channel(time, values[:, None])
-        covers = Channel(time, smooth.values).covers(axes.time, read.log.gap_s)
-        if not covers.any():
-            faults.append(_apart(read, time, axes.time, names[0]))
-        covered &= covers
-        stamps += [time] if read.required_columns.tracked else []
-    near = rows_of(axes.time, stamps)
-    rows = near[covered[near]]
-    if not len(rows) and not faults:
-        faults = ["there is no instant that all files cover."]
-    if faults:
-        raise Unusable(whole, faults)
-    joined, _ = _joined(source, manifest, extras, model, names, columns, axes.time)
-    counts = f"{len(rows)} of {len(axes.time)} rows of {names[0]} kept"
-    told.append(f"{counts}: covered by all files, one for each reading of the slowest.")
-    return joined.take(rows), notes, told
-
-
-def _read(
-    beside: Path, manifest: Mapping[str, Any], extras: Extras
-) -> tuple[list[Read], tuple[str, ...], list[str]]:
-    reads, notes, faults = [], [], []
-    for name, log in extras.files.items():
-        wanted, found = required_columns_of(name, manifest, extras)
-        faults += found
-        if not wanted.columns:
-            continue
-        channel, unread, found = log_of(name, log, wanted, beside, manifest)
-        faults += found
-        notes += [f"{log.file}: column {c!r} left alone." for c in unread]
-        if channel is not None:
-            reads.append(Read(name, log, wanted, channel))
-    return reads, tuple(notes), faults
-
-
-def _joined(
-    source: bytes,
-    manifest: Mapping[str, Any],
-    extras: Extras,
-    model: ModelFacts | None,
-    names: tuple[str, str],
-    columns: Mapping[str, Channel],
-    time: np.ndarray,
-) -> spreadsheet.Read:
-    separator, mark = spreadsheet.marks_of(manifest)
-    header, _ = open_csv(source, separator)
-    if header is not None:
-        rows = source.count(b"\n") + 1
-        added = {
-            name: channel.at(time if len(time) > 1 else np.zeros(rows))[:, 0]
-            for name, channel in columns.items()
-        }
-        source = spreadsheet.with_columns(source, header.separator, mark, added)
-    return spreadsheet.recording_of(source, manifest, extras.targets, model, names)
-
-
-def _apart(read: Read, time: np.ndarray, axes: np.ndarray, first: str) -> str:
-    gap = f"{read.log.gap_s:g} s"
-    theirs = f"{axes[0]:.3f} to {axes[-1]:.3f} s"
-    own = f"{time[0]:.3f} to {time[-1]:.3f} s on that clock"
-    return (
-        f"{read.log.file} covers no row of {first}: it has {own}, {first} has {theirs};"
-        f" between readings more than {gap} apart nothing is made up (gap_s)."
-    )
-
-
-def _fewer(counts: re.Match[str], added: int) -> str:
-    """Count the cells that the user's own file has."""
-    cells, columns = (int(c) - added for c in counts.groups())
-    return f"{cells} cells, but the header has {columns} columns"

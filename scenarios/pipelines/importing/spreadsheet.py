@@ -16,23 +16,32 @@ A spreadsheet's CSV becomes a recording when a mapping says what its columns are
 
 import csv
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from bench.shared.errors import Unusable
 from bench.shared.format.cells import all_values_of
 from bench.shared.format.checks import said_of_repeats
-from bench.shared.format.columns import COORDINATES, Column, Held, Unit
-from bench.shared.format.faults import Place, nearest
-from bench.shared.format.folder import read
-from bench.shared.format.manifest import FILE
-from bench.shared.format.table import CSV_FILE, MAX_BYTES, Header, open_csv
+from bench.shared.format.columns import COORDINATES, Column, Held, Layout, Unit
+from bench.shared.format.faults import nearest
+from bench.shared.format.folder import LEFT_ALONE, read_as_far_as_possible
+from bench.shared.format.manifest import FILE, Csv, fill
+from bench.shared.format.readings import readings_of
+from bench.shared.format.table import (
+    CSV_FILE,
+    MAX_BYTES,
+    Header,
+    decoded,
+    is_encoding,
+    open_csv,
+)
 from bench.shared.models import ModelFacts
 from bench.shared.recording import Recording
 from scenarios.pipelines.importing.mapping import Target, text_of
@@ -86,7 +95,21 @@ def points_of(
 
 # --- Columns and rows -----------------------------------------------------------------
 
-Read = tuple[Recording, tuple[str, ...]]
+
+@dataclass(frozen=True)
+class Read:
+    """A lab's own file as it was read.
+
+    Attributes:
+        recording: What it holds.
+        notes: What to say of it, one for each column that was left alone.
+        rows: Which rows of the file the recording's are, from 0 below the header; of
+            pulled poses each stands twice.
+    """
+
+    recording: Recording
+    notes: tuple[str, ...]
+    rows: Int[np.ndarray, " rows"]
 
 
 def source_of(path: Path) -> bytes:
@@ -100,12 +123,34 @@ def source_of(path: Path) -> bytes:
         raise Unusable(what, ["there is no such file."])
     if path.stat().st_size > MAX_BYTES:
         raise Unusable(what, [f"it has more than {MAX_BYTES} bytes."])
-    source = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
-    if source[:4].lower() == b"sep=":  # Excel's own first line
-        source = source.partition(b"\n")[2]
+    source = _without_excel_s_line(path.read_bytes().removeprefix(b"\xef\xbb\xbf"))
     if not source.strip():
         raise Unusable(what, ["it is empty."])
     return source
+
+
+def _without_excel_s_line(source: bytes) -> bytes:
+    """Take off `sep=;`, which Excel takes in and does not show as a line."""
+    return source.partition(b"\n")[2] if source[:4].lower() == b"sep=" else source
+
+
+def as_utf8(
+    source: bytes, manifest: Mapping[str, Any]
+) -> tuple[bytes, dict[str, Any], list[str]]:
+    """Return a CSV as UTF-8, what its manifest then says, and what is wrong with it."""
+    about = csv_of(manifest)
+    text, faults = decoded(source, about.encoding, about.separator)
+    if text is None:
+        return source, dict(manifest), []  # the format's reader says why
+    if not is_encoding(about.encoding):
+        return _without_excel_s_line(text), dict(manifest), faults
+    said = {k: v for k, v in manifest.get("csv", {}).items() if k != "encoding"}
+    return _without_excel_s_line(text), {**manifest, "csv": said}, faults
+
+
+def csv_of(manifest: Mapping[str, Any]) -> Csv:
+    """Return what a manifest says of the CSV, as far as it can be meant."""
+    return fill(Csv, manifest.get("csv", {}), "")[0] or Csv()
 
 
 def recording_of(
@@ -127,44 +172,47 @@ def recording_of(
     Raises:
         Unusable: With all faults, in the user's own names.
     """
-    faults: list[str] = []
+    source, manifest, faults = as_utf8(source, manifest)
     if targets:
         markers = dict(manifest.get("markers", {})) | markers_of(targets)
         manifest = {**manifest, "markers": markers}
-        source, faults = _with_points(source, manifest, targets)
-    try:
-        with TemporaryDirectory(prefix="import-") as folder:
-            (Path(folder) / FILE).write_text(text_of(manifest), encoding="utf-8")
-            (Path(folder) / CSV_FILE).write_bytes(source)
-            recording, notes = read(folder, model)
-            faults += said_of_repeats(Place(CSV_FILE, True), recording)
-    except Unusable as error:
-        faults += [f for f in error.faults if not f.startswith(_follow(targets))]
-        recording, notes = None, ()
-    if recording is None or faults:
+        source, found = _with_points(source, manifest, targets)
+        faults += found
+    with TemporaryDirectory(prefix="import-") as folder:
+        (Path(folder) / FILE).write_text(text_of(manifest), encoding="utf-8")
+        (Path(folder) / CSV_FILE).write_bytes(source)
+        read = read_as_far_as_possible(Path(folder), model)
+    follow = tuple(f"{CSV_FILE}: column {c!r} is missing" for c in _points(targets))
+    faults += [f for f in read.faults if not f.startswith(follow)]
+    if read.recording is not None:
+        faults += said_of_repeats(read.location, read.recording)
+    if read.recording is None or faults:
         faults = list(dict.fromkeys(faults))
         said = [f.replace(CSV_FILE, names[0]).replace(FILE, names[1]) for f in faults]
         raise Unusable(f"{names[0]} with {names[1]}", said)
     used = {c for t in targets.values() for c in columns_of(t)}
-    notes = tuple(n for n in notes if not any(f"{c!r} left" in n for c in used))
-    return recording, tuple(n.replace(CSV_FILE, names[0]) for n in notes)
+    own = tuple(f"column {c!r} {LEFT_ALONE}" for c in used)
+    notes = (n.replace(CSV_FILE, names[0]) for n in read.notes if not n.endswith(own))
+    return Read(read.recording, tuple(notes), read.rows)
 
 
-def _follow(targets: Mapping[str, Target]) -> tuple[str, ...]:
-    """Return how faults begin that only follow from those of a target's columns."""
-    columns = (m + c for m in markers_of(targets) for c in COORDINATES)
-    return tuple(f"{CSV_FILE}: column {c!r} is missing" for c in columns)
+def _points(targets: Mapping[str, Target]) -> Iterator[str]:
+    """Name the columns that are made of those of targets."""
+    return (m + c for m in markers_of(targets) for c in COORDINATES)
 
 
 def _with_points(
     source: bytes, manifest: Mapping[str, Any], targets: Mapping[str, Target]
 ) -> tuple[bytes, list[str]]:
     """Add the columns of the markers that stand for targets."""
-    separator, mark = marks_of(manifest)
-    header, faults = open_csv(source, separator)
+    about = csv_of(manifest)
+    wanted = {c for t in targets.values() for c in columns_of(t)}
+    header, faults = open_csv(source, about, wanted | names_in(manifest))
     if header is None:
         return source, []  # the format's reader says why
+    faults = []  # as it says what else is wrong with the header
     columns: dict[str, np.ndarray] = {}
+    rows = np.zeros(0, dtype=int)
     for name, target in targets.items():
         missing = [c for c in columns_of(target) if c not in header.names]
         if missing:
@@ -174,35 +222,57 @@ def _with_points(
                 for c in missing
             ]
             continue
-        numbers, found = _numbers(header, target, mark)
+        numbers, rows, found = numbers_of(header, columns_of(target), about.mark)
         faults += found
         columns |= points_of(name, target, numbers.__getitem__)
     if faults:
         return source, faults
-    return with_columns(source, header.separator, mark, columns), []
+    return with_columns(header, about.mark, columns, rows), []
 
 
-def marks_of(manifest: Mapping[str, Any]) -> tuple[str, str]:
-    """Return what stands between cells, and the decimal mark."""
-    about = manifest.get("csv", {})
-    separator = str(about.get("separator", ","))[:1] or ","
-    return separator, str(about.get("decimal", about.get("decimal_mark", ".")))
+def names_in(manifest: Mapping[str, Any]) -> set[str]:
+    """Return all names of columns that a mapping speaks of."""
+    names: set[str] = set()
+    for name, entry in manifest.get("columns", {}).items():
+        said = entry.get("from", name) if isinstance(entry, dict) else entry
+        names |= {n for n in (said if isinstance(said, list) else [said])}
+    return {n for n in names if isinstance(n, str)}
 
 
 def with_columns(
-    source: bytes, separator: str, mark: str, columns: Mapping[str, np.ndarray]
+    header: Header,
+    mark: str,
+    columns: Mapping[str, np.ndarray],
+    rows: Int[np.ndarray, " rows"],
 ) -> bytes:
-    """Add columns to a CSV, blank where NaN."""
-    rows = list(csv.reader(io.StringIO(source.decode()), delimiter=separator))
-    while rows and not any(cell.strip() for cell in rows[-1]):
-        rows.pop()
-    text = io.StringIO()
-    writer = csv.writer(text, delimiter=separator, lineterminator="\n")
-    writer.writerow([*rows[0], *columns])
-    for row, values in zip(rows[1:], zip(*columns.values(), strict=True), strict=False):
-        cells = ["" if np.isnan(v) else repr(float(v)) for v in values]
-        writer.writerow([*row, *(c.replace(".", mark) for c in cells)])
-    return text.getvalue().encode()
+    """Add columns to a CSV, blank where NaN; its own text stays as it is.
+
+    Args:
+        header: Of the CSV.
+        mark: Its decimal mark.
+        columns: What to add.
+        rows: The rows of the file that the values are for, from 0 below the header.
+    """
+    lines = header.source.split(b"\n")
+    above, separator = header.location.above, header.separator
+    values = np.full((len(lines), len(columns)), np.nan)
+    for k, column in enumerate(columns.values()):
+        values[rows + above + 1, k] = column[: len(rows)]
+    written = []
+    for number, line in enumerate(lines):
+        added = [
+            "" if np.isnan(v) else repr(float(v)).replace(".", mark)
+            for v in values[number]
+        ]
+        if number == above:
+            added = list(columns)
+        if number < above or not line.strip():
+            written.append(line)
+            continue
+        text = io.StringIO()
+        csv.writer(text, delimiter=separator, lineterminator="").writerow(["", *added])
+        written.append(line.rstrip(b"\r") + text.getvalue().encode())
+    return b"\n".join(written)
 
 
 def columns_of(target: Target) -> tuple[str, ...]:
@@ -211,11 +281,19 @@ def columns_of(target: Target) -> tuple[str, ...]:
     return (*target.position, *turned)
 
 
-def _numbers(
-    header: Header, target: Target, mark: str
-) -> tuple[dict[str, np.ndarray], list[str]]:
-    names = sorted(set(columns_of(target)))
-    cells = header.read(names)
-    held = {n: Held(Column(n, "length", may_be_blank=True), n, Unit()) for n in names}
+def numbers_of(
+    header: Header, names: Iterable[str], mark: str, blank: bool = True
+) -> tuple[dict[str, np.ndarray], Int[np.ndarray, " rows"], list[str]]:
+    """Read columns as numbers; the rows of the file that they are in; and the faults.
+
+    Rows of units and rows that are left out are not among them.
+    """
+    held = {
+        n: Held(Column(n, "length", may_be_blank=blank), n, Unit())
+        for n in sorted(set(names))
+    }
+    cells = header.read(held)
+    layout = Layout(held, 0, (), (), ())
+    cells, _, _, _ = readings_of(header, cells, layout, Csv())
     numbers, faults = all_values_of(held, cells, mark)
-    return numbers, [*cells.faults, *faults]
+    return numbers, cells.location.rows(cells.rows), [*cells.faults, *faults]

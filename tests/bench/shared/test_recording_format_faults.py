@@ -201,7 +201,7 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("empty manifest", overwritten(TOML, b""), (TOML, "format: missing", "rows: missing")),
     ("another version", said("format = 1", "format = 2"), (TOML, "format", "2")),
     ("rows nobody knows", said('"plateaus"', '"plateau"'), (TOML, "rows", "'plateau'")),
-    ("a key misspelt", said("accuracy_nm", "acuracy_nm"), ("sensors.wrench.acuracy_nm", "Did you mean 'accuracy_nm'?", "sensors.wrench.accuracy_nm: missing")),
+    ("a key misspelt", said("accuracy_nm", "acuracy_nm"), ("1 fault:", "sensors.wrench.acuracy_nm", "Did you mean 'accuracy_nm'?")),
     ("text for a number", said("0.04", '"small"'), ("sensors.wrench.accuracy_n", "'small'")),
     ("NaN in the manifest", said("0.04", "nan"), ("sensors.wrench.accuracy_n", "finite")),
     ("negative accuracy", said("0.04", "-0.04"), ("sensors.wrench.accuracy_n", "-0.04")),

@@ -1,0 +1,189 @@
+"""Joins several CSV files into one recording, row by row or on the clock of the axes.
+
+The first file holds the axes. Another one gives its columns to the same rows, or has a
+clock of its own, and then what is kept is one row for each reading of the slowest.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.shared.errors import Unusable
+from bench.shared.format.folder import LEFT_ALONE
+from bench.shared.format.table import open_csv
+from bench.shared.models import ModelFacts
+from bench.shared.recording import Recording
+from scenarios.pipelines.importing import spreadsheet
+from scenarios.pipelines.importing.clocks import Channel, rows_of
+from scenarios.pipelines.importing.log_files import (
+    Read,
+    log_of,
+    offsets_of,
+    required_columns_of,
+    without_jumps,
+)
+from scenarios.pipelines.importing.mapping import Extras, Log
+from scenarios.pipelines.importing.row_files import with_rows_of
+
+COUNTS = re.compile(r"(\d+) cells, but the header has (\d+) columns")
+"""How the format's reader says that a row is too long or too short."""
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Several files as one recording.
+
+    Attributes:
+        recording: What they hold.
+        notes: What to say of columns and rows.
+        told: What was found of the clocks.
+    """
+
+    recording: Recording
+    notes: tuple[str, ...]
+    told: tuple[str, ...] = ()
+
+
+def recording_of(
+    path: Path,
+    manifest: Mapping[str, Any],
+    extras: Extras,
+    model: ModelFacts | None,
+    names: tuple[str, str],
+    faulty: bool = False,
+) -> Joined:
+    """Read all files and join them, row by row or instant by instant.
+
+    Args:
+        path: The CSV that holds the axes; the others are beside it.
+        manifest: What the format's manifest says.
+        extras: With `[files]`.
+        model: Names and limits of the robot; None checks neither.
+        names: What the user calls the CSV and the mapping, for the faults.
+        faulty: Whether the mapping has faults, and clocks are no matter.
+
+    Returns:
+        The recording, notes on columns, and what was said of the clocks.
+
+    Raises:
+        Unusable: With all faults of all files; then of all their clocks.
+    """
+    source, manifest, faults = spreadsheet.as_utf8(
+        spreadsheet.source_of(path), manifest
+    )
+    rows = {n: log for n, log in extras.files.items() if log.join == "rows"}
+    source, by_row, notes, found = with_rows_of(
+        source, manifest, extras, rows, path.parent
+    )
+    faults += found
+    clocks = {n: log for n, log in extras.files.items() if n not in rows}
+    reads, more, found = _read(path.parent, manifest, extras, clocks)
+    faults, notes = [*faults, *found], [*notes, *more]
+    zeros = {
+        f"{name}.{c}": Channel(np.zeros(1), np.zeros((1, 1)))
+        for name in clocks
+        for c in required_columns_of(name, manifest, extras)[0].columns
+    }
+    added = len(zeros) + by_row.columns
+    bare = None
+    try:
+        bare = _joined(source, manifest, extras, model, names, zeros, None)
+    except Unusable as error:
+        said = [COUNTS.sub(lambda m: _fewer(m, added), f) for f in error.faults]
+        faults += [by_row.in_own_lines(f) for f in said]
+    whole = f"{names[0]} with {names[1]}"
+    if bare is None or faults:
+        raise Unusable(whole, list(dict.fromkeys(faults)))
+    axes, told = bare.recording, []
+    notes = [*bare.notes, *notes]
+    if not clocks or faulty:
+        return Joined(axes, tuple(notes))
+    offsets, told, faults = offsets_of(axes, reads, names[1])
+    if faults:
+        raise Unusable(whole, faults)
+    columns: dict[str, Channel] = {}
+    covered, stamps = np.full(len(axes.time), True), []
+    for read in reads:
+        time = read.channel.time + offsets[read.name]
+        smooth = without_jumps(read.channel, read.name, read.required_columns, extras)
+        for c, values in zip(
+            read.required_columns.columns, smooth.values.T, strict=True
+        ):
+            columns[f"{read.name}.{c}"] = Channel(time, values[:, None])
+        covers = Channel(time, smooth.values).covers(axes.time, read.log.gap_s)
+        if not covers.any():
+            faults.append(_apart(read, time, axes.time, names[0]))
+        covered &= covers
+        stamps += [time] if read.required_columns.tracked else []
+    near = rows_of(axes.time, stamps)
+    rows = near[covered[near]]
+    if not len(rows) and not faults:
+        faults = ["there is no instant that all files cover."]
+    if faults:
+        raise Unusable(whole, faults)
+    joined = _joined(source, manifest, extras, model, names, columns, bare)
+    counts = f"{len(rows)} of {len(axes.time)} rows of {names[0]} kept"
+    told.append(f"{counts}: covered by all files, one for each reading of the slowest.")
+    return Joined(joined.recording.take(rows), tuple(notes), tuple(told))
+
+
+def _read(
+    beside: Path,
+    manifest: Mapping[str, Any],
+    extras: Extras,
+    clocks: Mapping[str, Log],
+) -> tuple[list[Read], list[str], list[str]]:
+    reads, notes, faults = [], [], []
+    for name, log in clocks.items():
+        wanted, found = required_columns_of(name, manifest, extras)
+        faults += found
+        if not wanted.columns or log.time is None:
+            continue
+        channel, unread, found = log_of(name, log, wanted, beside, manifest)
+        faults += found
+        notes += [f"{log.file}: column {c!r} {LEFT_ALONE}" for c in unread]
+        if channel is not None:
+            reads.append(Read(name, log, wanted, channel))
+    return reads, notes, faults
+
+
+def _joined(
+    source: bytes,
+    manifest: Mapping[str, Any],
+    extras: Extras,
+    model: ModelFacts | None,
+    names: tuple[str, str],
+    columns: Mapping[str, Channel],
+    bare: spreadsheet.Read | None,
+) -> spreadsheet.Read:
+    """Read the axes' file with columns of others, zero until clocks are known."""
+    about = spreadsheet.csv_of(manifest)
+    header, _ = open_csv(source, about, spreadsheet.names_in(manifest))
+    if header is not None and columns:
+        rows = np.arange(header.source.count(b"\n") - header.location.above)
+        time = np.zeros(len(rows))
+        if bare is not None:
+            rows, time = bare.rows, bare.recording.time
+        added = {name: channel.at(time)[:, 0] for name, channel in columns.items()}
+        source = spreadsheet.with_columns(header, about.mark, added, rows)
+    return spreadsheet.recording_of(source, manifest, extras.targets, model, names)
+
+
+def _apart(read: Read, time: np.ndarray, axes: np.ndarray, first: str) -> str:
+    gap = f"{read.log.gap_s:g} s"
+    theirs = f"{axes[0]:.3f} to {axes[-1]:.3f} s"
+    own = f"{time[0]:.3f} to {time[-1]:.3f} s on that clock"
+    return (
+        f"{read.log.file} covers no row of {first}: it has {own}, {first} has {theirs};"
+        f" between readings more than {gap} apart nothing is made up (gap_s)."
+    )
+
+
+def _fewer(counts: re.Match[str], added: int) -> str:
+    """Count the cells that the user's own file has."""
+    cells, columns = (int(c) - added for c in counts.groups())
+    return f"{cells} cells, but the header has {columns} columns"
