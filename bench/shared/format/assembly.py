@@ -292,14 +292,15 @@ def _tracker(
     stated = manifest.sensors.tracker
     volumetric = None if stated is None else stated.volumetric_mm
     volumetric = None if volumetric is None else volumetric / 1e3
+    marked = [[m + c for c in COORDINATES] for m in manifest.markers]
+    pairs = [
+        (_stacked(values, seen), _stacked(values, spread_of(m)))
+        for m, seen in zip(manifest.markers, marked, strict=True)
+    ]
     spreads = [
-        np.where(
-            np.isfinite(_stacked(values, [m + c for c in COORDINATES])),
-            _stacked(values, spread_of(m)),
-            np.nan,
-        )
-        for m in manifest.markers
-        if spread_of(m)[0] in values
+        np.where(np.isfinite(points), spread, np.nan)
+        for points, spread in pairs
+        if points is not None and spread is not None
     ]
     each = np.concatenate([*spreads, np.zeros((0, 3))])
     if "frames" in values:  # the tracker's own noise is that of one frame
@@ -310,8 +311,10 @@ def _tracker(
             say = "the spreads of readings (`_std` columns) are all 0; leave them out"
             raise Unusable("Recording", [f"{say}."])
         shown = ", ".join(f"{1e3 * s:.4g}" for s in sigma)
-        note = f"noise of the tracker from the {len(spreads)} markers' own spreads: "
-        note += f"{shown} mm in x, y, z (root mean square, one for all rows)."
+        note = (
+            f"tracker's noise from the readings' own spreads (`_std` columns): {shown} "
+        )
+        note += "mm in x, y, z, the root mean square, for all rows and markers alike."
         return TrackerSpec(sigma, volumetric), [note]
     if stated is None or stated.repeatability_mm is None:
         if spreads:

@@ -126,18 +126,18 @@ Quaternion = tuple[float, float, float, float]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=MAX_NUMBER)]
 
 
-Placeholders = ClassVar[Mapping[str, Any]]
-"""What stands for entries that are required and at fault, so that a section stays."""
-
-
 class Entry(Struct, frozen=True, forbid_unknown_fields=True):
-    """A section of the manifest; what it does not know is a fault."""
+    """A section of the manifest; what it does not know is a fault.
+
+    `PLACEHOLDERS` stand for entries that are required and at fault, so that a section
+    stays; one that is `STRICT` is not used where any of its entries is at fault.
+    """
 
 
 class Tracker(Entry, frozen=True):
     """`[sensors.tracker]`; without a repeatability where each reading has its own."""
 
-    PLACEHOLDERS: Placeholders = {"repeatability_mm": 1.0}
+    PLACEHOLDERS: ClassVar[Mapping[str, Any]] = {"repeatability_mm": 1.0}
     repeatability_mm: float | tuple[float, float, float] | None = None
     # its size is checked in `agreement`: msgspec 0.22 aborts on a union of a bounded
     # float and a tuple
@@ -147,7 +147,7 @@ class Tracker(Entry, frozen=True):
 class Wrench(Entry, frozen=True):
     """`[sensors.wrench]`; without `accuracy_nm` where no torque is read."""
 
-    PLACEHOLDERS: Placeholders = {"accuracy_n": 0.0, "accuracy_nm": 0.0}
+    PLACEHOLDERS: ClassVar[Mapping[str, Any]] = {"accuracy_n": 0.0, "accuracy_nm": 0.0}
     accuracy_n: NotNegative
     accuracy_nm: NotNegative | None = None
     body: str = "flange"
@@ -160,7 +160,7 @@ class Wrench(Entry, frozen=True):
 class Encoder(Entry, frozen=True):
     """`[sensors.encoder]`."""
 
-    PLACEHOLDERS: Placeholders = {"repeatability_deg": 0.0}
+    PLACEHOLDERS: ClassVar[Mapping[str, Any]] = {"repeatability_deg": 0.0}
     repeatability_deg: NotNegative
 
 
@@ -210,7 +210,7 @@ class Frames(Entry, frozen=True):
 class MarkerEntry(Entry, frozen=True):
     """`[markers.NAME]`."""
 
-    PLACEHOLDERS: Placeholders = {"body": "base"}
+    PLACEHOLDERS: ClassVar[Mapping[str, Any]] = {"body": "base"}
     body: str
     position_mm: Vector | None = None
     target: str | None = None
@@ -277,7 +277,7 @@ class Manifest(Entry, frozen=True):
     definition. These three may stand in `[csv]` as well.
     """
 
-    PLACEHOLDERS: Placeholders = {"format": 1, "rows": "plateaus"}
+    PLACEHOLDERS: ClassVar[Mapping[str, Any]] = {"format": 1, "rows": "plateaus"}
     format: Literal[1]
     rows: Literal["plateaus", "stream"]
     number_rows: bool = False

@@ -329,7 +329,7 @@ class Header:
         location = replace(self.location, unread=unread)
         cells = Cells(location, by_name, faults, short)
         rows = np.flatnonzero(np.isin(location.rows(cells.rows), self.left_out))
-        return cells.without(rows)
+        return cells.without(rows.tolist())
 
 
 @dataclass(frozen=True)

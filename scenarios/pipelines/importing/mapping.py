@@ -151,9 +151,13 @@ def mapping_of(path: Path) -> LabMapping:
                 faults.append(f"targets.{name}: {say}.")
     said = beyond.get("files", {})
     names = [*said] if isinstance(said, dict) else []
-    broken = tuple(n for n in names if n not in extras.files)
-    clocks = _clocks(extras.files, names)
-    extras = msgspec.structs.replace(extras, targets=targets)
+    unsure = {n for n in names if any(f.startswith(f"files.{n}.") for f in found)}
+    joins = {n for n in unsure if any(f.startswith(f"files.{n}.join:") for f in found)}
+    whole = {n: log for n, log in extras.files.items() if n not in joins}
+    broken = tuple(n for n in names if n not in whole)
+    sure = {n: log for n, log in whole.items() if n not in unsure}
+    clocks = _clocks(sure, names)
+    extras = msgspec.structs.replace(extras, targets=targets, files=whole)
     no_tables = [n for n in TABLES if not isinstance(table.get(n, {}), dict)]
     faults += [*clocks, *map(_no_table, no_tables)]
     tells = not (no_tables or tables)
@@ -247,8 +251,8 @@ def contradictions(extras: Extras, rows: str, in_bag: bool) -> Iterator[str]:
     """Say which parts of a mapping do not go together."""
     if extras.rests and rows == "plateaus":
         yield '[rests] turns a stream into plateaus: say rows = "stream".'
-    clocks = [log for log in extras.files.values() if log.join == "clock"]
-    if clocks and rows == "plateaus":
+    timed = [f for f in extras.files.values() if f.join == "clock" and f.time]
+    if timed and rows == "plateaus":
         say = 'say rows = "stream"; or join = "rows", where row k of all is one reading'
         yield f"[files] are joined instant by instant: {say}."
     if extras.files and in_bag:

@@ -1,0 +1,311 @@
+"""Suggests a mapping for a lab's own CSV, from the names and units of its columns.
+
+A suggestion is a start to correct: what was guessed says so, what nothing tells is
+left for the user to fill in, and columns that nobody understood are listed.
+"""
+
+import csv
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from bench.shared.errors import Unusable
+from bench.shared.format.columns import COORDINATES, UNITS, WRENCH, column_of
+from bench.shared.format.readings import MISSING
+from bench.shared.format.table import FIRST_LINES, SEPARATORS
+from scenarios.pipelines.importing.spreadsheet import source_of
+
+# --- How the file is written ----------------------------------------------------------
+
+LOOKED_AT = 500
+"""Rows that are looked at for decimal marks and blanks (chosen)."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A CSV as far as it explains itself.
+
+    Attributes:
+        encoding: Of its text.
+        separator: Between its cells.
+        decimal: The mark of its numbers.
+        names: Of its columns.
+        skip_rows: Lines that are no rows, as a spreadsheet counts them.
+        units: What stands below the names, blank where nothing does.
+        rows: The first readings, as text.
+    """
+
+    encoding: str
+    separator: str
+    decimal: str
+    names: tuple[str, ...]
+    skip_rows: tuple[int, ...]
+    units: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+def sheet_of(source: bytes) -> Sheet:
+    """Find out how a CSV is written.
+
+    Raises:
+        Unusable: Where no line looks like a header with numbers below it.
+    """
+    encoding, text = _decoded(source)
+    lines = text.splitlines()[: FIRST_LINES + LOOKED_AT]
+    found = (_in_cells(lines, s) for s in (*SEPARATORS, " "))
+    best = max(found, key=lambda f: (len(f[1][f[2]]) if f else 0, 0), default=None)
+    if best is None:
+        say = "no line looks like names of columns with numbers below; is it a CSV?"
+        raise Unusable("This file", [say])
+    separator, rows, header = best
+    names = tuple(c.strip() for c in rows[header])
+    first = header + 1
+    while first < len(rows) and not _numbers(rows[first]):
+        first += 1
+    whole = [r for r in rows[first:] if len(r) == len(names)]
+    units = rows[header + 1] if first > header + 1 else []
+    units = tuple(u.strip(" []()") for u in [*units, *[""] * len(names)][: len(names)])
+    skipped = (*range(1, header + 1), *range(header + 2, first + 1))
+    cells = [c for r in whole for c in r]
+    commas = sum(re.fullmatch(r"\s*[+-]?\d*,\d+\s*", c) is not None for c in cells)
+    points = sum(re.fullmatch(r"\s*[+-]?\d*\.\d+.*", c) is not None for c in cells)
+    decimal = "," if separator != "," and commas > points else "."
+    readings = tuple(tuple(c.strip() for c in r) for r in whole)
+    return Sheet(encoding, separator, decimal, names, skipped, units, readings)
+
+
+def _decoded(source: bytes) -> tuple[str, str]:
+    wide = source.startswith((b"\xff\xfe", b"\xfe\xff"))
+    for encoding in (*(["utf-16"] if wide else []), "utf-8", "cp1252", "latin-1"):
+        try:
+            return encoding, source.decode(encoding).removeprefix("\ufeff")
+        except UnicodeError:
+            continue
+    raise AssertionError("latin-1 reads every byte")
+
+
+def _in_cells(
+    lines: Sequence[str], separator: str
+) -> tuple[str, list[list[str]], int] | None:
+    """Cut lines into cells, and find the header: None where there is none."""
+    rows = [next(csv.reader([line], delimiter=separator), []) for line in lines]
+    for k, row in enumerate(rows[:FIRST_LINES]):
+        names = [c for c in row if c.strip()]
+        below = [r for r in rows[k + 1 : k + 6] if len(r) == len(row) and _numbers(r)]
+        if len(names) > 1 and len(names) * 2 > len(row) and not _numbers(row) and below:
+            return separator, rows, k
+    return None
+
+
+_NUMBER = re.compile(r"\s*[+-]?[\d.,]*\d[\d.,eE+-]*\s*")
+
+
+def _numbers(row: Sequence[str]) -> int:
+    return sum(_NUMBER.fullmatch(cell) is not None for cell in row)
+
+
+# --- What the columns are -------------------------------------------------------------
+
+SPELLINGS: dict[str, str] = {
+    **{"°": "deg", "degree": "deg", "degrees": "deg", "grad": "deg", "gradc": "degC"},
+    **{"radian": "rad", "radians": "rad", "µm": "um", "μm": "um", "micron": "um"},
+    **{"inch": "in", "meter": "m", "sec": "s", "seconds": "s", "µs": "us"},
+    **{"n·m": "Nm", "n*m": "Nm", "n m": "Nm", "n.m": "Nm", "nmm": "Nmm"},
+    **{"°c": "degC", "c": "degC", "°f": "degF", "min.": "min", "sek": "s"},
+}
+"""How units are also written."""
+_UNIT = re.compile(r"^(.*?)[\s_]*[\[(]([^\])]+)[\])]\s*$")
+_AXIS = re.compile(r"(?:j|q|a|axis|joint|achse|angle|theta)[ _.-]*([1-9][0-9]?)")
+_FORCE = re.compile(r"(?:f|force|kraft)[ _.-]*([xyz])")
+_TORQUE = re.compile(r"(?:m|t|mom|moment|torque)[ _.-]*([xyz])")
+_SPREAD = re.compile(r"(?:(.*?)[ _.-]*(?:std|sigma|sd|rms)|s)[ _.-]*([xyz])")
+_POINT = re.compile(r"(.*?)[ _.-]*([xyz])")
+_WORDS = {
+    "time_s": ("time", "t", "zeit", "timestamp", "elapsed"),
+    "pose": ("pose", "posture", "pose id", "pose no", "posenr", "config"),
+    "load_kg": ("mass", "load", "payload", "weight", "masse", "last"),
+    "temperature_c": ("temperature", "temp", "temperatur"),
+    "frames": ("frames", "samples averaged"),
+}
+
+
+@dataclass(frozen=True)
+class Guess:
+    """What the columns of a file probably are.
+
+    Attributes:
+        columns: The format's name, to the file's name and its unit; None for the
+            format's own.
+        markers: Names of points that were followed.
+        left: Columns that nobody understood.
+    """
+
+    columns: Mapping[str, tuple[str, str | None]] = field(default_factory=dict)
+    markers: tuple[str, ...] = ()
+    left: tuple[str, ...] = ()
+
+
+def guess_of(sheet: Sheet) -> Guess:
+    """Guess what each column is by its name and unit."""
+    columns: dict[str, tuple[str, str | None]] = {}
+    points: dict[str, dict[str, tuple[str, str]]] = {}
+    spreads: dict[str, dict[str, tuple[str, str]]] = {}
+    for name, below in zip(sheet.names, sheet.units, strict=True):
+        if not name or sheet.names.count(name) > 1:
+            continue
+        match = _UNIT.match(name)
+        plain, unit = (match[1], match[2]) if match else (name, below)
+        plain = plain.strip().casefold()
+        if said := _known(name) or _by_word(plain):
+            columns.setdefault(said, (name, _unit(said, unit)))
+        elif match := _SPREAD.fullmatch(plain):
+            spreads.setdefault(match[1] or "", {})[match[2]] = (name, unit)
+        elif match := _POINT.fullmatch(plain):
+            points.setdefault(match[1], {})[match[2]] = (name, unit)
+    markers = [p for p, found in points.items() if len(found) == 3]
+    for point in markers:
+        marker = re.sub(r"\W+", "_", point).strip("_") or "p"
+        spread = spreads.get(point, {})
+        if not spread and len(markers) == 1 and len(spreads) == 1:
+            (spread,) = spreads.values()
+        for end in COORDINATES:
+            name, unit = points[point][end[1]]
+            columns[marker + end] = (name, _unit("p_x_mm", unit, ("p",)))
+            if len(spread) == 3:
+                name, unit = spread[end[1]]
+                own = _unit("p_x_mm", unit, ("p",))
+                columns[f"{marker}_std{end}"] = (name, own)
+    read = {source for source, _ in columns.values()}
+    names = tuple(re.sub(r"\W+", "_", p).strip("_") or "p" for p in markers)
+    return Guess(columns, names, tuple(n for n in sheet.names if n and n not in read))
+
+
+def _known(name: str) -> str | None:
+    return name if column_of(name, ()) else None
+
+
+def _by_word(plain: str) -> str | None:
+    """Return the column that a name says in so many words."""
+    for said, words in _WORDS.items():
+        if plain in words:
+            return said
+    if match := _AXIS.fullmatch(plain):
+        return f"a{match[1]}_deg"
+    if match := _FORCE.fullmatch(plain):
+        return f"f{match[1]}_n"
+    if match := _TORQUE.fullmatch(plain):
+        return f"t{match[1]}_nm"
+    return None
+
+
+def _unit(said: str, unit: str, markers: tuple[str, ...] = ()) -> str | None:
+    """Return a unit as `[columns]` calls it; None for the format's own or none."""
+    column = column_of(said, markers)
+    known = UNITS.get(column.kind, {}) if column else {}
+    unit = SPELLINGS.get(unit.strip().casefold(), unit.strip())
+    if unit not in known:
+        unit = {k.casefold(): k for k in known}.get(unit.casefold(), "")
+    return unit if unit and unit != next(iter(known), "") else None
+
+
+# --- The mapping ----------------------------------------------------------------------
+
+
+def suggested(path: Path) -> str:
+    """Return a mapping for a CSV, as TOML with remarks on what to correct.
+
+    Raises:
+        Unusable: Where there is no such file, or nothing in it looks like a table.
+    """
+    try:
+        sheet = sheet_of(source_of(path))
+    except Unusable as error:
+        raise Unusable(f"File {str(path)!r}", error.faults) from None
+    return "\n".join(_lines(sheet, guess_of(sheet), path)) + "\n"
+
+
+def write_suggestion(path: Path, mapping: Path | None = None) -> Path:
+    """Write a mapping for a CSV, beside it unless told where; never over another file.
+
+    Raises:
+        Unusable: Where nothing can be suggested, or the mapping is there already.
+    """
+    mapping = mapping or path.with_suffix(".toml")
+    text = suggested(path)
+    try:
+        with mapping.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        say = "it is there already; give another name with --mapping."
+        raise Unusable(f"Mapping {str(mapping)!r}", [say]) from None
+    except OSError as error:
+        say = f"it cannot be written: {error}."
+        raise Unusable(f"Mapping {str(mapping)!r}", [say]) from None
+    return mapping
+
+
+def _lines(sheet: Sheet, guess: Guess, path: Path) -> Iterator[str]:
+    columns = guess.columns
+    yield f"# Suggested from the names and units in {_quoted(path.name)}: correct it."
+    yield "format = 1"
+    yield f"name = {_quoted(path.stem)}"
+    yield 'rows = "plateaus"  # each line is a reading at rest; or "stream"'
+    if "pose" not in columns:
+        yield "number_rows = true  # each row is a pose of its own: is it so?"
+    if "time_s" not in columns:
+        yield "interval_s = 20  # nothing tells the time: one row every N s"
+    yield "# pulled = true  # each row is a deflection from the unloaded arm"
+    yield from ["", "[csv]", f"separator = {_quoted(sheet.separator)}"]
+    yield f"decimal = {_quoted(sheet.decimal)}"
+    if sheet.encoding != "utf-8":
+        yield f"encoding = {_quoted(sheet.encoding)}"
+    if sheet.skip_rows:
+        said = list(sheet.skip_rows)
+        yield f"skip_rows = {said if said != [2] else 1}"
+    if _incomplete(sheet, columns):
+        yield "skip_incomplete = true  # some rows have blanks; they are counted"
+    yield from ["", "[columns]"]
+    for said, (source, unit) in columns.items():
+        entry = _quoted(source)
+        if unit:
+            entry = f"{{ from = {entry}, unit = {_quoted(unit)} }}"
+        plain = re.fullmatch(r"[A-Za-z0-9_-]+", said)
+        yield f"{said if plain else _quoted(said)} = {entry}"
+    if not any(said in columns for said in ("a1_deg", "a1_mm")):
+        yield '# a1_deg = "?"  # which columns are the axes\' angles?'
+    if guess.left:
+        yield f"# not understood: {', '.join(map(_quoted, guess.left))}"
+    yield from _sensors(guess)
+
+
+def _sensors(guess: Guess) -> Iterator[str]:
+    spreads = any("_std_" in said for said in guess.columns)
+    if guess.markers and not spreads:
+        yield from ["", "[sensors.tracker]"]
+        yield "repeatability_mm = 0.02  # one sigma of one reading: say yours"
+    if any(said in guess.columns for said in WRENCH):
+        yield from ["", "[sensors.wrench]"]
+        yield "accuracy_n = 0.5  # one sigma of one reading: say yours"
+        if any(said in guess.columns for said in WRENCH[3:]):
+            yield "accuracy_nm = 0.05"
+        yield 'body = "flange"  # what the sensor is mounted on'
+        yield "position_mm = [0, 0, 0]  # its origin in that body"
+    for marker in guess.markers:
+        yield from ["", f"[markers.{_quoted(marker)}]"]
+        yield 'body = "flange"  # which body is it stuck to?'
+
+
+def _incomplete(sheet: Sheet, columns: Mapping[str, tuple[str, str | None]]) -> bool:
+    required = {
+        sheet.names.index(source)
+        for said, (source, _) in columns.items()
+        if column_of(said, ()) and not said.endswith("_link_deg")
+    }
+    cells = (row[k].casefold() for row in sheet.rows for k in required)
+    return any(cell in MISSING for cell in cells)
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,578 @@
+# ruff: noqa: E501 (a table of faults reads best one to a line)
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from bench.shared.errors import Unusable
+from bench.shared.format import folder as files
+from bench.shared.recording import Recording
+from scenarios.import_recording import Settings, main
+
+# --- A table and its mapping ----------------------------------------------------------
+
+NAMES = ("t", "Nr", "J1", "J2", "Fx", "Fy", "Fz", "Größe X", "Größe Y", "Größe Z", "B")
+UNITS = ("s", "", "deg", "rad", "N", "N", "N", "mm", "mm", "mm", "")
+ROWS = tuple(
+    (f"{20 * k}", f"{k + 1}", f"{3 * k},5", f"0,{k}", f"{k}", "0,5", "0", *xyz, "µ")
+    for k in range(7)
+    for xyz in [(f"{k},25", f"-{k},5", "0,125")]
+)
+
+
+@dataclass(frozen=True)
+class Lab:
+    """A table as text, and a mapping in parts."""
+
+    names: tuple[str, ...] = NAMES
+    rows: tuple[tuple[str, ...], ...] = ROWS
+    above: tuple[str, ...] = ()
+    encoding: str = "utf-8"
+    top: str = ""
+    csv: tuple[str, ...] = ('separator = ";"', 'decimal = ","')
+    columns: dict[str, str] = field(
+        default_factory=lambda: {
+            "time_s": '"t"',
+            "pose": '"Nr"',
+            "a1_deg": '"J1"',
+            "a2_deg": '{ from = "J2", unit = "rad" }',
+            "fx_n": '"Fx"',
+            "fy_n": '"Fy"',
+            "fz_n": '"Fz"',
+            "p_x_mm": '"Größe X"',
+            "p_y_mm": '"Größe Y"',
+            "p_z_mm": '"Größe Z"',
+        }
+    )
+    sensors: str = "accuracy_n = 0.5"
+    below: str = ""
+    skip: tuple[int, ...] = ()
+
+    def without(self, name: str, said: str) -> "Lab":
+        """Take a column out of the table and the mapping."""
+        k = self.names.index(name)
+        return replace(
+            self,
+            names=(*self.names[:k], *self.names[k + 1 :]),
+            rows=tuple((*r[:k], *r[k + 1 :]) for r in self.rows),
+            columns={n: c for n, c in self.columns.items() if n != said},
+        )
+
+    def cell(self, row: int, name: str, text: str) -> "Lab":
+        """Put another text into a cell; rows are counted from 1 of those that are."""
+        cells, k = list(self.rows[row]), self.names.index(name)
+        cells[k] = text
+        return replace(
+            self, rows=(*self.rows[:row], tuple(cells), *self.rows[row + 1 :])
+        )
+
+    def write(self, folder: Path) -> None:
+        """Write table and mapping."""
+        lines = [*self.above, *(";".join(r) for r in (self.names, *self.rows))]
+        text = "\r\n".join(lines) + "\r\n"
+        (folder / "lab.csv").write_bytes(text.encode(self.encoding))
+        skip = [f"skip_rows = {list(self.skip)}"] if self.skip else []
+        said = [
+            'format = 1\nrows = "plateaus"',
+            self.top,
+            "[csv]",
+            *self.csv,
+            *skip,
+            "[columns]",
+            *(f"{name} = {entry}" for name, entry in self.columns.items()),
+            "[sensors.tracker]\nrepeatability_mm = 0.02",
+            f"[sensors.wrench]\n{self.sensors}",
+            '[markers.p]\nbody = "link_2"',
+            self.below,
+        ]
+        (folder / "map.toml").write_text("\n".join(said), encoding="utf-8")
+
+
+def imported(folder: Path) -> Recording:
+    out = folder / "out"
+    recording = main(Settings(folder / "lab.csv", folder / "map.toml", out))
+    assert recording is not None
+    read, _ = files.read(out)  # what was written is a whole recording
+    np.testing.assert_array_equal(read.posture, recording.posture)
+    return recording
+
+
+def faults_of(folder: Path) -> tuple[str, ...]:
+    with pytest.raises(Unusable) as caught:
+        imported(folder)
+    assert not (folder / "out").exists()
+    assert "samples.csv" not in str(caught.value)
+    assert "recording.toml" not in str(caught.value)
+    return caught.value.faults
+
+
+def read_of(folder: Path, lab: Lab) -> Recording:
+    lab.write(folder)
+    return imported(folder)
+
+
+# --- Each rule ------------------------------------------------------------------------
+
+
+def test_a_row_of_units_is_left_out_by_number_or_by_its_line(tmp_path):
+    lab = replace(Lab(), rows=(UNITS, *ROWS))
+    for skip in ("1", "[2]"):
+        (tmp_path / skip).mkdir()
+        read = read_of(
+            tmp_path / skip, replace(lab, csv=(*lab.csv, f"skip_rows={skip}"))
+        )
+        np.testing.assert_allclose(read.time, 20 * np.arange(7))
+
+
+def test_a_row_of_units_that_nobody_told_of_is_one_fault_with_what_to_say(tmp_path):
+    replace(Lab(), rows=(UNITS, *ROWS)).write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert "lab.csv, line 2 (row 1 below the header): words where" in fault
+    assert fault.endswith("say so in [csv]: skip_rows = 1.")
+
+
+def test_faults_below_a_row_of_units_have_the_spreadsheet_s_lines(tmp_path):
+    lab = replace(Lab(), rows=(UNITS, *ROWS), above=("Title", ""), skip=(1, 2, 4))
+    lab.cell(3, "J1", "ten").write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert fault.startswith("lab.csv, line 7 (row 4 below the header), column 'J1'")
+
+
+def test_a_row_of_another_length_has_its_line_below_lines_that_are_left_out(tmp_path):
+    lab = replace(Lab(), above=("Title",), skip=(1,))
+    replace(lab, rows=(*ROWS[:2], (*ROWS[2], "x", "y"), *ROWS[3:])).write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert fault.startswith("lab.csv, line 5 (row 3 below the header): 13 cells")
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "latin-1", "utf-16", "mac-roman"])
+def test_a_file_in_another_encoding_is_read(tmp_path, encoding):
+    lab = replace(Lab(), encoding=encoding)
+    read = read_of(tmp_path, replace(lab, csv=(*lab.csv, f"encoding = '{encoding}'")))
+    assert len(read.time) == 7
+
+
+@pytest.mark.parametrize(
+    ("encoding", "said", "words"),
+    [
+        ("cp1252", "", 'encoding = "cp1252", most likely'),
+        ("utf-8", 'encoding = "cp1252"', "it is UTF-8, not cp1252"),
+        ("utf-8", 'encoding = "ansi"', "'ansi' is not one of: utf-8, utf-16, cp1250"),
+        ("utf-16", "", 'lab.csv is UTF-16. Save it as CSV, UTF-8, or say encoding = "'),
+    ],
+)
+def test_a_wrong_encoding_is_one_fault_and_the_rest_is_checked(
+    tmp_path, encoding, said, words
+):
+    lab = replace(Lab(), encoding=encoding, sensors="acuracy_n = 0.5")
+    replace(lab, csv=(*lab.csv, said)).cell(2, "J1", "ten").write(tmp_path)
+    faults = [f for f in faults_of(tmp_path) if "acuracy_n: nothing" not in f]
+    assert sum(words in f for f in faults) == 1
+    assert len(faults) == (1 if encoding == "utf-16" else 2)
+
+
+@pytest.mark.parametrize("cell", ["", " ", "n/a", "-", "#NV"])
+def test_incomplete_rows_are_skipped_and_counted(tmp_path, capsys, cell):
+    lab = Lab().cell(1, "J2", cell).cell(4, "Fx", cell)
+    read = read_of(tmp_path, replace(lab, csv=(*lab.csv, "skip_incomplete = true")))
+    np.testing.assert_allclose(read.time, [0, 40, 60, 100, 120])
+    said = "lab.csv: 2 rows were skipped as incomplete (lines 3, 6)."
+    assert said in capsys.readouterr().out
+
+
+def test_a_row_cut_short_and_an_empty_line_are_incomplete_too(tmp_path, capsys):
+    rows = (*ROWS[:2], ROWS[2][:4], ("",) * len(NAMES), *ROWS[3:])
+    lab = replace(Lab(), rows=rows, csv=(*Lab().csv, "skip_incomplete = true"))
+    assert len(read_of(tmp_path, lab).time) == 6
+    assert "2 rows were skipped as incomplete (lines 4, 5)" in capsys.readouterr().out
+
+
+def test_a_marker_that_was_not_seen_makes_no_row_incomplete(tmp_path):
+    lab = Lab().cell(1, "Größe X", "")
+    read = read_of(tmp_path, replace(lab, csv=(*lab.csv, "skip_incomplete = true")))
+    assert len(read.time) == 7 and read.points is not None
+    assert np.isnan(read.points[1, 0, 0])
+
+
+@pytest.mark.parametrize("inside", [True, False])
+def test_rows_are_numbered_and_timed_as_they_were_measured(tmp_path, inside):
+    """A row that is left out was measured all the same: it keeps number and time."""
+    lab = Lab().without("t", "time_s").without("Nr", "pose").cell(2, "J1", "")
+    rules = "number_rows = true\ninterval_s = 20.0"
+    lab = replace(lab, csv=(*lab.csv, "skip_incomplete = true"))
+    lab = replace(lab, csv=(*lab.csv, rules)) if inside else replace(lab, top=rules)
+    read = read_of(tmp_path, replace(lab, rows=(lab.rows[0], *lab.rows)[1:]))
+    assert read.posture_id.tolist() == [1, 2, 4, 5, 6, 7]
+    np.testing.assert_allclose(read.time, [0, 20, 60, 80, 100, 120])
+
+
+@pytest.mark.parametrize(
+    ("rule", "words"),
+    [
+        ("number_rows = true", "columns.pose: number_rows makes it already"),
+        ("interval_s = 20", "columns.time_s: interval_s makes it already"),
+        ("interval_s = -20", "interval_s: -20"),
+        ("number_rows = 1", "number_rows: 1"),
+        ("pulled = true\nrows = 1", "not TOML"),
+    ],
+)
+def test_a_rule_of_rows_that_contradicts_the_columns_is_refused(tmp_path, rule, words):
+    replace(Lab(), top=rule).write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert words in fault
+
+
+def test_numbered_rows_of_differences_ask_whether_they_were_pulled(tmp_path):
+    lab = Lab().without("Nr", "pose")
+    replace(lab, top='number_rows = true\ndisplacement = "relative"').write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert "map.toml, number_rows: each row is a pose of one reading" in fault
+    assert "say pulled = true" in fault
+
+
+def test_sign_factor_and_sum_of_columns_come_before_the_unit(tmp_path):
+    lab = Lab()
+    lab.columns["a1_deg"] = '{ from = "J1", factor = -1.0 }'
+    lab.columns["a2_deg"] = '{ from = ["J2", "J1"], sum = [-1, 0.5], unit = "rad" }'
+    read = read_of(tmp_path, lab)
+    j1, j2 = 3.0 * np.arange(7) + 0.5, 0.1 * np.arange(7)
+    np.testing.assert_allclose(read.posture[:, 0], -np.radians(j1))
+    np.testing.assert_allclose(read.posture[:, 1], 0.5 * j1 - j2)
+
+
+@pytest.mark.parametrize(
+    ("entry", "words"),
+    [
+        ('{ from = ["J1", "J2"] }', "sum needs one factor for each column, as in sum = [1, 1]"),
+        ('{ from = ["J1", "J2"], sum = [1] }', "sum needs one factor for each"),
+        ('{ from = ["J1", "J2"], factor = -1.0 }', "give the factors of several columns in sum"),
+        ('{ from = "J1", factor = 2.0, sum = [1] }', "give factor or sum, not both"),
+        ('{ from = "J1", factor = 0.0 }', "a factor is 0"),
+        ('{ from = ["J1", "J9"], sum = [1, 1] }', "column 'J9' is missing"),
+        ('{ from = "J1", scale = -1 }', "columns.a1_deg.scale: nothing is called so"),
+        ('{ from = "J1", unit = "degrees" }', "unit 'degrees' is not one of: deg, rad"),
+    ],
+)  # fmt: skip
+def test_a_sum_that_cannot_be_meant_is_one_fault(tmp_path, entry, words):
+    lab = Lab()
+    lab.columns["a1_deg"] = entry
+    lab.write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert words in fault
+
+
+def test_a_count_has_no_factor(tmp_path):
+    lab = Lab()
+    lab.columns["pose"] = '{ from = "Nr", factor = 2 }'
+    lab.write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert "columns.pose: it counts or names" in fault
+
+
+def test_a_force_without_torque_columns_is_a_pure_force(tmp_path, capsys):
+    read = read_of(tmp_path, Lab())
+    assert read.wrench is not None
+    np.testing.assert_allclose(read.wrench[:, 0], np.arange(7))
+    np.testing.assert_array_equal(read.wrench[:, 3:], 0.0)
+    assert "pure force" in capsys.readouterr().out
+
+
+def test_a_pulled_pose_gets_its_unloaded_reading_of_zero(tmp_path):
+    read = read_of(tmp_path, replace(Lab(), top="pulled = true"))
+    assert read.displacement == "relative" and read.points is not None
+    assert read.wrench is not None
+    assert read.stage.tolist() == ["unloaded", "loaded"] * 7
+    assert read.visit.tolist() == np.repeat(np.arange(7), 2).tolist()
+    np.testing.assert_array_equal(read.points[::2], 0.0)
+    np.testing.assert_array_equal(read.wrench[::2], 0.0)
+    np.testing.assert_allclose(read.points[3, 0], [1.25e-3, -1.5e-3, 0.125e-3])
+
+
+def test_two_pulls_of_one_pose_are_two_visits(tmp_path):
+    lab = Lab().cell(1, "Nr", "1").cell(1, "J1", "0,5").cell(1, "J2", "0,0")
+    read = read_of(tmp_path, replace(lab, top="pulled = true"))
+    assert read.posture_id[:4].tolist() == [1, 1, 1, 1]
+    assert read.visit[:4].tolist() == [0, 0, 1, 1]
+
+
+def test_a_pulled_pose_has_no_stages_of_its_own(tmp_path):
+    lab = replace(Lab(), top="pulled = true")
+    lab.columns["visit"] = '"Nr"'
+    lab.write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert "pulled: each row is a pulled pose, a visit of its own" in fault
+
+
+def spread_lab(more: dict[int, str] | None = None) -> Lab:
+    lab = Lab()
+    rows = tuple(
+        (*r, "10", "10", (more or {}).get(k, "20")) for k, r in enumerate(ROWS)
+    )
+    names = (*NAMES, "sx", "sy", "sz")
+    for c in "xyz":
+        lab.columns[f"p_std_{c}_mm"] = f'{{ from = "s{c}", unit = "um" }}'
+    return replace(lab, names=names, rows=rows)
+
+
+def test_the_readings_own_spread_takes_the_place_of_the_stated_noise(tmp_path, capsys):
+    read = read_of(tmp_path, spread_lab({3: "30"}))
+    assert read.tracker is not None
+    expected = [1e-5, 1e-5, 1e-6 * np.sqrt((6 * 20**2 + 30**2) / 7)]
+    np.testing.assert_allclose(read.tracker.repeatability, expected)
+    assert "readings' own spreads" in capsys.readouterr().out
+
+
+def test_a_negative_spread_and_one_without_its_coordinates_are_refused(tmp_path):
+    lab = spread_lab({3: "-20"})
+    lab.columns.pop("p_std_y_mm")
+    lab.write(tmp_path)
+    missing, spread = faults_of(tmp_path)
+    assert "line 5 (row 4 below the header), column 'sz': a spread of -0.02" in spread
+    assert "column 'p_std_y_mm' is missing" in missing
+
+
+# --- Several files, row by row ---------------------------------------------------------
+
+TRACKER = """
+[files.tracker]
+file = "tracker.csv"
+join = "rows"
+separator = ","
+decimal = "."
+"""
+
+
+def two_files(rows=range(7), above="", more: str = "") -> tuple[Lab, str]:
+    lab = replace(Lab(), below=TRACKER + more)
+    for c in "xyz":
+        lab.columns[f"p_{c}_mm"] = f'"tracker.{c}"'
+    return lab, above + "x,y,z,q\n" + "".join(f"{k}.5,1,2,3\n" for k in rows)
+
+
+def test_files_are_joined_row_by_row(tmp_path, capsys):
+    lab, tracker = two_files(above="", more="skip_rows = 1")
+    tracker = tracker.replace("q\n", "q\nmm,mm,mm,\n", 1)
+    (tmp_path / "tracker.csv").write_text(tracker)
+    lab = replace(lab, rows=(UNITS, *ROWS), skip=(2,))
+    lab = replace(lab.cell(3, "J1", ""), csv=(*lab.csv, "skip_incomplete = true"))
+    read = read_of(tmp_path, lab)
+    assert read.points is not None
+    expected = [0.5, 1.5, 3.5, 4.5, 5.5, 6.5]
+    np.testing.assert_allclose(1e3 * read.points[:, 0, 0], expected)
+    said = capsys.readouterr().out
+    assert "tracker.csv: column 'q' left alone." in said
+
+
+def test_faults_of_joined_files_are_named_in_their_own_lines(tmp_path):
+    lab, tracker = two_files(more="skip_rows = [1, 2]", above="Tracker\nof today\n")
+    tracker = tracker.replace("4.5,1", "up,1").replace("2.5,1", "9e9,1")
+    (tmp_path / "tracker.csv").write_text(tracker)
+    lab.cell(5, "J1", "ten").write(tmp_path)
+    own, cell, large = faults_of(tmp_path)
+    assert "tracker.csv, line 8 (row 5 below the header), column 'x': 'up'" in own
+    assert "lab.csv, line 7 (row 6 below the header), column 'J1': 'ten'" in cell
+    assert "tracker.csv, line 6 (row 3 below the header), column 'x': 9e+06 m" in large
+
+
+@pytest.mark.parametrize(
+    ("rows", "old", "new", "words"),
+    [
+        (range(6), "", "", "tracker.csv has 6 readings and FILE 7 readings"),
+        (range(7), 'join = "rows"', 'join = "rows"\noffset_s = 1', "it needs no clock; leave out offset_s"),
+        (range(7), 'join = "rows"', 'join = "row"', "files.tracker.join: 'row'"),
+        (range(7), 'join = "rows"', "", "files.tracker.time: missing; or join"),
+        (range(7), '"tracker.csv"', '"../t.csv"', "outside the folder"),
+        (range(7), "decimal", 'encoding = "ansi"\ndecimal', "files.tracker.encoding: 'ansi'"),
+    ],
+)  # fmt: skip
+def test_files_that_cannot_be_joined_row_by_row_are_refused(
+    tmp_path, rows, old, new, words
+):
+    lab, tracker = two_files(rows)
+    (tmp_path / "tracker.csv").write_text(tracker)
+    replace(lab, below=lab.below.replace(old, new)).write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert words in fault
+
+
+# --- Faults, one at a time and several together ----------------------------------------
+
+Change = Callable[[Lab], Lab]
+
+
+def said(csv: str = "", top: str = "", lines: tuple[int, ...] = ()) -> Change:
+    """Return a change that adds to what a mapping says."""
+    return lambda lab: replace(
+        lab,
+        csv=(*lab.csv, csv) if csv and csv not in lab.csv else lab.csv,
+        top=f"{lab.top}\n{top}",
+        skip=(*lab.skip, *lines),
+    )
+
+
+def column(name: str, entry: str | None, other: str = "") -> Change:
+    def change(lab: Lab) -> Lab:
+        columns = {
+            other if other and n == name else n: e for n, e in lab.columns.items()
+        }
+        return replace(lab, columns={**columns, **({name: entry} if entry else {})})
+
+    return change
+
+
+def inserted(row: tuple[str, ...], at: int) -> Change:
+    return lambda lab: replace(lab, rows=(*lab.rows[:at], row, *lab.rows[at:]))
+
+
+FORMS: dict[str, tuple[Change, Change, str]] = {
+    "cp1252": (
+        lambda lab: replace(lab, encoding="cp1252"),
+        said('encoding = "cp1252"'),
+        "is not UTF-8 text",
+    ),
+    "no time": (
+        lambda lab: lab.without("t", "time_s"),
+        said(top="interval_s = 20"),
+        "interval_s = N",
+    ),
+    "no pose": (
+        lambda lab: lab.without("Nr", "pose"),
+        said(top="number_rows = true"),
+        "number_rows = true",
+    ),
+    "a blank": (
+        lambda lab: lab.cell(1, "J2", ""),
+        said("skip_incomplete = true"),
+        "column 'J2': blank",
+    ),
+    "no number": (
+        lambda lab: lab.cell(3, "Fx", "n/a"),
+        said("skip_incomplete = true"),
+        "'n/a' is not a number",
+    ),
+    "cut short": (
+        lambda lab: replace(
+            lab, rows=(*lab.rows[:4], lab.rows[4][:5], *lab.rows[5:])
+        ),
+        said("skip_incomplete = true"),
+        "5 cells, but the header has",
+    ),
+    "units": (
+        lambda lab: inserted(
+            tuple(dict(zip(NAMES, UNITS, strict=True))[n] for n in lab.names), 0
+        )(lab),
+        lambda lab: replace(lab, skip=(*lab.skip, len(lab.above) + 2)),
+        "words where numbers are read",
+    ),
+    "a title": (
+        lambda lab: replace(lab, above=("Measured in Köln", "by K. & L.;;")),
+        lambda lab: replace(lab, skip=(1, 2, *(n + 2 * (n < 4) for n in lab.skip))),
+        "the names of the columns stand here",
+    ),
+}  # fmt: skip
+"""What a table may look like: how it comes so, the rule that reads it, its fault."""
+ORDER = (*[f for f in FORMS if f not in ("units", "a title")], "a title", "units")
+
+SLIPS: dict[str, tuple[Change, str]] = {
+    "a key": (
+        lambda lab: replace(lab, sensors="acuracy_n = 0.5"),
+        "sensors.wrench.acuracy_n: nothing is called so. Did you mean 'accuracy_n'",
+    ),
+    "a column's key": (
+        column("a1_deg", None, "a1_dge"),
+        "columns.a1_dge: the format has",
+    ),
+    "a source": (column("fy_n", '"Fyy"'), "column 'Fyy' is missing"),
+    "a unit": (column("a2_deg", '{ from = "J2", unit = "radian" }'), "unit 'radian'"),
+    "a word": (lambda lab: lab.cell(-2, "Fz", "ten"), "'ten' is not a number"),
+    "a part": (
+        lambda lab: replace(lab, below="[tol]\nmass_kg = 1"),
+        "tol: nothing is",
+    ),
+    "a number": (lambda lab: replace(lab, top=f"{lab.top}\nname = 7"), "name: 7"),
+}
+"""Mistakes that no rule reads, each with its fault."""
+
+
+def spoilt(forms: list[str], ruled: bool, slips: list[str]) -> tuple[Lab, list[str]]:
+    lab, words = Lab(), []
+    for name in (n for n in ORDER if n in forms):
+        change, rule, fault = FORMS[name]
+        lab = change(lab)
+        lab = rule(lab) if ruled else lab
+        words += [] if ruled else [fault]
+    for name in slips:
+        change, fault = SLIPS[name]
+        lab, words = change(lab), [*words, fault]
+    return lab, words
+
+
+def every_fault_and_no_other(folder: Path, words: list[str]) -> None:
+    """Each mistake is one fault, and there is no fault beside."""
+    faults = faults_of(folder)
+    for word in words:
+        assert sum(word in f for f in faults) == 1, (word, faults)
+    assert len(faults) == len(words), faults
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_one_fault_of_a_table_is_named_alone_and_read_by_its_rule(tmp_path, name):
+    lab, words = spoilt([name], False, [])
+    lab.write(tmp_path)
+    every_fault_and_no_other(tmp_path, words)
+    lab, _ = spoilt([name], True, [])
+    assert len(read_of(tmp_path, lab).time) >= 6
+
+
+@pytest.mark.parametrize("name", SLIPS)
+def test_one_mistake_of_a_mapping_is_named_alone(tmp_path, name):
+    lab, words = spoilt([], False, [name])
+    lab.write(tmp_path)
+    every_fault_and_no_other(tmp_path, words)
+
+
+some_forms = st.lists(st.sampled_from([*FORMS]), unique=True, max_size=5)
+some_slips = st.lists(st.sampled_from([*SLIPS]), unique=True, max_size=3)
+many = settings(
+    max_examples=25,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
+
+
+@many
+@given(some_forms)
+def test_any_table_of_these_forms_is_read_by_their_rules(tmp_path, forms):
+    lab, _ = spoilt(forms, True, [])
+    read = read_of(tmp_path, lab)
+    for file in (*(tmp_path / "out").iterdir(),):
+        file.unlink()
+    (tmp_path / "out").rmdir()
+    gone = {"a blank": 1, "no number": 3, "cut short": 4}
+    kept = [k for k in range(7) if k not in {gone[f] for f in forms if f in gone}]
+    np.testing.assert_allclose(read.time, 20.0 * np.array(kept))
+    np.testing.assert_array_equal(read.posture_id, np.array(kept) + 1)
+    np.testing.assert_allclose(read.posture[:, 1], 0.1 * np.array(kept))
+
+
+@many
+@given(some_forms, some_slips)
+def test_all_faults_are_named_at_once_and_none_is_false(tmp_path, forms, slips):
+    lab, words = spoilt(forms, False, slips)
+    if words:
+        lab.write(tmp_path)
+        every_fault_and_no_other(tmp_path, words)
+
+
+@many
+@given(some_forms, some_slips)
+def test_rules_that_hold_leave_the_other_faults_to_be_named(tmp_path, forms, slips):
+    lab, words = spoilt(forms, True, slips)
+    if words:
+        lab.write(tmp_path)
+        every_fault_and_no_other(tmp_path, words)
