@@ -81,7 +81,7 @@ def main(settings: Settings) -> Recording | None:
     rows, kind = len(recording.time), recording.rows
     poses = len(np.unique(recording.posture_id))
     print(f"{s.out}: {rows} rows ({kind}), {poses} poses.")
-    for line in read.told:
+    for line in read.clock_notes:
         print(line)
     for name, lag in read.lags.items():
         print(f"Lag of {name} behind the axes: {lag_text(lag)}.")

@@ -188,14 +188,14 @@ class Held:
         unit: Its unit in the file.
         terms: The file's columns that are added, each with its factor; empty: the
             source as it stands.
-        doubtful: Whether its entry has a fault, so that no reading can be judged.
+        unclear: Whether its entry has a fault, so that no reading can be judged.
     """
 
     column: Column
     source: str
     unit: Unit
     terms: tuple[tuple[str, float], ...] = ()
-    doubtful: bool = False
+    unclear: bool = False
 
     @property
     def sources(self) -> tuple[str, ...]:
@@ -318,8 +318,8 @@ def _mapped(
         terms, fault = _terms(source, column)
         faults += [f"{place}: {fault}"] if fault else []
         shown = _formula(terms) if terms else source.from_ or name
-        doubtful = len(faults) > before
-        held[name] = Held(column, str(shown), column.unit(unit), terms, doubtful)
+        unclear = len(faults) > before
+        held[name] = Held(column, str(shown), column.unit(unit), terms, unclear)
         faults += [
             f"{file}: column {one!r} is missing, which "
             f"{place} asks for.{nearest(one, header)}"

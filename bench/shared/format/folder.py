@@ -192,7 +192,7 @@ def _values(
     judged = {
         n: v
         for n, v in values.items()
-        if n not in layout.held or not layout.held[n].doubtful
+        if n not in layout.held or not layout.held[n].unclear
     }
     alone = manifest.pulled or manifest.number_rows
     relative = manifest.displacement == "relative" and not alone

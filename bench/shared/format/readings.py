@@ -46,7 +46,7 @@ def readings_of(header: Header, cells: Cells, layout: Layout, about: Csv) -> Rea
     left_out = {*header.left_out, *(int(n) for n in place.rows(cells.rows)[none])}
     if none:
         faults.append(_say_units(place, none, texts, header))
-        cells = cells.without(none)
+        cells = cells.drop(none)
     required = {
         source
         for held in layout.held.values()
@@ -68,7 +68,7 @@ def readings_of(header: Header, cells: Cells, layout: Layout, about: Csv) -> Rea
         if len(rows) > SHOWN:
             more = f"and {len(rows) - SHOWN} more rows like these."
             faults.append(f"{place.file}: {more}")
-    cells = cells.without(np.flatnonzero(gone).tolist())
+    cells = cells.drop(np.flatnonzero(gone).tolist())
     numbers = cells.location.rows(cells.rows)
     before = np.searchsorted(sorted(left_out), numbers)
     return cells, (numbers - before).astype(float), notes, faults

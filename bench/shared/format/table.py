@@ -329,7 +329,7 @@ class Header:
         location = replace(self.location, unread=unread)
         cells = Cells(location, by_name, faults, short)
         rows = np.flatnonzero(np.isin(location.rows(cells.rows), self.left_out))
-        return cells.without(rows.tolist())
+        return cells.drop(rows.tolist())
 
 
 @dataclass(frozen=True)
@@ -353,7 +353,7 @@ class Cells:
         """How many rows there are."""
         return len(next(iter(self.columns.values()), ()))
 
-    def without(self, rows: Collection[int]) -> "Cells":
+    def drop(self, rows: Collection[int]) -> "Cells":
         """Leave out rows, counted from zero."""
         if not len(rows):
             return self

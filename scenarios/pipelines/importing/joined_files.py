@@ -40,12 +40,12 @@ class Joined:
     Attributes:
         recording: What they hold.
         notes: What to say of columns and rows.
-        told: What was found of the clocks.
+        clock_notes: What was found of the clocks.
     """
 
     recording: Recording
     notes: tuple[str, ...]
-    told: tuple[str, ...] = ()
+    clock_notes: tuple[str, ...] = ()
 
 
 def recording_of(

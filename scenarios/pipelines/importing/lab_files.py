@@ -30,13 +30,13 @@ class Imported:
     Attributes:
         recording: What the files hold.
         notes: What to say of columns and rows.
-        told: What was found of the files' clocks.
+        clock_notes: What was found of the files' clocks.
         lags: How much each channel lags behind the axes; None where nothing tells.
     """
 
     recording: Recording
     notes: tuple[str, ...]
-    told: tuple[str, ...] = ()
+    clock_notes: tuple[str, ...] = ()
     lags: Mapping[str, Lag | None] = field(default_factory=dict)
 
 
@@ -93,7 +93,7 @@ def _read(
         joined = joined_files.recording_of(
             source, manifest, extras, model, names, faulty
         )
-        recording, notes, told = joined.recording, joined.notes, joined.told
+        recording, notes, told = joined.recording, joined.notes, joined.clock_notes
     else:
         if in_bag:
             table, manifest, lags = bag_as_csv(source, manifest, extras, model)

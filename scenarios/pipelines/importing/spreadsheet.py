@@ -231,7 +231,7 @@ def _with_points(
 
 
 def names_in(manifest: Mapping[str, Any]) -> set[str]:
-    """Return all names of columns that a mapping speaks of."""
+    """Return all names of columns in a mapping."""
     names: set[str] = set()
     for name, entry in manifest.get("columns", {}).items():
         said = entry.get("from", name) if isinstance(entry, dict) else entry

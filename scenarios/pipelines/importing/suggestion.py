@@ -139,12 +139,12 @@ class Guess:
         columns: The format's name, to the file's name and its unit; None for the
             format's own.
         markers: Names of points that were followed.
-        left: Columns that nobody understood.
+        unknown: Columns that nobody understood.
     """
 
     columns: Mapping[str, tuple[str, str | None]] = field(default_factory=dict)
     markers: tuple[str, ...] = ()
-    left: tuple[str, ...] = ()
+    unknown: tuple[str, ...] = ()
 
 
 def guess_of(sheet: Sheet) -> Guess:
@@ -275,8 +275,8 @@ def _lines(sheet: Sheet, guess: Guess, path: Path) -> Iterator[str]:
         yield f"{said if plain else _quoted(said)} = {entry}"
     if not any(said in columns for said in ("a1_deg", "a1_mm")):
         yield '# a1_deg = "?"  # which columns are the axes\' angles?'
-    if guess.left:
-        yield f"# not understood: {', '.join(map(_quoted, guess.left))}"
+    if guess.unknown:
+        yield f"# not understood: {', '.join(map(_quoted, guess.unknown))}"
     yield from _sensors(guess)
 
 

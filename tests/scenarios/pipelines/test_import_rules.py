@@ -15,7 +15,19 @@ from scenarios.import_recording import Settings, main
 
 # --- A table and its mapping ----------------------------------------------------------
 
-NAMES = ("t", "Nr", "J1", "J2", "Fx", "Fy", "Fz", "Größe X", "Größe Y", "Größe Z", "B")
+NAMES: tuple[str, ...] = (
+    "t",
+    "Nr",
+    "J1",
+    "J2",
+    "Fx",
+    "Fy",
+    "Fz",
+    "Größe X",
+    "Größe Y",
+    "Größe Z",
+    "B",
+)
 UNITS = ("s", "", "deg", "rad", "N", "N", "N", "mm", "mm", "mm", "")
 ROWS = tuple(
     (f"{20 * k}", f"{k + 1}", f"{3 * k},5", f"0,{k}", f"{k}", "0,5", "0", *xyz, "µ")
