@@ -101,6 +101,10 @@ def faults_of(
     return faults + _target_faults(manifest)
 
 
+SAME_MARK = "separator and decimal mark."
+"""How the fault ends that another separator explains."""
+
+
 def csv_faults(manifest: Manifest) -> list[str]:
     """Name what is wrong with how the file is said to be written."""
     about, mark, faults = manifest.csv, manifest.csv.mark, []
@@ -118,7 +122,7 @@ def csv_faults(manifest: Manifest) -> list[str]:
     if mark not in (".", ","):
         faults.append(f"{FILE}, csv.decimal: {quoted(mark)} is not '.' or ','.")
     if separator == mark:
-        faults.append(f"{FILE}, csv: separator and decimal mark are both {mark!r}.")
+        faults.append(f"{FILE}, csv: {mark!r} is both {SAME_MARK}")
     if isinstance(manifest.csv.decimal, str) and isinstance(
         manifest.csv.decimal_mark, str
     ):

@@ -12,7 +12,6 @@ for which of ours, and in which unit.
 """
 
 import re
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from math import pi
@@ -237,7 +236,7 @@ def layout_of(
     read = {source for h in held.values() for source in h.sources}
     made = made_by_rule(manifest)
     unclear = {n for n, entry in manifest.columns.items() if entry is UNCLEAR}
-    strays = {n for n in manifest.columns if is_stray_marker(n, manifest.markers)}
+    meant = _meant_markers(header, manifest)
     for name in header:
         column = column_of(name, manifest.markers)
         if column and name not in held:
@@ -249,13 +248,13 @@ def layout_of(
                 f"{name!r}; rename one."
             )
         elif is_stray_marker(name, manifest.markers) and name not in read:
-            faults.append(_stray(f"{file}, column {name!r}", name, manifest))
-            strays.add(name)
+            faults.append(_stray(f"{file}, column {name!r}", name[:-5], manifest))
     numbers = {h.column.axis for h in held.values()} - {0}
     numbers |= {c.axis for n in unclear if (c := column_of(n, ()))} - {0}
     count = max(numbers, default=0) if axes is None else axes
     unread = [n for n in header if n not in held and n not in read]
-    there = {*held, *made, *unclear, *_meant_by_strays(strays, manifest)}
+    there = {*held, *made, *unclear}
+    there |= {f"{marker}{c}" for marker in meant.values() for c in COORDINATES}
     faults += _missing(there, manifest, file, max(count, 1), unread)
     if extra := sorted(n for n in numbers if n > count):
         faults.append(
@@ -277,11 +276,28 @@ def made_by_rule(manifest: Manifest) -> tuple[str, ...]:
     return tuple(name for name, holds in rules.items() if holds)
 
 
-def _meant_by_strays(strays: Collection[str], manifest: Manifest) -> set[str]:
-    """Return columns of markers that stand there under a marker's misspelt name."""
-    names = {n[:-5] for n in strays}
-    meant = {nearest_of(n, list(manifest.markers)) for n in names} - {None}
-    return {f"{marker}{c}" for marker in meant for c in COORDINATES}
+_OF_MARKER = re.compile(r"(.+?)(_std)?(_[xyz]_mm)")
+
+
+def _marker_of(name: str, manifest: Manifest) -> str:
+    """Return the marker that an entry names and the manifest lacks; else empty."""
+    match = _OF_MARKER.fullmatch(name)
+    stray = match and column_of(name, manifest.markers) is None
+    return match[1] if match and stray and match[1] not in manifest.markers else ""
+
+
+def _meant_markers(header: Sequence[str], manifest: Manifest) -> dict[str, str]:
+    """Return which marker each misspelt one probably is: the nearest without columns.
+
+    Where one has no columns and one name no marker, they belong together.
+    """
+    said = [*manifest.columns, *(n for n in header if n.endswith(COORDINATES[0]))]
+    strays = {_marker_of(n, manifest) for n in said} - {""}
+    free = [m for m in manifest.markers if f"{m}{COORDINATES[0]}" not in said]
+    if len(strays) == len(free) == 1:
+        return {strays.pop(): free[0]}
+    meant = {n: nearest_of(n, free) for n in sorted(strays)}
+    return {n: m for n, m in meant.items() if m is not None}
 
 
 def _mapped(
@@ -289,16 +305,21 @@ def _mapped(
 ) -> tuple[dict[str, Held], list[str]]:
     held: dict[str, Held] = {}
     faults: list[str] = []
+    meant, strays = _meant_markers(header, manifest), set[str]()
     for said, entry in manifest.columns.items():
         name, place = said, f"{FILE}, columns.{said}"
         source = Source(from_=entry) if isinstance(entry, str) else entry
         if source is UNCLEAR:
             continue
+        if marker := _marker_of(name, manifest):
+            if marker not in strays:
+                faults.append(_stray(place, marker, manifest))
+            strays.add(marker)
+            if marker not in meant:
+                continue
+            name = meant[marker] + name.removeprefix(marker)
         column = column_of(name, manifest.markers)
         if column is None:
-            if is_stray_marker(name, manifest.markers):
-                faults.append(_stray(place, name, manifest))
-                continue
             known = expected(6, manifest.markers)
             faults.append(
                 f"{place}: the format has no such column.{nearest(name, known)}"
@@ -420,10 +441,10 @@ def expected(axes: int, markers: Collection[str]) -> list[str]:
     return [*ALWAYS, *others, *each, *WRENCH, *points, *spreads]
 
 
-def _stray(place: str, name: str, manifest: Manifest) -> str:
-    known = Counter(manifest.markers)
+def _stray(place: str, marker: str, manifest: Manifest) -> str:
+    known = list(manifest.markers)
     listed = ", ".join(sorted(known)[:12]) or "none"
     return (
-        f"{place}: no marker is called {name[:-5]!r} in {FILE}."
-        f"{nearest(name[:-5], list(known))} Known: {listed}."
+        f"{place}: no marker is called {marker!r} in {FILE}."
+        f"{nearest(marker, known)} Known: {listed}."
     )

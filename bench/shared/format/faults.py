@@ -87,10 +87,15 @@ def visible(text: str) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
+SHORT = 4
+"""Letters of a name in which two exchanged ones are much (`cvs` for `csv`; chosen)."""
+
+
 def nearest_of(name: str, known: Sequence[str]) -> str | None:
     """Return the known name that was probably meant; None where none is near."""
     folded = {k.casefold(): k for k in known}
-    guess = get_close_matches(name.casefold(), folded, n=1, cutoff=0.7)
+    cutoff = 0.65 if len(name) <= SHORT else 0.7
+    guess = get_close_matches(name.casefold(), folded, n=1, cutoff=cutoff)
     return folded[guess[0]] if guess else None
 
 

@@ -23,6 +23,7 @@ from bench.shared.errors import Unusable
 from bench.shared.format.assembly import assemble, manifest_text, samples_table
 from bench.shared.format.cells import all_values_of
 from bench.shared.format.checks import (
+    SAME_MARK,
     faults_in,
     faults_of,
     faults_of_rules,
@@ -93,7 +94,10 @@ def read_as_far_as_possible(folder: Path, model: ModelFacts | None) -> FolderRea
     if header is None:
         return FolderRead(None, [], faults + faults_of(manifest, axes, model))
     layout = layout_of(header.names, manifest, header.location.file, axes)
-    faults += faults_of(manifest, layout.axes or None, model)
+    found = faults_of(manifest, layout.axes or None, model)
+    if header.separator != manifest.csv.separator:
+        found = [f for f in found if not f.endswith(SAME_MARK)]  # that is said
+    faults += found
     faults += layout.faults
     faults += faults_of_rules(manifest, layout)
     file = header.location.file

@@ -126,6 +126,8 @@ def source_of(path: Path) -> bytes:
     source = _without_excel_s_line(path.read_bytes().removeprefix(b"\xef\xbb\xbf"))
     if not source.strip():
         raise Unusable(what, ["it is empty."])
+    if b"\n" not in source:  # an old Macintosh's ends of lines
+        source = source.replace(b"\r", b"\n")
     return source
 
 

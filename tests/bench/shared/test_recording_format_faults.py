@@ -222,7 +222,7 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("a unit of nothing", more('[columns]\na2_deg = { from = "a2_deg", unit = "mm" }'), ("columns.a2_deg", "'mm'", "deg, rad")),
     ("two columns for one", both(added("J2", "1"), more('[columns]\na2_deg = { from = "J2" }')), ("'a2_deg' and 'J2'", "both stand for")),
     ("a separator of two", more('[csv]\nseparator = ";;"'), ("csv.separator", "';;'")),
-    ("a separator that is the mark", more('[csv]\ndecimal = ","'), ("csv", "both ','")),
+    ("a separator that is the mark", more('[csv]\ndecimal = ","'), ("csv: ',' is both separator and decimal mark",)),
     ("robot twice", both(said("rows", 'robot = "kr10"\nrows'), more("[robot]\n")), ("not TOML", "Inside [robot]")),
     ("no header", lambda folder: save(folder, table(folder)[1:]), ("'time_s' is missing",)),
     ("cells apart by ;", lambda folder: save(folder, [[";".join(row)] for row in table(folder)]), ("apart by ';'", 'separator = ";"')),

@@ -61,6 +61,8 @@ class Lab:
         }
     )
     sensors: str = "accuracy_n = 0.5"
+    part: str = "csv"
+    marker: str = "p"
     below: str = ""
     skip: tuple[int, ...] = ()
 
@@ -91,14 +93,14 @@ class Lab:
         said = [
             'format = 1\nrows = "plateaus"',
             self.top,
-            "[csv]",
+            f"[{self.part}]",
             *self.csv,
             *skip,
             "[columns]",
             *(f"{name} = {entry}" for name, entry in self.columns.items()),
             "[sensors.tracker]\nrepeatability_mm = 0.02",
             f"[sensors.wrench]\n{self.sensors}",
-            '[markers.p]\nbody = "link_2"',
+            f'[markers.{self.marker}]\nbody = "link_2"',
             self.below,
         ]
         (folder / "map.toml").write_text("\n".join(said), encoding="utf-8")
@@ -504,6 +506,18 @@ SLIPS: dict[str, tuple[Change, str]] = {
     "a part": (
         lambda lab: replace(lab, below="[tol]\nmass_kg = 1"),
         "tol: nothing is",
+    ),
+    "a marker's name": (
+        lambda lab: replace(lab, marker="q"),
+        "columns.p_x_mm: no marker is called 'p' in map.toml.",
+    ),
+    "a part of three letters": (
+        lambda lab: replace(lab, part="cvs"),
+        "cvs: nothing is called so. Did you mean 'csv'",
+    ),
+    "a separator": (
+        lambda lab: replace(lab, csv=tuple(c for c in lab.csv if "separator" not in c)),
+        "its columns stand apart by ';'",
     ),
     "a number": (lambda lab: replace(lab, top=f"{lab.top}\nname = 7"), "name: 7"),
 }
