@@ -188,7 +188,8 @@ def _values(
     faults = [*cells.faults, *faults, *found]
     if values and not any(len(column) for column in values.values()):
         none = f"{header.location.file}: there are no rows."
-        return {}, cells, notes, [*faults, none]
+        said = [] if cells.faults else [*notes, none]  # rows of another length are rows
+        return {}, cells, notes, [*faults, *said]
     if manifest.number_rows:
         values["pose"] = rows + 1.0
     if manifest.interval_s is not None:

@@ -432,8 +432,9 @@ def _csv_cells(
         return "skip"
 
     chosen = [str(i) for i in wanted]
+    source = header.source
     table = pa_csv.read_csv(
-        pa.BufferReader(header.source),
+        pa.BufferReader(source if source.endswith(b"\n") else source + b"\n"),
         pa_csv.ReadOptions(
             use_threads=False,
             column_names=names,

@@ -101,8 +101,8 @@ def _read(
             table = spreadsheet.source_of(source)
         read = spreadsheet.recording_of(table, manifest, extras.targets, model, names)
         recording, notes, told = read.recording, read.notes, ()
-        if not lags and recording.rows == "stream":
-            lags = dict(stream_lags(recording))
+    if not lags and not told and recording.rows == "stream":
+        lags = dict(stream_lags(recording))
     if extras.rests:
         recording = plateaus_of(recording, extras.rests)
     return Imported(recording, counted(notes), told, lags)

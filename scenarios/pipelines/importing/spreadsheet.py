@@ -146,7 +146,7 @@ def as_utf8(
         return source, dict(manifest), []  # the format's reader says why
     if not is_encoding(about.encoding):
         return _without_excel_s_line(text), dict(manifest), faults
-    said = {k: v for k, v in manifest.get("csv", {}).items() if k != "encoding"}
+    said = {**manifest.get("csv", {}), "encoding": "utf-8"}
     return _without_excel_s_line(text), {**manifest, "csv": said}, faults
 
 

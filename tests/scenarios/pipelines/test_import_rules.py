@@ -189,6 +189,34 @@ def test_a_wrong_encoding_is_one_fault_and_the_rest_is_checked(
     assert len(faults) == (1 if encoding == "utf-16" else 2)
 
 
+@pytest.mark.parametrize("rule", ["encoding", "skip_rows", "skip_incomplete"])
+def test_a_misspelt_rule_is_one_fault_and_holds_for_the_rest(tmp_path, rule):
+    lab = replace(Lab(), encoding="cp1252", rows=(UNITS, *ROWS)).cell(3, "J1", "")
+    rules = ("encoding = 'cp1252'", "skip_rows = 1", "skip_incomplete = true")
+    misspelt = tuple(r.replace(rule, rule[:-2] + rule[-1]) for r in rules)
+    replace(lab, csv=(*lab.csv, *misspelt)).write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert f"nothing is called so. Did you mean '{rule}'?" in fault
+
+
+def test_rows_that_are_all_cut_short_are_not_said_to_be_none(tmp_path):
+    lab = replace(Lab(), rows=tuple(r[:-1] for r in ROWS[:3]))
+    lab.write(tmp_path)
+    faults = faults_of(tmp_path)
+    assert len(faults) == 3 and all("10 cells, but the header" in f for f in faults)
+    replace(lab, csv=(*lab.csv, "skip_incomplete = true")).write(tmp_path)
+    counted, none = faults_of(tmp_path)
+    assert "3 rows were skipped as incomplete (lines 2, 3, 4)" in counted
+    assert none == "lab.csv: there are no rows."
+
+
+def test_a_header_without_rows_is_said_to_have_none(tmp_path):
+    replace(Lab(), rows=(), above=("Title",), skip=(1,)).write(tmp_path)
+    file = tmp_path / "lab.csv"
+    file.write_bytes(file.read_bytes().rstrip())
+    assert faults_of(tmp_path) == ("lab.csv: there are no rows.",)
+
+
 @pytest.mark.parametrize("cell", ["", " ", "n/a", "-", "#NV"])
 def test_incomplete_rows_are_skipped_and_counted(tmp_path, capsys, cell):
     lab = Lab().cell(1, "J2", cell).cell(4, "Fx", cell)
