@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 
 import mujoco
 
-from bench.model_file import load, plain_mjcf
+from bench.model_file import PATCH, load, plain_mjcf
 from bench.shared.errors import UnknownName, Unusable
 from bench.shared.recording import Recording
 
@@ -111,10 +111,13 @@ def anatomy(model: mujoco.MjModel) -> Anatomy:
     names = [model.body(b).name for b in range(model.nbody)]
     carried = [b for b in range(model.nbody) if bodies[-1] in carriers_of(model, b)]
     flange = "flange" if "flange" in names else names[carried[-1]]
+    below = int(model.body_parentid[bodies[0]])
+    while names[below].startswith(PATCH):
+        below = int(model.body_parentid[below])
     return Anatomy(
         axes=tuple(model.joint(j).name for j in joints),
         links=tuple(names[b] for b in bodies),
-        base="base" if "base" in names else names[model.body_parentid[bodies[0]]],
+        base="base" if "base" in names else names[below],
         flange=flange,
         slides=tuple(
             bool(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE) for j in joints

@@ -10,6 +10,10 @@ A robot's model file, MJCF or URDF, says which bodies hang on which joints.
 MuJoCo reads either kind; `plain_mjcf` writes the moving parts back as one
 self-contained MJCF text at full precision, without includes, defaults, pictures,
 sites or contacts, so that Pinocchio and MuJoCo read the very same arm.
+
+A `model.xml` that a diagnosis wrote is read as the corrected arm: the user's axes, with
+corrected lengths, zeros, masses and springs. What bears the prefix `PATCH` is part of
+the structure: its joints are held at zero, its bodies are merged into their children.
 """
 
 import os
@@ -135,6 +139,15 @@ SPECK = 1e-12
 """Least mass in kg and inertia in kg m² of a URDF's link, whose file may give none."""
 ROOT = "everything"
 """Body on which all hangs where several stand in the world."""
+HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+
+PATCH = "patch:"
+"""Prefix of the names of all parts that a patch adds to a user's model."""
+GEAR = "_gear"
+"""End of the name of the joint that carries an axis' spring in a patched model."""
+RIGID = 1e9
+"""Stiffness in N m/rad (N/m) of an axis that a model calls rigid (0); chosen: 100 N m
+turn it by 0.1 µrad."""
 
 mujoco.set_mju_user_warning(lambda text: None)  # else it writes a file where one stands
 
@@ -143,7 +156,9 @@ def load(path: Path | str) -> mujoco.MjModel:
     """Compile a model file.
 
     Bodies and joints without a name are numbered. A URDF keeps its fixed links and
-    loses its meshes, whose places only its own workspace knows.
+    loses its meshes, whose places only its own workspace knows. An axis with a `ref`
+    gets one of zero and a body turned by it, at the same angles. Of a patched model the
+    axes stay, see the head of this file.
 
     Args:
         path: An MJCF or URDF file.
@@ -155,26 +170,49 @@ def load(path: Path | str) -> mujoco.MjModel:
         BenchError: Where the file is missing.
         Unusable: Where the file is no model that MuJoCo can compile.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise BenchError(f"There is no model file {str(path)!r}; give an MJCF or URDF.")
-    what = f"Model {str(path)!r}"
-    if faults := faults_of(path):
-        raise Unusable(what, faults)
+    path, what = Path(path), f"Model {str(path)!r}"
+    spec = read_spec(path)
     try:
-        spec = mujoco.MjSpec.from_file(str(path))
-        _prepare(spec, is_urdf=b"<robot" in path.read_bytes())
+        _take_out_pictures(spec)
+        added = take_out_patch(spec)
         model = spec.compile()
     except (ValueError, RuntimeError) as error:
         raise Unusable(what, [" ".join(str(error).split())]) from None
     _refuse_nonsense(path, model)
-    if left := _left_out(model):
+    if left := ", ".join(filter(None, (added, _left_out(model)))):
         warnings.warn(f"{what}: {left} left out.", LeftOut, stacklevel=2)
+    _make_zero_the_reference(model)
     return model
 
 
-def _prepare(spec: mujoco.MjSpec, is_urdf: bool) -> None:
-    """Name what has no name, and take out what an arm's motion does not need."""
+def read_spec(path: Path) -> mujoco.MjSpec:
+    """Read a model file with all that is in it; what has no name is numbered.
+
+    Args:
+        path: An MJCF or URDF file.
+
+    Raises:
+        BenchError: Where the file is missing.
+        Unusable: Where it must not be compiled or is no model.
+    """
+    if not path.is_file():
+        raise BenchError(f"There is no model file {str(path)!r}; give an MJCF or URDF.")
+    if faults := faults_of(path):
+        raise Unusable(f"Model {str(path)!r}", faults)
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, RuntimeError) as error:
+        fault = " ".join(str(error).split())
+        raise Unusable(f"Model {str(path)!r}", [fault]) from None
+    _name_parts(spec)
+    if b"<robot" in path.read_bytes():
+        take_out_meshes(spec)
+        spec.compiler.fusestatic = False
+        spec.compiler.boundmass = spec.compiler.boundinertia = SPECK
+    return spec
+
+
+def _name_parts(spec: mujoco.MjSpec) -> None:
     for kind, parts in (("body", spec.bodies[1:]), ("joint", spec.joints)):
         names = {part.name for part in parts}
         for k, part in enumerate(parts, start=1):
@@ -185,18 +223,113 @@ def _prepare(spec: mujoco.MjSpec, is_urdf: bool) -> None:
                     if (name := f"{kind}_{n}") not in names
                 )
                 names.add(part.name)
+
+
+def _take_out_pictures(spec: mujoco.MjSpec) -> None:
+    """Take out fields of heights and textures: small files of them can be huge."""
     fields = [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_HFIELD]
-    for part in (*fields, *spec.hfields, *spec.textures):  # small files can be huge
+    for part in (*fields, *spec.hfields, *spec.textures):
         spec.delete(part)
     for material in spec.materials:
         material.textures = [""] * len(material.textures)
-    if is_urdf:
-        for geom in [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_MESH]:
-            spec.delete(geom)
-        for mesh in list(spec.meshes):
-            spec.delete(mesh)
-        spec.compiler.fusestatic = False
-        spec.compiler.boundmass = spec.compiler.boundinertia = SPECK
+
+
+def take_out_meshes(spec: mujoco.MjSpec) -> None:
+    """Take out meshes and their geoms."""
+    for geom in [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_MESH]:
+        spec.delete(geom)
+    for mesh in list(spec.meshes):
+        spec.delete(mesh)
+
+
+def take_out_patch(spec: mujoco.MjSpec) -> str:
+    """Hold what a patch added at zero and give the axes their gears' springs.
+
+    Args:
+        spec: A patched model, or any other, which stays as it is.
+
+    Returns:
+        What the patch had added and is left out; empty: nothing.
+    """
+    parts = (*spec.tendons, *spec.sites, *spec.excludes, *spec.texts)
+    added = [part for part in parts if part.name.startswith(PATCH)]
+    joints = [joint for joint in spec.joints if joint.name.startswith(PATCH)]
+    if not added and not joints:
+        return ""
+    keys = _shorter_keys(spec)
+    gears = {
+        j.name[len(PATCH) : -len(GEAR)]: j for j in joints if j.name.endswith(GEAR)
+    }
+    for joint in spec.joints:
+        if joint in joints:
+            continue
+        if joint.name in gears:
+            joint.stiffness = list(gears[joint.name].stiffness)
+        elif joint.stiffness[0] >= RIGID:
+            joint.stiffness = [0.0, 0.0, 0.0]
+        joint.springref = joint.ref
+    counts = {
+        "spring": len(joints) - len(gears),
+        "tendon": sum(t.name.startswith(PATCH) for t in spec.tendons),
+    }
+    for part in (*added, *joints):
+        spec.delete(part)
+    for key, (qpos, qvel) in zip(spec.keys, keys, strict=True):
+        key.qpos, key.qvel = qpos, qvel  # deleting a joint empties them
+    several = [f"{n} {kind}{'s' * (n > 1)}" for kind, n in counts.items() if n]
+    return f"{' and '.join(several)} of its patch" if several else ""
+
+
+def _shorter_keys(spec: mujoco.MjSpec) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return positions and velocities of key frames without those of a patch."""
+    if not spec.keys:
+        return []
+    model = spec.compile()
+    patch = [model.joint(j).name.startswith(PATCH) for j in range(model.njnt)]
+    of_patch = model.jnt_qposadr[patch], model.jnt_dofadr[patch]
+    return [
+        (np.delete(qpos, of_patch[0]), np.delete(qvel, of_patch[1]))
+        for qpos, qvel in zip(model.key_qpos, model.key_qvel, strict=True)
+    ]
+
+
+def _make_zero_the_reference(model: mujoco.MjModel) -> None:
+    """Turn (shift) each body by minus its axis' ref, which becomes zero."""
+    for j in range(model.njnt):
+        place, body = model.jnt_qposadr[j], model.jnt_bodyid[j]
+        kind, ref = mujoco.mjtJoint(model.jnt_type[j]), float(model.qpos0[place])
+        if kind not in (HINGE, SLIDE) or ref == 0.0:
+            continue
+        position, quat = moved_about(model, j, -ref)
+        turned = np.zeros(3)
+        mujoco.mju_rotVecQuat(turned, position, model.body_quat[body])
+        model.body_pos[body] += turned
+        whole = np.zeros(4)
+        mujoco.mju_mulQuat(whole, model.body_quat[body], quat)
+        model.body_quat[body] = whole
+        model.qpos0[place] = 0.0
+
+
+def moved_about(
+    model: mujoco.MjModel, joint: int, by: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return position and quaternion of a body whose only joint has moved.
+
+    Args:
+        model: The model.
+        joint: Id of a hinge or a slide.
+        by: How far, in rad or m.
+
+    Returns:
+        Of the moved body in its frame before.
+    """
+    axis, anchor = model.jnt_axis[joint], model.jnt_pos[joint]
+    if model.jnt_type[joint] == SLIDE:
+        return by * axis, np.array([1.0, 0.0, 0.0, 0.0])
+    quat, turned = np.zeros(4), np.zeros(3)
+    mujoco.mju_axisAngle2Quat(quat, axis, by)
+    mujoco.mju_rotVecQuat(turned, anchor, quat)
+    return anchor - turned, quat
 
 
 def _left_out(model: mujoco.MjModel) -> str:
@@ -241,13 +374,21 @@ def plain_mjcf(model: mujoco.MjModel) -> str:
     elements = {0: ElementTree.SubElement(root, "worldbody")}
     if np.count_nonzero(model.body_parentid[1:] == 0) > 1:  # Pinocchio reads the first
         elements[0] = ElementTree.SubElement(elements[0], "body", name=ROOT)
+    stands = {b: (model.body_pos[b], model.body_quat[b]) for b in range(model.nbody)}
     for b in range(1, model.nbody):
+        parent = int(model.body_parentid[b])
+        if model.body(parent).name.startswith(PATCH):
+            stands[b] = _on(stands[parent], stands[b])
+        if model.body(b).name.startswith(PATCH):
+            elements[b] = elements[parent]
+            continue
+        pos, quat = stands[b]
         body = ElementTree.SubElement(
-            elements[model.body_parentid[b]],
+            elements[parent],
             "body",
             name=model.body(b).name or f"body_{b}",
-            pos=_numbers(model.body_pos[b]),
-            quat=_numbers(model.body_quat[b]),
+            pos=_numbers(pos),
+            quat=_numbers(quat),
         )
         elements[b] = body
         if model.body_mass[b] > 0:
@@ -265,9 +406,19 @@ def plain_mjcf(model: mujoco.MjModel) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
+def _on(
+    below: tuple[np.ndarray, np.ndarray], above: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return a body's position and quaternion in the frame of its grandparent."""
+    position, quat = np.zeros(3), np.zeros(4)
+    mujoco.mju_rotVecQuat(position, above[0], below[1])
+    mujoco.mju_mulQuat(quat, below[1], above[1])
+    return below[0] + position, quat
+
+
 def _joint(model: mujoco.MjModel, j: int) -> ElementTree.Element:
     kind = mujoco.mjtJoint(model.jnt_type[j])
-    if kind not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+    if kind not in (HINGE, SLIDE):
         raise Unusable(
             "The model",
             [f"joint {model.joint(j).name!r} is neither a hinge nor a slide."],
@@ -276,7 +427,7 @@ def _joint(model: mujoco.MjModel, j: int) -> ElementTree.Element:
     joint = ElementTree.Element(
         "joint",
         name=model.joint(j).name or f"joint_{j}",
-        type="hinge" if kind == mujoco.mjtJoint.mjJNT_HINGE else "slide",
+        type="hinge" if kind == HINGE else "slide",
         pos=_numbers(model.jnt_pos[j]),
         axis=_numbers(model.jnt_axis[j]),
         ref=_numbers([model.qpos0[position]]),

@@ -21,7 +21,7 @@ from bench.cell import GRAVITY, Cell, cell_for, load_on_sensor, mount, pose_in_w
 from bench.effects.creep import creeping
 from bench.effects.effect import Command, CommandEffect, Effect, ModelEffect, RopeEffect
 from bench.kinematic_chain import Anatomy, anatomy, with_axes, with_seats
-from bench.model_file import load, plain_mjcf
+from bench.model_file import RIGID, load, plain_mjcf
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.plan import Plan
 
@@ -81,10 +81,6 @@ class States:
 
 # --- Rig ------------------------------------------------------------------------------
 
-RIGID = 1e9
-"""Stiffness in N m/rad of an axis that the model calls rigid (0); chosen: 100 N m
-turn it by 0.1 µrad."""
-
 
 @dataclass(frozen=True)
 class Rig:
@@ -142,6 +138,7 @@ class Rig:
         )
         for axis, stiffness in zip(self.anatomy.axes, self.springs, strict=True):
             spec.joint(axis).stiffness = [stiffness, 0.0, 0.0]
+            spec.joint(axis).springref = 0.0  # else springs beside it are off centre
         mount(spec, self.anatomy, self.mounted)
         for effect in self._sorted:
             if isinstance(effect, ModelEffect):

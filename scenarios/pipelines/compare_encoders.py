@@ -398,11 +398,13 @@ class ComparisonOutcome:
         axes: Result of each axis; empty where the set-up is wrong.
         answer: Content of diagnosis.json.
         patch: For the simulator; None where nothing was named.
+        model: The arm's file; None: not known.
     """
 
     axes: tuple[Axis, ...]
     answer: Answer
     patch: Patch | None
+    model: Path | None = None
 
 
 def compare_encoders(recording: Recording, model: Path) -> ComparisonOutcome:
@@ -423,7 +425,7 @@ def compare_encoders(recording: Recording, model: Path) -> ComparisonOutcome:
     axes = heldout_comparison(recording, model)
     answer = answer_of(recording.name, axes, time.perf_counter() - started)
     patch = patch_of_encoders(axes, recording, model) if answer.named else None
-    return ComparisonOutcome(tuple(axes), answer, patch)
+    return ComparisonOutcome(tuple(axes), answer, patch, model)
 
 
 def _mistakes(recording: Recording) -> Iterator[Remark]:

@@ -22,7 +22,9 @@ from pathlib import Path
 
 import numpy as np
 
+from bench import controller_table
 from bench.kinematic_chain import moving
+from bench.mechanisms import offsets_of
 from bench.patch import (
     FILE,
     MODEL_FILE,
@@ -30,14 +32,17 @@ from bench.patch import (
     Patch,
     PatchEffect,
     Value,
+    WrittenRig,
     can_build,
-    mjcf_of,
     rig_of,
     text_of,
     with_arm,
 )
+from bench.patched_model import patched_model
 from bench.proof.setup import in_model, mounted_on
+from bench.rig import Rig
 from bench.shared.recording import Recording
+from bench.user_model import ASSETS
 from scenarios.pipelines.encoder_axes import Axis, waves_of
 from stiffness.calibration.final_fit import Table
 from stiffness.calibration.model import entries_of
@@ -213,9 +218,39 @@ def patch_of_encoders(axes: Sequence[Axis], recording: Recording, model: Path) -
     return with_arm(patch, bare)
 
 
-def write_patch(folder: Path, patch: Patch) -> None:
-    """Write patch.json and model.xml, where a gear has a mechanism at all."""
+# --- The files ------------------------------------------------------------------------
+
+
+def write_patch(folder: Path, patch: Patch, rig: Rig) -> None:
+    """Write patch.json, model.xml with its meshes, and controller.csv.
+
+    Args:
+        folder: Where to; it exists.
+        patch: What was found, with the arm in it.
+        rig: The same, built from the user's file or from the arm in the patch.
+
+    Raises:
+        BenchError: Where no model can be made of it.
+    """
+    file = None if isinstance(rig, WrittenRig) else Path(rig.arm_file)
+    model = patched_model(rig, file, marks=bool(patch.markers))
+    patch = replace(patch, not_in_model=model.not_held)
+    (folder / FILE).write_text(text_of(patch), encoding="utf-8")
+    (folder / MODEL_FILE).write_text(model.text, encoding="utf-8")
+    table = controller_table.controller_table(rig, offsets_of(rig, rig.anatomy))
+    (folder / controller_table.FILE).write_text(table, encoding="utf-8")
+    for name, data in model.assets.items():
+        (folder / ASSETS).mkdir(exist_ok=True)
+        (folder / ASSETS / name).write_bytes(data)
+
+
+def write_patch_of_axes(folder: Path, patch: Patch, model: Path | None) -> None:
+    """Write the same files, where a gear has a mechanism at all.
+
+    Args:
+        folder: Where to; it exists.
+        patch: With the arm in it.
+        model: The user's file; None: the arm in the patch is all there is.
+    """
     if patch.effects or patch.stiffness_nm_per_rad:
-        (folder / FILE).write_text(text_of(patch), encoding="utf-8")
-        text = mjcf_of(rig_of(patch))
-        (folder / MODEL_FILE).write_text(text, encoding="utf-8")
+        write_patch(folder, patch, rig_of(patch, model))

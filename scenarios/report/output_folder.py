@@ -11,10 +11,11 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 from bench.shared.errors import Unusable
+from bench.user_model import ASSETS
 
 FILES = (
     "diagnosis.json", "report.html", "picture.png", "diagnosis.rrd", "model.xml",
-    "patch.json",
+    "patch.json", "controller.csv",
 )  # fmt: skip
 """Files of a diagnosis; its pictures are inside the report."""
 ANSWERS = frozenset(
@@ -63,9 +64,29 @@ def write_folder(
                 os.replace(waiting / name, folder / name)
             else:
                 (folder / name).unlink(missing_ok=True)
+        if (waiting / ASSETS).is_dir():
+            move_into(waiting / ASSETS, folder / ASSETS)
     except OSError as error:
         fault = f"it cannot be written: {error}."
         raise Unusable(f"Folder {str(folder)!r}", [fault]) from error
     finally:
         if waiting is not None:
             shutil.rmtree(waiting, ignore_errors=True)
+
+
+def move_into(waiting: Path, folder: Path) -> None:
+    """Move all that is in one folder into another, whose other files stay.
+
+    Args:
+        waiting: Folder that is left empty of files.
+        folder: Made if it is not there.
+
+    Raises:
+        OSError: Where a file cannot be put there.
+    """
+    folder.mkdir(exist_ok=True)
+    for part in sorted(waiting.iterdir()):
+        if part.is_dir():
+            move_into(part, folder / part.name)
+        else:
+            os.replace(part, folder / part.name)

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.patch import FILE, MODEL_FILE, mjcf_of, rig_of, text_of, with_arm
+from bench.patch import rig_of, with_arm
 from scenarios.pipelines import calibrate
 from scenarios.pipelines import schema as form
 from scenarios.pipelines.calibrate import MM, CalibrationOutcome
 from scenarios.pipelines.calibration_proof import CalibrationProof, ResidualSummary
 from scenarios.pipelines.effect_parameters import label, size, span
+from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import Answer
 from scenarios.report import figures, page, playback
 from scenarios.report.output_folder import write_folder
@@ -155,7 +156,7 @@ def _z(found: Calibrated, effect: str, where: str) -> float:
 def write_calibration(
     folder: Path, outcome: CalibrationOutcome, more: Sequence[Block] = ()
 ) -> None:
-    """Write diagnosis.json, patch.json, model.xml, pictures and the report.
+    """Write diagnosis.json, the patch, model.xml, pictures and the report.
 
     Args:
         folder: Folder that they are written to.
@@ -175,9 +176,7 @@ def write_calibration(
         text = form.text_of(o.answer)
         (waiting / "diagnosis.json").write_text(text, encoding="utf-8")
         rig = rig_of(o.proof.patch, o.model)
-        patch = with_arm(o.proof.patch, rig)
-        (waiting / FILE).write_text(text_of(patch), encoding="utf-8")
-        (waiting / MODEL_FILE).write_text(mjcf_of(rig), encoding="utf-8")
+        write_patch(waiting, with_arm(o.proof.patch, rig), rig)
         playback.show_calibration(o.found, o.proof, first, waiting / "diagnosis.rrd")
 
     write_folder(folder, make)

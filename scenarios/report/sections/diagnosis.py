@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.patch import FILE, MODEL_FILE, mjcf_of, text_of
 from bench.proof.proof_checks import ProofCheck
 from bench.shared.effect_catalogue import usual
 from scenarios.pipelines import schema
 from scenarios.pipelines.diagnose import MICRO, Result, channel_of, curves_of
 from scenarios.pipelines.effect_parameters import chance, label, size, span
+from scenarios.pipelines.patching import write_patch
 from scenarios.report import figures, page, playback, summary
 from scenarios.report.figures import of_law
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
@@ -333,9 +333,7 @@ def write_diagnosis(folder: Path, finding: Result) -> None:
     write_answer(folder, finding.answer)
     simulated = finding.simulated
     if simulated is not None and (simulated.patch.effects or simulated.patch.laws):
-        patch, rig = simulated.patch, simulated.patched.rig
-        (folder / FILE).write_text(text_of(patch), encoding="utf-8")
-        (folder / MODEL_FILE).write_text(mjcf_of(rig), encoding="utf-8")
+        write_patch(folder, simulated.patch, simulated.patched.rig)
     blocks = blocks_of(finding, folder)
     first = next(summary.sentences(finding))
     page.write(folder, title_of(finding), first, blocks)

@@ -14,7 +14,7 @@ from scenarios.pipelines import schema as form
 from scenarios.pipelines.compare_encoders import ComparisonOutcome
 from scenarios.pipelines.effect_parameters import label, size, span
 from scenarios.pipelines.encoder_axes import WINDOW, Axis, rms, whole_rms
-from scenarios.pipelines.patching import write_patch
+from scenarios.pipelines.patching import write_patch_of_axes
 from scenarios.pipelines.schema import Answer
 from scenarios.report import page
 from scenarios.report.figures import encoders_before_after, followed, looks_like
@@ -205,18 +205,22 @@ def write_outcome(folder: Path, outcome: ComparisonOutcome) -> str:
     if not outcome.axes:
         write_refusal(folder, answer)
         return " ".join(w.text for w in answer.warnings)
-    write_comparison(folder, outcome.axes, answer, outcome.patch)
+    write_comparison(folder, outcome.axes, answer, outcome.patch, outcome.model)
     return first_sentence(outcome.axes, answer)
 
 
 def write_comparison(
-    folder: Path, axes: Sequence[Axis], answer: Answer, patch: Patch | None = None
+    folder: Path,
+    axes: Sequence[Axis],
+    answer: Answer,
+    patch: Patch | None = None,
+    model: Path | None = None,
 ) -> None:
     """Write diagnosis.json, pictures, the report, a playback and the patch, if any."""
 
     def blocks(waiting: Path) -> list[Block]:
         if patch is not None:
-            write_patch(waiting, patch)
+            write_patch_of_axes(waiting, patch, model)
         show_comparison(axes, waiting / PLAYBACK)
         return blocks_of(axes, answer, waiting)
 
