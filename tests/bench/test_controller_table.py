@@ -71,17 +71,17 @@ def test_the_ur10_has_its_makers_parameters(root):
     """
     found = rows(rig_of(Patch(), root / "mjcf" / "ur10" / "ur10.xml"))
     for part, quantity, value in (
-        ("a1", "d", 127.3), ("a2", "a", 612.0), ("a3", "a", 572.3), ("a4", "d", 163.941),
-        ("a5", "d", 115.7), ("a1", "alpha", 90.0), ("a2", "alpha", 0.0),
+        ("a1", "d", 127.3), ("a2", "a", 612.0), ("a3", "a", 572.3),
+        ("a4", "d", 163.941), ("a5", "d", 115.7), ("a1", "alpha", 90.0),
+        ("a2", "alpha", 0.0),
     ):  # fmt: skip
         assert float(found[part, quantity]["nominal"]) == pytest.approx(value, abs=1e-6)
 
 
 def test_only_what_was_corrected_differs(root):
     file = root / "mjcf" / "ur10" / "ur10.xml"
-    assert {
-        float(r["change"] or 0.0) for r in rows(rig_of(Patch(), file)).values()
-    } == {0.0}
+    nothing = rows(rig_of(Patch(), file)).values()
+    assert not any(float(row["change"] or 0.0) for row in nothing)
     found = rows(rig_of(Patch({"a1": 3e4}, ERRORS), file))
     offset = found["a2", "mastering_offset"]
     assert float(offset["change"]) == pytest.approx(np.degrees(0.01))

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import msgspec
+import mujoco
 import numpy as np
 import pytest
 from saved_view import entities, timeline
@@ -11,8 +12,9 @@ from saved_view import entities, timeline
 from bench import patch
 from bench.patch import PatchEffect, effect_of
 from bench.proof.explained_share import Channel
-from bench.shared.errors import BenchError, Unusable
+from bench.shared.errors import BenchError, LeftOut, Unusable
 from bench.shared.format import folder
+from bench.user_model import ASSETS
 from scenarios import diagnose, record
 from scenarios.pipelines import diagnose as steps
 from scenarios.pipelines import next_experiments
@@ -73,7 +75,7 @@ def test_one_command_writes_the_whole_answer_and_nothing_else(answered):
     out, told = answered
     assert told.verdict != "no_mismatch"
     assert told.named
-    assert sorted(p.name for p in out.iterdir()) == sorted(FILES)
+    assert sorted(p.name for p in out.iterdir()) == sorted((*FILES, ASSETS))
     assert (out / "diagnosis.rrd").stat().st_size < 5_000_000
     assert [p for p in out.parent.iterdir() if p != out] == []
 
@@ -95,6 +97,19 @@ def test_the_patched_rig_can_be_rebuilt_from_the_folder(answered):
     rig = patch.load(out)
     names = {(e.name, e.where) for e in rig.effects}
     assert {(n.effect, n.where) for n in told.named} <= names
+
+
+def test_the_model_in_the_folder_is_the_users_with_the_mechanism(answered, kr10):
+    """Eight meshes, and the same six axes where it is given as --robot."""
+    out, _ = answered
+    model = mujoco.MjModel.from_xml_path(str(out / "model.xml"))
+    assert model.nmesh == mujoco.MjModel.from_xml_path(str(kr10)).nmesh
+    assert any(
+        model.tendon(t).name.startswith("patch:a2") for t in range(model.ntendon)
+    )
+    with pytest.warns(LeftOut, match="of its patch"):
+        assert arm_of(out / "model.xml").axes == arm_of(kr10).axes
+    assert (out / "controller.csv").read_text(encoding="utf-8").count("\n") > 50
 
 
 def test_report_is_one_file_with_its_pictures(answered):

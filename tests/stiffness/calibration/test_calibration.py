@@ -167,6 +167,7 @@ def test_an_answer_is_written_whole_with_its_pictures(outcome, tmp_path):
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert names == {
         *("diagnosis.json", "patch.json", "model.xml", "diagnosis.rrd"),
+        "controller.csv",
         *("report.html", "report.md"),
         *("before_after.png", "gears.png", "residual_map.png"),
     }
