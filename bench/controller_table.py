@@ -32,6 +32,8 @@ from bench.rig import Rig
 FILE = "controller.csv"
 PARALLEL = np.sin(np.radians(5.0))
 """Sine of the angle below which two axes count as parallel; chosen."""
+LEAST_KG = 1e-9
+"""Mass below which a body counts as having none; chosen."""
 LEAST_LENGTH = 1e-9
 """Length in m below which a direction is not taken from it."""
 
@@ -206,28 +208,39 @@ def _rows(rig: Rig, offset: np.ndarray) -> Iterator[Row]:
     for name, slides, value in zip(names, arm.slides, offset, strict=True):
         size, unit = (1e3, "mm") if slides else (180 / np.pi, "deg")
         yield name, "mastering_offset", unit, 0.0, size * value
-    nominal = geometry(rig.nominal, arm)
-    corrected = geometry(rig.model, arm, rig.nominal)
-    yield from _pose_rows("base", nominal.base, corrected.base)
-    for name, old, new in zip(names, nominal.steps, corrected.steps, strict=False):
+    drawn = geometry(rig.nominal, arm)
+    true = geometry(rig.model, arm, rig.nominal)
+    yield from _pose_rows("base", drawn.base, true.base)
+    for name, old, new in zip(names, drawn.steps, true.steps, strict=False):
         for key in ("theta", "d", "a", "alpha", "beta"):
             size, unit = (1e3, "mm") if key in "da" else (180 / np.pi, "deg")
             before, after = size * getattr(old, key), size * getattr(new, key)
             if unit == "deg":  # the same angle, as near as it can be written
                 after -= 360.0 * round((after - before) / 360.0)
             yield name, key, unit, before, after
-    yield from _pose_rows("flange", nominal.flange, corrected.flange)
+    yield from _pose_rows("flange", drawn.flange, true.flange)
     own = np.where(rig.nominal.jnt_stiffness > 0, rig.nominal.jnt_stiffness, RIGID)
     for k, name in enumerate(names):
         unit = "N/m" if arm.slides[k] else "N m/rad"
         old, new = (float(x) if x < RIGID else np.nan for x in (own[k], rig.springs[k]))
         yield name, "stiffness", unit, old, new
     for b in range(1, rig.nominal.nbody):
-        old, new = rig.nominal.body(b), rig.model.body(rig.nominal.body(b).name)
-        if abs(old.mass[0] - new.mass[0]) > 1e-9:
-            yield old.name, "mass", "kg", old.mass[0], new.mass[0]
-            for axis, one, two in zip("xyz", old.ipos, new.ipos, strict=True):
-                yield old.name, f"centre_{axis}", "mm", 1e3 * one, 1e3 * two
+        name = rig.nominal.body(b).name
+        nominal, corrected = rig.nominal.body_mass[b], rig.model.body(name).mass[0]
+        moments = [
+            m.body(name).ipos * m.body(name).mass for m in (rig.nominal, rig.model)
+        ]
+        if name == arm.flange:  # what is mounted is no correction
+            corrected -= rig.mounted.payload.mass
+            moments[1] = moments[1] - rig.mounted.payload.mass * rig.mounted.payload.com
+        if abs(corrected - nominal) > LEAST_KG:
+            yield name, "mass", "kg", float(nominal), float(corrected)
+            for i, axis in enumerate("xyz"):
+                old, new = (
+                    1e3 * float(moment[i] / mass) if mass > LEAST_KG else np.nan
+                    for moment, mass in zip(moments, (nominal, corrected), strict=True)
+                )
+                yield name, f"centre_{axis}", "mm", old, new
 
 
 def _pose_rows(part: str, old: np.ndarray, new: np.ndarray) -> Iterator[Row]:

@@ -12,7 +12,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bench.cell import HOOK_SITE
+from bench.cell import HOOK_SITE, MOUNT
 from bench.effects.effect import Command
 from bench.effects.encoder_offset import EncoderOffset
 from bench.kinematic_chain import Anatomy
@@ -26,12 +26,15 @@ from bench.mjcf_text import (
 )
 from bench.model_file import GEAR, PATCH, RIGID, SLIDE, moved_about
 from bench.rig import Rig
+from bench.shared.recording import Payload
 from bench.user_model import UserModel
 
 MOST_JOINTS = 6
 """That MuJoCo allows one body."""
 LIGHT_KG, LIGHT_KG_M2 = 1e-6, 1e-6
 """Mass and inertia of an inserted body; chosen: 10 µN of weight, far from singular."""
+LEAST_KG = 1e-9
+"""Mass below which a body counts as having none; chosen."""
 ARMATURE = 1e-3
 """Inertia of a gear's own joint, kg m² or kg; chosen: negligible beside a link."""
 STAND_KEYS = ("pos", "quat", "axisangle", "euler", "xyaxes", "zaxis")
@@ -53,6 +56,9 @@ class Mechanisms:
         self.bodies = {b.get("name", ""): b for b in self.root.iter("body")}
         self.bodies["world"] = part(self.root, "worldbody")
         self.held, self.lost = held, list[str]()
+        payload = rig.mounted.payload
+        is_on_flange = self.true.body(MOUNT).mass[0] <= LEAST_KG and payload.mass > 0
+        self.mounted = payload if is_on_flange else None
         command = rig.command(held[None])
         self.offset = offsets_of(rig, self.arm)
         self.other = command.reference[0] - held - self.offset
@@ -96,15 +102,22 @@ class Mechanisms:
 
     def _inertial(self, body: Element, name: str) -> None:
         true = self.true.body(name)
+        mass, centre = float(true.mass[0]), true.ipos.copy()
+        mounted = self.mounted if name == self.arm.flange else None
+        if mounted is not None:  # it hangs on the flange as a body of its own
+            moment = mass * centre - mounted.mass * mounted.com
+            mass -= mounted.mass
+            centre = moment / mass if mass > LEAST_KG else centre
+            body.append(_inserted_mass(f"{PATCH}mounted", mounted))
         for old in body.findall("inertial"):
             body.remove(old)
-        if true.mass[0] <= 1e-9 and not body.findall("joint"):
+        light = mass <= LEAST_KG
+        if light and not body.findall("joint"):
             return
-        light = true.mass[0] <= 1e-9
         inertial = Element(
             "inertial",
-            mass=numbers([LIGHT_KG if light else true.mass[0]]),
-            pos=numbers(true.ipos),
+            mass=numbers([LIGHT_KG if light else mass]),
+            pos=numbers(centre),
             quat=numbers(true.iquat),
             diaginertia=numbers([LIGHT_KG_M2] * 3 if light else true.inertia),
         )
@@ -313,6 +326,15 @@ def _inserted(name: str, joints: Sequence[Element]) -> Element:
         mass = numbers([LIGHT_KG])
         SubElement(body, "inertial", mass=mass, pos="0 0 0", diaginertia=inertia)
     body.extend(joints)
+    return body
+
+
+def _inserted_mass(name: str, payload: Payload) -> Element:
+    """Return a point mass as a body."""
+    body = Element("body", name=name)
+    mass, inertia = numbers([payload.mass]), numbers([LIGHT_KG_M2] * 3)
+    place = numbers(payload.com)
+    SubElement(body, "inertial", mass=mass, pos=place, diaginertia=inertia)
     return body
 
 

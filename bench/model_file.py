@@ -14,6 +14,7 @@ sites or contacts, so that Pinocchio and MuJoCo read the very same arm.
 A `model.xml` that a diagnosis wrote is read as the corrected arm: the user's axes, with
 corrected lengths, zeros, masses and springs. What bears the prefix `PATCH` is part of
 the structure: its joints are held at zero, its bodies are merged into their children.
+What was mounted is taken off: a recording says itself what it carries.
 """
 
 import os
@@ -272,7 +273,12 @@ def take_out_patch(spec: mujoco.MjSpec) -> str:
         "spring": len(joints) - len(gears),
         "tendon": sum(t.name.startswith(PATCH) for t in spec.tendons),
     }
-    for part in (*added, *joints):
+    loose = [
+        body
+        for body in spec.bodies
+        if body.name.startswith(PATCH) and not list(body.bodies)
+    ]
+    for part in (*added, *joints, *loose):
         spec.delete(part)
     for key, (qpos, qvel) in zip(spec.keys, keys, strict=True):
         key.qpos, key.qvel = qpos, qvel  # deleting a joint empties them

@@ -253,19 +253,29 @@ def test_as_a_robot_it_has_the_users_axes_and_all_corrections(own, tmp_path):
     assert read.jnt_stiffness.tolist() == [4e4, 5e4]
     arm = Arm.from_mjcf_text(plain_mjcf(read))
     assert arm.axes == ("swivel", "lift")
-    data = mujoco.MjData(rig.model)
+    bare = rig_of(Patch({}, ALL, LAWS), own).model
+    data = mujoco.MjData(bare)
     for axis, angle, offset in zip(arm.axes, (0.4, -0.3), (0.0, 2e-3), strict=True):
         data.joint(axis).qpos[:] = angle + offset
-    mujoco.mj_forward(rig.model, data)
+    mujoco.mj_forward(bare, data)
     mine = mujoco.MjData(read)
     mine.qpos[:] = [0.4, -0.3]
     mujoco.mj_forward(read, mine)
     expected = data.body("flange")
     assert_allclose(mine.body("flange").xpos, expected.xpos, atol=1e-12)
     assert_allclose(mine.body("flange").xmat, expected.xmat, atol=1e-12)
-    axes = [rig.model.joint(axis).dofadr[0] for axis in arm.axes]
+    axes = [bare.joint(axis).dofadr[0] for axis in arm.axes]
     light = 1e-9  # N m: what the bench's own bodies without mass weigh
     assert_allclose(mine.qfrc_bias, data.qfrc_bias[axes], atol=light)
+
+
+def test_what_was_mounted_is_no_part_of_the_robot(own, tmp_path):
+    """A recording says itself what it carries; in plain MuJoCo it hangs on the arm."""
+    _, model = patched(own, (MASS,), laws=())
+    bare = load(own).body_mass.sum()
+    assert model.compiled().body_mass.sum() == pytest.approx(bare + 2.0 + HELD.mass_kg)
+    read = load(written(model, tmp_path))
+    assert read.body_mass.sum() == pytest.approx(bare + 2.0)
 
 
 def test_it_can_be_patched_once_more(own, tmp_path):
