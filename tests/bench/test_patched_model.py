@@ -371,3 +371,11 @@ def test_a_robot_with_a_reference_angle_is_read_with_its_zero_at_zero(own):
         mujoco.mj_kinematics(model, data)
         places.append([*data.body("flange").xpos, *data.body("flange").xmat])
     assert_allclose(places[1:], places[:1] * 2, atol=1e-14)
+
+
+def test_a_spring_reference_in_the_file_moves_no_law(own):
+    """The command says where springs are slack, those beside the axis' own too."""
+    effects, posture = (HARD, LOOP), {"swivel": 0.3, "lift": -0.4}
+    plain = bent(patched(own, effects, laws=())[0], posture, LOAD)
+    own.write_text(OWN.replace('stiffness="5e4"', 'stiffness="5e4" springref="20"'))
+    assert_allclose(bent(patched(own, effects, laws=())[0], posture, LOAD), plain)
