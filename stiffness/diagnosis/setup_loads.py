@@ -114,12 +114,12 @@ def load_response(some: Recording, arm: Arm, frames: TrackerFit) -> LoadResponse
     if not seen.any():
         return None
     design, aim = columns[seen].reshape(-1, 2 * len(arm.axes)), moved[seen].ravel()
-    size = np.linalg.norm(design, axis=0)
-    size = np.where(size > 0, size, 1.0)
     axes = len(arm.axes)
+    size = np.linalg.norm(design, axis=0).reshape(len(laws), axes)
+    shown = (size > RANK * size.max(axis=1, keepdims=True)).ravel()
+    design, size = design * shown, np.where(shown, size.ravel(), 1.0)
     stacked = np.column_stack([design / size, aim])
-    value, vector = np.linalg.eigh(stacked.T @ stacked)
-    turned = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T  # fits alike
+    turned = np.asarray(np.linalg.qr(stacked, mode="r"))  # fits alike
     _, rest = nnls(turned[:, :-1], turned[:, -1])
     springs, _ = nnls(turned[:, :axes], turned[:, -1])
     noise = 2.0 * np.sum(tracker.repeatability**2)
@@ -158,7 +158,8 @@ SURE, ERRORS = 0.08, 3.0
 """Standard error over s from which it is believed, chosen: a third of `NEAR`; and how
 many of them a unit may be off, chosen: what a controller leaves is any number."""
 RANK = 1e-9
-"""Singular value over the largest below which columns are the same; chosen."""
+"""Singular value over the largest below which columns are the same, and size over the
+largest below which one is rounding: of an axis that no marker shows. Chosen."""
 POSTURES = 60
 """Visits whose sag is looked at; chosen for time."""
 

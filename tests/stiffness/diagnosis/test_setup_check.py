@@ -278,6 +278,17 @@ def test_differences_within_visits_show_it_where_places_do_not(name, cell):
     assert [c for c, _ in said(mistake(relative(recording)), arm)] == [code]
 
 
+def test_axes_that_no_marker_shows_are_no_mistake_of_the_wrench(tmp_path):
+    """Markers as far as link_3: a4 to a6 explain nothing, rounding or not."""
+    effects = ("hysteresis@a2", "bearing_tilt@a3")
+    recording, arm = recorded(tmp_path / "r", "kr10", "all", False, *effects)
+    assert recording.points is not None
+    near = np.array([arm.attachment(m.body).axis < 3 for m in recording.markers])
+    markers = tuple(m for m, keep in zip(recording.markers, near, strict=True) if keep)
+    some = replace(recording, markers=markers, points=recording.points[:, near])
+    assert said(some, arm) == []
+
+
 def test_an_honest_recording_has_no_mistake(cell):
     recording, arm = cell
     for change in (lambda r: r, unplaced, unframed):
