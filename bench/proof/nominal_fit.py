@@ -91,7 +91,9 @@ def simulated_jacobian(
         angles = [_on_encoders(world, rig, seen, k) for k in axes]
         angles += [np.zeros(seen.angle.shape)] * (len(stacked) - len(angles))
         stacked = [np.hstack(pair) for pair in zip(stacked, angles, strict=True)]
-    matrix = np.stack(stacked, axis=2) if stacked else np.zeros((rows, 0, 0))
+    readings = 3 * len(world.body) + (0 if seen.angle is None else len(world.order))
+    none = np.zeros((rows, readings, 0))  # no spring, and nothing else unknown
+    matrix = np.stack(stacked, axis=2) if stacked else none
     return SimulatedJacobian(matrix, np.array(prior), axes, is_framed(world))
 
 

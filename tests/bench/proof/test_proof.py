@@ -2,8 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import unstated_springs
 from numpy.testing import assert_allclose
 
+from bench.effects.bearing_tilt import BearingTilt
 from bench.effects.hardening import Hardening
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.lost_motion import LostMotion
@@ -338,6 +340,29 @@ def test_any_recording_of_the_format_can_be_proved(
         rows = np.delete(np.arange(len(recording.time)), [3, 17, 18, 40])
         seen = recording.take(rows)
     found = prove(seen, kr10, patch(Hysteresis("a2")), held, thorough=False)
+    assert (
+        of_markers(found).after
+        < 1.1 * of_markers(found).noise
+        < of_markers(found).before
+    )
+
+
+def test_rigid_arm_in_a_known_frame_has_nothing_to_fit_but_the_patch(kr10, tmp_path):
+    """Displacements alone, read along the base's axes, of an arm without springs."""
+    model = unstated_springs.as_mjcf(kr10, tmp_path)
+    tilts = BearingTilt("a3", u_rad_per_nm=3e-6)
+    plan = tour(Rig(model), 6, parse_path("0,5,10"), 0, 0)
+    seen = record(Rig(model, (tilts,)), plan, Instruments(Tracker()), SEED)
+    assert seen.points is not None
+    first = np.searchsorted(seen.visit, seen.visit)
+    moved = replace(
+        seen,
+        points=seen.points - seen.points[first],
+        displacement="relative",
+        base_from_tracker=standpoint(streams(SEED)["tracker_frame"]),
+    )
+    held = tuple(int(p) for p in np.unique(moved.posture_id)[::3])
+    found = prove(moved, model, Patch(effects=(named(tilts),)), held, thorough=False)
     assert (
         of_markers(found).after
         < 1.1 * of_markers(found).noise
