@@ -44,14 +44,16 @@ def main(settings: Settings) -> Recording:
     from rich.console import Console
     from rich.markup import escape
 
-    from scenarios.pipelines.diagnose import setup_errors_of
+    from scenarios.pipelines.diagnose import setup_errors_of, springs_warning_of
     from scenarios.pipelines.inputs import arm_of, read_for
     from scenarios.pipelines.recording_check import abilities, axis_views, contents_of
 
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
     views = axis_views(recording, arm)
     console = Console()
-    for slip in setup_errors_of(recording, arm):
+    slips = setup_errors_of(recording, arm)
+    springs = None if slips else springs_warning_of(recording, arm)
+    for slip in slips:
         said = f"{slip.text} Until it is mended `diagnose` names no effect."
         console.print(f"Mistake ({slip.where}): {said}\n", markup=False)
     contents = _table(recording.name, "what", "in this recording")
@@ -68,7 +70,7 @@ def main(settings: Settings) -> Recording:
         can.add_row(ability.question, mark, escape(ability.why), escape(ability.add))
     for table in (contents, axes, can):
         console.print(table)
-    for note in notes:
+    for note in (*notes, *([springs.text] if springs else [])):
         console.print(f"Note: {note}", markup=False)
     return recording
 

@@ -37,8 +37,13 @@ def arm() -> Arm:
 
 
 @cache
-def recording(*effects: str, poses: int = 40, seed: int = 1) -> Recording:
-    stiffness = load(MODEL).jnt_stiffness * SOFTER
+def recording(
+    *effects: str,
+    poses: int = 40,
+    seed: int = 1,
+    softness: tuple[float, ...] = (SOFTER,),
+) -> Recording:
+    stiffness = load(MODEL).jnt_stiffness * np.array(softness)
     rig = Rig(MODEL, stiffness=stiffness)
     rig = replace(rig, effects=parse_all(effects, rig.nominal))
     instruments = Instruments(

@@ -49,6 +49,11 @@ from scenarios.pipelines.schema import (
     verdict_of,
 )
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.nominal_fit import (
+    springs_warning,
+    states_no_springs,
+    with_load_springs,
+)
 from stiffness.diagnosis.result import Diagnosis, Name, NamedEffect, Warned
 from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.robot.arm import Arm
@@ -82,6 +87,26 @@ def setup_errors_of(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
         return setup_errors(recording, arm)
     except ODD_NUMBERS as error:
         raise _odd(recording, error) from error
+
+
+def springs_warning_of(recording: Recording, arm: Arm) -> Warned | None:
+    """Return what a diagnosis will fit where the model states no joint stiffness.
+
+    None where the model states some, or nothing shows how the arm gives way to a load.
+
+    Raises:
+        BenchError: Where the recording's numbers break the engine's arithmetic.
+    """
+    seen = recording.markers and recording.tracker is not None
+    if not seen or not states_no_springs(recording, arm):
+        return None
+    try:
+        stiffness = with_load_springs(recording, arm).stiffness
+    except ODD_NUMBERS as error:
+        raise _odd(recording, error) from error
+    except BenchError:  # no diagnosis of it, and its own reason there
+        return None
+    return springs_warning(np.flatnonzero(stiffness).tolist(), len(stiffness))
 
 
 def proved(

@@ -34,9 +34,11 @@ Some visits are enough to learn nearly where everything is and how it bends.
 A recording is made ready once: the nominal is fitted, the noise is checked.
 
 Fitted silently are the tracker's frame where it is not stated, the markers' places, and
-the stiffness of every axis that has a spring in the model. Everything else competes.
+the stiffness of every axis that has a spring in the model; of all axes, where the model
+states none and the load was measured. Everything else competes.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -58,6 +60,7 @@ from stiffness.diagnosis.noise_model import (
     trend_of,
     with_shapes,
 )
+from stiffness.diagnosis.result import Warned
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
     normal_equations_of,
@@ -284,26 +287,34 @@ def spring_step(
     situation: StaticState,
     data: SufficientStatistics,
     springs: np.ndarray,
-    means: bool = True,
 ) -> tuple[Float[np.ndarray, " springs"], Float[np.ndarray, " springs"]]:
     """Return the best change of each compliance and its standard deviation.
 
     Args:
         situation: Where the arm stood.
         data: Both blocks.
-        springs: The axes.
-        means: Whether the means of visits have a say.
+        springs: The axes, each with a spring in the model.
     """
     model = 1.0 / situation.arm.stiffness[springs]
-    asked = data if means else replace(data, between=None)
+    return _step(situation, data, springs, model, model)
+
+
+def _step(
+    situation: StaticState,
+    data: SufficientStatistics,
+    springs: np.ndarray,
+    mean: Float[np.ndarray, " springs"],
+    unit: Float[np.ndarray, " springs"],
+) -> tuple[Float[np.ndarray, " springs"], Float[np.ndarray, " springs"]]:
+    """Return `spring_step` under a prior about `mean`, of `DECADES` units."""
     fold = np.zeros(data.visits.poses(), dtype=int)
-    found = normal_equations_of(asked, spring_columns(situation, springs), fold)
+    found = normal_equations_of(data, spring_columns(situation, springs), fold)
     gram, score = found.gram[0], found.score.sum(axis=0)
-    prior = (DECADES * model) ** -2.0
-    inner = (gram + np.diag(prior)) * model * model[:, None]
-    ask = model * (score + prior * (model - situation.compliance[springs]))
-    step = model * np.linalg.solve(inner, ask)
-    return step, model * np.sqrt(np.diag(np.linalg.inv(inner)))
+    prior = (DECADES * unit) ** -2.0
+    inner = (gram + np.diag(prior)) * unit * unit[:, None]
+    ask = unit * (score + prior * (mean - situation.compliance[springs]))
+    step = unit * np.linalg.solve(inner, ask)
+    return step, unit * np.sqrt(np.diag(np.linalg.inv(inner)))
 
 
 # --- Fit to some visits ---------------------------------------------------------------
@@ -339,9 +350,7 @@ def first_fit(recording: Recording, arm: Arm) -> FirstFit:
         recording: With markers and a tracker.
         arm: The nominal arm, with the recording's names.
     """
-    ids = np.unique(recording.visit)
-    chosen = ids[:: max(1, len(ids) // FEW)]
-    some = recording.take(np.isin(recording.visit, chosen))
+    some = _some(recording)
     compliance = model_compliance(arm)
     springs = np.flatnonzero(compliance > 0)
     model = compliance[springs]
@@ -365,6 +374,12 @@ def first_fit(recording: Recording, arm: Arm) -> FirstFit:
             known = some.base_from_tracker is not None
             frames = frames_after(frames, data.between, columns, step, known)
     return FirstFit(frames, compliance)
+
+
+def _some(recording: Recording) -> Recording:
+    ids = np.unique(recording.visit)
+    chosen = ids[:: max(1, len(ids) // FEW)]
+    return recording.take(np.isin(recording.visit, chosen))
 
 
 def model_compliance(arm: Arm) -> Float[np.ndarray, " axes"]:
@@ -395,6 +410,77 @@ def residuals_of(situation: StaticState, frames: TrackerFit) -> Residuals:
     )
 
 
+# --- Springs that the model does not state --------------------------------------------
+
+SOFTEST = 1e-3
+"""Unit of a compliance of which nothing is stated, in rad/(N m) or m/N; its prior's
+sigma is ten times as much. Chosen: a small arm's wrist has 1e-3."""
+CLEAR = 3.0
+"""Sigmas from which a compliance of which nothing is stated is told from none."""
+
+
+def states_no_springs(recording: Recording, arm: Arm) -> bool:
+    """Return whether all compliances are nominal because the model has none.
+
+    So it is under a measured load. Where the model states the stiffness of some axes,
+    a zero is the claim that the others are rigid.
+    """
+    return recording.wrench is not None and not np.any(arm.stiffness > 0)
+
+
+def with_load_springs(recording: Recording, arm: Arm) -> Arm:
+    """Return a rigid arm with the springs that its measured deflections show.
+
+    They are fitted as one block, from a rigid start, to what rows of a visit differ
+    by; an axis that this does not show is fitted to the means of visits too.
+
+    Args:
+        recording: With markers, a tracker and a measured wrench.
+        arm: The nominal arm, with the recording's names, without any spring.
+
+    Returns:
+        The arm. Its springs are starts and scales: what other effects make look below
+        zero has the same size, and what is not told from none that of its error. An
+        axis stays rigid where that error is larger than all compliances that are told.
+    """
+    some, rigid = _some(recording), np.zeros(len(arm.axes))
+    frames = initial_tracker_frame(arm, some, rigid)
+    names, _ = bodies_of(arm, some)
+    situation = static_state_of(arm, some, rigid, names)
+    visits = visits_of(situation.visit, situation.posture_index)
+    readings = residuals_of(situation, frames)
+    data, _ = blocks(situation, visits, readings, rigid, False)
+    axes, unit = np.arange(len(rigid)), np.full(len(rigid), SOFTEST)
+    compliance = rigid.copy()
+    for asked in (data, replace(data, between=None)):
+        step, sigma = _step(situation, asked, axes, rigid, unit)
+        size = np.abs(step)
+        told = np.where(size > CLEAR * sigma, size, 0.0)
+        most = [told[arm.slides == kind].max() for kind in arm.slides]
+        seen = sigma < BLIND * np.array(most)
+        compliance[seen] = np.maximum(size, CLEAR * sigma)[seen]
+    none = np.zeros_like(compliance)
+    stiffness = np.divide(1.0, compliance, out=none, where=compliance > 0)
+    return replace(arm, stiffness=stiffness)
+
+
+def springs_warning(springs: Sequence[int], axes: int) -> Warned:
+    """Say which compliances are nominal though the model states none.
+
+    Args:
+        springs: The axes that were fitted, from 0.
+        axes: How many the arm has.
+    """
+    text = "the model states no joint stiffness; "
+    if not len(springs):
+        text += "the load shows no compliance of an axis, and all were left rigid."
+    else:
+        whose = "all" if len(springs) == axes else f"{len(springs)} of {axes}"
+        names = ", ".join(f"a{k + 1}" for k in springs)
+        text += f"compliances of {whose} axes were fitted as nominal: {names}."
+    return Warned("springs_fitted", "arm", text)
+
+
 # --- Prepare --------------------------------------------------------------------------
 
 
@@ -408,12 +494,15 @@ class Prepared:
         frames: Tracker and markers as fitted.
         readings: Residuals and their weights.
         springs: The axes whose compliance is fitted, from 0.
-        blind: Axes with a spring that the data cannot see, left at the model's.
+        blind: Axes with a spring that the data cannot see, left at the model's; and
+            where it states none and others are fitted, the axes left rigid.
         sigma: Standard deviation of each fitted compliance, in rad/(N m).
         noise: Measured noise of a reading over the stated one; 1 where not measurable.
         degrees_of_freedom: How many contrasts that ratio rests on.
         downweighted: Readings (row, marker) that count less, and their size in sigma.
         pose_repeatability: One sigma of the axes' arrival, in rad.
+        modelled: The compliance that the model states, in rad/(N m); 0 = rigid.
+        warnings: What a reader should know of the fit.
     """
 
     situation: StaticState
@@ -427,6 +516,8 @@ class Prepared:
     degrees_of_freedom: int
     downweighted: tuple[tuple[int, int, float], ...]
     pose_repeatability: Float[np.ndarray, " axes"]
+    modelled: Float[np.ndarray, " axes"]
+    warnings: tuple[Warned, ...] = ()
 
 
 def prepare(recording: Recording, arm: Arm) -> Prepared:
@@ -446,6 +537,22 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
         faults.append("the tracker's noise is unknown: give [sensors.tracker].")
     if faults:
         raise Unusable(f"Recording {recording.name!r}", faults)
+    if not states_no_springs(recording, arm):
+        return _prepared(recording, arm)
+    found = _prepared(recording, soft := with_load_springs(recording, arm))
+    if found.blind:  # what its model does not state is not left at a first guess
+        seen = np.isin(np.arange(len(arm.axes)), found.springs)
+        found = _prepared(recording, replace(soft, stiffness=soft.stiffness * seen))
+    blind = sorted({*range(len(arm.axes))} - {*found.springs}) if found.springs else ()
+    return replace(
+        found,
+        blind=tuple(blind),
+        modelled=model_compliance(arm),
+        warnings=(springs_warning(found.springs, len(arm.axes)),),
+    )
+
+
+def _prepared(recording: Recording, arm: Arm) -> Prepared:
     start = first_fit(recording, arm)
     names, body = bodies_of(arm, recording)
     situation = static_state_of(arm, recording, start.compliance, names)
@@ -484,4 +591,5 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
         degrees_of_freedom=check.degrees_of_freedom,
         downweighted=check.downweighted,
         pose_repeatability=arrival,
+        modelled=model_compliance(arm),
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import unstated_springs
 from recordings import (
     added,
     both,
@@ -18,6 +19,7 @@ from recordings import (
     without,
     write_good,
 )
+from small_bench import recording as loaded_recording
 
 from bench.shared.format.folder import read, write
 from bench.shared.instrument_specs import TrackerSpec
@@ -321,3 +323,14 @@ def test_a_recording_written_again_checks_alike(folder, tmp_path, arm):
     write(tmp_path / "again", recording)
     again, _, _ = read_for(tmp_path / "again", arm)
     assert dict(contents_of(again)) == dict(contents_of(recording))
+
+
+def test_springs_that_the_model_does_not_state_are_said(tmp_path, capsys):
+    folder = tmp_path / "loaded"
+    write(folder, loaded_recording(poses=8))
+    check.main(check.Settings(folder, unstated_springs.as_urdf(MODEL, tmp_path)))
+    text = " ".join(capsys.readouterr().out.split())
+    said = "Note: the model states no joint stiffness; compliances of all axes were"
+    assert f"{said} fitted as nominal: a1, a2, a3, a4, a5, a6." in text
+    check.main(check.Settings(folder, MODEL))
+    assert "joint stiffness" not in capsys.readouterr().out
