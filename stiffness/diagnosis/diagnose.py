@@ -195,7 +195,7 @@ SCATTER = "scatter"
 
 def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
     """Return what is remarkable but no mistake."""
-    said = []
+    said = list(prepared.warnings)
     poses = int(prepared.situation.posture_index.max()) + 1
     if poses < FEWEST_POSES:
         text = (

@@ -355,7 +355,7 @@ def nominal_of(
     return Nominal(
         compliance,
         sigma,
-        prepared.situation.arm.compliance,
+        prepared.modelled,
         tuple(f"a{k + 1}" for k in prepared.blind),
         prepared.frames.transform,
         prepared.frames.marker_positions,

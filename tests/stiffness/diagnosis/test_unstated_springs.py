@@ -176,3 +176,9 @@ def test_load_that_turns_no_axis_leaves_all_rigid_and_says_so(rigid):
     ready = prepare(recording(poses=8, softness=(1e6,)), rigid)
     assert ready.springs == ready.blind == ()
     assert "all were left rigid" in ready.warnings[0].text
+
+
+def test_diagnosis_says_what_is_nominal_and_calls_the_model_rigid(found):
+    said = [(warned.code, warned.where) for warned in found.warnings]
+    assert said == [("springs_fitted", "arm")]
+    assert found.nominal is not None and not found.nominal.modelled.any()
