@@ -22,7 +22,12 @@ from stiffness.diagnosis.localisation import (
     places_of_names,
 )
 from stiffness.diagnosis.model_evaluation import EvaluatedModel, as_held
-from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem
+from stiffness.diagnosis.model_fit import (
+    ModelFit,
+    ModelTerm,
+    SelectionProblem,
+    training,
+)
 from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.residual_checks import (
     CONTRADICTS,
@@ -39,6 +44,7 @@ from stiffness.diagnosis.result import (
     Unexplained,
 )
 from stiffness.diagnosis.selection import ALIKE, SelectedModel, whiten_candidates
+from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.regression.testing import SIGNIFICANCE, is_significant
 
 # --- Rejection and posterior ----------------------------------------------------------
@@ -294,7 +300,7 @@ def answer_of(
         "confounded": confounded_with(
             case.library, white, {(e.name.effect, e.name.where) for e in sure}
         ),
-        "nominal": nominal_of(prepared, named.best.fit.springs, case),
+        "nominal": _nominal_beside(case, prepared, named.best.fit),
     }
 
 
@@ -341,6 +347,19 @@ def _loose(
     name = f"marker:{case.situation.recording.markers[marker].name}"
     share = last.scatter.markers[marker].excess / max(found.excess, 1e-12)
     return Located(name, last.p_value, min(share, 1.0), ("angle",), "")
+
+
+def _nominal_beside(
+    case: SelectionProblem, prepared: Prepared, fit: ModelFit
+) -> Nominal:
+    """Return the nominal fit, its errors beside all members of a set."""
+    own = [m.jacobian(case.situation) for m in fit.members]
+    columns = [*case.nominal, *own]
+    gram = normal_equations_of(case.data, columns, training(case.split)).gram[1]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram * scale * scale[:, None], hermitian=True)
+    sigma = (scale * np.sqrt(np.diag(inverse)))[: len(case.springs)]
+    return nominal_of(replace(prepared, sigma=sigma), fit.springs, case)
 
 
 def nominal_of(

@@ -182,3 +182,14 @@ def test_diagnosis_says_what_is_nominal_and_calls_the_model_rigid(found):
     said = [(warned.code, warned.where) for warned in found.warnings]
     assert said == [("springs_fitted", "arm")]
     assert found.nominal is not None and not found.nominal.modelled.any()
+
+
+def test_error_of_a_compliance_counts_what_was_named_beside_it(found):
+    """The tilt of a3 moves markers nearly as a1 does."""
+    assert found.nominal is not None
+    true = 1.0 / (load(MODEL).jnt_stiffness * SOFT)
+    error = np.abs(found.nominal.compliance - true)
+    assert np.all(error < 2.5 * found.nominal.sigma)
+    assert np.all(found.nominal.sigma < 0.03 * true)
+    alone = prepare(loaded(*EFFECTS), arm()).sigma
+    assert found.nominal.sigma[0] > 1.3 * alone[0]
