@@ -55,7 +55,7 @@ class Settings:
     are guessed by their names and units, and you correct it."""
 
 
-def main(settings: Settings) -> Recording | None:
+def main(settings: Settings) -> Recording:
     """Import one experiment, or suggest how to."""
     import numpy as np
 
@@ -71,7 +71,7 @@ def main(settings: Settings) -> Recording | None:
         mapping = write_suggestion(s.suggest, s.mapping)
         print(f"{mapping}: a mapping to correct. Then: python -m")
         print(f"  scenarios.import_recording {s.suggest} --mapping {mapping} --out DIR")
-        return None
+        raise SystemExit(0)
     if s.source is None or s.mapping is None or s.out is None:
         say = "give FILE, --mapping MAPPING.toml and --out DIR; or --suggest FILE.csv."
         raise Unusable("This command", [say])

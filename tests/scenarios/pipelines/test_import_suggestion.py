@@ -22,7 +22,8 @@ min;;;kN;kN;kN;m;m;m;µm;µm;µm;;;
 def test_what_is_suggested_reads_the_file_it_is_for(tmp_path, encoding, capsys):
     file, mapping = tmp_path / "cell.csv", tmp_path / "cell.toml"
     file.write_bytes(SHEET.encode(encoding))
-    assert main(Settings(suggest=file)) is None
+    with pytest.raises(SystemExit, match="0"):
+        main(Settings(suggest=file))
     assert "a mapping to correct" in capsys.readouterr().out
     read = main(Settings(file, mapping, tmp_path / "out"))
     assert read is not None and read.points is not None and read.wrench is not None
