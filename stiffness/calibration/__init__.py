@@ -1,6 +1,7 @@
-"""An arm under its own weight is calibrated: which numbers of its model are wrong.
+"""Calibration of an arm under its own weight: which parameters of its model are wrong.
 
-Absolute positions of targets in many postures, no wrench. Geometry, encoder offsets,
-compliance under gravity, uneven gears, tilting bearings and a wandering tracker
-compete; regions of poses that were left out decide which of them is believed.
+Data: absolute positions of targets in many postures, without an applied wrench.
+Candidates: geometry, encoder offsets, compliance under gravity, transmission error,
+bearing tilt, hysteresis and drift of the tracker. Effects are selected by
+cross-validation over spatial regions of poses.
 """

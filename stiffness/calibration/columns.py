@@ -1,26 +1,26 @@
 """Design matrix of a calibration: columns of all effects, normal equations by fold.
 
-Everything that a real arm may do beyond its drawing moves its target in its own way.
+`candidates_of` builds the columns of each candidate effect, `Blocks` lays them out
+beside the nuisance parameters (tracker frame, target positions) and the geometry, and
+`normals_of` returns the normal equations of each fold.
+
+Candidate effects beyond the geometry, linear in their coefficients:
 
 ==========  ==========================================================================
 Equation    joint_compliance    turn about the axis = c tau
             bearing_tilt        turn about x or y of the axis' seat = c moment about it
             transmission_error  turn about the axis = sum over orders n of
                                 a_n cos n q + b_n sin n q
-            hysteresis          turn about the axis = width / 2 against the side it
-                                came from (friction that the drive left wound up)
+            hysteresis          turn about the axis = width / 2 opposite to the
+                                direction of approach (wind-up held by friction)
             drift               the arm's base moves and turns with time
             tracker_scale       places = (1 + ratio) places
             tau, moment: of the arm's own weight and its tool's, in N m
 Source      Spong 1987 (compliance); Klimchik et al. 2011 (tilt); Tuttle 1992 (uneven
             gears); Iwan 1966 (friction); ISO 9283 (drift, approach)
 Valid       small deflections: all enter linearly
-Ignores     what comes between the poses that were recorded
+Ignores     whatever happens between the recorded poses
 ==========  ==========================================================================
-
-All columns side by side, each block belonging to one cause.
-
-A least-squares problem is its normal equations, fold by fold.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -37,28 +37,29 @@ from stiffness.robot.tracker_frame import LARGEST_SCALE
 # --- Columns --------------------------------------------------------------------------
 
 ORDERS = (1, 3, 5, 9, 17, 33, 65, 129, 257)
-"""Where bands of orders begin; the last one ends them. Chosen: octaves, up to what a
-strain-wave gear of ratio 100 does twice in each turn of its input (200)."""
+"""Bounds of the bands of orders; the last entry ends the last band. Chosen: octaves, up
+to what a strain-wave gear of ratio 100 does twice in each turn of its input (200)."""
 POSES_PER_ORDER = 5
-"""Poses that an order asks for at least; chosen."""
+"""Minimum number of poses for each order of a table; chosen."""
 VISIBLE = 1e-6
-"""Rms of a column in m per unit of what is usual below which it is not seen."""
+"""Rms of a column, in m per unit of its usual size, below which it is not visible."""
 USUAL_TORQUE_COMPLIANCE, USUAL_TURN = 1e-5, 1e-4
-"""In rad/(N m) and rad; sizes at which columns are judged visible."""
+"""In rad/(N m) and rad; the usual sizes at which the visibility of columns is
+judged."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect at one place, with the columns that it can move.
+    """One candidate effect at one site, with its columns of the design matrix.
 
     Attributes:
         effect: Name in the vocabulary.
-        where: Its place.
-        parameters: Names of its coefficients; of a table one for each order, twice.
-        columns: From a stance.
-        least: Smallest value that a coefficient can have.
-        most: Largest.
-        orders: Of each column of a table; empty: no table.
+        where: Its site.
+        parameters: Names of its coefficients; a table has two for each order.
+        columns: Function that returns its columns for a `CalibrationState`.
+        least: Lower bound of a coefficient.
+        most: Upper bound.
+        orders: Order of each column of a table; empty where it is no table.
     """
 
     effect: str
@@ -71,14 +72,14 @@ class Candidate:
 
     @property
     def key(self) -> tuple[str, str]:
-        """Effect and place."""
+        """Effect and site."""
         return self.effect, self.where
 
 
 def candidates_of(
     stance: CalibrationState, highest: int = ORDERS[-1]
 ) -> tuple[Candidate, ...]:
-    """Return everything beyond the drawing that these postures could show.
+    """Return all candidate effects that these postures can make visible.
 
     Args:
         stance: The arm in its postures.
@@ -182,24 +183,25 @@ def _scale(s: CalibrationState) -> np.ndarray:
 
 Key = tuple[str, str]
 SILENT: Key = ("silent", "")
-"""What is fitted without being a finding: frame, places, springs that the model has."""
+"""Nuisance parameters: tracker frame, target positions, springs of the model."""
 
 
 @dataclass(frozen=True)
 class Blocks:
-    """How the columns of everything are laid out.
+    """Layout of the design matrix: what each column and its coefficient belong to.
 
     Attributes:
-        owner: Of each column, its effect and place.
-        parameter: Of each column.
-        order: Of each column of a table; 0 elsewhere.
-        least: Smallest value of each coefficient.
-        most: Largest.
-        entry: Number of each column among the silent columns of a stance; −1 elsewhere.
-        start: Where each column stands in the stance: the drawing's numbers as drawn
-            so far, 0 elsewhere. Coefficients are whole numbers, not steps: what is
+        owner: Effect and site of each column.
+        parameter: Name of each column's coefficient.
+        order: Order of each column of a table; 0 elsewhere.
+        least: Lower bound of each coefficient.
+        most: Upper bound.
+        entry: Index of each column among the columns of the state's nuisance
+            Jacobian; −1 elsewhere.
+        start: Value of each coefficient in the state: the corrections of the geometry
+            so far, 0 elsewhere. Coefficients are full values, not steps: what is
             not fitted is as the model has it.
-        candidates: Whose columns follow those of the drawing.
+        candidates: Those whose columns follow the columns of the geometry.
     """
 
     owner: tuple[Key, ...]
@@ -219,7 +221,7 @@ class Blocks:
         candidates: Sequence[Candidate],
         sprung: Iterable[Key],
     ) -> "Blocks":
-        """Lay out the drawing as far as it shows, then candidates."""
+        """Lay out the visible parameters of the geometry, then the candidates."""
         drawing = entries_of(stance.standing.chain)
         quiet = [Entry(*SILENT, "")] * (len(rigid.kept) - len(drawing))
         shown = np.flatnonzero(rigid.kept)
@@ -246,28 +248,28 @@ class Blocks:
 
     @property
     def keys(self) -> tuple[Key, ...]:
-        """Every effect and place that can be claimed, once."""
+        """Return every effect and site that can be claimed, once."""
         return tuple(k for k in dict.fromkeys(self.owner) if k != SILENT)
 
     def columns_of(self, keys: Iterable[Key]) -> Int[np.ndarray, " some"]:
-        """Return the numbers of the columns of some blocks, in order."""
+        """Return the indices of the columns of some blocks, in order."""
         wanted = set(keys)
         return np.array([i for i, o in enumerate(self.owner) if o in wanted], dtype=int)
 
     def parts(self, key: Key) -> list[Int[np.ndarray, " some"]]:
-        """Return a block's columns, parameter by parameter where they are bounded."""
+        """Return a block's columns; parameter by parameter where they are bounded."""
         own = self.columns_of([key])
         if np.isfinite(self.least[own]).all():
             return [own[i : i + 1] for i in range(len(own))]
         return [own]
 
     def holds(self, columns: Int[np.ndarray, " some"], x: np.ndarray) -> bool:
-        """Return whether coefficients of some columns are physically possible."""
+        """Return whether the coefficients of some columns lie within their bounds."""
         return bool(np.all((x >= self.least[columns]) & (x <= self.most[columns])))
 
     @property
     def band(self) -> Int[np.ndarray, " columns"]:
-        """Of each column the band that its size is learnt with; −1: none."""
+        """Return the band of each column, whose variance is estimated; −1: none."""
         octave = np.searchsorted(ORDERS, self.order, side="right").tolist()
         pairs = list(zip(self.owner, octave, strict=True))
         names = {pair: i for i, pair in enumerate(sorted({p for p in pairs if p[1]}))}
@@ -276,13 +278,13 @@ class Blocks:
     def matrix(
         self, stance: CalibrationState, rows: Int[np.ndarray, " some"] | None = None
     ) -> Float[np.ndarray, "n columns"]:
-        """Return the columns at some rows, three lines to a row."""
+        """Return the columns at some rows, three lines (x, y, z) to a row."""
         return self.problem(stance, rows)[0]
 
     def problem(
         self, stance: CalibrationState, rows: Int[np.ndarray, " some"] | None = None
     ) -> tuple[Float[np.ndarray, "n columns"], Float[np.ndarray, " n"]]:
-        """Return the columns, and what they should add up to."""
+        """Return design matrix and right-hand side of the linearised problem."""
         if rows is not None:
             stance = CalibrationState.of(stance.readings.take(rows), stance.geometry)
         drawing = stance.nuisance_jacobian()[:, :, self.entry[self.entry >= 0]]
@@ -294,13 +296,13 @@ class Blocks:
 # --- Normal equations by fold ---------------------------------------------------------
 
 CHUNK = 500
-"""Rows whose columns are held at a time."""
+"""Rows whose columns are held in memory at a time."""
 
 
 def normals_of(
     blocks: Blocks, stance: CalibrationState, fold: Int[np.ndarray, " rows"], count: int
 ) -> list[Normal]:
-    """Return the normal equations of each fold; rows below zero are in none."""
+    """Return the normal equations of each fold; a negative fold is in none."""
     width = len(blocks.owner)
     found = []
     for f in range(count):

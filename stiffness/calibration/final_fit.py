@@ -1,6 +1,10 @@
 """Final fit of the selected effects, with intervals, error tables and geometry.
 
-Intervals are as wide as regions of poses disagree.
+`final_fit` fits the selected columns once more, with tables in full, about the
+corrected geometry; `estimates_of`, `corrected_geometry_of` and `tables_of` turn the
+coefficients into parameters of the arm.
+
+Intervals (`spread`):
 
 ==========  ==========================================================================
 Equation    cov = C (sum over regions g g') C R / (R − 1), g = A'r / s² of a region,
@@ -9,18 +13,16 @@ Equation    cov = C (sum over regions g g') C R / (R − 1), g = A'r / s² of a 
 Source      Liang, Zeger 1986 (the sandwich of clusters); Cameron, Miller 2015
             (R / (R − 1) and Student's t with R − 1)
 Valid       ten regions or more
-Ignores     that what is reported was chosen before, on folds left out
+Ignores     the selection that came before, on folds left out
 ==========  ==========================================================================
 
-Coefficients are put back into numbers of the arm: the drawing, tables, laws.
-
-What was chosen is fitted once more: tables in full, about the arm as it came out.
+Repeated fit (`final_fit`):
 
 ==========  ==========================================================================
-Equation    as `ridge`; done again about the corrected drawing where that moved away
+Equation    as `stiffness.regression.empirical_bayes`; repeated about the corrected geometry where it moved
 Source      Gauss-Newton
 Valid       corrections that are small beside the arm
-Ignores     what was not chosen: it stays as the model has it
+Ignores     effects that were not selected: they stay as the model has them
 ==========  ==========================================================================
 """
 
@@ -55,16 +57,16 @@ def spread(
     variances: VarianceComponents,
     wanted: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, " some"]:
-    """Return half the width of the intervals of some coefficients.
+    """Return half the width of the confidence intervals of some coefficients.
 
     Args:
         blocks: All columns.
         stance: The arm.
-        region: Of each row; rows below zero were not fitted.
-        columns: Those that were fitted.
+        region: Region of each row; rows below zero were not fitted.
+        columns: Indices of the fitted columns.
         fit: Their solution.
-        variances: Of noise and bands.
-        wanted: Numbers of the coefficients within those that were fitted.
+        variances: Variances of noise and bands.
+        wanted: Indices of the coefficients within the fitted ones.
     """
     inverse = fit.inverse(wanted)  # (known, some)
     regions = np.unique(region[region >= 0])
@@ -87,10 +89,10 @@ def spread(
 
 @dataclass(frozen=True)
 class Table:
-    """An uneven gear as a sum of waves.
+    """Transmission error of an axis as a sum of harmonics.
 
     Attributes:
-        order: Of each wave.
+        order: Order of each harmonic.
         cos: Amplitude of cos(order q), in rad.
         sin: Of sin(order q), in rad.
     """
@@ -100,19 +102,19 @@ class Table:
     sin: Float[np.ndarray, " waves"]
 
     def at(self, angle: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """Return the output's error at some angles, in rad."""
+        """Return the error of the output angle at some angles, in rad."""
         wave = angle[:, None] * self.order
         return np.cos(wave) @ self.cos + np.sin(wave) @ self.sin
 
 
 @dataclass(frozen=True)
 class Wave:
-    """One wave of a table, with half the width of its size's interval.
+    """One harmonic of a table, with half the width of the interval of its amplitude.
 
     Attributes:
-        order: Waves a turn.
+        order: Periods per turn of the axis.
         size: Amplitude, in rad.
-        phase: Of size sin(order q + phase), in rad.
+        phase: Phase in size sin(order q + phase), in rad.
         half: Half the width of the interval of `size`, in rad.
     """
 
@@ -123,7 +125,7 @@ class Wave:
 
     @property
     def clear(self) -> bool:
-        """Whether the interval holds no zero."""
+        """Whether the interval excludes zero."""
         return bool(self.size > self.half)
 
 
@@ -133,11 +135,11 @@ def estimates_of(
     x: Float[np.ndarray, " known"],
     half: dict[int, float],
 ) -> dict[Key, dict[str, Estimate]]:
-    """Return numbers with intervals.
+    """Return the estimates of all parameters with their intervals.
 
     Args:
         blocks: The columns.
-        known: Columns that were fitted.
+        known: Indices of the fitted columns.
         x: Their coefficients.
         half: Half the width of the interval, by number within `known`.
     """
@@ -156,11 +158,11 @@ def corrected_geometry_of(
     known: Int[np.ndarray, " known"],
     x: Float[np.ndarray, " known"],
 ) -> Geometry:
-    """Return the drawing as corrected by what was fitted, and by nothing else.
+    """Return the geometry corrected by its own fitted parameters only.
 
     Args:
         blocks: The columns.
-        rigid: The drawing that they start from.
+        rigid: The geometry that they start from.
         known: Columns that were fitted.
         x: Their coefficients.
     """
@@ -175,7 +177,7 @@ def corrected_geometry_of(
 def tables_of(
     blocks: Blocks, known: Int[np.ndarray, " known"], x: Float[np.ndarray, " known"]
 ) -> dict[str, Table]:
-    """Return the uneven gears among the coefficients, by axis."""
+    """Return the tables of transmission error among the coefficients, by axis."""
     found: dict[str, Table] = {}
     order = blocks.order[known]
     where = np.array([blocks.owner[j][1] for j in known])
@@ -193,7 +195,7 @@ def largest_waves(
     x: Float[np.ndarray, " known"],
     count: int,
 ) -> dict[str, np.ndarray]:
-    """Return, by axis, the two coefficients of each of a table's largest waves."""
+    """Return, by axis, the coefficient pairs of each table's largest harmonics."""
     found: dict[str, np.ndarray] = {}
     order = blocks.order[known]
     where = np.array([blocks.owner[j][1] for j in known])
@@ -211,7 +213,7 @@ def wave_of(
     waves: Int[np.ndarray, "waves 2"],
     half: Float[np.ndarray, "waves 2"],
 ) -> Wave:
-    """Return the largest of some waves that is clearly there, or else the largest."""
+    """Return the largest significant harmonic of some, or else the largest."""
     size, width = np.hypot(*x[waves].T), half.max(axis=1)
     clear = np.flatnonzero(size > width)
     at = int(clear[0]) if len(clear) else 0
@@ -223,24 +225,24 @@ def wave_of(
 # --- Final fit ------------------------------------------------------------------------
 
 MOVED = 2e-4
-"""Change of the drawing in rad or m from which columns are made anew; chosen: its
+"""Change of the geometry in rad or m from which columns are computed anew; chosen: its
 square times an arm's length is less than a tenth of a tracker's noise."""
 ROUNDS = 3
 
 
 @dataclass(frozen=True)
 class FinalFit:
-    """A set of columns, fitted.
+    """Fit of a set of columns, with the state in which they were computed.
 
     Attributes:
         blocks: All columns.
-        stance: What they were made in.
-        known: Those that were fitted.
+        stance: State of the arm in which they were computed.
+        known: Indices of the fitted columns.
         fit: Their solution.
-        variances: Of noise and bands.
-        corrected_geometry: The drawing as corrected.
-        residual: What is left on all rows, in m.
-        used: How many coefficients the data have settled, for each coordinate fitted.
+        variances: Variances of noise and bands.
+        corrected_geometry: The geometry as corrected.
+        residual: Residual on all rows, in m.
+        used: Effective number of coefficients per fitted coordinate.
     """
 
     blocks: Blocks
@@ -261,13 +263,13 @@ def final_fit(
     sprung: set[Key],
     highest: int,
 ) -> FinalFit:
-    """Fit what is nominal and what is wanted to the rows that are kept.
+    """Fit the nuisance parameters and the selected effects to the rows that are kept.
 
     Args:
-        readings: All that was seen.
+        readings: All readings.
         keep: Rows that may be fitted.
-        rigid: Where the drawing stands to begin with, and which of it shows.
-        wanted: Names and parameters that are fitted.
+        rigid: Geometry to start from, and which of its parameters are identifiable.
+        wanted: Effects and parameters that are fitted.
         sprung: Springs that the model has.
         highest: Order below which tables end.
     """
@@ -318,9 +320,9 @@ def _about(readings, keep, rigid, wanted, sprung, highest) -> FinalFit:
 def springs_of(
     found: FinalFit, nominal: Float[np.ndarray, " axes"]
 ) -> dict[str, float]:
-    """Return the stiffness of each spring of the model as fitted, in N m/rad.
+    """Return the fitted stiffness of each spring of the model, in N m/rad.
 
-    A decade either way is nominal; what these postures do not show stays as it is.
+    Changes within a decade count as nominal; unidentifiable springs keep their value.
     """
     softer = {}
     for j, value in zip(found.known.tolist(), found.fit.x.tolist(), strict=True):

@@ -1,19 +1,21 @@
 """Model of a calibration: readings, spatial folds, corrected geometry, arm state.
 
-What can be calibrated on is where targets stood while nothing pulled at the arm.
+`Readings` are the target positions of the unloaded rows, `SpatialFolds` their split for
+validation, `Geometry` the corrections of a rigid arm and `CalibrationState` the arm in
+all postures, with the Jacobians of its predictions and the moments of gravity.
 
-Poses near each other share what a model learns, so whole regions are left out.
+Spatial folds (`spatial_folds_of`), since neighbouring poses share their errors:
 
 ==========  ==========================================================================
 Equation    k-means over the places of targets in the base's frame; whole regions go to
-            the hold-out, the others in turn to folds; seeds from SHA-256 of what was
-            seen, before anything is fitted
+            the hold-out, the others in turn to folds; seeds from SHA-256 of the
+            readings, before anything is fitted
 Source      leave-group-out validation; Lloyd 1982, "Least squares quantization in PCM"
 Valid       at least as many poses as regions
-Ignores     that regions at the edge are further from the rest
+Ignores     the larger distance of regions at the edge from the others
 ==========  ==========================================================================
 
-The drawing of an arm is a little wrong, and not in all of its numbers visibly.
+Corrections of the geometry (`corrected_chain`, `columns`):
 
 ==========  ==========================================================================
 Equation    q = q_reported + offset; the seat of the next axis in its link's frame:
@@ -21,10 +23,8 @@ Equation    q = q_reported + offset; the seat of the next axis in its link's fra
 Source      Mooring, Roth, Driels 1991, "Fundamentals of manipulator calibration";
             rotation vector (Rodrigues 1840)
 Valid       always
-Ignores     nothing of a rigid arm: frame and places of targets take up the rest
+Ignores     nothing of a rigid arm: tracker frame and target positions take up the rest
 ==========  ==========================================================================
-
-The arm as drawn so far, standing in every posture, with what gravity does to it.
 """
 
 import hashlib
@@ -46,28 +46,30 @@ from stiffness.robot.kinematics import ArmState
 # --- Readings without a load ----------------------------------------------------------
 
 FEWEST = 30
-"""Poses; chosen: as many as the parameters of a six-axis arm's geometry."""
+"""Minimum number of poses; chosen: as many as the parameters of a six-axis arm's
+geometry."""
 MOVED = 2e-4
-"""Turn in rad (m where an axis slides) from which on it is a move; chosen: ten times
-what an encoder errs."""
+"""Turn in rad (m for a prismatic axis) from which it counts as a motion; chosen: ten
+times the error of an encoder."""
 
 
 @dataclass(frozen=True)
 class Readings:
-    """One row per pose and target, in the order of time.
+    """Target positions at rest without load: a row per pose and target, by time.
 
     Attributes:
         arm: The nominal arm.
-        posture: Reported, in rad (m where an axis slides).
-        side: Of each axis, the direction in which it last moved: −1, 0 (unknown), 1.
-        seen: Of the target, in the tracker's frame, in m.
-        marker: Which target, by its number in `names`.
+        posture: Reported joint angles, in rad (m for a prismatic axis).
+        side: Direction in which each axis last moved: −1, 0 (unknown), 1.
+        seen: Position of the target, in the tracker's frame, in m.
+        marker: Index of the target in `names`.
         posture_id: Id of the pose.
-        hours: Since the middle of the recording.
-        names: Of the targets.
-        bodies: That the targets sit on.
-        places: Nominal, in m; zero where unknown.
-        stated: One sigma of a coordinate as stated, in m; NaN where it is not.
+        hours: Time since the middle of the recording, in h.
+        names: Names of the targets.
+        bodies: Bodies that the targets sit on.
+        places: Nominal target positions in their bodies' frames, in m; zero where
+            unknown.
+        stated: Stated standard deviation of a coordinate, in m; NaN where not stated.
         tool: What the arm carries besides its own weight, on the flange.
     """
 
@@ -94,12 +96,12 @@ class Readings:
 
 
 def readings_of(recording: Recording, arm: Arm) -> Readings:
-    """Take the unloaded rows of a recording, a mean for each visit and target.
+    """Return the unloaded rows of a recording: a mean for each visit and target.
 
-    Of a 6D target only the first point counts; its turn is left for a check.
+    Of a 6D target only the first point is used; its rotation is kept for a check.
 
     Raises:
-        Unusable: Where nothing was tracked, only differences mean anything, or there
+        Unusable: Where no target was tracked, positions are relative only, or there
             are too few poses.
     """
     faults = []
@@ -173,19 +175,20 @@ def _sides(posture: Float[np.ndarray, "visits axes"]) -> np.ndarray:
 # --- Spatial folds --------------------------------------------------------------------
 
 REGIONS, LEFT_OUT, FOLDS = 30, 8, 22
-"""Of all poses; kept back until the end; of the others, for choosing. Chosen: 8 of 30
-regions are about a quarter, and each of the others is a fold of its own."""
+"""Number of regions; how many of them are kept back for the final test; number of folds
+of the others, for selection. Chosen: 8 of 30 regions are about a quarter, and each of
+the others is a fold of its own."""
 
 
 @dataclass(frozen=True)
 class SpatialFolds:
-    """Where poses lie together.
+    """Split of the rows into spatial regions, folds and a hold-out.
 
     Attributes:
-        region: Of each row.
-        held: Regions that nothing is fitted to.
-        fold: Of each row: −1 kept back, else 0 … count.
-        count: Of folds.
+        region: Region of each row.
+        held: Regions of the hold-out, which no fit uses.
+        fold: Fold of each row: −1 in the hold-out, else 0 … count.
+        count: Number of folds.
     """
 
     region: Int[np.ndarray, " rows"]
@@ -195,16 +198,16 @@ class SpatialFolds:
 
     @property
     def kept_back(self) -> Bool[np.ndarray, " rows"]:
-        """Rows that decide at the end."""
+        """Mask of the rows in the hold-out."""
         return self.fold < 0
 
 
 def spatial_folds_of(readings: Readings, draw: int = 0) -> SpatialFolds:
-    """Draw regions, hold-out and folds.
+    """Split the rows into regions, hold-out and folds.
 
     Args:
-        readings: What was seen.
-        draw: Another number draws other regions.
+        readings: The readings.
+        draw: Number of the split; another number gives other regions.
     """
     ids, first, index = np.unique(
         readings.posture_id, return_index=True, return_inverse=True
@@ -234,7 +237,7 @@ NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
 @dataclass(frozen=True)
 class Entry:
-    """One number of the drawing.
+    """One parameter of the geometry.
 
     Attributes:
         effect: `encoder_offset` or `geometry_error`.
@@ -248,7 +251,7 @@ class Entry:
 
 
 def entries_of(chain: Chain) -> tuple[Entry, ...]:
-    """Return all numbers of a drawing, in the order of their vector.
+    """Return all parameters of a geometry, in the order of their vector.
 
     First an offset of each axis, then six numbers for each axis that is carried by
     another one: they belong to the link between the two.
@@ -271,7 +274,7 @@ def seats_of(chain: Chain) -> list[int]:
 
 
 def corrected_chain(chain: Chain, values: Float[np.ndarray, " entries"]) -> Chain:
-    """Return a chain whose seats are moved and turned; offsets act on postures."""
+    """Return a chain with corrected seats; offsets are added to the postures."""
     axes = len(chain.parent)
     before = chain.before.copy()
     for k, twist in zip(
@@ -285,7 +288,7 @@ def corrected_chain(chain: Chain, values: Float[np.ndarray, " entries"]) -> Chai
 
 
 def link_axes(chain: Chain, axis: int) -> Float[np.ndarray, "3 3"]:
-    """Return a link's own axes, as columns, in the frame of the axis that moves it."""
+    """Return the axes of a link's frame, as columns, in its moving axis' frame."""
     place = chain.places.get(f"link_{axis + 1}", Place(axis, np.eye(4)))
     return place.placement[:3, :3]
 
@@ -295,12 +298,12 @@ def columns(
     points: Float[np.ndarray, "rows 3"],
     carried: Sequence[int],
 ) -> Float[np.ndarray, "rows 3 entries"]:
-    """Return how points move with each number of the drawing.
+    """Return the Jacobian of points with respect to the parameters of the geometry.
 
     This is Pinocchio's kinematic regressor, for many postures at once.
 
     Args:
-        standing: The arm.
+        standing: The arm in its postures.
         points: On one body, in the base's frame, in m.
         carried: The axes that carry that body.
     """
@@ -326,7 +329,7 @@ def turning(
     axis: int,
     carried: Sequence[int],
 ) -> Float[np.ndarray, "rows 3"]:
-    """Return how points move per unit of an axis, in m/rad (m/m where it slides)."""
+    """Return the Jacobian of points, in m/rad of an axis (m/m if prismatic)."""
     if axis not in carried:
         return np.zeros_like(points)
     along = standing.rotation[axis, :, :, 2]
@@ -340,12 +343,12 @@ def turning(
 
 @dataclass(frozen=True)
 class Geometry:
-    """All that a rigid prediction needs.
+    """Corrections of the geometry, the tracker frame and the target positions.
 
     Attributes:
-        values: Of the drawing's numbers, see `geometry.entries_of`.
-        base_from_tracker: In m.
-        places: Of targets in their bodies' frames, in m.
+        values: Parameters of the geometry, in the order of `entries_of`.
+        base_from_tracker: Transform, lengths in m.
+        places: Target positions in their bodies' frames, in m.
     """
 
     values: Float[np.ndarray, " entries"]
@@ -353,7 +356,7 @@ class Geometry:
     places: Float[np.ndarray, "markers 3"]
 
     def stepped(self, step: Float[np.ndarray, " silent"]) -> "Geometry":
-        """Move on by a step of entries, of the frame (3 + 3) and of the places."""
+        """Add a step of parameters, frame (3 + 3) and target positions."""
         n = len(self.values)
         away = np.eye(4)
         away[:3, :3] = Rotation.from_rotvec(-step[n + 3 : n + 6]).as_matrix()
@@ -367,14 +370,14 @@ class Geometry:
 
 @dataclass(frozen=True)
 class CalibrationState:
-    """Where targets should be, and every lever that could move them.
+    """The arm in the postures of all rows: predictions, residuals and Jacobians.
 
     Attributes:
-        readings: What was seen.
-        geometry: What the arm is taken to be.
+        readings: The readings.
+        geometry: Corrections that the predictions assume.
         standing: The arm in the rows' postures.
-        point: Where the targets should be, in the base's frame, in m.
-        carried: Of each target, the axes that carry it.
+        point: Predicted target positions, in the base's frame, in m.
+        carried: Axes that carry each target.
     """
 
     readings: Readings
@@ -385,7 +388,7 @@ class CalibrationState:
 
     @classmethod
     def of(cls, readings: Readings, model_geometry: Geometry) -> "CalibrationState":
-        """Stand the arm as drawn."""
+        """Return the state for a corrected geometry."""
         arm = readings.arm
         axes = len(arm.axes)
         chain = corrected_chain(arm.chain, model_geometry.values)
@@ -401,19 +404,19 @@ class CalibrationState:
 
     @cached_property
     def residual(self) -> Float[np.ndarray, "rows 3"]:
-        """Seen less said, along the base's axes, in m."""
+        """Observed less predicted positions, along the base's axes, in m."""
         frame = self.geometry.base_from_tracker
         return self.readings.seen @ frame[:3, :3].T + frame[:3, 3] - self.point
 
     @cached_property
     def lever(self) -> Float[np.ndarray, "axes rows 3"]:
-        """How targets move per unit of each axis."""
+        """Jacobian of the targets with respect to the axes."""
         axes = range(len(self.standing.chain.parent))
         return np.stack([self._by_marker(turning, k) for k in axes])
 
     @cached_property
     def moment(self) -> Float[np.ndarray, "axes rows 3"]:
-        """Moment of gravity, the tool's too, about each axis' origin, in N m."""
+        """Moment of gravity, including the tool's, about each axis' origin, in N m."""
         standing, chain = self.standing, self.standing.chain
         masses = standing.masses(self.readings.tool)
         moment = np.zeros_like(standing.origin)
@@ -425,16 +428,16 @@ class CalibrationState:
 
     @cached_property
     def torque(self) -> Float[np.ndarray, "rows axes"]:
-        """Gravity's torque about each axis, in N m (N along one that slides)."""
+        """Gravity torque about each axis, in N m (N for a prismatic one)."""
         return self.standing.gravity_torque(self.readings.tool)
 
     def tilting(self, axis: int, about: Float[np.ndarray, "rows 3"]) -> np.ndarray:
-        """Return how targets move per turn of an axis' seat about a direction."""
+        """Return the target displacement per tilt of a seat about a direction."""
         moved = np.cross(about, self.point - self.standing.origin[axis])
         return np.where(self._hangs_on(axis)[:, None], moved, 0.0)
 
     def nuisance_jacobian(self) -> Float[np.ndarray, "rows 3 silent"]:
-        """Return how predictions move with entries, frame and places."""
+        """Return the Jacobian of predictions: geometry, frame, target positions."""
         entries = columns
         drawing = np.zeros((*self.point.shape, len(self.geometry.values)))
         places = np.zeros((*self.point.shape, 3 * len(self.readings.bodies)))

@@ -1,29 +1,31 @@
 """Calibration of an arm: the whole analysis, named effects, drift that remains.
 
-What is left may grow with time in one link alone, as a link does that warms up.
+`calibrated` runs the analysis on the regions that are not kept back, `named` selects
+the effects that are significant, `drift_term` tests the residual for drift of a link.
+
+Drift of one link in the residual (`drift_term`), such as from thermal expansion:
 
 ==========  ==========================================================================
-Equation    y = residual, A = drawing, frame and places, and frame and places times
-            time, B = one place's numbers times time; share = |P_B y|² / |y|² with A
-            projected out of both; p by F, times the number of places
+Equation    y = residual, A = geometry, frame and targets, and frame and targets times
+            time, B = one site's parameters times time; share = |P_B y|² / |y|² with A
+            projected out of both; p by F, times the number of sites
 Source      Frisch, Waugh 1933 (what is projected out); Bonferroni
 Valid       changes that are small and go one way
-Ignores     that readings of one pose err together: hence a share is asked for too
+Ignores     correlated errors within a pose: hence a share is required too
 ==========  ==========================================================================
 
-What was believed gets a name where it is clearly there, however many were tried.
+Significance of selected effects (`named`), corrected for the number tried:
 
 ==========  ==========================================================================
-Equation    a number is clear where |value| > half t(1 - a / 2m) / t(1 - a / 2), half
-            its interval's half width, a = 5 %, m units tried, R - 1 freedoms; a name
-            needs a clear number and a loss of more than two standard errors; a table
-            needs a wave that is not zero, and that it or its loss be clear
+Equation    a parameter is significant where
+            |value| > half t(1 - a / 2m) / t(1 - a / 2), half its interval's half width,
+            a = 5 %, m units tried, R - 1 degrees of freedom; a name needs a significant parameter and a loss of more than two standard
+            errors; a table needs a harmonic that is not zero, and that it or its loss
+            be significant
 Source      Dunn 1961, "Multiple comparisons among means", JASA 56, 52
 Valid       ten regions or more
-Ignores     what of it is common to several names: they are fitted together
+Ignores     what is common to several effects: they are fitted together
 ==========  ==========================================================================
-
-A calibrated arm: what was believed, how sure, and what stays unexplained.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -73,18 +75,18 @@ from stiffness.robot.arm import Arm
 # --- Residuals that grow with time ----------------------------------------------------
 
 LEAST, ALPHA = 0.05, 1e-3
-"""Share of what is left that has to grow, and its p-value; chosen."""
+"""Minimum share of the residual that has to grow with time, and its p-value; chosen."""
 FAINT = 1e-8
-"""Singular value, of the largest, below which columns are the same."""
+"""Singular value, relative to the largest, below which columns are dependent."""
 
 
 @dataclass(frozen=True)
 class DriftTerm:
-    """A place whose numbers change with time.
+    """An axis or a link whose parameters change with time.
 
     Attributes:
         where: An axis or a link.
-        share: Of what is left.
+        share: Share of the residual that it explains.
     """
 
     where: str
@@ -94,7 +96,7 @@ class DriftTerm:
 def drift_term(
     stance: CalibrationState, residual: Float[np.ndarray, "rows 3"]
 ) -> DriftTerm | None:
-    """Return the place that explains most of what is left by changing with time."""
+    """Return the site whose drift explains most of the residual."""
     hours = stance.readings.hours[:, None, None]
     every, rows = stance.nuisance_jacobian(), residual.size
     entries = entries_of(stance.standing.chain)
@@ -122,7 +124,7 @@ def drift_term(
 
 
 def _basis(a: Float[np.ndarray, "n columns"]) -> np.ndarray:
-    """Return orthonormal columns that span the same."""
+    """Return an orthonormal basis of the columns."""
     size = np.linalg.norm(a, axis=0)
     u, s, _ = np.linalg.svd(a / np.where(size > 0.0, size, 1.0), full_matrices=False)
     return u[:, s > FAINT * max(s[0], 1e-300)]
@@ -137,13 +139,13 @@ def named(
     waves: Mapping[str, Wave],
     regions: int,
 ) -> Iterator[Key]:
-    """Yield what was believed and is clearly there, the one that matters most first.
+    """Yield the believed effects that are significant, the most important first.
 
     Args:
-        chosen: What was believed, and what was tried.
-        estimates: Numbers with their intervals.
-        waves: Of each table the largest wave that is clearly there.
-        regions: How many regions were fitted.
+        chosen: Result of the selection.
+        estimates: Estimates with their intervals.
+        waves: Largest significant harmonic of each table.
+        regions: Number of fitted regions.
     """
     tried = max(len({(s.key, s.parameters) for s in chosen.steps}), 1)
     tail = (1.0 - LEVEL) / 2
@@ -168,34 +170,34 @@ def _clear(found: Estimate, wider: float) -> bool:
 # --- Calibration ----------------------------------------------------------------------
 
 CHOOSING = 129
-"""Order below which tables end while effects are chosen; then they are drawn whole."""
+"""Order below which tables end during selection; afterwards they are fitted in full."""
 
 WAVES = 5
-"""Of each table the waves that get an interval, the largest ones."""
+"""Number of each table's largest harmonics that get an interval."""
 
 
 @dataclass(frozen=True)
 class Calibrated:
-    """What calibration found; nothing was fitted to the regions kept back.
+    """Result of a calibration; nothing was fitted to the regions kept back.
 
     Attributes:
-        readings: All that was seen.
-        spatial_folds: Which of it was kept back.
-        before: Arm as drawn: frame, places and springs fitted.
-        corrected_geometry: The drawing as corrected.
+        readings: All readings.
+        spatial_folds: Their split into regions, folds and hold-out.
+        before: Nominal arm: tracker frame, target positions and springs fitted.
+        corrected_geometry: The geometry as corrected.
         springs: Stiffness of springs that the model has, in N m/rad, by axis: as
-            fitted to the arm as drawn, and to the corrected one.
-        estimates: Of every number but tables', with intervals, by effect and place.
-        error_tables: Of uneven gears, by axis.
-        harmonics: Of each table the largest wave that is clearly there, by axis.
-        selected: How effects were chosen.
-        named: Effects that are believed and whose numbers are clearly not zero, the
-            one that matters most first.
-        nominal: Residual of the arm as drawn, on all rows, in m.
-        residual: What calibration leaves, on all rows, in m.
-        used: Coefficients settled for each coordinate that was fitted.
-        at_first: Whether neighbours agree before.
-        at_last: Whether they do after.
+            fitted with the nominal geometry, and with the corrected one.
+        estimates: Parameters with intervals, by effect and site; tables excepted.
+        error_tables: Transmission errors, by axis.
+        harmonics: Largest significant harmonic of each table, by axis.
+        selected: Result of the selection.
+        named: Effects that are believed and whose parameters differ significantly
+            from zero, the most important first.
+        nominal: Residual of the nominal arm, on all rows, in m.
+        residual: Residual after calibration, on all rows, in m.
+        used: Effective number of coefficients per fitted coordinate.
+        at_first: Spatial correlation of the residual before calibration.
+        at_last: Spatial correlation of the residual after it.
     """
 
     readings: Readings
@@ -216,7 +218,7 @@ class Calibrated:
 
     @property
     def held(self) -> Bool[np.ndarray, " rows"]:
-        """Rows that decide."""
+        """Mask of the rows kept back for the final test."""
         return self.spatial_folds.kept_back
 
 
@@ -229,13 +231,13 @@ def calibrated(
     """Calibrate an arm on the regions that are not kept back.
 
     Args:
-        readings: What was seen.
-        spatial_folds: Which of it is kept back.
-        said: Is told what was believed.
-        highest: Order below which tables of uneven gears end.
+        readings: The readings.
+        spatial_folds: Their split into regions, folds and hold-out.
+        said: Callback that receives a line on each effect that is believed.
+        highest: Order below which tables of transmission error end.
 
     Returns:
-        What was believed, with the arm as corrected.
+        The selected effects and the corrected arm.
     """
     keep = ~spatial_folds.kept_back
     fit_on = readings.take(keep)
@@ -294,6 +296,6 @@ def calibrated(
 
 
 def _sprung(arm: Arm) -> set[Key]:
-    """Return the springs that the model has: how stiff they are is no finding."""
+    """Return the springs of the model; their stiffness is a nuisance parameter."""
     springs = enumerate(arm.stiffness)
     return {("joint_compliance", f"a{k + 1}") for k, s in springs if s > 0.0}

@@ -1,11 +1,11 @@
 """Gauss-Newton fit of the geometry, restricted to identifiable parameters.
 
 ==========  ==========================================================================
-Equation    Gauss-Newton on seen − said; a column is kept when what the kept ones before
-            it leave of it can be seen
+Equation    Gauss-Newton on observed − predicted; a column is kept when its component
+            orthogonal to the columns kept before it is visible
 Source      Khalil, Gautier, Enguehard 1991, "Identifiable parameters and optimum
             configurations for robots calibration", Robotica 9, 63
-Valid       errors of the drawing that are small beside the arm
+Valid       errors of the geometry that are small beside the arm
 Ignores     everything but a rigid arm
 ==========  ==========================================================================
 """
@@ -19,20 +19,21 @@ from stiffness.calibration.model import CalibrationState, Geometry, Readings, en
 from stiffness.robot.tracker_frame import kabsch
 
 LEAST = 1e-3
-"""What a column must have of its own, rms in m per rad (m per m), and as a share of its
-size; chosen: a milliradian that moves a target by a micrometre is beyond a tracker."""
+"""Minimum rms of a column's orthogonal component, in m per rad (m per m), and as a
+share of the column's size; chosen: a milliradian that moves a target by a micrometre is
+beyond a tracker."""
 ROUNDS = 6
 STILL = 1e-9
-"""Step in m and rad below which a fit has come to rest."""
+"""Step in m and rad below which a fit has converged."""
 
 
 @dataclass(frozen=True)
 class RigidFit:
-    """A rigid arm, its drawing corrected or not.
+    """Fitted rigid arm, with or without corrections of its geometry.
 
     Attributes:
-        geometry: What the arm is taken to be.
-        kept: Which entries, frame and places the data can see on their own.
+        geometry: The fitted parameters.
+        kept: Mask of the identifiable parameters, frame and target positions.
     """
 
     geometry: Geometry
@@ -40,7 +41,7 @@ class RigidFit:
 
 
 def fitted(readings: Readings, redraw: bool) -> RigidFit:
-    """Fit frame and places, and the drawing where asked."""
+    """Fit tracker frame and target positions, and the geometry where asked."""
     count = len(entries_of(readings.arm.chain))
     start = Geometry(np.zeros(count), np.eye(4), readings.places)
     stance = CalibrationState.of(readings, start)
@@ -50,7 +51,7 @@ def fitted(readings: Readings, redraw: bool) -> RigidFit:
 
 
 def _fit_until_stable(readings: Readings, start: Geometry, redraw: bool) -> RigidFit:
-    """Fit what shows from where things stand: a place taken for zero hides links."""
+    """Repeat the fit until the identifiable columns no longer change."""
     count = len(start.values)
     a = (
         CalibrationState.of(readings, start)
@@ -74,7 +75,7 @@ def _fit_until_stable(readings: Readings, start: Geometry, redraw: bool) -> Rigi
 def identifiable(
     a: Float[np.ndarray, "n silent"], entries: int, redraw: bool
 ) -> Bool[np.ndarray, " silent"]:
-    """Return which columns show: frame and places first, then the drawing in order."""
+    """Return which columns are identifiable: frame and targets first, then geometry."""
     total = a.shape[1]
     order = [*range(entries, total), *(range(entries) if redraw else ())]
     kept = np.zeros(total, dtype=bool)

@@ -1,44 +1,46 @@
 """Selection of effects on folds left out, with substitutes and backward elimination.
 
-Sets of effects are judged on folds of regions that they were not fitted to.
+`selected` adds effects one at a time, `pruned` removes those that do not improve the
+prediction, `common` exchanges rare effects for common ones, and `equivalents_of`
+lists the effects that the data cannot distinguish from a selected one.
 
-What these data cannot tell from a name is said with it.
+Substitutes of a selected effect (`substitutes`):
 
 ==========  ==========================================================================
-Equation    u = A_k x_k, what a name does beyond the other known columns; another block
-            c comes near where |P_c u|² > 0.8 |u|², P_c onto its columns beyond the same
-            ones; it does as well where folds left out are predicted, with it in the
-            name's stead, no worse than two standard errors or a hundredth of what the
-            name gains
+Equation    u = A_k x_k, an effect's signal with the other columns projected out; a
+            block c comes near where |P_c u|² > 0.8 |u|², P_c onto its columns beyond
+            the same ones; it is a substitute where it predicts folds left out in the
+            effect's place, no worse than two standard errors or a hundredth of the
+            effect's gain
 Source      Hotelling 1936, "Relations between two sets of variates"; margins as
-            `selection`
-Valid       names of few coefficients
-Ignores     what only two others together could replace; tables as substitutes
+            for forward selection
+Valid       effects with few coefficients
+Ignores     replacement by two other effects together; tables as substitutes
 ==========  ==========================================================================
 
-What folds left out are better without goes, and rare effects that others replace.
+Backward elimination (`pruned`):
 
 ==========  ==========================================================================
-Equation    loss of a name = mean over folds left out of log of what is left without it
-            less log of what is left with it; idle where that is not above zero
+Equation    loss of an effect = mean over folds left out of log residual square without
+            it less log residual square with it; idle where that is not above zero
 Source      backward elimination; Breiman et al. 1984, "Classification and Regression
             Trees"
 Valid       folds that share no region of poses
-Ignores     names that only two others together would replace
+Ignores     replacement by two other effects together
 ==========  ==========================================================================
 
-An effect is believed when regions of poses that it was not fitted to confirm it.
+Forward selection (`selected`):
 
 ==========  ==========================================================================
-Equation    gain of a fold = log of what the set leaves there − log of what set and
-            effect leave, both fitted on the other folds: each region counts alike;
+Equation    gain of a fold = log residual square of the set there − that of set and
+            effect, both fitted on the other folds: all regions have equal weight;
             believed where the mean gain is more than two of its standard errors over
             folds; the one that gains most goes first, of those that gain alike a
             common one
 Source      Breiman et al. 1984, "Classification and Regression Trees" (margins of one
             standard error; two here, for there are many candidates)
 Valid       folds that share no region of poses
-Ignores     that sizes of tables' bands are learnt from all folds together
+Ignores     variances of tables' bands are estimated from all folds together
 ==========  ==========================================================================
 """
 
@@ -62,12 +64,12 @@ Tried = Float[np.ndarray, "folds tried"]
 
 @dataclass(frozen=True)
 class Judge:
-    """Everything needed to fit a set on all folds but one and to look at that one.
+    """Normal equations and variances from which models are fitted and cross-validated.
 
     Attributes:
         blocks: The columns.
         folds: Normal equations of each fold.
-        variances: Of noise and tables' bands.
+        variances: Variances of noise and tables' bands.
     """
 
     blocks: Blocks
@@ -76,7 +78,7 @@ class Judge:
 
     @cached_property
     def total(self) -> Normal:
-        """All folds together."""
+        """Sum of the normal equations of all folds."""
         return total_of(self.folds)
 
     def on(self, columns: ColumnIndices) -> "CrossValidatedFit":
@@ -98,12 +100,12 @@ class Judge:
 
 @dataclass(frozen=True)
 class CrossValidatedFit:
-    """A set of columns, fitted with each fold left out.
+    """Fit of a set of columns, with each fold left out and on all folds.
 
     Attributes:
-        judge: Whose folds.
-        whole: Fitted to all folds.
-        fits: Fitted to all but each.
+        judge: Folds that it was fitted to.
+        whole: Fit to all folds.
+        fits: Fits to all folds but one, for each fold.
     """
 
     judge: Judge
@@ -112,7 +114,7 @@ class CrossValidatedFit:
 
     @property
     def columns(self) -> ColumnIndices:
-        """The set, in the order in which it grew."""
+        """Columns of the set, in the order in which they were added."""
         return self.whole.known
 
     @property
@@ -122,26 +124,26 @@ class CrossValidatedFit:
 
     @cached_property
     def residual_squares(self) -> Float[np.ndarray, " folds"]:
-        """The sum of squares on each fold left out, in m^2."""
+        """Sum of squared residuals on each fold left out, in m^2."""
         none = np.zeros(0, dtype=int)
         return residual_squares_of(
             self.judge.folds, [f.with_each([none]) for f in self.fits]
         )[:, 0]
 
     def with_each(self, blocks: Sequence[ColumnIndices]) -> tuple[Tried, np.ndarray]:
-        """Return what is left with each block added, and the solutions on all."""
+        """Return the residual squares with each block added, and the solutions."""
         tried = (fit.with_each(blocks) for fit in self.fits)
         return residual_squares_of(self.judge.folds, tried), self.whole.with_each(
             blocks
         )
 
     def joined_by(self, own: ColumnIndices) -> "CrossValidatedFit":
-        """Believe a block."""
+        """Return the fit with a block added."""
         fits = [fit.joined_by(own) for fit in self.fits]
         return CrossValidatedFit(self.judge, self.whole.joined_by(own), fits)
 
     def without_each(self, blocks: Sequence[ColumnIndices]) -> Tried:
-        """Return what is left when each block alone is taken out of the set."""
+        """Return the residual squares when each block alone is removed from the set."""
         place = np.full(len(self.whole.precision), -1)
         place[self.columns] = np.arange(len(self.columns))
         none = np.zeros(0, dtype=int)
@@ -159,7 +161,7 @@ class CrossValidatedFit:
 
 
 def residual_squares_of(folds: Sequence[Normal], solutions) -> Tried:
-    """Return the sum of squares that each fold's solutions leave on it, in m^2."""
+    """Return the sum of squared residuals of each fold's solutions on it, in m^2."""
     found = []
     for fold, x in zip(folds, solutions, strict=True):
         both = np.sum(x * (fold.gram @ x), axis=0)
@@ -170,29 +172,31 @@ def residual_squares_of(folds: Sequence[Normal], solutions) -> Tried:
 # --- Confounded effects ---------------------------------------------------------------
 
 MARGIN, SLIGHT = 2.0, 0.01
-"""Standard errors of a loss, and share of what the name gains, that count as none;
+"""Standard errors of a loss, and share of the effect's gain, that count as none;
 chosen: laws are no truer than a tenth of their size, squared."""
 NEAR = 0.8
-"""Share of a name's square that another must do at least; chosen: cosine 0.9."""
+"""Minimum share of an effect's square that a substitute must explain; chosen: cosine
+0.9."""
 FEW = 12
-"""Columns of a block that is looked at; chosen: twice a link's numbers."""
+"""Maximum number of columns of a candidate substitute; chosen: twice a link's
+parameters."""
 RARE = ("bearing_tilt", "tracker_scale")
-"""What explains only where nothing common does: seats and trackers are stiffer and more
-true than gears and drawings by an order of magnitude."""
+"""Effects selected only where no common one explains the data: seats and trackers are
+stiffer and more accurate than gears and geometry by an order of magnitude."""
 
 LENGTHS: Key = ("geometry_error", "lengths")
-"""All links longer or shorter together: what a tracker's scale looks like."""
+"""Common scaling of all link lengths, which a tracker's scale error mimics."""
 
 Unit = tuple[Key, ColumnIndices]
 
 
 def is_rare(unit: Unit) -> bool:
-    """Return whether an effect is rarer than those that look like it."""
+    """Return whether an effect is rarer than those that mimic it."""
     return unit[0][0] in RARE
 
 
 def others_of(trial: CrossValidatedFit) -> list[Unit]:
-    """Return the small blocks that a trial does not hold, the commoner ones first."""
+    """Return the small blocks that a fit does not hold, the commoner ones first."""
     blocks = trial.judge.blocks
     known = set(trial.columns.tolist())
     units = [(key, part) for key in blocks.keys for part in blocks.parts(key)]
@@ -205,7 +209,7 @@ def others_of(trial: CrossValidatedFit) -> list[Unit]:
 
 
 def lengths_of(blocks: Blocks) -> ColumnIndices:
-    """Return the columns that make links longer or shorter."""
+    """Return the columns that scale the lengths of links."""
     return np.array(
         [
             j
@@ -221,10 +225,10 @@ def lengths_of(blocks: Blocks) -> ColumnIndices:
 def substitutes(
     trial: CrossValidatedFit, own: ColumnIndices, units: Sequence[Unit]
 ) -> list[Unit]:
-    """Return the units that would do as well as some columns of a trial.
+    """Return the units that predict as well as some columns of a fit.
 
     Args:
-        trial: What is believed.
+        trial: Fit of the selected effects.
         own: Columns in it.
         units: Blocks that are not in it.
     """
@@ -259,7 +263,7 @@ def _as_good(trial: CrossValidatedFit, left: np.ndarray, gain: float) -> bool:
 
 
 def pruned(trial: CrossValidatedFit) -> CrossValidatedFit:
-    """Take out what became impossible, then what folds are better without."""
+    """Remove effects out of bounds, then those that do not improve the prediction."""
     judge = trial.judge
     while True:
         x, inside = trial.x, inside_of(trial)
@@ -283,22 +287,22 @@ def pruned(trial: CrossValidatedFit) -> CrossValidatedFit:
 
 
 def _is_constant(key: Key, inside: dict[Key, ColumnIndices]) -> bool:
-    """Return whether an offset is the constant about which a table's waves go.
+    """Return whether an offset is the constant term of a table of harmonics.
 
-    Without it slow waves would make one, and run away where no pose was fitted.
+    Without it harmonics of low order would model the constant and extrapolate badly.
     """
     return key[0] == "encoder_offset" and ("transmission_error", key[1]) in inside
 
 
 def inside_of(trial: CrossValidatedFit) -> dict[Key, ColumnIndices]:
-    """Return the columns of each effect that a trial holds."""
+    """Return the columns of each effect that a fit holds."""
     blocks, known = trial.judge.blocks, np.sort(trial.columns)
     own = {k: np.intersect1d(blocks.columns_of([k]), known) for k in blocks.keys}
     return {key: columns for key, columns in own.items() if len(columns)}
 
 
 def budget_of(trial: CrossValidatedFit) -> dict[Key, tuple[float, float]]:
-    """Return what each effect's going alone would lose, with its standard error."""
+    """Return the loss from removing each effect alone, with its standard error."""
     inside = inside_of(trial)
     left = trial.without_each(list(inside.values()))
     return {
@@ -308,7 +312,7 @@ def budget_of(trial: CrossValidatedFit) -> dict[Key, tuple[float, float]]:
 
 
 def common(trial: CrossValidatedFit) -> CrossValidatedFit:
-    """Put a common effect in the place of each rare one that it can replace."""
+    """Replace each rare effect by a common one where that predicts as well."""
     blocks = trial.judge.blocks
     for key in inside_of(trial):
         for own in blocks.parts(key):
@@ -323,7 +327,7 @@ def common(trial: CrossValidatedFit) -> CrossValidatedFit:
 
 
 def equivalents_of(trial: CrossValidatedFit, budget: dict[Key, tuple[float, float]]):
-    """Return what would do as well as each name, by name."""
+    """Return the effects that would predict as well as each selected one."""
     units, found = others_of(trial), {}
     for key, own in inside_of(trial).items():
         loss, error = budget[key]
@@ -339,22 +343,22 @@ def equivalents_of(trial: CrossValidatedFit, budget: dict[Key, tuple[float, floa
 # --- Selection ------------------------------------------------------------------------
 
 ALIKE = 0.99
-"""Share of the best gain from which on another is as good; chosen: laws are no truer
-than a tenth of their size, squared."""
+"""Share of the best gain from which on another effect counts as equal; chosen: laws are
+no truer than a tenth of their size, squared."""
 DRAWING: Key = ("geometry_error", "all links")
-"""The corrections of the drawing, which are tried together."""
+"""All corrections of the geometry, which are tried together."""
 BELIEVED, NO_GAIN, IMPOSSIBLE = "believed", "no gain", "out of bounds"
 
 
 @dataclass(frozen=True)
 class Step:
-    """One effect that was tried when it was its turn.
+    """One candidate effect that was tested in the selection.
 
     Attributes:
-        key: Effect and place.
-        parameters: Which of its coefficients.
-        rms: What is left on folds left out, 3-D per reading, in m; with it if believed.
-        gain: Of the logarithm of the mean square on a fold left out.
+        key: Effect and site.
+        parameters: Names of the coefficients tested.
+        rms: Residual on folds left out, 3-D per reading, in m; with it if believed.
+        gain: Decrease of the logarithm of the mean square on a fold left out.
         error: Its standard error over folds.
         verdict: `believed`, `no gain` or `out of bounds`.
     """
@@ -369,14 +373,14 @@ class Step:
 
 @dataclass(frozen=True)
 class Selected:
-    """What was believed.
+    """Result of the selection.
 
     Attributes:
-        columns: All that are fitted, the silent ones included.
-        steps: What was believed, in order; then what was refused.
-        budget: Of each effect believed, how the logarithm of the mean square on folds
-            left out grows when it alone is taken out, and its standard error.
-        equivalents: Of each effect believed, those that would do as well in its stead.
+        columns: All fitted columns, nuisance parameters included.
+        steps: Effects that were believed, in order; then those that were refused.
+        budget: For each effect believed, the increase of the logarithm of the mean
+            square on folds left out when it alone is removed, and its standard error.
+        equivalents: For each effect believed, those that predict as well in its place.
     """
 
     columns: ColumnIndices
@@ -386,11 +390,11 @@ class Selected:
 
 
 def selected(judge: Judge, said: Callable[[str], None] = lambda _: None) -> Selected:
-    """Choose forward, then take out what folds left out are better without.
+    """Select effects forward, then remove those that do not improve the prediction.
 
     Args:
-        judge: Holds the folds.
-        said: Is told what was believed.
+        judge: Normal equations of the folds.
+        said: Callback that receives a line on each effect that is believed.
     """
     trial = judge.on(judge.blocks.columns_of([SILENT]))
     rest = _units(judge.blocks)
@@ -418,7 +422,7 @@ def selected(judge: Judge, said: Callable[[str], None] = lambda _: None) -> Sele
 
 
 def _units(blocks: Blocks) -> list[tuple[Key, ColumnIndices]]:
-    """Return what enters together: the drawing, each table, each bounded number."""
+    """Return the units of selection: geometry, tables, single bounded parameters."""
     claims = np.array([owner != SILENT for owner in blocks.owner])
     drawing = np.flatnonzero((blocks.entry >= 0) & claims)
     units: list[tuple[Key, ColumnIndices]] = (
@@ -433,7 +437,7 @@ def _units(blocks: Blocks) -> list[tuple[Key, ColumnIndices]]:
 def _tried(
     trial: CrossValidatedFit, units: Sequence[tuple[Key, ColumnIndices]]
 ) -> Iterator[Step]:
-    """Try units, each by itself."""
+    """Evaluate units, each added by itself."""
     blocks = trial.judge.blocks
     every, solutions = trial.with_each([own for _, own in units])
     for (key, own), left, x in zip(units, every.T, solutions.T, strict=True):

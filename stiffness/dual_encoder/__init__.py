@@ -1,6 +1,7 @@
-"""Two encoders on either side of a gear: effects in the gear and in the measurement.
+"""Dual-encoder analysis: effects between two encoders on either side of a gear.
 
-Any axis of any arm that moves while both are read. `delays.across` for all axes of a
-recording, `selecting.between` for one. A term is believed when motions that it was not
-fitted to confirm it and when it does not live on the delay that all axes share.
+It applies to any axis of any arm that moves while both encoders are read:
+`delays.across` for all axes of a recording, `selection.between` for one. A term is
+selected when it improves the prediction of motions left out and is no artefact of the
+delay that all axes share.
 """

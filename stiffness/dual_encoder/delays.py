@@ -1,22 +1,21 @@
-"""Delay of the second encoders that all axes share, and terms that live on it.
+"""Delay of the second encoders that all axes share, and terms confounded with it.
 
 ==========  ==========================================================================
-Equation    all axes are judged twice, without a delay and with the same for all; the
+Equation    all axes are fitted twice, without a delay and with the same for all; the
             delay is believed where motions left out are better with it by two standard
-            errors and every axis that can tell shows at least half of it; whether the
-            second encoder tells exactly what was, or only lags with speed, motions left
-            out say; it is as exact as the axis tells, where that does not contradict
-            it. An axis has a
-            delay of its own where that, beside the same terms, halves what is left of
-            it, and is none earlier than a row
+            errors and every axis that can determine it shows at least half of it;
+            motions left out decide between an exact delay and a lag in proportion to
+            speed; an axis' own estimate is used where it does not contradict the
+            common one. An axis has a delay of its own where that, with the same
+            terms, halves its residual and is not earlier than a row
 Source      Furgale, Rehder, Siegwart 2013 (one clock, one delay)
 Valid       delays that are short beside the motions
-Ignores     clocks that run at another rate
+Ignores     clocks of different rate
 ==========  ==========================================================================
 
-Friction that grows with speed, in a motor's torque that winds up a gear, looks like a
-delay below zero: such an axis cannot tell. Where all axes are such, the least delay
-that no axis contradicts is taken.
+Viscous friction in a motor's torque that winds up a gear mimics a negative delay: such
+an axis cannot determine the delay. Where all axes are such, the smallest delay that no
+axis contradicts is taken.
 """
 
 from collections.abc import Mapping
@@ -36,22 +35,22 @@ from stiffness.dual_encoder.selection import LEAST, MARGIN, between, own_delay
 from stiffness.dual_encoder.terms import DELAY, WOUND, plain_terms, usual_friction
 
 CLEARLY = 0.5
-"""Share of what is left that a clock of its own must take off; chosen."""
+"""Share of the residual that a delay of an axis' own must remove; chosen."""
 QUIET = 1.05
-"""Times its noise below which an axis asks for no more; chosen."""
+"""Residual over noise below which an axis needs no further term; chosen."""
 ROUNDS = 3
 CLOSE = 0.01
-"""Share of a delay by which it may still change; chosen."""
+"""Relative change of a delay at which the iteration ends; chosen."""
 
 
 @dataclass(frozen=True)
 class DelayFit:
-    """What a delay makes of some axes.
+    """Fit of all axes with a common delay.
 
     Attributes:
-        delay: Of the clock, in s.
+        delay: Of the second encoders' clock, in s.
         half: Half the width of the 95 % interval of each axis' delay.
-        found: What lies between the encoders of each axis beside it.
+        found: Other terms of each axis.
     """
 
     delay: float
@@ -60,11 +59,11 @@ class DelayFit:
 
 
 def across(axes: Axes, stated: float | None = None) -> dict[int, EncoderComparison]:
-    """Find what lies between the encoders of all axes of a recording.
+    """Return the terms of all axes of a recording, with the delay that they share.
 
     Args:
-        axes: Motions that are fitted, of every axis.
-        stated: One sigma of an encoder after a gear, in rad; None: not stated.
+        axes: Motions of every axis, all of which are fitted.
+        stated: Standard deviation of an encoder after a gear, in rad; None: not stated.
     """
     found = {k: between(m) for k, m in axes.items()}
     if all(is_quiet(m, found[k], stated, QUIET) for k, m in axes.items()):
@@ -88,7 +87,7 @@ def across(axes: Axes, stated: float | None = None) -> dict[int, EncoderComparis
 
 
 def _shared(axes: Axes) -> DelayFit:
-    """Find the delay of some axes' common clock, and the rest beside it."""
+    """Fit the common delay of some axes, and their other terms."""
     guesses = np.array([_guesses(m) for m in axes.values()])
     tries = [_followed(axes, float(g)) for g in np.median(guesses, axis=0)]
     common, half = min(tries, key=lambda t: t[0])[1:]
@@ -98,7 +97,7 @@ def _shared(axes: Axes) -> DelayFit:
 
 
 def _exactly(axes: Axes, common: float, half: float, velocity_lag: bool) -> DelayFit:
-    """Judge all axes beside a common delay, each as exact as it tells."""
+    """Fit all axes with a common delay, each refined by its own estimate."""
     found, halves = {}, {}
     for k, m in axes.items():
         shared = common if len(axes) > 1 else None
@@ -116,7 +115,7 @@ def _exactly(axes: Axes, common: float, half: float, velocity_lag: bool) -> Dela
 
 
 def _followed(axes: Axes, delay: float) -> tuple[float, float, float]:
-    """Follow a guess; return what is left in shares of noise, delay and its half."""
+    """Iterate from an initial delay; return residual over noise, delay, its half."""
     left_over, half = np.inf, np.inf
     for _ in range(ROUNDS):
         shared = delay if len(axes) > 1 else None
@@ -130,14 +129,14 @@ def _followed(axes: Axes, delay: float) -> tuple[float, float, float]:
 
 
 def _size(axes: Axes, found: Mapping[int, EncoderComparison]) -> float:
-    """Return how much is left of motions left out, all axes alike."""
+    """Return the residual of motions left out, all axes with equal weight."""
     return float(
         sum(np.log(residual_mean_square(m, found[k])) for k, m in axes.items())
     )
 
 
 def _guesses(motions: tuple[Motion, ...]) -> tuple[float, float]:
-    """Return what an axis takes for its delay, alone and beside a wind-up."""
+    """Return initial values of an axis' delay, fitted alone and with a wind-up."""
     wound = [t for t in plain_terms(motions) if t.effect == WOUND]
     if wound and motions[0].measured:
         wound += usual_friction()[:1]
@@ -145,7 +144,7 @@ def _guesses(motions: tuple[Motion, ...]) -> tuple[float, float]:
 
 
 def _change(axes: Axes, found: Mapping[int, EncoderComparison]) -> tuple[float, float]:
-    """Return by how much a delay should change, and half its interval."""
+    """Return the correction of a delay, and half its interval."""
     told = {k: _own(m, found[k]) for k, m in axes.items()}
     clear = [told[k] for k, m in axes.items() if not _hidden(m, found[k])]
     if not clear:
@@ -161,7 +160,7 @@ def _own(motions: tuple[Motion, ...], found: EncoderComparison) -> tuple[float, 
 
 
 def _hidden(motions: tuple[Motion, ...], found: EncoderComparison) -> bool:
-    """Return whether friction in a torque that winds up the gear may hide a delay."""
+    """Return whether friction in a torque that winds up the gear may mask a delay."""
     return motions[0].measured and any(t.effect == WOUND for t in found.terms)
 
 
@@ -182,7 +181,7 @@ def _believed(
 def _with_trials(
     axes: Axes, before: Mapping[int, EncoderComparison], late: DelayFit
 ) -> dict[int, EncoderComparison]:
-    """Put the delay first among what was believed of each axis."""
+    """Insert the delay as the first of each axis' believed terms."""
     found = {}
     least = all(_hidden(m, late.found[k]) for k, m in axes.items())
     for k, m in axes.items():

@@ -1,15 +1,14 @@
-"""Least-squares fit of terms to motions, and what it found of an axis.
+"""Least-squares fit of terms to motions, and the result for an axis.
 
-Terms are fitted to motions together, each motion's own constant aside.
+Each motion has a constant of its own, which is projected out. `EncoderComparison` holds
+the selected terms of an axis and the steps of the selection.
 
 ==========  ==========================================================================
 Equation    least squares; intervals: sandwich over stretches with Student's t
 Source      Liang, Zeger 1986
-Valid       stretches longer than what is left hangs together
-Ignores     what was looked for on the motions that are fitted: orders, slips
+Valid       stretches longer than the correlation time of the residual
+Ignores     the search for orders and slip torques on the fitted motions
 ==========  ==========================================================================
-
-What was found between the encoders of an axis, and how it came to be believed.
 """
 
 from collections.abc import Sequence
@@ -25,7 +24,7 @@ from stiffness.dual_encoder.terms import Term
 # --- Fitting --------------------------------------------------------------------------
 
 RESTS = 0.1
-"""Share of a motion's mean speed below which a stretch is at rest and tells nothing."""
+"""Share of a motion's mean speed below which a stretch is at rest and is ignored."""
 
 
 def columns(terms: Sequence[Term], motion: Motion) -> Float[np.ndarray, "rows columns"]:
@@ -37,7 +36,7 @@ def columns(terms: Sequence[Term], motion: Motion) -> Float[np.ndarray, "rows co
 def coefficients(
     terms: Sequence[Term], motions: Sequence[Motion]
 ) -> Float[np.ndarray, " columns"]:
-    """Return what `fitted` does, without intervals."""
+    """Return the coefficients of `fitted`, without intervals."""
     sheets = [columns(terms, m) for m in motions]
     aims = [a.T @ m.apart for a, m in zip(sheets, motions, strict=True)]
     return solved(np.sum([a.T @ a for a in sheets], axis=0), np.sum(aims, axis=0))
@@ -67,7 +66,7 @@ def fitted(
 def solved(
     gram: Float[np.ndarray, "columns columns"], aim: Float[np.ndarray, " columns"]
 ) -> Float[np.ndarray, " columns"]:
-    """Return the coefficients of columns as different in size as torque and waves."""
+    """Solve least squares with columns of different scale, as torque and harmonics."""
     if not len(aim):
         return aim
     size = np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
@@ -79,7 +78,7 @@ def solved(
 def left_out(
     terms: Sequence[Term], motions: Sequence[Motion]
 ) -> list[Float[np.ndarray, " _"]]:
-    """Return mean squares of each motion's moving stretches, fitted to the others."""
+    """Return mean squares of each motion's moving stretches when it is left out."""
     sheets = [columns(terms, m) for m in motions]
     grams = [a.T @ a for a in sheets]
     aims = [a.T @ m.apart for a, m in zip(sheets, motions, strict=True)]
@@ -106,15 +105,15 @@ def moving_squares(
 
 @dataclass(frozen=True)
 class SelectionStep:
-    """A term that was tried.
+    """A term that was tested.
 
     Attributes:
         term: The term.
-        coefficients: In SI, fitted together with what was believed.
-        gain: Mean over stretches of motions left out.
+        coefficients: In SI, fitted together with the believed terms.
+        gain: Mean gain over stretches of motions left out.
         error: Its standard error.
-        reason: Why it was refused; empty: it was believed.
-        tried_with: What was tried together with it.
+        reason: Why it was refused; empty where it was believed.
+        tried_with: Terms that were tested together with it.
     """
 
     term: Term
@@ -127,19 +126,19 @@ class SelectionStep:
 
 @dataclass(frozen=True)
 class EncoderComparison:
-    """What lies between the encoders of an axis.
+    """Fitted terms between the two encoders of an axis.
 
     Attributes:
-        terms: What was believed, in that order.
+        terms: The believed terms, in the order of selection.
         x: Their coefficients, term by term, in SI.
         half: Half the width of their 95 % intervals.
-        refused: What was tried last and not believed.
-        believed: How each was believed.
-        delay: By how much the second encoder tells late, in s.
+        refused: Terms that were tested last and not believed.
+        believed: Selection step of each term.
+        delay: Delay of the second encoder, in s.
         velocity_lag: Whether it only lags in proportion to speed; see `Motion.later`.
-        delay_step: How that was believed; None: there is no delay.
+        delay_step: Selection step of the delay; None: there is no delay.
         delay_half: Half the width of its 95 % interval.
-        at_least: Whether it may be longer, since friction hides it on every axis.
+        at_least: Whether it is a lower bound, since friction masks it on every axis.
     """
 
     terms: tuple[Term, ...]
@@ -154,12 +153,12 @@ class EncoderComparison:
     at_least: bool = False
 
     def residual(self, motion: Motion) -> Float[np.ndarray, " rows"]:
-        """Return what stays unexplained of a motion, its own constant taken off."""
+        """Return the residual of a motion, its own constant projected out."""
         then = self.then(motion)
         return then.apart - columns(self.terms, then) @ self.x
 
     def then(self, motion: Motion) -> Motion:
-        """Return the motion that the second encoder tells of."""
+        """Return the motion at the second encoder's delay."""
         return motion.later(self.delay, self.velocity_lag)
 
     def value(self, effect: str, parameter: str) -> float:

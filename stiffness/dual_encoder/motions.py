@@ -1,15 +1,16 @@
-"""Motions read on both sides of a gear, and joint torques from the model.
+"""Motions measured on both sides of a gear, and joint torques from the model.
 
-A motion is one run of a stream, read on both sides of one gear.
+A `Motion` is one axis during one run of a stream: angle before the gear, difference
+between the two encoders, and joint torque.
 
-What holds an axis is known from the model's masses where no motor told it.
+Torque of an axis whose motor torque was not recorded (`modelled_torque`):
 
 ==========  ==========================================================================
 Equation    torque = M(q) q'' + C(q, q') q' + g(q), the arm's own and its tool's
 Source      Featherstone 2008, "Rigid Body Dynamics Algorithms", chapter 5
-Valid       masses as in the model; motions that 0.1 s do not blur
+Valid       masses as in the model; motions slow against the smoothing time of 0.1 s
 Ignores     friction, the rotors' own inertia (it winds up no gear), a load that the
-            recording does not tell of, the tool's inertia against acceleration
+            recording does not state, the tool's inertia against acceleration
 ==========  ==========================================================================
 """
 
@@ -29,14 +30,14 @@ from stiffness.robot.mjcf import without_other_joints
 # --- Motions --------------------------------------------------------------------------
 
 FEWEST = 3
-"""Motions of an axis: two are fitted, one judges."""
+"""Minimum number of motions of an axis: two are fitted, one is left out."""
 SHORTEST = 50
-"""Rows of a motion; chosen: fewer hold no ten stretches of time."""
+"""Minimum rows of a motion; chosen: fewer do not fill ten stretches of time."""
 STRETCHES = 10
-"""Stretches of time that a motion is cut into; what is left in one hangs together."""
+"""Number of stretches of time per motion; within one the residual is correlated."""
 SMOOTHED = 0.1
-"""Seconds over which a torque and the friction in it are smoothed; chosen: an arm's
-load changes more slowly, and a current's noise would make every gear look stiffer."""
+"""Window in s over which a torque and its friction are smoothed; chosen: an arm's load
+changes more slowly, and a current's noise would make every gear look stiffer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +47,12 @@ class Motion:
     Attributes:
         posture_id: Id of the motion.
         time: Since the start of the recording, in s.
-        angle: Before the gear, referred to the axis, in rad.
-        speed: Of it, in rad/s.
-        torque: That holds the axis, output side, smoothed, in N m; None: unknown.
-        scatter: Noise that smoothing leaves in a torque that was read, one sigma, N m.
-        measured: Whether the torque is the motor's, so that it holds friction.
-        apart: Angle after the gear less the one before it, mean taken off, in rad.
+        angle: Angle before the gear, referred to the axis, in rad.
+        speed: Its speed, in rad/s.
+        torque: Joint torque, output side, smoothed, in N m; None: unknown.
+        scatter: Noise of a measured torque after smoothing, standard deviation, in N m.
+        measured: Whether the torque is the motor's, and so includes friction.
+        apart: Angle after the gear less the one before it, mean subtracted, in rad.
     """
 
     posture_id: int
@@ -70,12 +71,12 @@ class Motion:
         return np.minimum(part.astype(int), STRETCHES - 1)
 
     def later(self, delay: float, velocity_lag: bool = False) -> "Motion":
-        """Return what the second encoder tells of if it tells `delay` s late.
+        """Return the motion corrected for a second encoder that is `delay` s late.
 
         Args:
             delay: In s.
-            velocity_lag: Whether it lags in proportion to speed alone, as what a
-                controller extrapolates does; else it tells exactly what was `delay`
+            velocity_lag: Whether it lags in proportion to speed alone, as after a
+                controller's extrapolation; else its value is exactly that of `delay`
                 ago.
         """
         if delay == 0.0:
@@ -97,7 +98,7 @@ class Motion:
         )
 
     def smooth(self, values: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-        """Smooth as the torque was smoothed."""
+        """Smooth a signal with the window of the torque."""
         return smoothed(values, self.time)
 
 
@@ -106,13 +107,13 @@ def smoothed(
     time: Float[np.ndarray, " rows"],
     derivative: int = 0,
 ) -> Float[np.ndarray, "rows *more"]:
-    """Fit a cubic to every 0.1 s and return its middle, or a derivative there."""
+    """Fit a cubic to every 0.1 s and return its value or a derivative in the middle."""
     rows, step = _window(time)
     return np.asarray(savgol_filter(values, rows, 3, derivative, step, axis=0))
 
 
 def _window(time: Float[np.ndarray, " rows"]) -> tuple[int, float]:
-    """Return how many rows are smoothed together, and the time between rows in s."""
+    """Return the number of rows of the window, and the time between rows in s."""
     step = float(time[-1] - time[0]) / (len(time) - 1)
     longest = len(time) - 1 + len(time) % 2
     return min(max(5, 2 * round(0.5 * SMOOTHED / step) + 1), longest), step
@@ -121,7 +122,7 @@ def _window(time: Float[np.ndarray, " rows"]) -> tuple[int, float]:
 def _scatter(
     rough: Float[np.ndarray, " rows"], time: Float[np.ndarray, " rows"]
 ) -> float:
-    """Return the noise in what is smooth from what smoothing took off."""
+    """Return the noise of a smoothed signal, estimated from what smoothing removed."""
     rows = _window(time)[0]
     kept = float(savgol_coeffs(rows, 3)[rows // 2])  # share of white noise's variance
     sigma = 1.4826 * float(np.median(np.abs(rough - np.median(rough))))
@@ -131,15 +132,16 @@ def _scatter(
 def motions_of(
     recording: Recording, torque: Float[np.ndarray, "rows axes"] | None = None
 ) -> dict[int, tuple[Motion, ...]]:
-    """Return the motions of every axis that was read twice, in the order of time.
+    """Return the motions of every axis with two encoders, in order of time.
 
     Args:
         recording: A stream.
-        torque: What the model says holds each axis, in N m, for axes whose motor's
-            torque was not read.
+        torque: Joint torque of the model, in N m, for axes whose motor torque was
+            not recorded.
 
     Raises:
-        Unusable: Where no axis was, or one not in `FEWEST` motions; with all faults.
+        Unusable: Where no axis has two encoders, or one has fewer than `FEWEST`
+            motions; with all faults.
     """
     faults = []
     if recording.rows != "stream":
@@ -166,7 +168,7 @@ def motions_of(
 
 
 def axes_read_twice(recording: Recording) -> tuple[int, ...]:
-    """Return the axes that were read on both sides of their gears."""
+    """Return the axes with encoders on both sides of their gears."""
     if recording.link_posture is None:
         return ()
     seen = np.isfinite(recording.link_posture).any(axis=0)
@@ -209,9 +211,9 @@ def _motion(
 def modelled_torque(
     recording: Recording, arm: Arm
 ) -> Float[np.ndarray, "rows axes"] | None:
-    """Return the torque that holds every axis of an arm in a stream, in N m.
+    """Return the joint torque of every axis of an arm in a stream, in N m.
 
-    None of a model without gravity: it says nothing of what the arm carries.
+    Return none for a model without gravity, which has no weight to carry.
 
     Args:
         recording: A stream; motions told apart by `posture_id`.
@@ -232,7 +234,7 @@ def modelled_torque(
 def _moving(
     arm: Arm, q: np.ndarray, rate: np.ndarray, acceleration: np.ndarray
 ) -> Float[np.ndarray, "rows axes"]:
-    """Return what speed and acceleration ask for, without gravity, in N m."""
+    """Return the torque for speed and acceleration, without gravity, in N m."""
     model = without_other_joints(arm.file.model, arm.axes).copy()
     model.gravity.setZero()
     model.armature = np.zeros(model.nv)

@@ -1,27 +1,25 @@
 """Residuals of motions left out: noise, comparison of axes, dependence, correlation.
 
-What encoders and torques state of their noise says how much may be left.
+Noise, from stated accuracies or from the readings (`noise_of`, `beyond`):
 
 ==========  ==========================================================================
 Equation    noise² = stated² + (compliance x noise of the torque)²; not stated: from
             third differences of rows, whose variance is 20 times a row's.
-            More is left where mean squares of stretches, or their logarithms, lie above
-            it: much in few of them, or a little in many
+            The residual exceeds noise where mean squares of stretches, or their
+            logarithms, lie above it: much in few of them, or a little in many
 Source      von Neumann et al. 1941 (differences); Student's t over stretches of time
 Valid       white noise
 Ignores     errors of an encoder that repeat with its angle
 ==========  ==========================================================================
 
-What is found of several axes is compared on motions that it was not fitted to.
-
-What is left after everything that was believed is measured, not guessed.
+Dependence of the residual on angle, torque and speed (`followed`):
 
 ==========  ==========================================================================
-Equation    share = 1 − |left − f(x)|² / |left|² of the judged motion, f the mean of
-            what is left of the fitted motions by x: angle, torque, speed
-Source      binned regression (Tukey 1961), judged on another motion
-Valid       motions that pass the same angles, torques and speeds
-Ignores     what depends on several of them at once
+Equation    share = 1 − |r − f(x)|² / |r|², r the residual of the motion left out, f the
+            mean residual of the fitted motions by x: angle, torque, speed
+Source      binned regression (Tukey 1961), tested on another motion
+Valid       motions that cover the same angles, torques and speeds
+Ignores     dependence on several of them at once
 ==========  ==========================================================================
 """
 
@@ -39,20 +37,20 @@ from stiffness.regression.testing import gain_of
 # --- Noise ----------------------------------------------------------------------------
 
 STATED = 1.1
-"""How much larger than stated noise may be; chosen: a tenth, as statements go."""
+"""Allowed ratio of noise to stated noise; chosen: a tenth, as statements go."""
 SEEN = 2.0
-"""The same of noise that only rows tell of, which is its white part; chosen."""
+"""The same for noise estimated from rows only, which is its white part; chosen."""
 
 
 def noise_of(
     motions: Sequence[Motion], found: EncoderComparison | None, stated: float | None
 ) -> float:
-    """Return the noise of a row of an axis, in rad.
+    """Return the noise of a row of an axis, standard deviation in rad.
 
     Args:
-        motions: Of the axis.
-        found: What lies between its encoders; None: nothing.
-        stated: One sigma of an encoder after a gear, in rad; None: not stated.
+        motions: Motions of the axis.
+        found: Its fitted terms; None: none.
+        stated: Standard deviation of an encoder after a gear, in rad; None: not stated.
     """
     own = white(motions) if stated is None else stated
     give = 0.0
@@ -63,7 +61,7 @@ def noise_of(
 
 
 def white(motions: Sequence[Motion]) -> float:
-    """Return the white noise that differences from row to row tell of, in rad."""
+    """Return the white noise estimated from differences between rows, in rad."""
     rough = np.concatenate([np.diff(m.apart, 3) for m in motions])
     return float(np.sqrt(np.mean(rough**2) / 20.0))
 
@@ -74,12 +72,12 @@ def beyond(
     noise: float,
     stated: bool,
 ) -> float:
-    """Return the p-value of more being left than noise.
+    """Return the p-value of the hypothesis that the residual is no larger than noise.
 
     Args:
-        residual: Of each motion, in rad.
-        motions: The unit of independence is a stretch of each.
-        noise: One sigma of a row, in rad.
+        residual: Residual of each motion, in rad.
+        motions: The motions; their stretches are the independent units.
+        noise: Standard deviation of a row, in rad.
         stated: Whether an instrument states it.
     """
     most = ((STATED if stated else SEEN) * noise) ** 2
@@ -93,7 +91,7 @@ def beyond(
 
 
 def _above(values: Float[np.ndarray, " stretches"], most: float) -> float:
-    """Return the p-value of a mean above the most that it may be."""
+    """Return the p-value of a mean above an upper limit."""
     error = max(float(values.std(ddof=1)), 1e-12) / np.sqrt(len(values))
     return float(student.sf((values.mean() - most) / error, len(values) - 1))
 
@@ -109,7 +107,7 @@ def gain_between(
     before: Mapping[int, EncoderComparison],
     after: Mapping[int, EncoderComparison],
 ) -> tuple[float, float]:
-    """Return what is gained over stretches of all axes, and its standard error."""
+    """Return the mean gain over stretches of all axes, and its standard error."""
     squares = [
         both
         for k, m in axes.items()
@@ -121,7 +119,7 @@ def gain_between(
 def residual_mean_square(
     motions: tuple[Motion, ...], found: EncoderComparison
 ) -> float:
-    """Return the mean square that is left of motions left out, in rad^2."""
+    """Return the mean square residual of motions left out, in rad^2."""
     return float(np.mean(np.concatenate(_squares(motions, found))))
 
 
@@ -131,7 +129,7 @@ def is_quiet(
     stated: float | None,
     times: float,
 ) -> bool:
-    """Return whether no more is left of an axis than some times its noise."""
+    """Return whether the residual of an axis is within a multiple of its noise."""
     return (
         residual_mean_square(motions, found)
         <= (times * noise_of(motions, found, stated)) ** 2
@@ -146,7 +144,7 @@ def _squares(motions: tuple[Motion, ...], found: EncoderComparison) -> list[np.n
 
 BINS = 20
 SHOWS = 0.1
-"""Share of what is left below which it goes with nothing; chosen."""
+"""Share of the residual below which it counts as independent of a quantity; chosen."""
 
 
 def followed(
@@ -155,7 +153,7 @@ def followed(
     judged_left: Float[np.ndarray, " rows"],
     judged: Motion,
 ) -> dict[str, float]:
-    """Return which share of what is left of a motion goes with what, as in others."""
+    """Return the share of a motion's residual that a quantity explains in others."""
     shares = {}
     for name in ("angle", "torque", "speed"):
         others = [getattr(m, name) for m in motions]
@@ -169,7 +167,7 @@ def followed(
 
 
 def lasting(residual: Float[np.ndarray, " rows"], motion: Motion) -> float:
-    """Return after which time what is left no longer resembles itself, in s."""
+    """Return the time after which the residual is no longer correlated, in s."""
     y = residual - residual.mean()
     spectrum = np.abs(np.fft.rfft(y, 2 * len(y))) ** 2
     alike = np.fft.irfft(spectrum)[: len(y)]

@@ -1,26 +1,27 @@
 """Forward selection of terms by their gain on motions left out.
 
-A term is believed where motions that it was not fitted to are better with it.
+Test of one term (`tried`):
 
 ==========  ==========================================================================
 Equation    each motion is left out in turn; gain of a stretch of time = its mean square
-            without − with the term, in shares of the motion's; believed where the mean
+            without − with the term, relative to the motion's; believed where the mean
             gain over stretches is above two of its standard errors, no motion as a
             whole is worse, and all coefficients are possible
 Source      Breiman et al. 1984 (margins of standard errors)
 Valid       two motions or more
-Ignores     that orders and slips are looked for on all motions that are fitted
+Ignores     the search for orders and slip torques on all fitted motions
 ==========  ==========================================================================
 
-Terms are believed one after the other, what gains most first.
+Selection for an axis (`between`):
 
 ==========  ==========================================================================
-Equation    greedy forward selection of what `judging` believes; after each step the
-            torque that contacts feel is freed of the friction found by then, and the
-            torques and speeds at which things slip are refined
+Equation    greedy forward selection by the test above; after each step the friction
+            found so far is subtracted from the torque of hysteresis, and slip torques
+            and friction speeds are refined
 Source      Efroymson 1960 (stepwise regression)
 Valid       few terms that differ in shape
-Ignores     sets of terms that are believed only together, but wind-up and friction
+Ignores     sets of terms that improve the prediction only together, except wind-up with
+            friction
 ==========  ==========================================================================
 """
 
@@ -60,11 +61,13 @@ from stiffness.regression.testing import gain_of
 
 MARGIN = 2.0
 LEAST = 0.02
-"""Smallest gain that is believed; chosen: much is tried, and less changes nothing."""
+"""Minimum gain of a term that is believed; chosen: much is tried, and less changes
+nothing."""
 LOOP = 3.0
-"""Times what a torque's noise winds up that a loop is wide at least; chosen."""
+"""Minimum width of a loop, over the wind-up by the torque's noise; chosen."""
 BORROWED = "it lives on the delay"
-"""How the reason begins where a wind-up was refused for the delay that it changes."""
+"""How the reason begins where a wind-up was refused because it is confounded with the
+delay."""
 
 
 def tried(
@@ -73,7 +76,7 @@ def tried(
     motions: tuple[Motion, ...],
     shared: float | None = None,
 ) -> SelectionStep:
-    """Try one more term, or some that go together; see `between`."""
+    """Test one more term, or several together; see `between`."""
     terms = (*so_far.terms, *more)
     x = coefficients(terms, motions)
     before, after = left_out(so_far.terms, motions), left_out(terms, motions)
@@ -103,7 +106,7 @@ def tried(
 
 
 def _numbers(more: tuple[Term, ...], motions: tuple[Motion, ...]) -> int:
-    """Return how many numbers are looked for together; a wave that passes is one."""
+    """Return how many parameters are searched together; a full wave has one."""
     slow = 0.0 < turns_of(more[0], motions) < MANY_TURNS
     return len(more) + sum(t.effect == "hysteresis" for t in more) + slow
 
@@ -111,9 +114,9 @@ def _numbers(more: tuple[Term, ...], motions: tuple[Motion, ...]) -> int:
 def orders_alike(
     found: EncoderComparison, motions: Sequence[Motion], term: Term
 ) -> tuple[float, float]:
-    """Return the lowest and highest order of a wave that would do as well.
+    """Return the lowest and highest order of a wave that predict as well.
 
-    Those around it with which a stretch is left no more than two standard errors more.
+    Orders around it whose residual in a stretch is at most two standard errors larger.
     """
     then = tuple(map(found.then, motions))
     rest = [t for t in found.terms if t is not term]
@@ -145,7 +148,7 @@ def _scatter(motions: Sequence[Motion]) -> float:
 
 
 def own_delay(terms: Sequence[Term], motions: Sequence[Motion]) -> tuple[float, float]:
-    """Return how much later an axis is than it was taken for, and half its interval."""
+    """Return how much an axis' delay exceeds the assumed one, and half its interval."""
     x, half = fitted([DELAY, *terms], motions)
     return float(x[0]), float(half[0])
 
@@ -161,7 +164,7 @@ def _borrowed(
     motions: Sequence[Motion],
     shared: float,
 ) -> str:
-    """Say whether a wind-up lives on the delay that the axis shares with others."""
+    """Return why a wind-up is confounded with the delay shared with other axes."""
     if not motions[0].measured:
         return ""
     old, half = own_delay(so_far.terms, motions)
@@ -177,7 +180,7 @@ def _borrowed(
 
 
 def impossible(terms: Sequence[Term], x: Float[np.ndarray, " columns"]) -> str:
-    """Say which coefficient no gear can have; empty: none."""
+    """Return which coefficients no gear can have; empty: none."""
     i, give, slipping = 0, 0.0, 0.0
     for term in terms:
         own = x[i : i + len(term.parameters)]
@@ -195,9 +198,9 @@ def impossible(terms: Sequence[Term], x: Float[np.ndarray, " columns"]) -> str:
 # --- Forward selection ----------------------------------------------------------------
 
 MOST_TERMS = 12
-"""Terms that an axis is given at most; chosen."""
+"""Maximum number of terms of an axis; chosen."""
 FINER = (0.7, 1.0, 1.4)
-"""Steps by which a slip is refined; chosen."""
+"""Factors by which a slip torque is refined; chosen."""
 
 
 def between(
@@ -207,12 +210,12 @@ def between(
     shared: float | None = None,
     velocity_lag: bool = False,
 ) -> EncoderComparison:
-    """Find what lies between the encoders of an axis.
+    """Return the terms between the encoders of an axis.
 
     Args:
-        motions: All are fitted.
-        delay: By how much the second encoder tells late, in s.
-        waves: Whether waves are looked for.
+        motions: Motions of the axis, all of which are fitted.
+        delay: Delay of the second encoder, in s.
+        waves: Whether waves of transmission error are searched for.
         shared: Delay of the other axes, in s; None: there are none, or no delay.
         velocity_lag: See `Motion.later`.
     """
@@ -266,7 +269,7 @@ def _candidates(
 def _refined(
     terms: tuple[Term, ...], motions: tuple[Motion, ...]
 ) -> tuple[tuple[Term, ...], np.ndarray, np.ndarray]:
-    """Take the friction found off every contact's torque, and look for its slip."""
+    """Subtract the friction found from each hysteresis' torque, and refine its slip."""
     x = coefficients(terms, motions)
     for i in 2 * [i for i, t in enumerate(terms) if t.shape]:
         so_far = EncoderComparison(terms, x, x, (), ())
@@ -291,7 +294,7 @@ def _squares(terms: Sequence[Term], x: np.ndarray, motions: Sequence[Motion]) ->
 
 
 def _without_friction(term: Term, so_far: EncoderComparison) -> Term:
-    """Return a contact that feels the torque without the friction found so far."""
+    """Return a hysteresis term whose torque is free of the friction found so far."""
     give = so_far.value(WOUND, "compliance_rad_per_nm")
     if term.effect != "hysteresis" or give <= 0.0:
         return term

@@ -1,43 +1,43 @@
 """Terms between two encoders: compliance, friction, hysteresis, delay, harmonics.
 
-Friction inside a gear slips once its torque has turned round far enough.
+Stop operator of friction inside a gear (`stop`):
 
 ==========  ==========================================================================
 Equation    wind-up = C τ - w/2 z; z in -1 … 1, |dz| = |dτ| / slip until it slips
 Source      Visintin 1994, "Differential Models of Hysteresis", chapter III (stop);
             several add up (Iwan 1966)
 Valid       slow loads; rate-independent
-Ignores     where the contact stood when a motion began: taken as slack
+Ignores     the state of the contact when a motion began: taken as slack
 ==========  ==========================================================================
 
-What can lie between two encoders of an axis, or seem to.
+Candidate terms (`Term`, `plain_terms`):
 
 ==========  ==========================================================================
-Equation    channel_delay       after(t) = before(t − delay); what is left of it is
+Equation    channel_delay       after(t) = before(t − delay); its correction is
                                 − delay speed
             joint_compliance    after = before − compliance torque
-            motor_friction      a motor's torque holds friction that winds up nothing:
+            motor_friction      a motor's torque includes friction without wind-up:
                                 after = before − compliance (torque − friction);
                                 friction = constant sign(speed), or a factor speed
             hysteresis          after = before − compliance torque + width / 2 z; z: see
-                                `slipping`, of the torque less friction
+                                `stop`, of the torque less friction
             lost_motion         after = before − width / 2 sign(speed)
             transmission_error  after = before + a cos(order q) + b sin(order q)
 Source      Furgale, Rehder, Siegwart 2013 (delay); Spong 1987 (wind-up); makers' lost
-            motion between directions; Tuttle 1992 (uneven gears)
+            motion between directions; Tuttle 1992 (transmission error)
 Valid       errors that are small; a delay that all axes share is taken exactly
 Ignores     resonance, inertia of the gear itself
 ==========  ==========================================================================
 
-An uneven gear's waves are looked for at every order that an axis' travel can hold.
+Search for waves of transmission error over all orders (`strongest_waves`):
 
 ==========  ==========================================================================
-Equation    gain of an order = |A' y|² / |A|², A the wave where it is not made of what
-            is known already, y what is left; for waves that pass many times also in
-            differences from row to row, where what is slow plays no part
+Equation    gain of an order = |A' y|² / |A|², A the wave with the known columns
+            projected out, y the residual; for waves of many periods also in
+            differences from row to row, which suppress slow errors
 Source      Lomb 1976 (periodogram of uneven samples)
 Valid       orders in half steps
-Ignores     angles between 2^17 places a double turn: 0.05 rad of the fastest wave
+Ignores     angles between 2^17 bins per double turn: 0.05 rad of the fastest wave
 ==========  ==========================================================================
 """
 
@@ -56,8 +56,8 @@ def stop(torque: Float[np.ndarray, " rows"], slip: float) -> Float[np.ndarray, "
     """Return the stop operator of a torque, in -1 … 1.
 
     Args:
-        torque: Of one motion, in the order of time, in N m.
-        slip: Torque from the middle to where it slips, in N m.
+        torque: Torque of one motion, in order of time, in N m.
+        slip: Torque from the middle to the slip limit, in N m.
     """
     state, found = 0.0, []
     for change in np.diff(torque, prepend=torque[0]).tolist():
@@ -69,30 +69,32 @@ def stop(torque: Float[np.ndarray, " rows"], slip: float) -> Float[np.ndarray, "
 # --- Terms ----------------------------------------------------------------------------
 
 CREEPING = 1e-3
-"""Speed in rad/s at which a direction is half decided; chosen."""
+"""Speed in rad/s at which the smoothed sign function reaches half; chosen."""
 BREAKING = (1e-3, 3e-3, 1e-2, 3e-2)
-"""The same of friction: how fast it turns round differs from motor to motor."""
+"""The same of friction: how fast it reverses differs from motor to motor."""
 SLIPS = (0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
-"""Torques at which a contact slips, in shares of the torque's largest swing."""
+"""Torques at which a contact slips, as shares of the torque's largest swing."""
 MANY = 5.0
-"""How many standard deviations of the torque's noise a contact must hold; chosen."""
+"""Minimum friction of a contact in standard deviations of the torque's noise;
+chosen."""
 WOUND = "joint_compliance"
 FRICTION = "motor_friction"
-"""No finding: a torque told from a motor's current is not what winds up the gear."""
+"""A nuisance term: torque from a motor's current includes friction that winds up no
+gear."""
 
 
 @dataclass(frozen=True)
 class Term:
-    """One candidate, with its number of columns.
+    """One candidate term, with its parameters and bounds.
 
     Attributes:
         effect: Name in the vocabulary, or `motor_friction`.
-        parameters: Of its columns.
-        least: Smallest value that its coefficient can have.
-        order: Of a wave; 0 for the others.
-        shape: Of friction: the speed at which it turns round, in rad/s. Of hysteresis:
-            torque at which it slips, the friction that is taken off first, both in
-            N m, friction's factor on speed in N m s/rad, its speed in rad/s.
+        parameters: Name of the parameter of each column.
+        least: Lower bound of its coefficient.
+        order: Order of a wave; 0 for the others.
+        shape: Of friction: the speed at which it reverses, in rad/s. Of hysteresis:
+            slip torque, the friction that is subtracted first, both in N m,
+            viscous friction in N m s/rad, its reversal speed in rad/s.
     """
 
     effect: str
@@ -102,7 +104,7 @@ class Term:
     shape: tuple[float, ...] = ()
 
     def columns(self, motion: Motion) -> Float[np.ndarray, "rows columns"]:
-        """Return how it moves the second encoder, per unit, mean taken off."""
+        """Return the second encoder's displacement per unit, mean subtracted."""
         return _columns(self, motion)
 
 
@@ -139,14 +141,14 @@ DELAY = Term("channel_delay", ("delay_s",))
 def plain_terms(
     motions: tuple[Motion, ...], known: tuple[Term, ...] = ()
 ) -> tuple[Term, ...]:
-    """Return the candidates that are neither waves nor delays.
+    """Return the candidate terms that are neither waves nor delays.
 
-    Contacts are looked for in a torque that was measured alone: a load that a model
-    does not know would pass for them.
+    Hysteresis is searched for only in a measured torque: a load that a model does not
+    include would mimic it.
 
     Args:
-        motions: Of one axis.
-        known: What was believed of it.
+        motions: Motions of one axis.
+        known: Its believed terms.
     """
     found = [Term("lost_motion", ("width_rad",), 0.0)]
     if all(m.torque is not None and np.ptp(m.torque) > 0.0 for m in motions):
@@ -166,18 +168,18 @@ def plain_terms(
 
 
 def least_slip(motions: tuple[Motion, ...]) -> float:
-    """Return the least torque that can slip and be no noise of the torque, in N m."""
+    """Return the least slip torque that exceeds noise of the torque, in N m."""
     return MANY * max(m.scatter for m in motions)
 
 
 def usual_friction() -> tuple[Term, ...]:
-    """Return friction that is constant and friction that grows with speed."""
+    """Return terms of constant and of viscous friction."""
     constant = Term(FRICTION, ("friction_rad",), 0.0, shape=(BREAKING[-2],))
     return constant, Term(FRICTION, ("friction_s",), 0.0)
 
 
 def wave(order: float) -> Term:
-    """Return a wave of an uneven gear."""
+    """Return a wave of transmission error."""
     return Term("transmission_error", ("cos_rad", "sin_rad"), order=float(order))
 
 
@@ -185,16 +187,16 @@ def wave(order: float) -> Term:
 
 ORDER_STEP = 0.5
 ORDERS = np.arange(1.0, 1025.0, ORDER_STEP)
-"""Waves per turn of the axis that are looked for; chosen: four times a gear of 256."""
+"""Waves per turn of the axis that are searched; chosen: four times a gear of 256."""
 FEWEST_TURNS = 0.125
-"""Periods of a wave that every motion must pass through; chosen: less is a line."""
+"""Minimum periods of a wave in every motion; chosen: less looks like a line."""
 MANY_TURNS = 1.0
-"""Periods from which a wave is looked for in differences from row to row."""
+"""Periods from which a wave is searched in differences from row to row."""
 PLACES = 2**17
 
 
 def turns_of(term: Term, motions: tuple[Motion, ...]) -> float:
-    """Return how many periods of a wave every motion passes through."""
+    """Return the minimum over motions of a wave's number of periods."""
     travel = min(float(np.ptp(m.angle)) for m in motions)
     return term.order * travel / (2.0 * np.pi)
 
@@ -204,12 +206,12 @@ def strongest_waves(
     residual: tuple[Float[np.ndarray, " _"], ...],
     known: tuple[Float[np.ndarray, "_ columns"], ...],
 ) -> tuple[Term, ...]:
-    """Return, of each octave, the waves that take most off what is left.
+    """Return the waves of each octave that reduce the residual most.
 
     Args:
-        motions: Of one axis.
-        residual: Of each motion, in rad.
-        known: Columns of what was believed, of each motion.
+        motions: Motions of one axis.
+        residual: Residual of each motion, in rad.
+        known: Columns of the believed terms, of each motion.
     """
     turns = ORDERS * turns_of(wave(1.0), motions)
     slow = turns < MANY_TURNS
@@ -231,7 +233,7 @@ def _in_levels(
     residual: tuple[np.ndarray, ...],
     known: tuple[np.ndarray, ...],
 ) -> Float[np.ndarray, " orders"]:
-    """Return the gain of each order beside what is known."""
+    """Return the gain of each order, known columns projected out."""
     count = known[0].shape[1]
     aim = np.zeros((len(ORDERS), 2))
     gram = np.zeros((len(ORDERS), 2, 2))
