@@ -1,4 +1,4 @@
-"""Effects are facts: each file holds one reason why a real arm is not nominal.
+"""Effects as mechanisms of the simulated arm: each file holds one physical deviation.
 
 What to use when: `EFFECTS` are the ones that can be asked for by name; `OTHER_LAWS`
 have the name of one of them but another mechanism, for trials in which the law is not
@@ -69,14 +69,14 @@ EFFECTS: tuple[type[Effect], ...] = (
     Drift,
     MarkerSlip,
 )
-"""One mechanism for each name of the vocabulary."""
+"""One mechanism for each effect name of the vocabulary."""
 
 OTHER_LAWS: tuple[type[Effect], ...] = (
     SmoothHardening,
     SmoothLostMotion,
     ManyContacts,
 )
-"""Second mechanisms under names that `EFFECTS` has."""
+"""Alternative mechanisms under names that `EFFECTS` has."""
 
 WITHOUT_MECHANISM = {"channel_delay"}
 """A delay is a matter of streams, which the bench does not record."""

@@ -1,4 +1,4 @@
-"""A gear is not equally stiff all around its turn.
+"""Angle-dependent stiffness of a gear: stiffness varies periodically with the angle.
 
 ==========  ==========================================================================
 Equation    K(q) = K (1 + ratio cos(order q + phase)), q the reported angle

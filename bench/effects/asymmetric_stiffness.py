@@ -1,4 +1,4 @@
-"""Teeth that carry on one flank better than on the other make an axis lopsided.
+"""Asymmetric stiffness of a gear: different stiffness for each sign of the torque.
 
 ==========  ==========================================================================
 Equation    τ = K⁺ θ for θ > 0, K⁻ θ for θ < 0, K⁺/K⁻ = ratio; the softer side has the
@@ -26,7 +26,7 @@ NEVER = 1e3
 
 @dataclass(frozen=True)
 class AsymmetricStiffness(ModelEffect):
-    """A spring beside the axis' own that carries one way only.
+    """A spring in parallel with the axis' own that carries in one direction only.
 
     Attributes:
         ratio: Stiffness for positive wind-up over that for negative.

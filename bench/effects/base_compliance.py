@@ -1,4 +1,4 @@
-"""The pedestal gives way under the whole arm.
+"""Compliance of the base under the whole arm: six springs at the base's origin.
 
 ==========  ==========================================================================
 Equation    turn = compliance × moment about each axis of the base's frame, shift =

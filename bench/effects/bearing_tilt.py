@@ -1,4 +1,4 @@
-"""An axis' bearing lets the axis tilt, not only turn.
+"""Tilt of a joint bearing: compliance about the two directions across the axis.
 
 ==========  ==========================================================================
 Equation    tilt about u = u_rad_per_nm × moment about u, and the same for v, both

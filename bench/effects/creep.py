@@ -1,7 +1,7 @@
-"""A gear under load goes on winding up for a while, and comes back as slowly.
+"""Creep of a gear: viscoelastic wind-up that grows with the time under load.
 
 ==========  ==========================================================================
-Equation    θ(t) = τ/K (1 + ratio (1 - exp(-t/T))) for a load τ that stands since t = 0
+Equation    θ(t) = τ/K (1 + ratio (1 - exp(-t/T))) for a load τ applied at t = 0
 Source      standard linear solid (Zener 1948); sizes chosen, no source for a gear
 Valid       small creep, one relaxation time
 Ignores     recovery of different speed, temperature
@@ -22,7 +22,7 @@ from bench.kinematic_chain import Anatomy
 
 @dataclass(frozen=True)
 class Creep(ModelEffect):
-    """A spring and a damper side by side, in series with the axis' own spring.
+    """A spring and a damper in parallel, in series with the axis' own spring.
 
     Attributes:
         ratio: Wind-up gained in the end over the immediate one.

@@ -1,4 +1,4 @@
-"""Hour by hour, a tripod or a pedestal creeps away.
+"""Drift of tracker or base: a slow rigid motion at constant speed.
 
 ==========  ==========================================================================
 Equation    p' = exp(t [(rx, ry, rz)]×) p + t (x, y, z): at `tracker` the reading p,
@@ -6,7 +6,7 @@ Equation    p' = exp(t [(rx, ry, rz)]×) p + t (x, y, z): at `tracker` the readi
 Source      rigid motion at constant speed; size chosen: rooms and machines that warm up
             move tens of µm in an hour
 Valid       t since the start, plateaus short against an hour
-Ignores     that gravity and rope pull in another direction on a base that turned
+Ignores     the changed direction of gravity and rope relative to a base that turned
 ==========  ==========================================================================
 """
 
@@ -22,7 +22,7 @@ from bench.instruments import Instruments
 
 @dataclass(frozen=True)
 class Drift(InstrumentEffect):
-    """The tracker's frame, or the arm's base, wanders at constant speed.
+    """Rigid motion of the tracker's frame or the arm's base at constant speed.
 
     Attributes:
         x_m_per_h: Shift of the points in an hour along x.

@@ -1,11 +1,11 @@
-"""The real arm differs from its data sheet for physical reasons, one at a time.
+"""Base classes of effects: one physical deviation from the data sheet each.
 
 Kinds of effects say where their physics happens:
 
 - `ModelEffect`: in the arm, as springs, masses and shapes of the MuJoCo model;
 - `CommandEffect`: between the controller's angle and the gear's input;
 - `RopeEffect`: between the weight on the hook and the tension of the rope;
-- `InstrumentEffect`: in what an instrument makes of the world.
+- `InstrumentEffect`: in the reading of an instrument.
 """
 
 import math
@@ -24,7 +24,7 @@ from bench.shared.errors import Unusable
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """One physical reason why a reading is not what the nominal arm says.
+    """One physical cause of a difference between reading and nominal arm.
 
     Three promises are tested for every effect: switched `off()` it changes nothing,
     to the last bit; it adds to what is there and never overwrites, so order does not
@@ -33,9 +33,9 @@ class Effect(ABC):
     Attributes:
         name: Its name in the diagnosis' vocabulary.
         places: Kinds of parts it can sit in, see `bench.effects.places`.
-        at_least: Smallest value of each parameter that cannot be any number.
-        at_most: Largest value of each that would leave no arm or no memory; chosen, far
-            beyond all catalogues.
+        at_least: Lower bound of each parameter that has one.
+        at_most: Upper bound of each parameter beyond which the model breaks down or
+            memory runs out; chosen, far beyond all catalogues.
         where: The part it sits in: an axis `a1` …, a link `link_k` (between axes k
             and k+1), `base`, `flange`, `tool`, `rig`, `tracker`, `wrench_sensor` or
             `marker:<name>`.
@@ -72,7 +72,7 @@ class Effect(ABC):
 
 
 class ModelEffect(Effect):
-    """Happens in the arm: springs, masses, shapes."""
+    """Effect in the arm: springs, masses, shapes."""
 
     @abstractmethod
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
@@ -98,7 +98,7 @@ class Command:
 
 
 class CommandEffect(Effect):
-    """Happens in the drive, and depends on the angle that the controller reports."""
+    """Effect in the drive that depends on the angle that the controller reports."""
 
     @abstractmethod
     def command(
@@ -114,7 +114,7 @@ class CommandEffect(Effect):
 
 
 class RopeEffect(Effect):
-    """Happens between the weight on the hook and the rope's tension."""
+    """Effect between the weight on the hook and the rope's tension."""
 
     @abstractmethod
     def tension(

@@ -1,4 +1,4 @@
-"""An axis stands beside the angle that its encoder reports.
+"""Encoder offset: a constant difference between true and reported angle of an axis.
 
 ==========  ==========================================================================
 Equation    q = q_reported + offset_rad
@@ -23,7 +23,7 @@ from bench.kinematic_chain import Anatomy
 
 @dataclass(frozen=True)
 class EncoderOffset(CommandEffect):
-    """The zero of one axis was set wrong.
+    """Error of the zero of one axis.
 
     Attributes:
         offset_rad: True angle less the reported one.

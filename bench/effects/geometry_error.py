@@ -1,4 +1,4 @@
-"""A link is longer, or its next axis stands more askew, than drawn.
+"""Geometry error of a link: shift and rotation of the next axis against the drawing.
 
 ==========  ==========================================================================
 Equation    p' = p + (x, y, z), R' = exp([(rx, ry, rz)]×) R for the next axis' seat (or
@@ -26,7 +26,7 @@ from bench.kinematic_chain import Anatomy
 
 @dataclass(frozen=True)
 class GeometryError(ModelEffect):
-    """The end of a link is moved and turned, and everything beyond with it.
+    """Shift and rotation of a link's end, and of everything beyond it.
 
     Attributes:
         x_m: Shift in the link's frame.

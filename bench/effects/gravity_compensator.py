@@ -1,4 +1,4 @@
-"""A spring between a link and the part below helps an axis to carry its weight.
+"""Gravity compensator: a spring between a link and the part below it.
 
 ==========  ==========================================================================
 Equation    τ = torque_nm sin(q - phase_rad), positive about the axis
@@ -28,12 +28,12 @@ ARM = 0.1
 
 @dataclass(frozen=True)
 class GravityCompensator(ModelEffect):
-    """A stretched spring past the gear, from the end of the link before to the link.
+    """A stretched spring from the link before to the link, in parallel with the gear.
 
     Attributes:
         torque_nm: Largest torque on the axis.
-        phase_rad: Axis angle without torque, from which the spring drives away where
-            torque_nm is positive, and to which it pulls where it is negative.
+        phase_rad: Axis angle of zero torque: an unstable equilibrium of the spring
+            where torque_nm is positive, a stable one where it is negative.
     """
 
     name: ClassVar[str] = "gravity_compensator"

@@ -1,13 +1,13 @@
-"""A part weighs more, or less, or elsewhere than its data sheet says.
+"""Gravity load: mass or centre of mass of a part differs from its data sheet.
 
 ==========  ==========================================================================
 Equation    m' = m + mass_kg, m' c' = m c + mass_kg × com
 Source      Newton; size chosen: cables and hoses of 1 kg on a link
 Valid       a body at rest
-Ignores     the moment of inertia, which nothing at rest feels
+Ignores     the moment of inertia, which has no effect at rest
 ==========  ==========================================================================
 
-A centre of mass alone is moved by two of them, one with a negative mass.
+A centre of mass alone is shifted by two of these effects, one with a negative mass.
 """
 
 from collections.abc import Mapping
@@ -25,11 +25,11 @@ from bench.shared.errors import Unusable
 
 @dataclass(frozen=True)
 class GravityLoad(ModelEffect):
-    """A point mass joined to a body, or taken out of it.
+    """A point mass added to a body, or removed from it.
 
     Attributes:
-        mass_kg: What is added; negative: taken away.
-        com_x_m: Where, in the body's frame.
+        mass_kg: Mass added; negative: removed.
+        com_x_m: Its position along x of the body's frame.
         com_y_m: The same along y.
         com_z_m: The same along z.
     """

@@ -1,4 +1,4 @@
-"""Strain-wave gears grow stiffer the harder they are wound.
+"""Hardening of a strain-wave gear: stiffness grows in three steps with the torque.
 
 ==========  ==========================================================================
 Equation    τ = K1 θ up to T1, slope K2 up to T2, slope K3 beyond, both ways alike
@@ -22,7 +22,7 @@ from bench.kinematic_chain import Anatomy
 
 @dataclass(frozen=True)
 class Hardening(ModelEffect):
-    """Springs beside the axis' own, which begin to carry at T1 and at T2.
+    """Springs in parallel with the axis' own that engage at T1 and at T2.
 
     Attributes:
         stiffness_ratio: K3 / K1; the table has 1.5 to 1.84.

@@ -1,10 +1,10 @@
-"""Gears grow stiffer without a kink as more teeth come to carry.
+"""Smooth hardening of a gear: stiffness grows with the torque, without a kink.
 
 ==========  ==========================================================================
 Equation    τ = K3 θ - (K3 - K1) θc arctan(θ/θc), so dτ/dθ climbs from K1 to K3;
             θc = 1.2 T1/K1
-Source      law: a smooth rival of the catalogue's three slopes; θc chosen so that it
-            meets Harmonic Drive's size 32 (CHA data 1018854) at 60 and 100 N m
+Source      law: a smooth alternative to the catalogue's three slopes; θc chosen so that
+            it meets Harmonic Drive's size 32 (CHA data 1018854) at 60 and 100 N m
 Valid       static torques below the gear's repeated peak
 Ignores     hysteresis, the gear's own lost motion
 ==========  ==========================================================================
@@ -23,13 +23,13 @@ from bench.effects.springs import add_parallel
 from bench.kinematic_chain import Anatomy
 
 KNOTS = np.concatenate([np.linspace(0.1, 1.9, 10), np.geomspace(2.2, 12.0, 8)])
-"""Where the slope of the mechanism steps up, over θc; chosen: keeps
-within 0.5 % of the torque."""
+"""Deflections at which the mechanism's slope steps up, over θc; chosen: keeps within
+0.5 % of the torque."""
 
 
 @dataclass(frozen=True)
 class SmoothHardening(ModelEffect):
-    """Many springs beside the axis' own, which begin to carry one after the other.
+    """Springs in parallel with the axis' own that engage one after the other.
 
     Attributes:
         stiffness_ratio: K3 / K1.

@@ -1,4 +1,4 @@
-"""Friction inside a gear makes its wind-up depend on the path of the load.
+"""Hysteresis of a gear: friction makes its wind-up depend on the path of the load.
 
 ==========  ==========================================================================
 Equation    τ = K θ + Σ fᵢ, each fᵢ an ideal elastic-slipping element (Maxwell slip);
@@ -25,11 +25,11 @@ from bench.kinematic_chain import Anatomy
 
 @dataclass(frozen=True)
 class Hysteresis(ModelEffect):
-    """Slipping springs beside the axis' own; equal stiffness, slips spread out.
+    """Maxwell-slip elements of equal stiffness in parallel with the axis' spring.
 
     Attributes:
         width_rad: Full width of the loop at zero torque, all elements slipped.
-        elements: How many slipping springs; chosen.
+        elements: Number of slipping springs, whose slip torques are spread out; chosen.
         stiffening: Sum of their stiffness over the axis' own; chosen.
     """
 

@@ -1,4 +1,4 @@
-"""Countless small contacts in a gear slip one after the other.
+"""Hysteresis of a gear with many contacts: exponential first loading, Masing branches.
 
 ==========  ==========================================================================
 Equation    from rest the friction grows as F(θ) = Fc (1 - exp(-θ/θ₀)); after each
@@ -25,11 +25,11 @@ from bench.kinematic_chain import Anatomy
 
 @dataclass(frozen=True)
 class ManyContacts(ModelEffect):
-    """Slipping springs whose chords follow the first loading within 1 % of Fc.
+    """Maxwell-slip elements that follow the first loading curve within 1 % of Fc.
 
     Attributes:
         width_rad: Full width of the loop at zero torque, all elements slipped.
-        elements: How many slipping springs; chosen.
+        elements: Number of slipping springs; chosen.
         stiffening: Fc/θ₀, about the sum of their stiffness, over the axis' own;
             chosen.
     """

@@ -1,4 +1,4 @@
-"""Some of what seems to happen in an arm happens in the instruments that watch it."""
+"""Base class of effects in the instruments instead of the arm."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
@@ -11,14 +11,14 @@ from bench.instruments import Instruments
 
 @dataclass(frozen=True)
 class InstrumentEffect(Effect):
-    """Happens in what an instrument makes of the world."""
+    """Effect in the reading of an instrument."""
 
     @abstractmethod
     def fault(self, instruments: Instruments) -> Instruments:
         """Return the instruments with this fault added to those they have.
 
         Args:
-            instruments: Whatever faults they have already.
+            instruments: The instruments with the faults that they have already.
         """
 
 

@@ -1,11 +1,11 @@
-"""A gear winds up where the model calls it rigid, in proportion to its torque.
+"""Compliance of a joint beyond the model's own, in proportion to its torque.
 
 ==========  ==========================================================================
 Equation    θ = τ/K + compliance τ
 Source      Spong 1987, "Modeling and control of elastic joint robots"; size: about the
             axes of a 10 kg robot, 50 kN m/rad
 Valid       static torques below the gear's repeated peak
-Ignores     hardening, hysteresis, give of the bearing and the links
+Ignores     hardening, hysteresis, compliance of the bearing and the links
 ==========  ==========================================================================
 """
 
@@ -26,7 +26,7 @@ class JointCompliance(ModelEffect):
     """A spring in series with the axis' own.
 
     Attributes:
-        compliance_rad_per_nm: What it adds to the axis' compliance.
+        compliance_rad_per_nm: Compliance added to the axis' own.
     """
 
     name: ClassVar[str] = "joint_compliance"

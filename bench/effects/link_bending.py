@@ -1,4 +1,4 @@
-"""A link under load bends and twists like a beam.
+"""Bending and torsion of a link under load, as of a beam.
 
 ==========  ==========================================================================
 Equation    a force F across the end: deflection F L³/3EI, slope F L²/2EI; a moment M:
@@ -9,7 +9,7 @@ Source      Euler-Bernoulli beam, held at one axis and loaded at the next; size:
 Valid       small deflections; a straight link of one section
 Ignores     shear, stretch, the bend under the link's own distributed weight; where
             bearings sit: the beam goes from joint origin to joint origin of the model
-            (on the KR10's link_4 that is 9 degrees beside the forearm's middle line)
+            (on the KR10's link_4 that is 9 degrees off the forearm's centre line)
 ==========  ==========================================================================
 """
 
@@ -31,7 +31,7 @@ from bench.shared.errors import Unusable
 
 @dataclass(frozen=True)
 class LinkBending(ModelEffect):
-    """Hinges L/EI and L/GJ at mid-link and slides L³/12EI across it; this is exact.
+    """Hinges L/EI and L/GJ at mid-link, slides L³/12EI across it: an exact equivalent.
 
     Attributes:
         bending_nm2: EI, the same in all directions across the link; inf is rigid.

@@ -1,4 +1,7 @@
-"""A link ends where the next axis' bearing sits, the last one at the flange."""
+"""Ends of links in the MuJoCo model: bodies, poses and rotations along the chain.
+
+A link ends at the bearing of the next axis, the last one at the flange.
+"""
 
 import mujoco
 import numpy as np
@@ -9,7 +12,7 @@ from bench.kinematic_chain import Anatomy
 
 
 def end_of(arm: Anatomy, where: str) -> str:
-    """Return the body that stands where a link ends, or the flange.
+    """Return the body at the end of a link, or the flange.
 
     Args:
         arm: The names of the arm's parts.
@@ -22,7 +25,7 @@ def end_of(arm: Anatomy, where: str) -> str:
 def pose_in(
     body: mujoco.MjsBody, ancestor: mujoco.MjsBody
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """Return how a body stands in one further down the chain, all joints at rest.
+    """Return the pose of a body in an ancestor of the chain, all joints at zero.
 
     Returns:
         Rotation (columns are the body's axes) and origin in the ancestor's frame, in m.

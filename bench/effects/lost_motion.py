@@ -1,4 +1,4 @@
-"""Within its play a gear turns almost freely before the teeth carry.
+"""Lost motion of a gear: rotation within its play before the teeth carry.
 
 ==========  ==========================================================================
 Equation    θ = τ/K + δ, |δ| ≤ width/2; inside the play only a weak centring spring
@@ -27,7 +27,7 @@ CONTACT = 300.0
 
 @dataclass(frozen=True)
 class LostMotion(ModelEffect):
-    """A joint of its own in series with the axis' spring, stiff at both ends.
+    """A joint in series with the axis' spring, with a stiff stop at either end.
 
     Attributes:
         width_rad: Full width of the play.

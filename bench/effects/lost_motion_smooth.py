@@ -1,4 +1,4 @@
-"""Within its play a gear stiffens gradually until the teeth carry.
+"""Smooth lost motion of a gear: stiffness grows gradually until the teeth carry.
 
 ==========  ==========================================================================
 Equation    θ = τ/K + (width/2) tanh(τ/closing), as twelve straight pieces
@@ -32,7 +32,7 @@ class SmoothLostMotion(ModelEffect):
 
     Attributes:
         width_rad: Full width of the play.
-        closing_nm: Torque that takes up 76 % of it, in N m; chosen.
+        closing_nm: Torque that closes 76 % of it, in N m; chosen.
     """
 
     name: ClassVar[str] = "lost_motion"

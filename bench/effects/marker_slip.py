@@ -1,4 +1,4 @@
-"""A mark that is touched, or whose glue gives way, sits elsewhere from then on.
+"""Marker slip: a marker's place on its body changes by a step during the measurement.
 
 ==========  ==========================================================================
 Equation    place = nominal + (x, y, z) from `time_s` on, along its body's axes
@@ -20,13 +20,13 @@ from bench.instruments import Instruments, Slip
 
 @dataclass(frozen=True)
 class MarkerSlip(InstrumentEffect):
-    """One mark moves on its body during the measurement.
+    """Displacement of one marker on its body from a given time on.
 
     Attributes:
-        x_m: How far along its body's x.
+        x_m: Displacement along its body's x.
         y_m: The same along y.
         z_m: The same along z.
-        time_s: When, since the start.
+        time_s: Time of the step since the start, in s.
     """
 
     name: ClassVar[str] = "marker_slip"

@@ -1,4 +1,4 @@
-"""An effect can be said in one word: `hysteresis@a2,width_rad=2e-4`."""
+"""Parser of effects written as text, such as `hysteresis@a2,width_rad=2e-4`."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -17,7 +17,7 @@ def parse(text: str, model: mujoco.MjModel) -> Effect:
     """Read `NAME@WHERE[,parameter=value…]`.
 
     Args:
-        text: The word. Parameters have the vocabulary's names and SI units. Those left
+        text: The text. Parameters have the vocabulary's names and SI units. Those left
             out keep the size of a catalogue; where all are components of one thing
             (shifts and turns, a bias), components left out beside others are zero.
         model: The arm alone, which says which places there are.
@@ -86,7 +86,7 @@ def parse_all(texts: Iterable[str], model: mujoco.MjModel) -> tuple[Effect, ...]
 
 
 def _without_other_components(effect: Effect, values: Mapping[str, object]) -> Effect:
-    """Return the effect of which only some components will be given."""
+    """Return the effect with the components left out set to zero."""
     none = effect.off()
     sizes = none.parameters().values()
     components = len(sizes) > 1 and all(size == 0.0 for size in sizes)

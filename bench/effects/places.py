@@ -1,4 +1,4 @@
-"""An effect sits in a part of the arm, or in the cell around it."""
+"""Places where an effect can sit: parts of the arm, and instruments of the cell."""
 
 from collections.abc import Collection
 
@@ -34,7 +34,7 @@ def places_for(kinds: Collection[str], arm: Anatomy) -> list[str]:
 
 
 def misplaced(effect: Effect, arm: Anatomy) -> list[str]:
-    """Return what is wrong with the places that an effect names; usually nothing.
+    """Return what is wrong with the places that an effect names; empty if nothing.
 
     Args:
         effect: Any effect.

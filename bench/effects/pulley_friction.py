@@ -1,4 +1,4 @@
-"""A pulley keeps a share of the weight while the rope moves over it.
+"""Friction of the pulley: a share of the weight is lost while the rope moves.
 
 ==========  ==========================================================================
 Equation    tension = weight (1 - ratio × direction), direction +1 where the load last
@@ -23,10 +23,10 @@ from bench.effects.effect import RopeEffect
 
 @dataclass(frozen=True)
 class PulleyFriction(RopeEffect):
-    """Friction of the pulleys opposes the last motion of the rope.
+    """Friction of the pulleys against the last motion of the rope.
 
     Attributes:
-        ratio: Share of the weight that is lost where it pulls.
+        ratio: Share of the weight that is lost in the rope's tension.
     """
 
     name: ClassVar[str] = "pulley_friction"

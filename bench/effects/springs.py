@@ -1,7 +1,7 @@
-"""Where parts give way, MuJoCo gets a joint with a spring.
+"""Springs in the MuJoCo model: joints and tendons that effects add to the arm.
 
-Small helpers shared by the effects: every one adds a joint or a tendon of its own, so
-that the same effect can be there twice.
+Every function adds a joint or a tendon of its own, so that an arm can have the same
+effect twice.
 """
 
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ ARMATURE = 1e-3
 """Inertia of an added joint, kg m² or kg; chosen: negligible beside the links."""
 
 MOST_JOINTS = 6
-"""That MuJoCo allows one body."""
+"""Maximum number of joints that MuJoCo allows one body."""
 
 HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
@@ -40,7 +40,7 @@ def add_spring(
     pos: np.ndarray | None = None,
     slide: bool = False,
 ) -> mujoco.MjsJoint:
-    """Let a body turn about (or slide along) an axis against a linear spring.
+    """Add a joint on which a body turns (or slides) against a linear spring.
 
     Args:
         body: The body that gives way.
@@ -133,7 +133,7 @@ def add_parallel(
 def add_tendon(
     spec: mujoco.MjSpec, name: str, slack: tuple[float, float] = (0.0, 0.0)
 ) -> mujoco.MjsTendon:
-    """Add a tendon that goes nowhere yet; numbered where its name is taken."""
+    """Add a tendon without a path; numbered where its name is taken."""
     free = own_name(name, (tendon.name for tendon in spec.tendons))
     return spec.add_tendon(name=free, springlength=np.asarray(slack, float))
 

@@ -1,16 +1,16 @@
-"""A gear may follow a law that has no name, only a table.
+"""Tabulated law of a gear: wind-up and loop width interpolated from a measured table.
 
 ==========  ==========================================================================
 Equation    θ = τ/K + e(τ) with e straight between the table's torques and beyond them
-            as at the last piece; where branches differ by w at zero torque, slipping
-            springs beside it make a loop that is w wide
-Source      the law is measured, by whoever fills the table; loop as in `hysteresis`
+            as at the last piece; where branches differ by w at zero torque,
+            slipping springs in parallel give a loop of width w
+Source      measured values, provided by the user; loop as in `hysteresis`
 Valid       1/K + de/dτ > 0; a piece that falls short of it is given 2 % of 1/K
 Ignores     rate and angle; e(0), which is an offset of the encoder
 ==========  ==========================================================================
 
-A spring that begins to carry where a piece ends changes the slope there: by how much
-the next piece is stiffer, less where it is softer.
+A spring that engages where a piece ends changes the slope there by the difference in
+stiffness to the next piece, negative where that is softer.
 """
 
 from collections.abc import Mapping
@@ -31,16 +31,16 @@ from bench.shared.errors import Unusable
 NEVER = 1e3
 """A wind-up that no axis reaches, in rad."""
 STEEPEST = 0.02
-"""Least compliance of a piece over the axis' own; chosen: practically rigid."""
+"""Minimum compliance of a piece over the axis' own; chosen: practically rigid."""
 
 
 @dataclass(frozen=True)
 class TabledLaw(ModelEffect):
-    """Springs beside the axis' own, each from a knot of the table on.
+    """Springs in parallel with the axis' own, each engaging at a knot of the table.
 
     Attributes:
         torque_nm: Increasing torques, in N m.
-        wind_up_rad: What the axis winds up there beyond its own spring, in rad.
+        wind_up_rad: Wind-up there beyond that of the axis' own spring, in rad.
         width_rad: Width of the loop at zero torque.
     """
 

@@ -1,4 +1,4 @@
-"""A tracker does not stand where the manifest says.
+"""Tracker misalignment: error of the tracker frame stated in the manifest.
 
 ==========  ==========================================================================
 Equation    stated = E true, each base_from_tracker; E turns by exp([(rx, ry, rz)]×)
@@ -23,7 +23,7 @@ from bench.instruments.tracker import STILL
 
 @dataclass(frozen=True)
 class TrackerMisalignment(InstrumentEffect):
-    """The error of the stated frame; a tracker that stated none now states one.
+    """Error of the stated tracker frame; a tracker without one then states one.
 
     Attributes:
         x_m: Shift along the base's x.

@@ -1,4 +1,4 @@
-"""A tracker's millimetre is not quite a millimetre.
+"""Tracker scale: all measured lengths are wrong by a common factor.
 
 ==========  ==========================================================================
 Equation    reading = (1 + ratio) p, from the tracker's origin
@@ -21,10 +21,10 @@ from bench.instruments import Instruments
 
 @dataclass(frozen=True)
 class TrackerScale(InstrumentEffect):
-    """All lengths read too long by the same share.
+    """Scale error of the tracker, common to all directions.
 
     Attributes:
-        ratio: What is read too much, over what is there.
+        ratio: Measured less true length, over the true length.
     """
 
     name: ClassVar[str] = "tracker_scale"

@@ -1,4 +1,4 @@
-"""A gear's output does not follow its input evenly, even without a load.
+"""Transmission error of a gear: output angle errs periodically, with or without load.
 
 ==========  ==========================================================================
 Equation    q = q_reported + amplitude sin(order q_reported + phase)
@@ -23,7 +23,7 @@ from bench.kinematic_chain import Anatomy
 
 @dataclass(frozen=True)
 class TransmissionError(CommandEffect):
-    """The output angle errs periodically with the axis' angle.
+    """Periodic error of an axis' output angle.
 
     Attributes:
         amplitude_rad: Half the error from peak to peak.

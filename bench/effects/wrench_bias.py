@@ -1,4 +1,4 @@
-"""A force sensor reads something where nothing pulls.
+"""Wrench bias: a constant offset of the force sensor's reading.
 
 ==========  ==========================================================================
 Equation    reading = wrench + bias, along the sensor's axes
@@ -21,7 +21,7 @@ from bench.instruments import Instruments
 
 @dataclass(frozen=True)
 class WrenchBias(InstrumentEffect):
-    """What the sensor reads too much.
+    """Constant offset of the sensor's reading.
 
     Attributes:
         fx_n: Force along the sensor's x.

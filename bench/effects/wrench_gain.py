@@ -1,11 +1,11 @@
-"""A force sensor's channels do not all read the same newton.
+"""Wrench gain: scale errors of the force sensor's channels.
 
 ==========  ==========================================================================
 Equation    reading_k = (1 + gain_k) wrench_k, channel by channel
 Source      linear calibration of six-axis sensors; size chosen: makers state 1 to 2 %
             of full scale
 Valid       within the sensor's range
-Ignores     crosstalk, which `ForceSensor.gain` can hold beside it
+Ignores     crosstalk, for which `ForceSensor.gain` has off-diagonal entries
 ==========  ==========================================================================
 """
 
@@ -22,7 +22,7 @@ from bench.instruments import Instruments
 
 @dataclass(frozen=True)
 class WrenchGain(InstrumentEffect):
-    """What each channel reads too much, as a share of its load.
+    """Scale error of each channel, as a share of its load.
 
     Attributes:
         fx: Of the force along the sensor's x.

@@ -1,4 +1,4 @@
-"""A force sensor sits on the flange a little turned, or beside its place.
+"""Wrench misalignment: rotation and offset of the force sensor on the flange.
 
 ==========  ==========================================================================
 Equation    reading = exp([(rx, ry, rz)]×)ᵀ [F; M - (x, y, z) × F]
@@ -21,7 +21,7 @@ from bench.instruments import Instruments
 
 @dataclass(frozen=True)
 class WrenchMisalignment(InstrumentEffect):
-    """Turn and shift from what the manifest states to where the sensor sits.
+    """Rotation and offset of the sensor from the pose that the manifest states.
 
     Several misalignments add their vectors.
 

@@ -1,4 +1,4 @@
-"""Gears that share a wrist let torque on one axis turn another.
+"""Wrist coupling: torque on one wrist axis turns another through shared gears.
 
 ==========  ==========================================================================
 Equation    θ = C τ for the pair, with C₁₂ = C₂₁ = c = compliance_rad_per_nm and
@@ -10,8 +10,9 @@ Valid       r < 1/2
 Ignores     friction and play between the two trains
 ==========  ==========================================================================
 
-A spring beside two springs can only stiffen, so each axis' own compliance falls by the
-share r; the one chosen among all such springs takes the same share from both.
+A spring in parallel with two springs can only stiffen, so each axis' own compliance
+falls by the share r; of all such springs the one that takes equal shares from both was
+chosen.
 """
 
 from collections.abc import Mapping
@@ -33,7 +34,7 @@ MAX_SHARE = 0.45
 
 @dataclass(frozen=True)
 class WristCoupling(ModelEffect):
-    """A spring across two axes' drives.
+    """A spring that couples the drives of two axes.
 
     Attributes:
         with_axis: The other axis, nearer to the base.

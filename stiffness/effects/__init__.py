@@ -1,4 +1,4 @@
-"""Effects that models of arms leave out, one a file: what each does to the readings."""
+"""Hypotheses on effects that nominal models leave out: one effect and law per file."""
 
 from bench.shared.effect_catalogue import CATALOGUE
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
@@ -63,9 +63,9 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     MarkerSlip(),
     ChannelDelay(),
 )
-"""Every effect that can be named; one may read and grep it.
+"""Every hypothesis that can be named.
 
-Two laws may have one name: a base that tips is a base that gives way.
+Two laws may share a name: `BaseTilt` and `BaseCompliance`.
 """
 
 if missing := {law.effect for law in HYPOTHESES} - CATALOGUE.keys():

@@ -5,9 +5,9 @@ Equation    θ = τ (C + a cos nq + b sin nq); K(q) = K (1 + ratio cos(nq + φ))
             √(a² + b²)/2C, ratio = 2ρ/(1 + ρ²), φ = atan2(b, -a)
 Source      Fourier series of 1/(1 + e cos x): Gradshteyn, Ryzhik, "Table of integrals,
             series and products", 3.613
-Valid       orders n up to 6, q the reported angle, windings small beside a period
-Ignores     the hundreds of orders of a gear's teeth; second and third harmonics, which
-            other forms of the law have
+Valid       orders n up to 6, q the reported angle, wind-ups small against a period
+Ignores     the hundreds of orders of a gear's teeth; second and third harmonics of
+            other forms of the law
 ==========  ==========================================================================
 """
 
@@ -26,7 +26,7 @@ from stiffness.experiment.static_state import StaticState
 
 @dataclass(frozen=True)
 class AngleDependentStiffness(Hypothesis):
-    """An axis whose compliance has a few periods per turn."""
+    """Compliance of an axis that varies with a few periods per turn."""
 
     effect: ClassVar[str] = "angle_dependent_stiffness"
     shape_names: ClassVar[tuple[str, ...]] = ("order",)

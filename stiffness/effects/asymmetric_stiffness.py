@@ -23,7 +23,7 @@ from stiffness.experiment.static_state import StaticState
 
 @dataclass(frozen=True)
 class AsymmetricStiffness(Hypothesis):
-    """An axis that is stiffer one way round."""
+    """Axis whose stiffness depends on the direction of the torque."""
 
     effect: ClassVar[str] = "asymmetric_stiffness"
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {

@@ -1,16 +1,14 @@
-"""Base class of effects, and what they share about axes and bodies.
+"""Base class of effects, with functions on axes and bodies that they share.
 
-A hypothesis says what one physical effect would do to the readings if it were there.
+A `Hypothesis` predicts what one physical effect would do to the readings. It contains
+the law and its physical bounds, never how a simulator builds it. A law's amplitudes
+enter linearly and are its *coefficients*; its nonlinear parameters (a knee, a time
+constant, an order) are its *shape* and are searched. Each hypothesis is a file of its
+own, with a table of Equation, Source, Valid and Ignores on top, and one frozen
+dataclass; `stiffness/effects/__init__.py` lists them in a tuple.
 
-It knows the law and its physical bounds, never how a simulator builds it. A law's
-amplitudes enter linearly and are its *coefficients*; what bends its form (a knee, a
-time constant, an order) is its *shape* and is searched. Each hypothesis is a file of
-its own, with a table of Equation, Source, Valid and Ignores on top, and one frozen
-dataclass; `hypotheses/__init__.py` lists them in a tuple that one can read.
-
-An axis shows only what its springs, its torques and its turns let it show.
-
-Whatever hangs on an axis goes where the axis takes it.
+`sprung`, `reversing`, `orders` and the like select the axes at which an effect can be
+visible; `axes_of`, `point_of` and the like return where bodies and markers are.
 """
 
 from abc import ABC, abstractmethod
@@ -27,32 +25,33 @@ from stiffness.experiment.static_state import StaticState
 
 
 class Hypothesis(ABC):
-    """One effect of the vocabulary, at any place where it can sit.
+    """One effect of the vocabulary, at any site where it can occur.
 
-    What is promised, and tested for every hypothesis:
+    Promises, tested for every hypothesis:
 
-    - the signature is per unit of coefficient, and absolute: it holds what the effect
-      does in every row, unloaded rows and gravity included. The engine takes from it
-      what the readings can show (differences within a visit, means of visits), and
-      what fitted springs, unknown frames and marker places would explain as well;
-    - it depends on the situation alone, and never on the readings of the markers;
+    - the Jacobian is per unit of coefficient, and absolute: it holds the effect's
+      displacement in every row, unloaded rows and gravity included. The engine reduces
+      it to what the readings can show (differences within a visit, means of visits)
+      and projects out fitted springs, unknown frames and marker places;
+    - it depends on the `StaticState` alone, and never on the readings of the markers;
     - coefficients have a natural scale: SI, so that a coefficient of a parameter
       within its limits moves the readings by less than a centimetre;
-    - columns of one signature are not multiples of each other at any shape.
+    - columns of one Jacobian are not multiples of each other at any shape.
 
     Attributes:
         effect: Its name in the vocabulary.
-        shape_names: What its shape parameters are called; empty where it has none.
+        shape_names: Names of its shape parameters; empty where it has none.
         limits: Lowest and highest physical value of each reported parameter, in SI.
-            Parameters beyond them are another physics: the name is then withdrawn. A
-            limit is wide (what any arm could have), not what is likely.
-        magnitudes: Parameters that are zero, or stiff without end, where the effect is
-            not there: what may be so in all of them gets no name. Ratios, and what is
-            no size, such as a phase, say nothing here.
+            Parameters beyond them imply another cause: the effect is then rejected. A
+            limit is wide (possible for any arm), not a range of likely values.
+        magnitudes: Parameters that are zero, or of infinite stiffness, where the effect
+            is
+            absent: if all of them may be so, the effect is not named. Ratios and
+            parameters that are no size, such as a phase, are not listed.
         logarithmic: Parameters whose error is a factor rather than a difference.
-        linear: Whether it gives way in proportion to the loads of a row, and to nothing
-            else.
-        log_prior: How much rarer than others it is, as a log; 0 where nothing is known.
+        linear: Whether its displacement is proportional to the loads of a row, and
+            depends on nothing else.
+        log_prior: Log of its prior odds against others; 0 where nothing is known.
     """
 
     effect: ClassVar[str]
@@ -65,10 +64,10 @@ class Hypothesis(ABC):
 
     @abstractmethod
     def places(self, situation: StaticState) -> tuple[str, ...]:
-        """Return where the effect could sit and could be seen, as `where` in an answer.
+        """Return the sites where the effect could occur and be seen, as in answers.
 
-        Leave out a place where these rows cannot show it (creep where nothing waits,
-        an axis without torque); what is left in must give a signature.
+        Leave out a site where these rows cannot show it (creep without waiting times,
+        an axis without torque); each site returned must give a Jacobian.
         """
 
     @abstractmethod
@@ -77,7 +76,7 @@ class Hypothesis(ABC):
     ) -> Float[np.ndarray, "shapes parameters"]:
         """Return a coarse grid of shapes within their physical bounds, one a row.
 
-        At most about eight: neighbours should have signatures with a cosine near 0.95.
+        At most about eight: neighbours should have Jacobians with a cosine near 0.95.
         The engine refines between the grid's outermost values. Without shape
         parameters: one row with no entry, `np.zeros((1, 0))`.
         """
@@ -89,7 +88,7 @@ class Hypothesis(ABC):
         where: str,
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
-        """Return what one unit of each coefficient does."""
+        """Return the displacement per unit of each coefficient."""
 
     @abstractmethod
     def variants(
@@ -98,12 +97,12 @@ class Hypothesis(ABC):
         where: str,
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
-        """Return what other accepted forms of the same law add, once it is named.
+        """Return the Jacobian that other accepted forms of the same law add.
 
         A gear's hardening is tabled in three pieces or written with a tanh: both are
-        hardening. The residual test after naming does not hold these against the name.
-        They never help to find the name, and must be too narrow to imitate another
-        effect. Return `NOTHING` where the law has one form.
+        hardening. The residual test after naming projects them out. They are used
+        once the effect is named, never to find it, and must be too narrow to mimic
+        another one. Return `NOTHING` where the law has one form.
         """
 
     @abstractmethod
@@ -116,8 +115,8 @@ class Hypothesis(ABC):
     ) -> Mapping[str, float]:
         """Turn a fit into the parameters of the vocabulary, in SI.
 
-        `situation.compliance` is the one fitted together with the effect. The engine
-        differentiates this function to carry intervals over, so keep it smooth.
+        The compliance of `situation` is the one fitted together with the effect. The
+        engine differentiates this function to carry intervals over, so keep it smooth.
         """
 
     def acting(
@@ -127,21 +126,21 @@ class Hypothesis(ABC):
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
     ) -> StaticState:
-        """Return the situation as springs and other effects feel it with this in it.
+        """Return the static state that springs and other effects see with this effect.
 
-        The same, unless overridden, as masses and a wrench that is read wrongly do:
-        others move the arm, or what they change of its loads is left out.
+        Unchanged, unless overridden, as by masses and errors of the wrench: other
+        effects move the arm, or their change of its loads is neglected.
         """
         return situation
 
     def limits_at(
         self, situation: StaticState, where: str
     ) -> Mapping[str, tuple[float, float]]:
-        """Return the limits at a place; `limits` wherever it is, unless overridden."""
+        """Return the limits at a site; `limits` at every site, unless overridden."""
         return self.limits
 
     def grain(self, situation: StaticState) -> Mapping[str, float]:
-        """Return by how much a parameter can change without changing any reading."""
+        """Return the change of a parameter below which no reading changes."""
         return {}
 
 
@@ -149,28 +148,30 @@ class Hypothesis(ABC):
 
 ORDERS = np.array([1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0])
 """Periods per turn that are tried; chosen: postures of a bench, a radian or two apart,
-cannot tell the hundreds of periods of a gear's teeth from chance."""
+cannot distinguish the hundreds of periods of a gear's teeth from chance."""
 LEAST_PHASE = 1.0
-"""How far a periodic law must go through its period to be one, in rad; chosen."""
+"""Minimum range of phase that the postures must cover for a periodic law, in rad;
+chosen."""
 LEAST_REVERSAL = 0.01
-"""Torque of the weaker sign over the largest, from which on it counts; chosen."""
+"""Minimum ratio of the largest torques of either sign for a reversal to count;
+chosen."""
 
 
 def sprung(situation: StaticState) -> tuple[str, ...]:
-    """Return the axes with a spring that is fitted silently."""
+    """Return the axes whose spring is fitted as a nuisance parameter."""
     soft = situation.compliance > 0.0
     return tuple(a for a, s in zip(situation.axes, soft, strict=True) if s)
 
 
 def reversing(situation: StaticState) -> tuple[str, ...]:
-    """Return the axes whose torque comes with either sign."""
+    """Return the axes whose torque takes either sign."""
     high, low = situation.torque.max(axis=0), situation.torque.min(axis=0)
     both = np.minimum(high, -low) > LEAST_REVERSAL * np.maximum(high, -low)
     return tuple(a for a, b in zip(situation.axes, both, strict=True) if b)
 
 
 def orders(situation: StaticState, axis: int) -> Float[np.ndarray, " orders"]:
-    """Return the periods per turn that an axis' postures go through far enough.
+    """Return the periods per turn of which an axis' postures cover enough.
 
     None for a slide, which has no turn.
     """
@@ -181,7 +182,7 @@ def orders(situation: StaticState, axis: int) -> Float[np.ndarray, " orders"]:
 
 
 def still(situation: StaticState, axis: int) -> bool:
-    """Return whether a hinge hardly turns, so that a law of its angle has one value."""
+    """Return whether a hinge hardly turns, so that a law of its angle is constant."""
     return not situation.arm.slides[axis] and not len(orders(situation, axis))
 
 
@@ -191,7 +192,7 @@ def middle_angle(situation: StaticState, axis: int) -> float:
 
 
 def absolute(situation: StaticState) -> bool:
-    """Return whether what stays the same throughout a visit can be seen."""
+    """Return whether displacements that are constant throughout a visit can be seen."""
     return situation.recording.displacement == "absolute"
 
 
@@ -207,7 +208,7 @@ def axes_of(situation: StaticState, body: str) -> Float[np.ndarray, "rows 3 3"]:
 def point_of(
     situation: StaticState, body: str, position: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "rows 3"]:
-    """Return where a point of a body is, in the base's frame, in m.
+    """Return the position of a point of a body, in the base's frame, in m.
 
     Args:
         situation: Where the axes are.
@@ -222,7 +223,7 @@ def point_of(
 
 
 def marked_point(situation: StaticState, m: int) -> Float[np.ndarray, "rows 3"]:
-    """Return where a marker is, or its body's origin where its place is not stated."""
+    """Return the position of a marker, or its body's origin if not stated."""
     marker = situation.recording.markers[m]
     place = np.zeros(3) if marker.position is None else marker.position
     return point_of(situation, marker.body, place)
@@ -231,6 +232,6 @@ def marked_point(situation: StaticState, m: int) -> Float[np.ndarray, "rows 3"]:
 def inside_of(
     situation: StaticState, body: str, position: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "3"]:
-    """Return a point of a body in the frame of the place that carries it, in m."""
+    """Return a point of a body in the frame of the body that carries it, in m."""
     placement = situation.arm.attachment(body).placement
     return placement[:3, :3] @ position + placement[:3, 3]

@@ -5,7 +5,7 @@ Equation    turn about each axis of the base = compliance x moment about it, shi
             it = compliance x force; about the base's origin
 Source      six springs without coupling; Klimchik et al. 2011: diagonal compliance
 Valid       small motions
-Ignores     what couples turns with each other, and a level turn with the shift across
+Ignores     coupling of rotations with each other, and of a tilt with the shift across
             it (its variants)
 ==========  ==========================================================================
 """
@@ -30,8 +30,8 @@ SHIFTS = ("x_m_per_n", "y_m_per_n", "z_m_per_n")
 class BaseCompliance(Hypothesis):
     """Six springs between the floor and the base.
 
-    Springs along other directions, or about a point below, are its variants: what
-    couples two turns, and a turn about a level axis with the shift across it.
+    Springs along other directions, or about a point below, are its variants: they
+    couple two rotations, or a rotation about a level axis with the shift across it.
     """
 
     effect: ClassVar[str] = "base_compliance"

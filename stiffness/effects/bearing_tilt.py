@@ -2,12 +2,12 @@
 
 ==========  ==========================================================================
 Equation    rotation = u x (x . M_c) + v y (y . M_c) about c = o + h z, M_c = M_o - h z
-            x F; x, y, z: the seat's axes, o its origin; h = centre, of a slide that is
-            out by q: centre - q, for its guide stays
+            x F; x, y, z: the seat's axes, o its origin; h = centre, of a slide at
+            position q: centre - q, for its guide stays
 Source      Klimchik et al. 2011: diagonal 6 x 6 joint compliance
 Valid       small tilts; a bearing whose centre of tilt is on the axis
-Ignores     radial and axial give; what couples the two turns of a bearing whose soft
-            direction lies between x and y (its variant)
+Ignores     radial and axial compliance; coupling of the two tilts of a bearing whose
+            soft direction lies between x and y (its variant)
 ==========  ==========================================================================
 """
 
@@ -90,7 +90,7 @@ def _across(
     Float[np.ndarray, "rows 3"],
     Float[np.ndarray, "rows 3"],
 ]:
-    """Return a seat's two directions, the moment about its centre, and the centre."""
+    """Return the two directions across a seat, moment about its centre, and centre."""
     place = situation.axis(where) + 1
     seat = situation.seat[:, place]
     along = np.full(situation.rows, centre)

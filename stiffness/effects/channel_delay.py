@@ -4,7 +4,7 @@
 Equation    reading(t) = truth(t - delay) ≈ truth - delay d truth/dt
 Source      Furgale, Rehder, Siegwart 2013, "Unified temporal and spatial calibration
             for multi-sensor systems"; to first order
-Valid       delays short beside what happens in the stream
+Valid       delays short against the time scale of the motion
 Ignores     jitter; inertia of the arm
 ==========  ==========================================================================
 """
@@ -32,7 +32,7 @@ from stiffness.experiment.static_state import StaticState
 
 @dataclass(frozen=True)
 class ChannelDelay(Hypothesis):
-    """A tracker, a force sensor or an encoder whose clock is behind."""
+    """Tracker, force sensor or encoder whose clock is late."""
 
     effect: ClassVar[str] = "channel_delay"
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -100,7 +100,7 @@ class ChannelDelay(Hypothesis):
 
 
 def has_time_series(situation: StaticState) -> bool:
-    """Return whether every visit lasts for rows enough, none at the time of another."""
+    """Return whether every visit has enough rows, all at different times."""
     time = situation.recording.time[situation.steps]
     again = np.diff(situation.steps, axis=1) == 0  # short visits repeat their last
     return time.shape[1] > 1 and bool(np.all((np.diff(time, axis=1) > 0.0) | again))
@@ -109,7 +109,7 @@ def has_time_series(situation: StaticState) -> bool:
 def rate(
     situation: StaticState, values: Float[np.ndarray, "rows channels"]
 ) -> Float[np.ndarray, "rows channels"]:
-    """Return how fast channels change, per s, by differences within each visit."""
+    """Return the rate of channels, per s, by differences within each visit."""
     speed = np.zeros_like(values)
     for visit in range(len(situation.steps)):
         rows = np.unique(situation.steps[visit])
@@ -120,7 +120,7 @@ def rate(
 
 
 def _later(situation: StaticState) -> Float[np.ndarray, "rows 6 1"]:
-    """Return how the wrench changes in a second, as the axes that report it see it."""
+    """Return the wrench's rate of change, as the axes that report it see it."""
     sensor = situation.recording.wrench_sensor
     if sensor is not None and sensor.frame == "base":
         return rate(situation, situation.wrench)[:, :, None]

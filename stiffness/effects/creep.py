@@ -4,10 +4,11 @@
 Equation    T dx/dt = τ(t) - x, at arrival x = 0, or gravity's torque where the arm has
             settled under it; θ = C τ + ratio C x
 Source      standard linear solid: Zener 1948, "Elasticity and anelasticity of metals"
-Valid       loads that stand from `load_time` on, until the next row's `load_time`; an
-            arm that comes to its posture with no memory but gravity's
-Ignores     faster and slower relaxation beside the one (its variants); what is left of
-            the posture before
+Valid       loads that are constant from `load_time` on, until the next row's
+            `load_time`; an arm that comes to its posture without memory except of
+            gravity
+Ignores     faster and slower relaxation times (its variants); creep remaining from the
+            posture before
 ==========  ==========================================================================
 """
 
@@ -24,13 +25,13 @@ from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
 
 FASTEST, SLOWEST = 0.25, 4.0
-"""T over the shortest wait and over the longest visit; chosen: beyond them creep is a
-spring like the axis' own, or a straight line in time."""
+"""T over the shortest wait and over the longest visit; chosen: beyond them creep mimics
+the axis' own spring, or a straight line in time."""
 
 
 @dataclass(frozen=True)
 class Creep(Hypothesis):
-    """An axis whose wind-up follows its torque at once and a little more later."""
+    """Axis whose wind-up follows its torque partly at once and partly with a delay."""
 
     effect: ClassVar[str] = "creep"
     shape_names: ClassVar[tuple[str, ...]] = ("time_s", "settled")
@@ -92,23 +93,23 @@ class Creep(Hypothesis):
 
 
 def waits(situation: StaticState) -> Float[np.ndarray, " rows"]:
-    """Return for how long each row's load has stood when it is read, in s."""
+    """Return the time since each row's last change of load, in s."""
     return situation.recording.time - situation.recording.load_time
 
 
 def followed(
     situation: StaticState, axis: int, time_constant: float, settled: bool = False
 ) -> Float[np.ndarray, " rows"]:
-    """Return how far a creeping element has followed its torque by each reading, N m.
+    """Return the low-pass filtered torque of a creeping element, in N m, by reading.
 
     Exact for a torque that changes in steps: gravity comes with the arrival, which is
     the first `load_time` of a visit, and each load at its own.
 
     Args:
         situation: With the torque and the order of rows.
-        axis: Which one, counted from 0.
+        axis: Its index, counted from 0.
         time_constant: T, in s.
-        settled: Whether gravity has been followed before the arrival.
+        settled: Whether creep under gravity had ended before the arrival.
     """
     recording, steps = situation.recording, situation.steps
     torque = situation.torque[steps, axis]  # (visits, longest) N m

@@ -5,8 +5,9 @@ Equation    p + t (x, y, z) + t (rx, ry, rz) x p, t since the start; at `base` a
             base's axes, at `tracker` along the tracker's and about it
 Source      ISO 230-3, "Determination of thermal effects": linear in time to first order
 Valid       drifts of less than a millimetre; at `tracker` along the base's axes where
-            nobody knows how it stands
-Ignores     t² and temperature (its variants); gravity's pull on a base that turned
+            its orientation is unknown
+Ignores     t² and temperature (its variants); the changed direction of gravity on a
+            base that turned
 ==========  ==========================================================================
 """
 
@@ -28,9 +29,9 @@ NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
 @dataclass(frozen=True)
 class Drift(Hypothesis):
-    """Readings that wander at constant speed, all as one body.
+    """Rigid motion of all readings at constant speed.
 
-    A base and a tracker that wander look alike in the readings, column for column.
+    Drift of the base and drift of the tracker have the same columns.
     """
 
     effect: ClassVar[str] = "drift"
@@ -91,7 +92,7 @@ class Drift(Hypothesis):
 def wander(
     situation: StaticState, where: str, *courses: Float[np.ndarray, " rows"]
 ) -> EffectJacobian:
-    """Return what six speeds do that go on with each course, from row to row."""
+    """Return the displacement by six speeds for each course in time, row by row."""
     frame = situation.tracker
     if where == "base" or frame is None:
         frame = np.eye(4)

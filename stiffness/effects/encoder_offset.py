@@ -9,8 +9,8 @@ Equation    angle of the link = reported angle + offset + wind-up; per radian of
 Source      Slamani et al. 2012 and every calibration: joint zero offsets; the load:
             rotation vector to first order
 Valid       small offsets
-Ignores     that gravity pulls elsewhere and that wind-up itself is turned: a thousandth
-            of the deflection per milliradian
+Ignores     the changed direction of gravity and of the wind-up itself: a thousandth of
+            the deflection per milliradian
 ==========  ==========================================================================
 """
 
@@ -30,10 +30,10 @@ from stiffness.experiment.static_state import StaticState
 
 @dataclass(frozen=True)
 class EncoderOffset(Hypothesis):
-    """An axis whose zero is not where the controller believes.
+    """Axis whose true zero differs from the controller's.
 
-    A sensor beyond the axis is turned with it: of a last axis whose markers' places are
-    unknown nothing else shows.
+    A sensor beyond the axis is turned with it: for a last axis with markers at unknown
+    places this is the only visible effect.
     """
 
     effect: ClassVar[str] = "encoder_offset"

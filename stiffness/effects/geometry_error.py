@@ -1,8 +1,8 @@
 """Geometry error of a link: length and orientation of the next axis.
 
 ==========  ==========================================================================
-Equation    what the next axis carries shifts by R (x, y, z) and turns by R (rx, ry, rz)
-            about that axis' origin, R the link's axes
+Equation    all that the next axis carries shifts by R (x, y, z) and turns by R (rx, ry,
+            rz) about that axis' origin, R the link's axes
 Source      Veitschegger, Wu 1986, "Robot accuracy analysis based on kinematics"; small
             errors enter to first order
 Valid       errors below a degree and some millimetres
@@ -33,9 +33,9 @@ NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
 @dataclass(frozen=True)
 class GeometryError(Hypothesis):
-    """A link whose far end is not where the drawing puts it.
+    """Link whose far end has a pose error with respect to the drawing.
 
-    The rotation about the next axis alone is that axis' encoder offset, to the digit.
+    The rotation about the next axis alone is identical to that axis' encoder offset.
     """
 
     effect: ClassVar[str] = "geometry_error"

@@ -7,8 +7,8 @@ Source      spring without free length: Herder 2001, "Energy-free systems"; with
             Klimchik et al. 2013, arXiv 1311.6810
 Valid       springs and cylinders whose force grows with their length; where the axis
             hardly turns it is a constant turn, sin(q - φ) = ±1, as an encoder's offset
-Ignores     free length; what the spring adds to the axis' stiffness, about torque/K;
-            that a sensor beyond is turned, a thousandth of the deflection
+Ignores     free length; the spring's share of the axis' stiffness, about torque/K; the
+            rotation of a sensor beyond, a thousandth of the deflection
 ==========  ==========================================================================
 """
 
@@ -30,7 +30,7 @@ from stiffness.experiment.static_state import StaticState
 class GravityCompensator(Hypothesis):
     """An axis with a torque of one period per turn.
 
-    Large arms have one, on the axis that lifts; most have none, but all have weights.
+    Large arms have one, on the lifting axis; most arms have none.
     """
 
     effect: ClassVar[str] = "gravity_compensator"

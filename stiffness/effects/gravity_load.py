@@ -6,7 +6,7 @@ Equation    torque_k = l_k . m g + a_k . (m c x g + o x m g), (l, a) the screw o
 Source      linear in mass and first moments: Gautier, Khalil 1990, "Direct calculation
             of minimum set of inertial parameters of serial robots"
 Valid       sprung axes; postures without load too
-Ignores     what gives way besides the axes' own springs, but for what was named (its
+Ignores     compliance besides the axes' own springs, except for named effects (its
             variant)
 ==========  ==========================================================================
 """
@@ -26,18 +26,19 @@ from stiffness.experiment.static_state import StaticState
 
 NAMES = ("mass_kg", "x", "y", "z")
 LENGTH = 0.1
-"""What a first moment is divided by beside a mass, in m; chosen: a link's breadth."""
+"""Length that scales first moments to masses, in m; chosen: a link's breadth."""
 UNSEEN = 1e-6
 """Below this share of the largest possible wind-up a column is rounding; chosen."""
 
 
 @dataclass(frozen=True)
 class GravityLoad(Hypothesis):
-    """A mass added to a body, or taken from it, anywhere on it.
+    """Mass added to a body, or removed from it, anywhere on it.
 
-    Of mass and first moments only those are coefficients that these postures show: on a
-    link that swings about a horizontal axis the moments across it, and no mass. Where
-    the mass shows, `com_x_m` … are reported; else the moments `moment_x_kg_m` ….
+    Only those of mass and first moments are coefficients that these postures make
+    identifiable: on a link that turns about a horizontal axis the moments across it,
+    and not the mass. Where the mass is identifiable, `com_x_m` … are reported; else the
+    moments `moment_x_kg_m` ….
     """
 
     effect: ClassVar[str] = "gravity_load"
@@ -51,7 +52,7 @@ class GravityLoad(Hypothesis):
     def limits_at(
         self, situation: StaticState, where: str
     ) -> Mapping[str, tuple[float, float]]:
-        """Return limits under which no more is taken away than the model has there."""
+        """Return limits that leave no negative mass in the model."""
         highest = self.limits["mass_kg"][1]
         return {**self.limits, "mass_kg": (-carried(situation, where), highest)}
 
@@ -131,7 +132,7 @@ class GravityLoad(Hypothesis):
 def weighed_down(
     situation: StaticState, body: str, size: Float[np.ndarray, "4"]
 ) -> StaticState:
-    """Return the situation under a mass in kg and first moments in kg m on a body."""
+    """Return the state under an added mass in kg and first moments in kg m."""
     gravity = situation.arm.chain.gravity
     weight = np.broadcast_to(size[0] * gravity, (situation.rows, 3))
     turning = np.cross(axes_of(situation, body) @ size[1:], gravity)
@@ -140,7 +141,7 @@ def weighed_down(
 
 
 def carried(situation: StaticState, body: str) -> float:
-    """Return the mass in kg that the model has in a body's link and beyond."""
+    """Return the model's mass in kg of a body's link and all beyond."""
     chain, tool = situation.arm.chain, situation.recording.tool
     axis = situation.arm.attachment(body).axis
     beyond = [k for k in range(len(chain.mass)) if axis in chain.carriers(k)]
@@ -161,7 +162,7 @@ def torques(situation: StaticState, body: str) -> Float[np.ndarray, "rows axes 4
 
 
 def seen(situation: StaticState, torque: Float[np.ndarray, "rows axes 4"]) -> list[int]:
-    """Return which of mass and moments show, each independent of those before it."""
+    """Return which of mass and moments are identifiable beyond those before."""
     compliance = situation.arm.compliance  # the model's: whatever is fitted, the same
     wound = torque * compliance[:, None] / [1.0, LENGTH, LENGTH, LENGTH]
     wound = np.asarray(np.linalg.qr(wound.reshape(-1, 4), mode="r"))

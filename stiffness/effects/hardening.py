@@ -3,11 +3,11 @@
 ==========  ==========================================================================
 Equation    θ = τ/K3 + a [(1 - m) c(τ, T1) + m c(τ, r T1)]; 1/K1 = 1/K3 + a; c = τ up
             to the knee T, T beyond, rounded over T/10
-Source      Harmonic Drive's three-piece table (CHA engineering data 1018854) seen from
-            the torque; r = T2/T1: 3.1 to 3.7, m = (1/K2 - 1/K3)/(1/K1 - 1/K3): 0.12 to
-            0.32 over its sizes 14 to 32
-Valid       static torques of either sign, gravity's included, both ways alike
-Ignores     hysteresis; a stiffness that climbs without a knee (its variants)
+Source      Harmonic Drive's three-piece table (CHA engineering data 1018854) as a
+            function of torque; r = T2/T1: 3.1 to 3.7, m = (1/K2 - 1/K3)/(1/K1 - 1/K3):
+            0.12 to 0.32 over its sizes 14 to 32
+Valid       static torques of either sign, gravity's included, symmetric
+Ignores     hysteresis; a stiffness that grows without a knee (its variants)
 ==========  ==========================================================================
 """
 
@@ -27,16 +27,18 @@ MIDDLE, SECOND = 0.15, 3.5
 """m and r; chosen: between the table's sizes 25 and 32. Where no torque reaches T2, K3
 is K2 by this share: right within an eighth of K3/K1 - 1 for them, low for size 14."""
 ROUND = 0.1
-"""Over how much of a knee's torque it is rounded; chosen: teeth engage one by one."""
+"""Width over which a knee is rounded, over its torque; chosen: teeth engage one by
+one."""
 KNEES = (0.08, 0.12, 0.2, 0.32, 0.5, 0.75)
-"""T1 over the axis' largest torque; chosen: a knee below is a play that closes."""
+"""T1 over the axis' largest torque; chosen: a knee below would be lost motion."""
 ARCTAN = 1.2
-"""Torque scale of the arctangent law over T1, that its slope falls as the table's."""
+"""Torque scale of the arctangent law over T1, chosen so that its slope falls as the
+table's."""
 
 
 @dataclass(frozen=True)
 class Hardening(Hypothesis):
-    """An axis whose gear grows stiffer the harder it is wound."""
+    """Axis whose gear grows stiffer with the torque."""
 
     effect: ClassVar[str] = "hardening"
     shape_names: ClassVar[tuple[str, ...]] = ("torque_nm",)
@@ -97,6 +99,6 @@ class Hardening(Hypothesis):
 
 
 def bent(torque: Float[np.ndarray, " rows"], knee: float) -> Float[np.ndarray, " rows"]:
-    """Return a torque that stops growing at a knee, both in N m."""
+    """Return a torque that saturates at a knee, both in N m."""
     width = ROUND * knee
     return 0.5 * (np.hypot(torque + knee, width) - np.hypot(torque - knee, width))

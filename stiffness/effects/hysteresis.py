@@ -4,12 +4,12 @@
 Equation    θ = C τ - w/2 z(τ path); z in -1 … 1: the play operator's distance from
             its middle, z = (τ - P[τ]) / r, P the play of half width r
 Source      Visintin 1994, "Differential Models of Hysteresis", chapter III (play and
-            stop); the stop z is one Maxwell-slip element seen from the torque
+            stop); the stop z is one Maxwell-slip element as a function of torque
 Valid       slow loads; rate-independent; an arm whose torque grew from zero to its
             first reading, or whose gears came to rest there (`settled`)
 Ignores     the spread of several slipping elements and a rounded stop, dz = (1 - z
-            sign(dτ)) dτ / r (Dahl 1968), its variants; what is left of the way to the
-            posture
+            sign(dτ)) dτ / r (Dahl 1968), its variants; wind-up remaining from the way
+            to the posture
 ==========  ==========================================================================
 """
 
@@ -28,7 +28,7 @@ from stiffness.experiment.static_state import StaticState
 
 @dataclass(frozen=True)
 class Hysteresis(Hypothesis):
-    """An axis whose wind-up depends on the path of its torque."""
+    """Axis whose wind-up depends on the path of its torque."""
 
     effect: ClassVar[str] = "hysteresis"
     shape_names: ClassVar[tuple[str, ...]] = ("slip_nm", "settled")
@@ -91,7 +91,7 @@ def stop(
 
     Args:
         situation: With the torque and the order of rows.
-        axis: Which one, counted from 0.
+        axis: Its index, counted from 0.
         slip: Half width of the play, in N m.
         settled: Whether it starts from its middle at the first reading of a visit; else
             torque has grown from zero to there.
@@ -113,7 +113,7 @@ def rounded(
 
     Args:
         situation: With the torque and the order of rows.
-        axis: Which one, counted from 0.
+        axis: Its index, counted from 0.
         slip: Torque over which the state follows a turn to 1 - 1/e, in N m.
         settled: As in `stop`.
     """
@@ -132,11 +132,11 @@ def _along_visits(
     settled: bool,
     moved: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
 ) -> Float[np.ndarray, " rows"]:
-    """Take a state, from 0, along an axis' torque in each visit.
+    """Propagate a state, from 0, along an axis' torque in each visit.
 
     Args:
         situation: With the torque and the order of rows.
-        axis: Which one, counted from 0.
+        axis: Its index, counted from 0.
         settled: As in `stop`.
         moved: New state from the old one and the torque before and now, in N m.
     """

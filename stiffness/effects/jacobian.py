@@ -1,7 +1,8 @@
 """Jacobian of an effect: joint rotations, body twists, marker and encoder errors.
 
-A signature is what one unit of an effect does to the arm, row by row: small rigid
-motions of what hangs on an axis or on the base, or displacements of single markers.
+An `EffectJacobian` is what one unit of each coefficient does to the arm, row by row: it
+is a sum of blocks, each a rotation of a joint, a small rigid motion of the bodies on an
+axis or on the base, a displacement of a single marker, or an error of an encoder.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ class JointRotation:
     """Motion along an axis' own direction: it turns (or slides) beyond its posture.
 
     Attributes:
-        axis: Which one, counted from 0.
+        axis: Its index, counted from 0.
         law: Extra angle per unit of each coefficient, in rad (m where it slides).
     """
 
@@ -28,11 +29,11 @@ class JointRotation:
 
 @dataclass(frozen=True)
 class BodyTwist:
-    """Any small rigid motion of everything that a place carries.
+    """A small rigid motion of all bodies that an axis or the base carries.
 
     Attributes:
-        site: 0: the base moves, and all with it; k: what axis k carries moves, k
-            counted from 1.
+        site: 0: the base and all bodies move; k: the bodies that axis k carries move,
+            k counted from 1.
         twist: Per unit of each coefficient, along the base's axes: displacement of the
             material point at the base's origin in m, then rotation vector in rad. A
             point p then moves by twist[:3] + twist[3:] x p.
@@ -44,10 +45,10 @@ class BodyTwist:
 
 @dataclass(frozen=True)
 class MarkerDisplacement:
-    """A single marker is not where its body would take it.
+    """Displacement of a single marker relative to its body.
 
     Attributes:
-        marker: Which one, counted from 0.
+        marker: Its index, counted from 0.
         displacement: Per unit of each coefficient, along the base's axes, in m.
     """
 
@@ -57,10 +58,10 @@ class MarkerDisplacement:
 
 @dataclass(frozen=True)
 class EncoderError:
-    """An encoder behind the gear reads another angle than the link has.
+    """Error of an encoder after the gear.
 
     Attributes:
-        axis: Which one, counted from 0.
+        axis: Its index, counted from 0.
         angle: Per unit of each coefficient, in rad.
     """
 
@@ -73,21 +74,21 @@ JacobianBlock = JointRotation | BodyTwist | MarkerDisplacement | EncoderError
 
 @dataclass(frozen=True)
 class EffectJacobian:
-    """What one unit of each coefficient of an effect does; the parts add up.
+    """Displacements per unit of each coefficient of an effect; the blocks add up.
 
     Attributes:
-        columns: How many coefficients there are.
-        parts: Each with as many columns.
+        columns: Number of coefficients.
+        parts: Blocks, each with as many columns.
 
     Raises:
-        Unusable: Where a part has another number of columns.
+        Unusable: Where a block has another number of columns.
     """
 
     columns: int
     parts: tuple[JacobianBlock, ...] = ()
 
     def __post_init__(self):
-        """Check that all parts speak of the same coefficients."""
+        """Check that all blocks have the same number of coefficients."""
         faults = []
         for part in self.parts:
             found = values(part).shape[-1]
@@ -98,11 +99,11 @@ class EffectJacobian:
 
 
 NOTHING = EffectJacobian(0)
-"""The signature of no coefficient at all."""
+"""The Jacobian of an effect without coefficients."""
 
 
 def values(part: JacobianBlock) -> np.ndarray:
-    """Return the numbers of a part, whatever they are called; columns come last."""
+    """Return the values of a block, whatever their field; columns come last."""
     if isinstance(part, JointRotation):
         return part.law
     if isinstance(part, BodyTwist):
@@ -111,7 +112,7 @@ def values(part: JacobianBlock) -> np.ndarray:
 
 
 def with_values(part: JacobianBlock, new: np.ndarray) -> JacobianBlock:
-    """Return the same part with other numbers, perhaps of other columns."""
+    """Return the same block with other values, perhaps of another number of columns."""
     if isinstance(part, JointRotation):
         return replace(part, law=new)
     if isinstance(part, BodyTwist):
@@ -122,7 +123,7 @@ def with_values(part: JacobianBlock, new: np.ndarray) -> JacobianBlock:
 
 
 def turn(axis: int, *laws: Float[np.ndarray, " rows"]) -> EffectJacobian:
-    """Return the signature of an axis that turns by laws, a coefficient for each."""
+    """Return the Jacobian of an axis that turns by laws, a coefficient for each."""
     return EffectJacobian(len(laws), (JointRotation(axis, np.stack(laws, axis=1)),))
 
 
@@ -131,12 +132,12 @@ def rotate(
     rotation: Float[np.ndarray, "rows 3 columns"],
     centre: Float[np.ndarray, "rows 3"],
 ) -> BodyTwist:
-    """Return the motion of what a place carries when it rotates about a point.
+    """Return the twist of the bodies on a site that rotate about a point.
 
     The point stays: the material point at the base's origin moves by centre x rotation.
 
     Args:
-        site: 0 the base, k axis k.
+        site: 0: the base; k: axis k.
         rotation: Rotation vectors along the base's axes, in rad per unit.
         centre: What they turn about, in the base's frame, in m.
     """
@@ -145,12 +146,12 @@ def rotate(
 
 
 def translate(site: int, shift: Float[np.ndarray, "rows 3 columns"]) -> BodyTwist:
-    """Return the motion of what a place carries when it shifts unturned, in m."""
+    """Return the twist of the bodies on a site for a pure translation, in m."""
     return BodyTwist(site, np.concatenate([shift, np.zeros_like(shift)], axis=1))
 
 
 def hstack(laws: Sequence[EffectJacobian]) -> EffectJacobian:
-    """Return one signature of the coefficients of several laws, one after the other."""
+    """Return one Jacobian with the coefficients of several, one after the other."""
     columns, at = sum(law.columns for law in laws), 0
     parts: list[JacobianBlock] = []
     for law in laws:

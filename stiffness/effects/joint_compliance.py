@@ -4,7 +4,7 @@
 Equation    θ = compliance τ
 Source      Spong 1987, "Modeling and control of elastic joint robots", at rest
 Valid       an axis whose joint in the model has no stiffness
-Ignores     whatever is not in proportion to torque
+Ignores     everything that is not proportional to torque
 ==========  ==========================================================================
 """
 
@@ -23,7 +23,7 @@ from stiffness.experiment.static_state import StaticState
 
 @dataclass(frozen=True)
 class JointCompliance(Hypothesis):
-    """An axis that is a spring where the model has none."""
+    """Axis with a spring where the model has none."""
 
     effect: ClassVar[str] = "joint_compliance"
     linear: ClassVar[bool] = True

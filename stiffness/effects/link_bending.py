@@ -1,15 +1,15 @@
 """Bending and torsion of a link under load, as of a beam.
 
 ==========  ==========================================================================
-Equation    with L w from axis to axis, F and M of all beyond on its end: slope = b
-            (L²/2 w x F + L M_across) + t L (w . M) w, b = 1/EI, t = 1/GJ; deflection =
-            b (L³/3 F_across + L²/2 M x w)
-            a mark at x on the beam, r beside it: b (x²/2 (L - x/3) F_across + x²/2 M x
-            w) + (b (x (L - x/2) w x F + x M_across) + t x (w . M) w) x r
+Equation    with L w from axis to axis, F and M of everything beyond on its end: slope =
+            b (L²/2 w x F + L M_across) + t L (w . M) w, b = 1/EI, t = 1/GJ; deflection
+            = b (L³/3 F_across + L²/2 M x w)
+            a marker at x on the beam, r beside it: b (x²/2 (L - x/3) F_across + x²/2 M
+            x w) + (b (x (L - x/2) w x F + x M_across) + t x (w . M) w) x r
 Source      Euler-Bernoulli beam: Gere, Timoshenko 1997, "Mechanics of materials", beams
-Valid       a slender link, alike in all directions across
-Ignores     shear, stretch, the bend under the link's own weight; that bearings may sit
-            beside the origins of the model's joints
+Valid       a slender link, equal in all directions across
+Ignores     shear, stretch, the bend under the link's own weight; bearings away from the
+            origins of the model's joints
 ==========  ==========================================================================
 """
 
@@ -35,20 +35,21 @@ from stiffness.experiment.static_state import StaticState
 from stiffness.robot.kinematics import point_jacobian
 
 HINGES = (0.125, 0.375, 0.625, 0.875)
-"""Shares of a link at which it may give way in other forms of the law: where the beam's
+"""Shares of a link at which it may bend in other forms of the law: where the beam's
 four quarters would; chosen."""
 RANK = 1e-3
-"""Share of the largest singular value below which marks do not tell a twist; chosen."""
+"""Share of the largest singular value below which markers do not determine a twist;
+chosen."""
 SHORTEST = 1e-3
-"""Distance of two axes, in m, below which nothing is left to bend; chosen."""
+"""Distance of two axes, in m, below which a link does not bend; chosen."""
 
 
 @dataclass(frozen=True)
 class LinkBending(Hypothesis):
-    """A link that is a beam from its axis to the next.
+    """Link that bends as a beam from its axis to the next.
 
-    It bends beyond the marks on it, as the bench's mechanism does, or they go with the
-    part of the bend that lies before them (`within`: 0 or 1).
+    It bends beyond the markers on it, as the bench's mechanism does, or they move with
+    the part of the bend that lies before them (`within`: 0 or 1).
     """
 
     effect: ClassVar[str] = "link_bending"
@@ -120,7 +121,7 @@ class LinkBending(Hypothesis):
 
 
 def _marks(situation: StaticState, place: int) -> dict[int, np.ndarray]:
-    """Return where the marks on the link before a place are, in its frame, in m."""
+    """Return a link's markers before a site, positions in its frame, in m."""
     found = {}
     for m, marker in enumerate(situation.recording.markers):
         spot = situation.marker_position(m)
@@ -135,16 +136,16 @@ def _of_marks(
     marks: Mapping[int, np.ndarray],
     moved: Mapping[int, np.ndarray],
 ) -> list[BodyTwist | MarkerDisplacement]:
-    """Return how marks on a link move against it: as a whole, and each.
+    """Return the motion of a link's markers: their common twist, and each one's rest.
 
-    Differences within visits know bodies alone; marks of a link that bends nearly are
-    one, and what more they do shows in means.
+    Differences within visits are taken per body; the markers of a bending link move
+    nearly as one body, and their deviations from it are visible in visit means.
 
     Args:
         situation: Where the axes are.
-        place: What the link carries.
-        marks: Where they are in its frame, in m.
-        moved: What each does, per unit of each coefficient: (rows, 3, columns).
+        place: The site that the link carries.
+        marks: Positions of the markers in its frame, in m.
+        moved: Displacement of each, per unit of each coefficient: (rows, 3, columns).
     """
     at, frame = situation.origin[:, place - 1], situation.frame[:, place - 1]
     lever = np.concatenate([point_jacobian(spot) for spot in marks.values()])
@@ -159,7 +160,7 @@ def _of_marks(
 
 
 def _hinge(situation: StaticState, place: int, share: float) -> EffectJacobian:
-    """Return what a link does that gives way at one point of it alone."""
+    """Return the Jacobian of a link that bends at one point only."""
     start, end = situation.origin[:, place - 1], situation.origin[:, place]
     point = start + share * (end - start)
     w = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
@@ -179,7 +180,7 @@ def _hinge(situation: StaticState, place: int, share: float) -> EffectJacobian:
 def _on_beam(
     situation: StaticState, place: int, marker_position: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "rows 3 2"]:
-    """Return how a point of a link moves, per unit of 1/EI and of 1/GJ, in m."""
+    """Return a point's displacement on a link, in m per unit of 1/EI and 1/GJ."""
     beam = situation.origin[:, place] - situation.origin[:, place - 1]
     length = np.linalg.norm(beam, axis=1, keepdims=True)
     w = beam / length

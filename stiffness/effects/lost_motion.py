@@ -1,8 +1,8 @@
 """Lost motion of a gear: rotation within its play before the teeth carry.
 
 ==========  ==========================================================================
-Equation    θ = C τ + width/2 erf(√π/2 τ/c); c: the torque that closes the play if it
-            went on closing as it begins
+Equation    θ = C τ + width/2 erf(√π/2 τ/c); c: the torque that would close the play
+            at its initial rate
 Source      dead zone: Nordin, Gutman 2002, "Controlling mechanical systems with
             backlash - a survey"; rounded by contacts whose torques spread normally
             (chosen)
@@ -27,13 +27,13 @@ from stiffness.experiment.static_state import StaticState
 
 CLOSING = (0.003, 0.01, 0.03, 0.06, 0.1)
 """c over the axis' largest torque by a load, or at all where there is none; chosen:
-makers measure lost motion at 5 % of the rated torque, and what bends at more than a
-tenth is a spring that hardens."""
+makers measure lost motion at 5 % of the rated torque, and a knee at more than a tenth
+is hardening."""
 
 
 @dataclass(frozen=True)
 class LostMotion(Hypothesis):
-    """An axis that jumps by the width of its play when its torque turns round."""
+    """Axis that jumps by the width of its play when its torque reverses."""
 
     effect: ClassVar[str] = "lost_motion"
     shape_names: ClassVar[tuple[str, ...]] = ("closing_nm",)

@@ -5,7 +5,7 @@ Equation    place on the body = place before + (x, y, z) from `time_s` on, along
             body's axes
 Source      a step in time; no source for its size
 Valid       one step per marker
-Ignores     slow creep of the glue; further steps
+Ignores     slow creep of the glue; further steps of the same marker
 ==========  ==========================================================================
 """
 
@@ -23,15 +23,15 @@ from stiffness.experiment.static_state import StaticState
 
 PREFIX = "marker:"
 TIMES = 7
-"""How many times of a slip are tried at first; chosen."""
+"""Number of times of a slip that are tried at first; chosen."""
 EDGE = 0.05
-"""Share of the visits at either end where none is tried: a slip that a few visits alone
-show is their own error; chosen."""
+"""Share of the visits at either end without tried times: a slip visible in a few visits
+only is their own error; chosen."""
 
 
 @dataclass(frozen=True)
 class MarkerSlip(Hypothesis):
-    """One marker that moved on its body between two visits."""
+    """Marker that moved on its body between two visits."""
 
     effect: ClassVar[str] = "marker_slip"
     shape_names: ClassVar[tuple[str, ...]] = ("time_s",)

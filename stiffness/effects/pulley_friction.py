@@ -4,10 +4,9 @@
 Equation    tension = weight exp(-ratio d) ≈ weight (1 - ratio d), d = 1 where the load
             last grew, -1 where it last fell; ratio = μ x angle of wrap
 Source      belt friction: Eytelwein 1808, to first order
-Valid       a wrench that was not measured but taken from the weight on the hook: its
-            force is the weight to less than the noise; loads changed step by step
-Ignores     a rope that did not creep over the pulley; the change of wrap with the
-            posture
+Valid       a wrench computed from the weight on the hook and not measured: its force
+            equals the weight to less than the noise; loads changed step by step
+Ignores     a rope at rest on the pulley; the change of wrap with the posture
 ==========  ==========================================================================
 """
 
@@ -31,7 +30,7 @@ of one sigma exceeds it in nearly every second of the rows."""
 
 @dataclass(frozen=True)
 class PulleyFriction(Hypothesis):
-    """A rope that pulls less than its weight going up, and more going down."""
+    """Rope whose tension is below the weight as it rises, and above it as it falls."""
 
     effect: ClassVar[str] = "pulley_friction"
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -79,7 +78,7 @@ class PulleyFriction(Hypothesis):
 
 
 def from_hook(situation: StaticState) -> bool:
-    """Return whether every force is the weight on the hook, as no sensor reads it."""
+    """Return whether every force equals the weight on the hook, so is not measured."""
     recording = situation.recording
     mass, spec = recording.load_mass, recording.wrench_sensor
     if recording.wrench is None or spec is None or mass is None or not np.any(mass):

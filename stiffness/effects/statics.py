@@ -5,8 +5,8 @@ Equation    torque_k = l . F + a . (M + p x F), (l, a) the screw of axis k about
             base's origin; turn of the axis = compliance_k torque_k
 Source      virtual work: Siciliano et al. 2009, "Robotics: Modelling, Planning and
             Control", section 3.8
-Valid       loads so small that lever arms stay
-Ignores     what gives way besides the axes' own springs
+Valid       loads so small that lever arms do not change
+Ignores     compliance besides the axes' own springs
 ==========  ==========================================================================
 """
 
@@ -21,13 +21,13 @@ from stiffness.experiment.static_state import StaticState
 from stiffness.robot.wrench import felt_body, turned, weight_of
 
 ROUNDING = 1e-9
-"""Torque in N m that only rounding makes; chosen: far below any sensor's."""
+"""Torque in N m attributed to rounding; chosen: far below any sensor's."""
 
 
 def wind_up(
     situation: StaticState, torque: Float[np.ndarray, "rows axes columns"]
 ) -> EffectJacobian:
-    """Return how all sprung axes turn under torques, in N m per unit of coefficient."""
+    """Return the rotations of all sprung axes under torques, in N m per unit."""
     parts = (
         JointRotation(k, compliance * torque[:, k])
         for k, compliance in enumerate(situation.compliance)
@@ -39,7 +39,7 @@ def wind_up(
 def felt(
     situation: StaticState, torque: Float[np.ndarray, "rows axes columns"]
 ) -> list[int]:
-    """Return the columns that some sprung axis carries beyond rounding, 1e-9 N m."""
+    """Return the columns that load some sprung axis beyond rounding, 1e-9 N m."""
     carried = np.abs(torque[:, situation.arm.compliance > 0.0]) > ROUNDING
     return [int(i) for i in np.flatnonzero(np.any(carried, axis=(0, 1)))]
 
@@ -79,9 +79,9 @@ def torque_at_sensor(
 
 
 def encoder_offset_response(situation: StaticState, k: int) -> EffectJacobian:
-    """Return how the arm stands when an axis is one radian beside its reported angle.
+    """Return the arm's displacement per radian of an axis' encoder offset.
 
-    A sensor beyond it is turned, and the springs before feel the load from elsewhere.
+    A sensor beyond it is turned, which changes the load on the springs before it.
     """
     loaded = wind_up(situation, turned_load(situation, k))
     return EffectJacobian(
@@ -92,7 +92,7 @@ def encoder_offset_response(situation: StaticState, k: int) -> EffectJacobian:
 def _added(
     own: JointRotation, parts: tuple[JacobianBlock, ...]
 ) -> tuple[JacobianBlock, ...]:
-    """Return turns of axes with one more, each axis once."""
+    """Return rotations of axes with one more added, each axis once."""
     others = [p for p in parts if isinstance(p, JointRotation) and p.axis != own.axis]
     same = [p.law for p in parts if isinstance(p, JointRotation) and p.axis == own.axis]
     return (JointRotation(own.axis, own.law + sum(same)), *others)
@@ -105,10 +105,10 @@ def pulled(
     moment: Float[np.ndarray, "rows 3"],
     point: Float[np.ndarray, "rows 3"],
 ) -> StaticState:
-    """Return the situation with one more load on a body, felt by all that carry it.
+    """Return the static state with one more load on a body.
 
     Args:
-        situation: Where the axes are, and what they feel already.
+        situation: Where the axes are, and their loads so far.
         body: What the load acts on.
         force: In N, along the base's axes.
         moment: About the point, in N m.
@@ -130,11 +130,12 @@ def pulled(
 def read_right(
     situation: StaticState, missing: Float[np.ndarray, "rows 6"]
 ) -> StaticState:
-    """Return the situation under the wrench that was there, not the one that was read.
+    """Return the static state under the true wrench instead of the measured one.
 
     Args:
-        situation: Under the wrench as it was read.
-        missing: What that lacks, about the sensor's origin, along the base's axes.
+        situation: State under the measured wrench.
+        missing: True less measured wrench, about the sensor's origin, along the base's
+            axes.
     """
     body, force, moment = felt_body(situation.recording), missing[:, :3], missing[:, 3:]
     under = pulled(situation, body, force, moment, situation.sensor)
@@ -143,14 +144,14 @@ def read_right(
 
 
 def turned_load(situation: StaticState, k: int) -> Float[np.ndarray, "rows axes 1"]:
-    """Return what an axis' standing beside its reported angle does to all torques.
+    """Return the change of all torques per radian of an axis' encoder offset.
 
-    A sensor that turns with the axis takes the load's direction with it: the axes
-    beyond feel nothing. A load along the base's axes stays, and they turn under it.
+    A sensor that turns with the axis turns the load with it: the torques of the axes
+    beyond do not change. A load along the base's axes stays, and they turn under it.
 
     Args:
-        situation: Where the arm is thought to stand.
-        k: The axis, from 0.
+        situation: Nominal state of the arm.
+        k: Index of the axis, from 0.
 
     Returns:
         Torque in N m per radian (metre).
@@ -178,7 +179,7 @@ def turned_load(situation: StaticState, k: int) -> Float[np.ndarray, "rows axes 
 def along_sensor(
     situation: StaticState, wrench: Float[np.ndarray, "rows 6 columns"]
 ) -> Float[np.ndarray, "rows 6 columns"]:
-    """Turn wrenches along the sensor's axes to the base's."""
+    """Rotate wrenches from the sensor's axes to the base's."""
     turn = situation.sensor_axes
     return np.concatenate([turn @ wrench[:, :3], turn @ wrench[:, 3:]], axis=1)
 
@@ -186,7 +187,8 @@ def along_sensor(
 def reading(situation: StaticState) -> Float[np.ndarray, "rows 6"]:
     """Return the wrench as it was read, along the sensor's axes, in N and N m.
 
-    With the tool's weight where that was read as well: a sensor errs in all it feels.
+    The tool's weight is included where the reading includes it: sensor errors act on
+    the whole load.
     """
     spec, tool = situation.recording.wrench_sensor, situation.recording.tool
     wrench = situation.wrench

@@ -25,7 +25,7 @@ NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
 @dataclass(frozen=True)
 class TrackerMisalignment(Hypothesis):
-    """A stated frame that is not the tracker's own."""
+    """Error of the tracker frame stated in the manifest."""
 
     effect: ClassVar[str] = "tracker_misalignment"
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {

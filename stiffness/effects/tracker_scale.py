@@ -1,11 +1,11 @@
 """Tracker scale: lengths measured too long or too short by a factor.
 
 ==========  ==========================================================================
-Equation    a point p reads p + ratio (p - c), c where the tracker stands
+Equation    a point p reads p + ratio (p - c), c the tracker's position
 Source      Umeyama 1991, "Least-squares estimation of transformation parameters between
             two point patterns": the scale of a similarity
 Valid       one scale in all directions and all the time
-Ignores     the scale of deflections within a visit, ratio of some µm
+Ignores     the scale of deflections within a visit: ratio times some µm
 ==========  ==========================================================================
 """
 
@@ -25,10 +25,10 @@ from stiffness.robot.tracker_frame import LARGEST_SCALE
 
 @dataclass(frozen=True)
 class TrackerScale(Hypothesis):
-    """All lengths read too long by the same share.
+    """Scale error of all lengths measured by the tracker.
 
     A marker of unknown place is taken at its body's origin, and a tracker of unknown
-    place at the base's: fitted marker places and frames take the rest.
+    place at the base's: fitted marker places and frames absorb the difference.
     """
 
     effect: ClassVar[str] = "tracker_scale"

@@ -6,9 +6,9 @@ Equation    angle of the link = reported angle q + s sin nq + c cos nq + wind-up
 Source      Ghorbel, Gandhi, Alpeter 2001, "On the kinematic error in harmonic drive
             gears"; eccentric encoder discs have n = 1 and 2
 Valid       orders n up to 6, q the reported angle
-Ignores     the share that grows with load; that a sensor beyond is turned, a thousandth
-            of the deflection (an axis that stands: see `encoder_offset`); the hundreds
-            of orders of a gear's teeth; further harmonics of a turn (its variants)
+Ignores     the share that grows with load; rotation of a sensor beyond, a thousandth of
+            the deflection (an axis at rest: see `encoder_offset`); the hundreds of
+            orders of a gear's teeth; further harmonics of a turn (its variants)
 ==========  ==========================================================================
 """
 
@@ -26,16 +26,16 @@ from stiffness.effects.statics import encoder_offset_response
 from stiffness.experiment.static_state import StaticState
 
 HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
-"""Of a turn: an error of the angle comes again with it, in whatever form; as far as
-`orders` goes."""
+"""Harmonics of a turn: an error of the angle recurs with it, in whatever form; up to
+the highest of `orders`."""
 
 
 @dataclass(frozen=True)
 class TransmissionError(Hypothesis):
-    """An axis whose angle errs with a few periods per turn.
+    """Axis whose angle has an error with a few periods per turn.
 
-    Of an axis that hardly turns one value of the error shows, as an encoder's offset
-    would; the smallest amplitude that has it is reported.
+    For an axis that hardly turns only one value of the error is visible, as an
+    encoder offset; the smallest amplitude with that value is reported.
     """
 
     effect: ClassVar[str] = "transmission_error"
@@ -107,7 +107,7 @@ class TransmissionError(Hypothesis):
 
 
 def others(order: float) -> list[float]:
-    """Return the harmonics of a turn beside an order, and its own second."""
+    """Return the harmonics of a turn other than an order, and twice that order."""
     near = 0.5 * HARMONICS[0]
     found = [n for n in HARMONICS if abs(n - order) > near]
     own = 2.0 * order

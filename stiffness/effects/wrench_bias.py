@@ -2,11 +2,11 @@
 
 ==========  ==========================================================================
 Equation    true wrench = reading - bias, along the sensor's axes; the axes' springs
-            answer to the true one
+            respond to the true one
 Source      Traversaro, Pucci, Nori 2015, "In situ calibration of six-axis force-torque
             sensors using accelerometer measurements"
 Valid       a bias that stays for the whole recording
-Ignores     drift of the bias; what gives way besides the axes' own springs
+Ignores     drift of the bias; compliance besides the axes' own springs
 ==========  ==========================================================================
 """
 
@@ -34,7 +34,7 @@ NAMES = ("fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm")
 
 @dataclass(frozen=True)
 class WrenchBias(Hypothesis):
-    """A load that is read and is not there, in the channels that axes can feel."""
+    """Constant offset of the sensor's channels to which the axes respond."""
 
     effect: ClassVar[str] = "wrench_bias"
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -98,10 +98,10 @@ class WrenchBias(Hypothesis):
 
 
 def torques(situation: StaticState) -> Float[np.ndarray, "rows axes 6"]:
-    """Return what is missing of the axes' torques per N and N m of each channel."""
+    """Return the change of the axes' torques per N and N m of each channel."""
     return torque_at_sensor(situation, missing(situation))
 
 
 def missing(situation: StaticState) -> Float[np.ndarray, "rows 6 6"]:
-    """Return the same of the wrench, along the base's axes."""
+    """Return the change of the wrench, along the base's axes."""
     return along_sensor(situation, np.broadcast_to(-np.eye(6), (situation.rows, 6, 6)))

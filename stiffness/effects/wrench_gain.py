@@ -2,11 +2,11 @@
 
 ==========  ==========================================================================
 Equation    true channel = reading/(1 + gain) = reading (1 - a), gain = a/(1 - a); the
-            axes' springs answer to the true one
+            axes' springs respond to the true one
 Source      Traversaro, Pucci, Nori 2015, "In situ calibration of six-axis force-torque
             sensors using accelerometer measurements"
 Valid       gains that stay for the whole recording
-Ignores     crosstalk (its variant); what gives way besides the axes' own springs
+Ignores     crosstalk (its variant); compliance besides the axes' own springs
 ==========  ==========================================================================
 """
 
@@ -35,7 +35,7 @@ NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 @dataclass(frozen=True)
 class WrenchGain(Hypothesis):
-    """A share of a channel that is read and is not there, where axes can feel it."""
+    """Scale errors of the sensor's channels to which the axes respond."""
 
     effect: ClassVar[str] = "wrench_gain"
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -102,10 +102,10 @@ class WrenchGain(Hypothesis):
 
 
 def torques(situation: StaticState) -> Float[np.ndarray, "rows axes 6"]:
-    """Return what is missing of the axes' torques per share of each channel."""
+    """Return the change of the axes' torques per unit of gain of each channel."""
     return torque_at_sensor(situation, missing(situation))
 
 
 def missing(situation: StaticState) -> Float[np.ndarray, "rows 6 6"]:
-    """Return the same of the wrench, along the base's axes."""
+    """Return the change of the wrench, along the base's axes."""
     return along_sensor(situation, -reading(situation)[:, :, None] * np.eye(6))

@@ -7,8 +7,8 @@ Equation    true force = reading + r x reading, torque alike, r the rotation vec
 Source      rotation vector to first order: Rodrigues 1840; moments about two points:
             statics
 Valid       turns of some degrees; any distance
-Ignores     the second order of the turn; of both at once the weaker has no size (it is
-            a variant)
+Ignores     the second order of the turn; of both at once the weaker gets no value (it
+            is a variant)
 ==========  ==========================================================================
 """
 
@@ -34,16 +34,17 @@ from stiffness.experiment.static_state import StaticState
 TURN = ("rx_rad", "ry_rad", "rz_rad")
 SHIFT = ("x_m", "y_m", "z_m")
 LEAST_TURN = 0.01
-"""Angle in rad by which the pull must turn against the sensor for all directions to
-show: the least singular value over the largest; chosen."""
+"""Minimum range of the force's direction relative to the sensor, in rad, for all
+components to be identifiable: the least singular value over the largest; chosen."""
 
 
 @dataclass(frozen=True)
 class WrenchMisalignment(Hypothesis):
-    """A sensor whose axes, or whose origin, are not what the manifest states.
+    """Sensor whose axes, or whose origin, differ from the manifest.
 
-    It is turned, or it sits `beside` its place: 0 or 1. The latter only where the pull
-    turns against it, for all three directions to show.
+    It is turned, or it is displaced (`beside`: 0 or 1). The latter is tried only where
+    the force varies in direction relative to the sensor, so that all three components
+    are identifiable.
     """
 
     effect: ClassVar[str] = "wrench_misalignment"
@@ -110,12 +111,12 @@ class WrenchMisalignment(Hypothesis):
 
 
 def torques(situation: StaticState, beside: bool) -> Float[np.ndarray, "rows axes 3"]:
-    """Return what the axes carry more, per radian turned or per metre beside."""
+    """Return the change of the axes' torques, per radian or per metre displaced."""
     return torque_at_sensor(situation, missing(situation, beside))
 
 
 def missing(situation: StaticState, beside: bool) -> Float[np.ndarray, "rows 6 3"]:
-    """Return what the wrench is more, per radian turned or per metre beside."""
+    """Return the change of the wrench, per radian or per metre displaced."""
     force, moment = np.split(reading(situation)[:, :, None], 2, axis=1)
     e = np.eye(3)[None]
     if beside:

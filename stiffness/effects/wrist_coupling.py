@@ -22,15 +22,15 @@ from stiffness.effects.jacobian import NOTHING, EffectJacobian, JointRotation
 from stiffness.experiment.static_state import StaticState
 
 WRIST = 3
-"""How many axes, counted from the tip, make a wrist."""
+"""Number of axes, counted from the tip, that form a wrist."""
 
 
 @dataclass(frozen=True)
 class WristCoupling(Hypothesis):
-    """Two axes that turn a little with each other's torque.
+    """Two axes whose torques turn each other.
 
-    The shape is the number of the other, nearer axis, counted from 1; values between
-    two numbers stand for the nearest.
+    The shape is the number of the other axis, nearer to the base, counted from 1;
+    values between two numbers are rounded.
     """
 
     effect: ClassVar[str] = "wrist_coupling"
@@ -89,7 +89,7 @@ class WristCoupling(Hypothesis):
 
 
 def partners(situation: StaticState, where: str) -> Float[np.ndarray, " partners"]:
-    """Return the nearer axes of the wrist that an axis can couple with, from 0."""
+    """Return the wrist axes nearer to the base that an axis can couple with, from 0."""
     soft = sprung(situation)
     wrist = [a for a in situation.axes[-WRIST:] if a in soft]
     nearer = wrist[: wrist.index(where)] if where in wrist else []

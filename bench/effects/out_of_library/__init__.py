@@ -1,6 +1,6 @@
-"""Effects outside the library: mechanisms for blind trials that no hypothesis names.
+"""Effects outside the library: mechanisms for blind trials without a hypothesis.
 
-What to use when: to see whether a diagnosis says that it does not know. None of them
+What to use when: to test whether a diagnosis reports an effect as unknown. None of them
 can be asked for by name, and no hypothesis may describe one.
 """
 

@@ -1,7 +1,7 @@
 """Crosstalk of axes: torque on one axis turns its neighbour through a shared casting.
 
 ==========  ==========================================================================
-Equation    as `bench.effects.wrist_coupling`, on axes that are no wrist
+Equation    as `bench.effects.wrist_coupling`, on axes outside the wrist
 Source      reciprocity of elastic bodies (Betti 1872); size chosen: a twentieth of the
             axes' own compliance
 Valid       small wind-ups

@@ -1,12 +1,12 @@
 """Lift-off of a foot that is bolted down on one side only.
 
 ==========  ==========================================================================
-Equation    turn about the foot's middle = compliance × moment about it where that is
+Equation    turn about the foot's centre = compliance × moment about it where that is
             above `preload_nm`, counted from there; else none
 Source      unilateral contact (Signorini 1933); size chosen, as of
             `bench.effects.base_compliance`
 Valid       small turns
-Ignores     that the foot turns about its edge, which wanders as the gap opens
+Ignores     the foot's rotation about its edge, which moves as the gap opens
 ==========  ==========================================================================
 """
 

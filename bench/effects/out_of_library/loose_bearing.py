@@ -6,7 +6,7 @@ Equation    tilt = compliance × moment about u where that is above zero, else n
 Source      unilateral contact (Signorini 1933) of one row of rollers; size chosen, as
             of `bench.effects.bearing_tilt`
 Valid       small tilts
-Ignores     how the contact's stiffness grows with its load
+Ignores     growth of the contact's stiffness with its load
 ==========  ==========================================================================
 """
 

@@ -23,11 +23,11 @@ from bench.kinematic_chain import Anatomy
 
 @dataclass(frozen=True)
 class Softening(ModelEffect):
-    """A spring of negative stiffness beside the axis' own, from a wind-up on.
+    """A spring of negative stiffness in parallel with the axis' own, from a wind-up on.
 
     Attributes:
         ratio: Stiffness beyond the preload over that below.
-        torque_nm: Torque at which the parts part, in N m.
+        torque_nm: Torque at which the parts separate, in N m.
     """
 
     name: ClassVar[str] = "softening"

@@ -24,12 +24,12 @@ from bench.effects.springs import HINGE, add_series, add_spring, add_tendon
 from bench.kinematic_chain import Anatomy
 
 TOGETHER = 0.45
-"""r, how firmly the thread keeps turn and shift together; chosen, below 1/2."""
+"""r, coupling of rotation and shift by the thread; chosen, below 1/2."""
 
 
 @dataclass(frozen=True)
 class ThrustTurn(ModelEffect):
-    """A hinge and a slide on the axis' seat, held together like nut and screw.
+    """A hinge and a slide on the axis' seat, coupled like nut and screw.
 
     Attributes:
         compliance_rad_per_nm: c, of the springs beside the thread.
