@@ -19,7 +19,8 @@ Ignores     the selection that came before, on folds left out
 Repeated fit (`final_fit`):
 
 ==========  ==========================================================================
-Equation    as `stiffness.regression.empirical_bayes`; repeated about the corrected geometry where it moved
+Equation    as `stiffness.regression.empirical_bayes`; repeated about the corrected
+            geometry where it moved
 Source      Gauss-Newton
 Valid       corrections that are small beside the arm
 Ignores     effects that were not selected: they stay as the model has them

@@ -19,9 +19,9 @@ Significance of selected effects (`named`), corrected for the number tried:
 ==========  ==========================================================================
 Equation    a parameter is significant where
             |value| > half t(1 - a / 2m) / t(1 - a / 2), half its interval's half width,
-            a = 5 %, m units tried, R - 1 degrees of freedom; a name needs a significant parameter and a loss of more than two standard
-            errors; a table needs a harmonic that is not zero, and that it or its loss
-            be significant
+            a = 5 %, m units tried, R - 1 degrees of freedom; an effect needs a
+            significant parameter and a loss of more than two standard errors; a table
+            needs a harmonic that is not zero, and that it or its loss be significant
 Source      Dunn 1961, "Multiple comparisons among means", JASA 56, 52
 Valid       ten regions or more
 Ignores     what is common to several effects: they are fitted together

@@ -1,4 +1,4 @@
-"""Ways to learn how an arm deflects; each is one file."""
+"""Methods that learn how an arm deflects from a recording; each is one file."""
 
 from stiffness.methods.method import Method
 from stiffness.methods.rigid import Rigid

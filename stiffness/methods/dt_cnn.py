@@ -1,4 +1,4 @@
-"""A convolutional network learns from springs and is then asked about the real arm.
+"""DT-CNN: convolutional network trained on fitted springs and transferred to the arm.
 
 ==========  ==========================================================================
 Equation    d = network(q, w), trained on d_VJM over a source plan
@@ -6,16 +6,16 @@ Source      Wu et al. 2024, sections 2.2 and 5.3: DT-CNN, after Zhao et al. 2021
             paper's text: "directly predicting the target domain after training in the
             source domain"
 Needs       what the virtual joint model needs
-Assumes     postures and wrenches among those of the source plan, and that the arm is
-            what the springs say: measured deflections correct nothing but the springs
+Assumes     postures and wrenches among those of the source plan, and an arm that
+            behaves as the springs: measured deflections change only the springs
 ==========  ==========================================================================
 
-Three ways to transfer, the first is the paper's. `stiffness.networks.model` says which
-inputs are channels, and what pooling does to a signal of length one.
+Three ways to transfer, the first is the paper's. `stiffness.networks.model` describes
+which inputs are channels, and what pooling does to a signal of length one.
 
-- `Direct()`: as it is.
-- `Alignment()`: the reference's; features of the recording's postures and wrenches are
-  made to vary as those of the source do. Measured deflections are not looked at.
+- `Direct()`: without change.
+- `Alignment()`: the reference's; features of the recording's postures and wrenches get
+  the covariance of those of the source. Measured deflections are not used.
 - `FineTuning(unfrozen=…)`: frozen layers, as in FT-MLP. Layers 1 to 4 are the
   convolutions, 5 is dense, 6 the output layer.
 """
@@ -43,27 +43,27 @@ from stiffness.robot.arm import Arm
 
 @dataclass(frozen=True)
 class Direct:
-    """The network is asked as it is."""
+    """Transfer without change: predictions of the pre-trained network."""
 
 
 Transfer: TypeAlias = Direct | Alignment | FineTuning
-"""How a network that imitates springs comes to speak of the arm."""
+"""The three ways to transfer a network from springs to the arm."""
 
 
 @dataclass(frozen=True)
 class DtCnn(Method):
-    """The paper's comparison.
+    """DT-CNN, the method that the paper compares with.
 
     Attributes:
         arm: The nominal arm.
-        plan: What the fitted springs are asked for the pre-training.
+        plan: Postures and wrenches of the pre-training.
         pretraining: Network and pre-training.
         transfer: `Direct()`, an `Alignment` or a `FineTuning`.
-        select: Readings that align or correct it.
+        select: Readings used for the transfer.
         held: Axes whose compliance the springs take from the model, as in `Vjm`.
-        pretrained: A network that was pre-trained before, instead; for sweeps.
+        pretrained: A network to use in place of a new pre-training; for sweeps.
         file: Where the pre-training is written down, to go on after an interruption.
-        tell: Is told of every step: its phase, its number, the loss.
+        tell: Callback for every step: its phase, its number, the loss.
     """
 
     arm: Arm
@@ -104,10 +104,10 @@ class DtCnn(Method):
 
 @dataclass(frozen=True)
 class DtCnnFit(NetworkFit):
-    """A transferred network.
+    """A transferred network, with its pre-training.
 
     Attributes:
-        pretrained: What it was before.
+        pretrained: The network before the transfer.
     """
 
     pretrained: Pretrained

@@ -1,4 +1,4 @@
-"""A network learns from springs first and is then corrected by what was measured.
+"""FT-MLP: network pre-trained on fitted springs and fine-tuned on measurements.
 
 ==========  ==========================================================================
 Equation    d = network(q, w), trained on d_VJM over a source plan, then two of its
@@ -10,8 +10,8 @@ Assumes     postures and wrenches among those of the source plan: a network does
             extrapolate. Table 4 has A4 = A6 = 0, Table 5 three wrenches of six
 ==========  ==========================================================================
 
-With the paper's Table 5 as the plan (`table_5_plan()`) the network meets wrenches in
-the experiment that it was never shown; with `spanning_plan()`, the default, none.
+With the paper's Table 5 as the plan (`table_5_plan()`) the experiment has wrenches
+outside the network's training data; with `spanning_plan()`, the default, it has not.
 """
 
 from dataclasses import dataclass, field
@@ -41,18 +41,18 @@ from stiffness.robot.arm import Arm
 
 @dataclass(frozen=True)
 class FtMlp(Method):
-    """The paper's method.
+    """FT-MLP, the paper's method.
 
     Attributes:
         arm: The nominal arm.
-        plan: What the fitted springs are asked for the pre-training.
+        plan: Postures and wrenches of the pre-training.
         pretraining: Network and pre-training.
-        tuning: Which layers are corrected, how long, which epoch is kept.
-        select: Readings that correct it: `every_plateau`, or `one_per_pose`.
+        tuning: Which layers are trained, how long, which epoch is kept.
+        select: Readings used for the fine-tuning: `every_plateau`, or `one_per_pose`.
         held: Axes whose compliance the springs take from the model, as in `Vjm`.
-        pretrained: A network that was pre-trained before, instead; for sweeps.
+        pretrained: A network to use in place of a new pre-training; for sweeps.
         file: Where the pre-training is written down, to go on after an interruption.
-        tell: Is told of every step: its phase, its number, the loss.
+        tell: Callback for every step: its phase, its number, the loss.
     """
 
     arm: Arm
@@ -67,7 +67,7 @@ class FtMlp(Method):
 
     @override
     def fit(self, recording: Recording) -> "FtMlpFit":
-        """Fit springs, pre-train on them, correct by the recording; see the base class.
+        """Fit springs, pre-train on them, fine-tune on readings; see the base class.
 
         Raises:
             Unusable: Where the recording or the file cannot be used, with all faults.
@@ -88,11 +88,11 @@ class FtMlp(Method):
 
 @dataclass(frozen=True)
 class FtMlpFit(NetworkFit):
-    """A corrected network.
+    """A fine-tuned network, with its pre-training.
 
     Attributes:
-        pretrained: What it was before.
-        tuned: How it was corrected.
+        pretrained: The network before the fine-tuning.
+        tuned: Result of the fine-tuning.
     """
 
     pretrained: Pretrained
@@ -100,7 +100,7 @@ class FtMlpFit(NetworkFit):
 
 
 def domain_of(springs: VjmFit, plan: SourcePlan, data: Deflections) -> SourceDomain:
-    """Ask springs a plan, for the mean point that the recording shows."""
+    """Return the deflections of springs in a plan, at the recording's mean point."""
     point = data.cases.point_in_flange.mean(axis=0)
     origin = data.cases.origin_in_flange
     return source_domain(springs.arm, springs.compliance, plan, point, origin)
@@ -113,7 +113,7 @@ def tune(
     settings: FineTuning,
     tell: Tell | None = None,
 ) -> FineTuned:
-    """Correct a network by deflections, each as if of the network's own point."""
+    """Fine-tune a network on deflections, each referred to the network's own point."""
     deflection = data.deflection - relative_deflection(
         springs, data.cases, network.point_in_flange
     )
@@ -130,6 +130,6 @@ def tune(
 def as_seen(
     network: DeflectionNetwork, arm: Arm, data: Deflections
 ) -> Float[np.ndarray, "rows inputs"]:
-    """Return a recording's rows as a network sees them."""
+    """Return a recording's rows encoded as inputs of a network."""
     wrench = wrench_about(arm, data.cases, network.origin_in_flange)
     return network.encode(data.cases.posture, wrench)

@@ -1,4 +1,4 @@
-"""What springs leave over varies smoothly with posture and load: a Gaussian process.
+"""Gaussian process on the residual of springs, as a function of posture and wrench.
 
 ==========  ==========================================================================
 Equation    d = d_VJM + g(x); k(x, x') = s^2 exp(-sum_i (x_i - x'_i)^2 / (2 l_i^2));
@@ -8,11 +8,12 @@ Source      Rasmussen, Williams 2006, "Gaussian Processes for Machine Learning",
             2.23, 5.1, 5.8 and 5.9
 Needs       what the virtual joint model needs
 Assumes     errors that vary smoothly with sines and cosines of the posture and with the
-            wrench; p: what all readings of a pose share and no other pose does
+            wrench; p: an error shared by all readings of a pose
 ==========  ==========================================================================
 
-What a user would try first. Own lines rather than scikit-learn's: that would be 9 MB
-and 3 s of import for this one method, and its kernels do not know of poses.
+A common first choice. Own lines rather than scikit-learn's: that would be 9 MB and 3 s
+of import for this one method, and its kernels have no term shared by the readings of a
+pose.
 """
 
 from dataclasses import dataclass
@@ -33,13 +34,14 @@ from stiffness.robot.arm import Arm
 
 @dataclass(frozen=True)
 class GpResidual(Method):
-    """Springs, and a Gaussian process for each direction on what they leave.
+    """Springs, and a Gaussian process for each direction of their residual.
 
     Attributes:
         arm: The nominal arm.
-        select: Readings that it learns from.
+        select: Readings that it is fitted to.
         held: Axes whose compliance the springs take from the model, as in `Vjm`.
-        evaluations: Most evaluations of the likelihood for each direction; chosen.
+        evaluations: Maximum number of evaluations of the likelihood for each direction;
+            chosen.
     """
 
     arm: Arm
@@ -49,7 +51,7 @@ class GpResidual(Method):
 
     @override
     def fit(self, recording: Recording) -> "GpResidualFit":
-        """Fit springs, then the most likely processes; see the base class."""
+        """Fit springs, then the processes of maximum likelihood; see the base class."""
         arm = self.arm.for_recording(recording)
         springs = Vjm(arm, self.held).fit(recording)
         data = self.select(arm, recording, springs.compliance)
@@ -67,11 +69,11 @@ class GpResidual(Method):
 
 @dataclass(frozen=True)
 class GpResidualFit(Fitted):
-    """Springs and what they leave over.
+    """Fitted springs and processes of their residual.
 
     Attributes:
         springs: The virtual joint model.
-        scaling: Takes units from postures and wrenches.
+        scaling: Standardises postures and wrenches.
         processes: For x, y and z, in m.
         origin_in_flange: About which torques are given, in m.
     """
@@ -83,7 +85,7 @@ class GpResidualFit(Fitted):
 
     @override
     def predict(self, cases: LoadCases) -> Float[np.ndarray, "cases 3"]:
-        """Add what the processes expect to what the springs say."""
+        """Add the processes' mean to the springs' prediction."""
         wrench = wrench_about(self.springs.arm, cases, self.origin_in_flange)
         inputs = self.scaling.unitless(sine_and_cosine(cases.posture, wrench))
         more = [process.mean(inputs) for process in self.processes]

@@ -1,16 +1,13 @@
-"""Interface of methods that learn deflections, and a check that one keeps to it.
+"""Interface of methods that learn deflections, and a check of its contract.
 
-A method is a way to learn how an arm deflects; what it learns is another thing.
-
-A method that keeps to the contract can be compared with every other.
-
-What a method of your own owes, checked on any recording:
+`Method` fits a recording and returns a `Fitted`, which predicts. A method of your own
+that keeps the contract can be compared with every other; to check it on any recording:
 
     from stiffness.methods.method import faults
     assert faults(MyMethod(arm), arm, recording) == []
 
-It predicts three finite numbers for every case, the same each time; a case's answer
-depends on that case alone; learning changes neither the method nor the recording, and
+It predicts three finite numbers for every case, the same each time; a case's prediction
+depends on that case alone; fitting changes neither the method nor the recording, and
 the order of visits changes nothing but rounding.
 """
 
@@ -30,14 +27,14 @@ from stiffness.robot.arm import Arm
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number that a method has found, and how sure it is.
+    """One estimated parameter of a method, with its uncertainty.
 
     Attributes:
-        name: What it is called.
+        name: Its name.
         value: In `unit`.
-        sigma: Standard deviation if the stated noise were all that errs, in `unit`.
+        sigma: Standard deviation from the stated noise alone, in `unit`.
         unit: Its unit.
-        low: Lower end of the 95 % interval that also carries the model's own error.
+        low: Lower end of the 95 % interval, which includes the model's own error.
         high: Upper end.
     """
 
@@ -50,14 +47,14 @@ class Parameter:
 
 
 class Fitted(ABC):
-    """What a method has learnt from a recording."""
+    """A method fitted to a recording."""
 
     @abstractmethod
     def predict(self, cases: LoadCases) -> Float[np.ndarray, "cases 3"]:
-        """Predict how far the end-effector point of each case moves.
+        """Predict the displacement of the end-effector point in each case.
 
         Args:
-            cases: What is done to the arm.
+            cases: Postures and loads of the arm.
 
         Returns:
             Loaded minus unloaded, along the base's axes, in m.
@@ -66,25 +63,25 @@ class Fitted(ABC):
     @property
     @abstractmethod
     def parameters(self) -> tuple[Parameter, ...]:
-        """The numbers found; none where a method has none that mean anything."""
+        """The estimated parameters; none where a method has no interpretable ones."""
 
 
 class Method(ABC):
-    """A way to learn; built from a nominal arm and settings, never from data."""
+    """Method to learn deflections; built from a nominal arm and settings, not data."""
 
     @abstractmethod
     def fit(self, recording: Recording) -> Fitted:
-        """Learn from what the instruments saw; the method itself stays as it was.
+        """Return the method fitted to a recording; the method itself does not change.
 
         Args:
             recording: One experiment.
 
         Returns:
-            What was learnt, as a new object.
+            The fitted method, as a new object.
 
         Raises:
             Unusable: Where the recording cannot be used, with all faults.
-            NotIdentifiable: Where it does not show what the method must find.
+            NotIdentifiable: Where a parameter of the method is not identifiable.
         """
 
 
@@ -95,7 +92,7 @@ ROUNDING = 1e-6
 
 
 def faults(method: Method, arm: Arm, recording: Recording) -> list[str]:
-    """Return what a method does that would spoil a comparison; nothing: all is well.
+    """Return a method's violations of the contract; empty if there are none.
 
     Args:
         method: Built from the arm.
@@ -113,7 +110,7 @@ def faults(method: Method, arm: Arm, recording: Recording) -> list[str]:
             kind = type(fitted).__name__
             return [f"fit returns {kind}, expected an object that derives from Fitted."]
         answer = np.asarray(fitted.predict(cases))
-    except Exception as error:  # a stranger's method may raise anything
+    except Exception as error:  # a user's method may raise anything
         return [f"fit and predict raise {error!r} on recording {recording.name!r}."]
     if answer.shape != (len(cases), 3):
         return [f"predict returns shape {answer.shape}, expected {(len(cases), 3)}."]

@@ -1,4 +1,4 @@
-"""A network answers for one point of the flange; springs carry its answer to others.
+"""Fitted networks: prediction at one point of the flange, carried to others by springs.
 
 ==========  ==========================================================================
 Equation    d(p) = network(q, w) + d_VJM(p) - d_VJM(p_0); p_0, the network's point;
@@ -6,7 +6,7 @@ Equation    d(p) = network(q, w) + d_VJM(p) - d_VJM(p_0); p_0, the network's poi
 Source      Wu et al. 2024, Fig. 2: joint angles and a wrench go in, three deflections
             come out; the second term is a rigid body's motion between two points
 Needs       a network, and the springs it was pre-trained on
-Assumes     the flange turns as the springs say; nothing where p = p_0
+Assumes     the flange turns as the springs predict; nothing where p = p_0
 ==========  ==========================================================================
 """
 
@@ -28,11 +28,11 @@ SAME_POINT = 1e-6
 
 @dataclass(frozen=True)
 class NetworkFit(Fitted):
-    """A network that was trained, and the springs below it.
+    """A trained network, and the springs that it was pre-trained on.
 
     Attributes:
-        network: Says how far its own point moves.
-        springs: Say how far other points move beside it.
+        network: Predicts the deflection of its own point.
+        springs: Predict the deflection of other points relative to it.
     """
 
     network: DeflectionNetwork
@@ -40,7 +40,7 @@ class NetworkFit(Fitted):
 
     @override
     def predict(self, cases: LoadCases) -> Float[np.ndarray, "cases 3"]:
-        """Ask the network, and carry its answer to each case's point."""
+        """Predict with the network, and carry the result to each case's point."""
         wrench = wrench_about(self.springs.arm, cases, self.network.origin_in_flange)
         answer = self.network.predict(cases.posture, wrench)
         return answer + relative_deflection(
@@ -50,7 +50,7 @@ class NetworkFit(Fitted):
     @property
     @override
     def parameters(self) -> tuple[Parameter, ...]:
-        """None: weights mean nothing one by one."""
+        """None: weights have no meaning one by one."""
         return ()
 
 
@@ -75,11 +75,11 @@ def wrench_about(
 def relative_deflection(
     springs: VjmFit, cases: LoadCases, point_in_flange: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "cases 3"]:
-    """Return how much farther each case's point moves than one common point, in m.
+    """Return the deflection of each case's point relative to a common point, in m.
 
     Args:
-        springs: Say how the flange turns.
-        cases: With the points that are meant.
+        springs: Predict the rotation of the flange.
+        cases: Cases with their end-effector points.
         point_in_flange: The common point, in m.
     """
     apart = np.linalg.norm(cases.point_in_flange - point_in_flange, axis=1)

@@ -1,10 +1,10 @@
-"""A rigid arm does not deflect: what every other method has to beat.
+"""Rigid arm: predicts zero deflection, the baseline of all other methods.
 
 ==========  ==========================================================================
 Equation    d = 0
 Source      the nominal arm of the data sheet
 Needs       nothing but a recording that shows deflections
-Assumes     nothing gives way
+Assumes     no compliance
 ==========  ==========================================================================
 """
 
@@ -22,7 +22,7 @@ from stiffness.robot.arm import Arm
 
 @dataclass(frozen=True)
 class Rigid(Method):
-    """Claims that nothing moves.
+    """Baseline that predicts no deflection.
 
     Attributes:
         arm: The nominal arm.
@@ -32,14 +32,14 @@ class Rigid(Method):
 
     @override
     def fit(self, recording: Recording) -> "RigidFit":
-        """Learn nothing, but refuse what no method could learn from."""
+        """Refuse recordings that no method could be fitted to; nothing is fitted."""
         usable(self.arm.for_recording(recording), recording)
         return RigidFit()
 
 
 @dataclass(frozen=True)
 class RigidFit(Fitted):
-    """The claim that nothing moves."""
+    """Prediction of no deflection."""
 
     @override
     def predict(self, cases: LoadCases) -> Float[np.ndarray, "cases 3"]:

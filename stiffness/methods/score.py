@@ -5,11 +5,12 @@ Equation    Eq. 7: MAE = mean e; Eq. 8: STDE = sqrt(mean (e - mean e)^2);
             Eq. 9: ME = max e; e = |predicted - measured| in one direction
 Source      Wu et al. 2024, section 3.3
 Valid       one direction at a time
-Ignores     that rows of a pose err together; the intervals do not
+Ignores     correlated errors of a pose's rows, which the intervals do include
 ==========  ==========================================================================
 
-Eq. 8 to the letter is of absolute errors (`stde_absolute`); the paper's Tables 2 and 10
-fit signed ones, so that stands beside it (`stde_signed`). Lower is better, of all.
+Eq. 8 literally is of absolute errors (`stde_absolute`); the paper's Tables 2 and 10
+agree with signed ones, which are reported as well (`stde_signed`). Lower is better, for
+all metrics.
 """
 
 from collections.abc import Mapping
@@ -28,16 +29,16 @@ DIRECTIONS: Final = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Score:
-    """How far a method is off in one direction, by one measure.
+    """Error of a method in one direction, by one metric.
 
     Attributes:
-        direction: Along which axis of the base.
+        direction: Axis of the base.
         metric: A name of `METRICS`.
         value_mm: In mm; lower is better.
         low_mm: Lower end of the 95 % interval over poses; None for a largest error,
             which draws from these poses cannot exceed (Efron, Tibshirani 1993, 7.4).
         high_mm: Upper end.
-        n: How many errors went in.
+        n: Number of errors.
     """
 
     direction: str
@@ -51,14 +52,14 @@ class Score:
 def mae(
     error: Float[np.ndarray, " rows"], weight: Float[np.ndarray, "*resamples rows"]
 ) -> Float[np.ndarray, "*resamples"]:
-    """Return the mean absolute error, Eq. 7; a weight says how often a row counts."""
+    """Return the mean absolute error, Eq. 7; a weight is the count of a row."""
     return np.asarray(weight @ np.abs(error) / weight.sum(axis=-1))
 
 
 def stde_absolute(
     error: Float[np.ndarray, " rows"], weight: Float[np.ndarray, "*resamples rows"]
 ) -> Float[np.ndarray, "*resamples"]:
-    """Return the standard deviation of absolute errors: Eq. 8 to the letter."""
+    """Return the standard deviation of absolute errors: Eq. 8 literally."""
     return stde_signed(np.abs(error), weight)
 
 
@@ -75,7 +76,7 @@ def stde_signed(
 def me(
     error: Float[np.ndarray, " rows"], weight: Float[np.ndarray, "*resamples rows"]
 ) -> Float[np.ndarray, "*resamples"]:
-    """Return the largest absolute error, Eq. 9, among rows that count at all."""
+    """Return the largest absolute error, Eq. 9, among rows of positive weight."""
     order = np.argsort(-np.abs(error), kind="stable")
     first = np.argmax(weight[..., order] > 0.0, axis=-1)
     return np.asarray(np.abs(error)[order][first])
@@ -89,7 +90,7 @@ METRICS: Final[Mapping[str, Statistic]] = MappingProxyType(
         "ME": me,
     }
 )
-"""The paper's measures, Eqs 7 to 9, Eq. 8 in both readings."""
+"""The paper's metrics, Eqs 7 to 9, Eq. 8 in both readings."""
 
 
 def scores(
@@ -105,8 +106,8 @@ def scores(
         predicted: In m, along the base's axes.
         measured: In m, along the base's axes.
         pose: Id of the posture of each row; poses are drawn, not rows.
-        seed: Of the bootstrap.
-        resamples: How many.
+        seed: Seed of the bootstrap.
+        resamples: Number of resamples.
 
     Returns:
         Every metric in x, y and z, in mm.

@@ -1,6 +1,6 @@
-"""Fit of joint compliance to deflections, refusing axes that the data cannot see.
+"""Fit of joint compliance to deflections, refusing axes that are not identifiable.
 
-Springs say where the arm rests, and where it rests says what twists the springs.
+Rest postures and compliances depend on each other, so both are iterated together.
 
 ==========  ==========================================================================
 Equation    d = p(q_loaded) - p(q_unloaded), q = q_commanded + C torque(q); column k:
@@ -24,7 +24,8 @@ from stiffness.robot.kinematics import ArmState
 # --- Axes that the data cannot see ----------------------------------------------------
 
 SIGNIFICANT = 3.0
-"""Compliance over sigma from which an axis counts as seen; chosen: one false in 740."""
+"""Compliance over sigma from which an axis counts as identifiable; chosen: one false in
+740."""
 
 
 def refuse_if_blind(
@@ -34,17 +35,18 @@ def refuse_if_blind(
     sigma: Float[np.ndarray, " free"],
     nominal: Float[np.ndarray, " axes"],
 ) -> None:
-    """Refuse axes of which the data know too little, each by name.
+    """Refuse axes whose compliance is not identifiable, each by name.
 
-    An axis is seen where its sigma, taken beside all other axes, is below a third of
-    its compliance, or of the model's where that is larger: an axis may turn out stiff,
-    but a soft one must not go unseen. No seen axis may come out negative by as much;
-    where all do, the wrench has the wrong sign, for that turns every compliance over.
+    An axis is identifiable where its sigma, estimated jointly with all other axes, is
+    below a third of its compliance, or of the model's where that is larger: an axis may
+    be stiff, but a soft one must not be missed. No identifiable axis may be negative by
+    as much; where all are, the wrench has the wrong sign, which reverses the sign of
+    every compliance.
 
     Args:
         arm: Names the axes.
         free: The axes that were fitted.
-        compliance: What was found for them, in rad/(N m).
+        compliance: Their estimates, in rad/(N m).
         sigma: Its standard deviation.
         nominal: The model's compliance of all axes; 0 = rigid.
 
@@ -93,11 +95,11 @@ def refuse_if_blind(
 # --- Fit of the springs ---------------------------------------------------------------
 
 STEPS = 40
-"""Gauss-Newton steps before giving up; chosen: five are usual."""
+"""Maximum number of Gauss-Newton steps; chosen: five are usual."""
 CLOSE_ENOUGH = 1e-4
-"""Share of its sigma that a compliance may still move when the fit ends; chosen."""
+"""Change of a compliance, over its sigma, at which the fit ends; chosen."""
 FAR = 0.5
-"""Twist of an axis, in rad, that no spring of an arm allows; chosen."""
+"""Wind-up of an axis, in rad, beyond any spring of an arm; chosen."""
 UNSETTLED = (
     "The springs do not settle: these deflections and wrenches are of no one arm. "
     "Check units, the wrench's frame and the tracker's frame."
@@ -107,7 +109,7 @@ UNSETTLED = (
 def fit_springs(
     arm: Arm, held: tuple[str, ...], data: Deflections
 ) -> tuple[Float[np.ndarray, " axes"], LeastSquares]:
-    """Iterate compliances and rest postures together until neither moves.
+    """Iterate compliances and rest postures together until both converge.
 
     Args:
         arm: The nominal arm.
@@ -164,7 +166,7 @@ def fit_springs(
 def _wrench_at_point(
     data: Deflections, standing: ArmState
 ) -> Float[np.ndarray, "rows 6"]:
-    """Carry the wrench to the end-effector point, turned with a sensor that turns."""
+    """Carry the wrench to the end-effector point, rotated with a sensor that turns."""
     cases = data.cases
     turn = standing.turn("flange")[: len(cases)]
     force, torque = cases.wrench_in_base[:, :3], cases.wrench_in_base[:, 3:]
@@ -180,7 +182,7 @@ def _wrench_at_point(
 def _per_wrench(
     arm: Arm, cases: LoadCases, compliance: Float[np.ndarray, " axes"]
 ) -> Float[np.ndarray, "rows 3 6"]:
-    """Return each case's motion of the point per wrench at the sensor's origin."""
+    """Return each case's displacement of the point per wrench at the sensor."""
     standing = arm.at(cases.posture)
     moved = standing.jacobian("flange", cases.point_in_flange)[:, :3]
     pulled = standing.jacobian("flange", cases.origin_in_flange)

@@ -1,17 +1,17 @@
-"""Six springs in the axes carry all that gives way: the virtual joint model.
+"""Virtual joint model: one spring per axis carries all compliance of the arm.
 
 ==========  ==========================================================================
 Equation    K_X = J^-T K_theta J^-1, so d = J K_theta^-1 J^T w; in full
             d = p(q_loaded) - p(q_unloaded), each q at rest under its own torques
 Source      Wu et al. 2024, Eq. 6, after Chen and Kao 2000; identification after
             Dumas et al. 2011, least squares on the end-effector's deformation
-Needs       loaded and unloaded readings of the end-effector, wrenches that twist
+Needs       loaded and unloaded readings of the end-effector, wrenches that load
             every axis, masses of the links and of the tool
 Assumes     linear springs about the axes; everything else is rigid
 ==========  ==========================================================================
 
-Jacobians and torques are taken where the fitted arm rests, not at the commanded
-posture: there the sag under its own weight biases the compliance of axis 3.
+Jacobians and torques are evaluated at the rest posture of the fitted arm, not at the
+commanded one: there the sag under its own weight biases the compliance of axis 3.
 """
 
 from dataclasses import dataclass, replace
@@ -32,11 +32,11 @@ from stiffness.robot.equilibrium import equilibrium
 
 @dataclass(frozen=True)
 class Vjm(Method):
-    """Finds one compliance per axis by weighted least squares.
+    """Virtual joint model: one compliance per axis, by weighted least squares.
 
     Attributes:
         arm: The nominal arm.
-        held: Axes whose compliance is not asked for but taken from the model's spring.
+        held: Axes whose compliance is not fitted but taken from the model's spring.
         select: Which readings are used: `every_plateau` or `one_per_pose`.
     """
 
@@ -77,7 +77,7 @@ class VjmFit(Fitted):
         compliance: Of each axis, in rad/(N m).
         free: Which axes were fitted.
         solution: The last linear step: covariances of the free axes' compliances.
-        frame_rms: What the fit of the tracker's frame left, in m; 0 = it was stated.
+        frame_rms: Residual of the fit of the tracker's frame, in m; 0 = it was stated.
     """
 
     arm: Arm
@@ -121,7 +121,7 @@ class VjmFit(Fitted):
 
     @property
     def stiffness(self) -> tuple[Parameter, ...]:
-        """The same as stiffness, in N m/rad; a compliance not above zero is rigid."""
+        """The fitted stiffness, in N m/rad; a compliance not above zero is rigid."""
         rigid = np.inf
         return tuple(
             replace(

@@ -1,1 +1,1 @@
-"""Networks that learn how an arm deflects, first from springs, then from readings."""
+"""Networks that learn an arm's deflections, first from springs, then from readings."""

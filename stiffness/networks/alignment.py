@@ -1,4 +1,4 @@
-"""Two sets of postures look alike to a network where their features vary alike.
+"""Domain adaptation by CORAL: aligns the covariances of source and target features.
 
 ==========  ==========================================================================
 Equation    loss = mean (y - y_hat)^2 + weight |C_S - C_T|_F^2 / (4 d^2)
@@ -26,12 +26,12 @@ from stiffness.networks.training import Listeners, Training, Watch, train
 
 @dataclass(frozen=True)
 class Alignment:
-    """Goes on training on the source domain while features are aligned.
+    """Settings of further training on the source domain with aligned features.
 
     Attributes:
-        weight: Of the alignment in the loss; the reference's trade-off is 1.
-        training: How long, and how fast; chosen: a tenth of the pre-training, slower.
-        seed: Of the order of the rows.
+        weight: Weight of the alignment in the loss; the reference's trade-off is 1.
+        training: Steps and rate; chosen: a tenth of the pre-training, slower.
+        seed: Seed of the order of the rows.
 
     Raises:
         Unusable: Where the weight is below 0.
@@ -49,7 +49,7 @@ class Alignment:
 
 
 def coral(source: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """Return how far apart the covariances of two sets of features are.
+    """Return the distance between the covariances of two sets of features.
 
     Args:
         source: One row of features per row.
@@ -66,14 +66,14 @@ def align(
     settings: Alignment,
     watch: Watch | None = None,
 ) -> DeflectionNetwork:
-    """Train on the source until the target's features vary as the source's do.
+    """Train on the source until the target's features have the source's covariance.
 
     Args:
         network: Pre-trained on the domain.
-        domain: What the springs said.
-        seen: The target's rows as the network sees them.
-        settings: How.
-        watch: Is told of every step.
+        domain: Deflections of the springs.
+        seen: The target's rows, encoded as inputs of the network.
+        settings: Settings of the alignment.
+        watch: Callback for every step.
 
     Returns:
         The network with other weights.

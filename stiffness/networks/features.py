@@ -1,25 +1,25 @@
 """Features of networks: encoding of angles and scaling to unit variance.
 
-A network is shown angles either as they are or as their sines and cosines.
+Encoding of angles as sines and cosines (`sine_and_cosine`):
 
 ==========  ==========================================================================
 Equation    x_i = sin(q_i), y_i = cos(q_i)
 Source      Wu et al. 2024, Eq. 5 and section 4.1
-Valid       turning axes; a slide's coordinate in m passes for an angle in rad
-Ignores     units: `stiffness.networks.features` takes them away
+Valid       turning axes; a slide's coordinate in m is treated as an angle in rad
+Ignores     units, which `Scaling` removes
 ==========  ==========================================================================
 
 The paper wants "twelve neurons" in the input layer and sines and cosines as well, which
 cannot both be: six angles as pairs and six components of the wrench are eighteen.
-Taken is `sine_and_cosine`: twelve quantities go in, eighteen numbers reach the network.
-The other reading is `plain_angles`: twelve and no sines.
+Chosen is `sine_and_cosine`: twelve quantities are encoded as eighteen inputs. The other
+reading is `plain_angles`: twelve inputs and no sines.
 
-A network learns faster where all numbers it sees have mean zero and size one.
+Scaling to zero mean and unit variance (`Scaling`):
 
 ==========  ==========================================================================
 Equation    z = (x - mean) / scale, scale = the standard deviation over the rows
 Source      LeCun, Bottou, Orr, Müller 1998, "Efficient BackProp", section 4.3
-Valid       rows drawn as those that come later
+Valid       rows of the same distribution as later ones
 Ignores     correlation between columns
 ==========  ==========================================================================
 """
@@ -37,7 +37,7 @@ from bench.shared.errors import UnknownName
 # --- Encoding of angles ---------------------------------------------------------------
 
 Encoding: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Turns postures in rad and wrenches in N and N m into a network's inputs."""
+"""Function from postures in rad and wrenches in N and N m to a network's inputs."""
 
 
 def sine_and_cosine(
@@ -57,7 +57,7 @@ def plain_angles(
 ENCODINGS: Final[Mapping[str, Encoding]] = MappingProxyType(
     {"sine_and_cosine": sine_and_cosine, "plain_angles": plain_angles}
 )
-"""Both readings, by the names that files give them."""
+"""Both encodings, by the names that files give them."""
 
 
 def encoding(name: str) -> Encoding:
@@ -74,19 +74,19 @@ def encoding(name: str) -> Encoding:
 # --- Scaling --------------------------------------------------------------------------
 
 CONSTANT = 1e-9
-"""A column that varies less is constant; chosen: rounding of sines is 1e-16."""
+"""Range below which a column is constant; chosen: rounding of sines is 1e-16."""
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """Takes units away and gives them back.
+    """Standardisation of columns, and its inverse.
 
-    A column that never varied has an infinite scale, so that it is always zero: a
-    network cannot have learnt what it was never shown, and is not to answer at random.
+    A constant column has an infinite scale, so that it is always zero: the network
+    has not learnt from it, and its prediction must not depend on it.
 
     Attributes:
-        mean: Of each column.
-        scale: Of each column; infinite where it never varied.
+        mean: Mean of each column.
+        scale: Standard deviation of each column; infinite where it is constant.
     """
 
     mean: Float[np.ndarray, " columns"]
@@ -94,18 +94,18 @@ class Scaling:
 
     @classmethod
     def of(cls, values: Float[np.ndarray, "rows columns"]) -> "Scaling":
-        """Take mean and standard deviation of each column."""
+        """Return the scaling by mean and standard deviation of each column."""
         scale = values.std(axis=0)
         return cls(values.mean(axis=0), np.where(scale > CONSTANT, scale, np.inf))
 
     def unitless(
         self, values: Float[np.ndarray, "rows columns"]
     ) -> Float[np.ndarray, "rows columns"]:
-        """Take units away."""
+        """Return standardised values, without units."""
         return (values - self.mean) / self.scale
 
     def in_units(
         self, values: Float[np.ndarray, "rows columns"]
     ) -> Float[np.ndarray, "rows columns"]:
-        """Give units back; constant columns are at their mean."""
+        """Return values in units; constant columns are at their mean."""
         return self.mean + values * np.where(np.isfinite(self.scale), self.scale, 0.0)

@@ -1,9 +1,5 @@
 """Fine-tuning of a pretrained network on measurements, with frozen layers.
 
-What is frozen cannot learn, and what is held back cannot teach.
-
-A network that imitates springs is corrected by what was measured, gently.
-
 ==========  ==========================================================================
 Equation    loss = mean |d_hat - d| over rows and directions, in mm
             + pull sum (theta - theta_0)^2 over the weights that are not frozen
@@ -12,13 +8,13 @@ Source      Wu et al. 2024, section 5, Fig. 7: MAE as the loss, first and second
             pre-trained weights: Li, Grandvalet, Davoine 2018, "Explicit inductive bias
             for transfer learning", L2-SP
 Valid       postures and wrenches among those of the source plan
-Ignores     how sure each reading is
+Ignores     the uncertainty of each reading
 ==========  ==========================================================================
 
-Readings taken: the fifth is a fifth of the poses, for rows of a pose are no witnesses
-against each other; "first hidden layer" is the weights that lead into it. The paper's
-rate of 0.03 over 50,000 epochs throws the weights far from where they were before it
-brings them back; here a lower rate falls to zero over fewer epochs (chosen).
+Readings chosen: the fifth is a fifth of the poses, since rows of a pose are not
+independent; "first hidden layer" is the weights that lead into it. The paper's rate of
+0.03 over 50,000 epochs moves the weights far from where they were before it brings them
+back; here a lower rate falls to zero over fewer epochs (chosen).
 """
 
 from dataclasses import dataclass, replace
@@ -43,9 +39,9 @@ def unfreeze(
     """Freeze everything but some layers.
 
     Args:
-        layers: All that can be frozen, from the inputs on.
-        network: They are its layers.
-        unfrozen: Those that may change, counted from 1.
+        layers: Layers that can be frozen, from the inputs on.
+        network: The network that they belong to.
+        unfrozen: Layers that may change, counted from 1.
 
     Returns:
         The weights that may change.
@@ -68,7 +64,7 @@ def unfreeze(
 def hold_back(
     pose: Int[np.ndarray, " rows"], share: float, seed: int
 ) -> Int[np.ndarray, " poses"]:
-    """Draw a share of the poses, at least one if any, never all."""
+    """Draw a share of the poses for validation, at least one if any, never all."""
     poses = np.unique(pose)
     count = 0
     if share > 0.0 and len(poses) > 1:
@@ -81,18 +77,18 @@ def hold_back(
 
 @dataclass(frozen=True)
 class FineTuning:
-    """What is corrected, how long, and which epoch is kept.
+    """Settings of the fine-tuning: which layers, how long, which epoch is kept.
 
     Attributes:
         unfrozen: Layers that may change, from 1; the output layer comes last.
         epochs: Steps, each on all training rows.
         rate: Learning rate at the beginning; it falls to zero as a cosine.
-        pull: Towards the pre-trained weights; chosen.
+        pull: Weight of the penalty towards the pre-trained weights; chosen.
         averaging: Share of the running mean of the weights that each step keeps; the
-            mean is what is judged and kept (Polyak, Juditsky 1992); 0 = none.
+            mean is validated and kept (Polyak, Juditsky 1992); 0 = none.
         validation: Share of the poses that are held back to choose the epoch.
         keep: The epoch that is `best` on them, or the `last`: the paper's "normal".
-        seed: Of the poses that are held back.
+        seed: Seed of the draw of held-back poses.
 
     Raises:
         Unusable: Where a setting makes no sense, naming all.
@@ -136,14 +132,14 @@ class FineTuning:
 
 @dataclass(frozen=True)
 class FineTuned:
-    """A corrected network and how it came about.
+    """A fine-tuned network, with the course of its errors.
 
     Attributes:
         network: With the weights of the epoch that was kept.
-        epoch: Which that was, from 1.
-        held_back: Ids of the poses that chose it.
-        training_mae: After every epoch, in m.
-        validation_mae: After every epoch, in m; NaN where no pose is held back.
+        epoch: Number of that epoch, from 1.
+        held_back: Ids of the poses used for validation.
+        training_mae: Error after every epoch, in m.
+        validation_mae: Error after every epoch, in m; NaN without held-back poses.
     """
 
     network: DeflectionNetwork
@@ -161,15 +157,15 @@ def fine_tune(
     settings: FineTuning,
     watch: Watch | None = None,
 ) -> FineTuned:
-    """Correct a network by measured deflections.
+    """Fine-tune a network on measured deflections.
 
     Args:
         network: Pre-trained.
-        seen: The rows as the network sees them (`DeflectionNetwork.encode`).
-        deflection: What was measured, in m, along the base's axes.
+        seen: The rows as inputs of the network (`DeflectionNetwork.encode`).
+        deflection: Measured deflections, in m, along the base's axes.
         pose: Id of the posture of each row.
-        settings: What, how long, which epoch.
-        watch: Is told of every epoch, with the training MAE in mm.
+        settings: Settings of the fine-tuning.
+        watch: Callback for every epoch, with the training MAE in mm.
 
     Raises:
         Unusable: Where a layer is to change that the network does not have.
@@ -222,7 +218,7 @@ def _mae(
 
 
 def _blend(averaged: nn.Module, network: nn.Module, stay: float) -> None:
-    """Let the running mean follow the weights."""
+    """Update the running mean of the weights."""
     with torch.no_grad():
         pairs = zip(averaged.parameters(), network.parameters(), strict=True)
         for mean, weight in pairs:

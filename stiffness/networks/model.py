@@ -1,19 +1,20 @@
 """Networks for deflections: multilayer perceptron and convolutional network.
 
-Sums on one thread come out the same every time, and leave the other cores free.
+A `Shape` defines layers and widths, and which layers can be frozen. A
+`DeflectionNetwork` holds a shape, its weights, the encoding of its inputs, and the
+point of the flange whose deflection it predicts; it is the same type before and after
+fine-tuning. Sums are computed on one thread, for reproducible results (`one_thread`).
 
-A network's shape says how many layers it has, how wide, and which can be frozen.
-
-Layers of neurons, each connected to all of the next, can take any smooth form.
+Multilayer perceptron (`Mlp`):
 
 ==========  ==========================================================================
 Equation    h_1 = phi(W_1 x + b_1), h_i = phi(W_i h_(i-1) + b_i), y = W h_n + b
 Source      Wu et al. 2024, Eq. 1; four layers of 380 with ReLU: sections 4.2, Table 7
 Valid       postures and wrenches among those of the training
-Ignores     that a deflection is nearly linear in the wrench
+Ignores     the near linearity of deflections in the wrench
 ==========  ==========================================================================
 
-Convolutions with kernels of one mix channels and never look at neighbours.
+Convolutional network (`Cnn`), whose kernels of size one mix channels only:
 
 ==========  ==========================================================================
 Equation    z_1 = phi(bn(x * w_1 + b_1)), z_i = phi(bn(c_(i-1) * w_i + b_i)),
@@ -28,23 +29,19 @@ Ignores     the reference's wide kernels (15, then 3): the paper's are one
 
 What are channels? The paper does not say. Two readings of its twelve quantities:
 
-- `channels` (taken): every input is a channel of a signal of length one. A kernel of
+- `channels` (chosen): every input is a channel of a signal of length one. A kernel of
   one is then a dense layer. Pooling acts on one value and returns it: halving rounds
   up, and the reference's four places all hold the same value.
 - `signal`: the inputs are the places of one channel, as the reference's vibration
   signals are. All inputs then pass the same small network one by one, pairs are
-  pooled, and the largest in each quarter survives: which input it came from is lost.
+  pooled, and only the largest in each quarter is kept: which input it came from is
+  lost.
 
 With kernels of one the reference's 16 channels are a first layer of 16 neurons: half of
-what a ReLU is given is lost, and 14 inputs vary. That bounds how well springs are
-imitated (tried: 0.060 mm after 2,500 steps, 0.048 mm after 5,000; with
+a ReLU's input is lost, and 14 inputs vary. That bounds how well springs are imitated
+(tried: 0.060 mm after 2,500 steps, 0.048 mm after 5,000; with
 `channels=(64, 64, 64, 128)` 0.042 mm after 2,500). Batch normalisation does not: left
 out, it was 0.076 mm, and running statistics are as good as those of the final weights.
-
-A trained network says how far one point of the flange moves under a wrench.
-
-A noun: a shape, its weights, how quantities become the numbers that it sees, and the
-point that is meant. It is the same thing before and after fine-tuning.
 """
 
 from abc import ABC, abstractmethod
@@ -84,28 +81,28 @@ OUTPUTS = 3
 
 
 class Shape(ABC):
-    """How a network is built; it holds no weights."""
+    """Architecture of a network, without weights."""
 
     @abstractmethod
     def build(self, inputs: int, seed: int) -> nn.Module:
         """Build the network with weights drawn by the seed.
 
         Args:
-            inputs: How many numbers go in.
-            seed: Of the draw; the same seed gives the same weights.
+            inputs: Number of inputs.
+            seed: Seed of the draw; the same seed gives the same weights.
         """
 
     @abstractmethod
     def layers(self, network: nn.Module) -> tuple[nn.Module, ...]:
-        """Return what can be frozen, from the inputs on, the output layer last."""
+        """Return the layers that can be frozen, from inputs to the output layer."""
 
     @abstractmethod
     def features(self, network: nn.Module, inputs: torch.Tensor) -> torch.Tensor:
-        """Return what the output layer is given, a row of features per row."""
+        """Return the inputs of the output layer, a row of features per row."""
 
 
 def load(network: nn.Module, weights: Mapping[str, np.ndarray]) -> None:
-    """Put weights into a network, running statistics included."""
+    """Load weights into a network, running statistics included."""
     state = {name: torch.from_numpy(np.array(w)) for name, w in weights.items()}
     network.load_state_dict(state)
 
@@ -120,7 +117,7 @@ def weights_of(network: nn.Module) -> dict[str, np.ndarray]:
 ACTIVATIONS: Final[Mapping[str, type[nn.Module]]] = MappingProxyType(
     {"relu": nn.ReLU, "tanh": nn.Tanh, "sigmoid": nn.Sigmoid}
 )
-"""Those of the paper's Table 7."""
+"""Activation functions of the paper's Table 7."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +125,7 @@ class Mlp(Shape):
     """A multi-layer perceptron.
 
     Attributes:
-        hidden: How many hidden layers.
+        hidden: Number of hidden layers.
         width: Neurons of each.
         activation: A name of `ACTIVATIONS`.
 
@@ -155,9 +152,9 @@ class Mlp(Shape):
 
     @override
     def build(self, inputs: int, seed: int) -> nn.Sequential:
-        """Build it; each hidden layer begins as a turn, the output as zero.
+        """Build it with orthogonal weights in hidden layers and zeros in the output.
 
-        Orthogonal weights keep the size of what passes through many layers (Saxe et al.
+        Orthogonal weights preserve the size of signals through many layers (Saxe et al.
         2014, "Exact solutions to the nonlinear dynamics of learning").
         """
         draw = torch.Generator().manual_seed(seed)
@@ -184,7 +181,7 @@ class Mlp(Shape):
 
 
 def _dense(before: int, after: int) -> nn.Linear:
-    """Return a layer without bias yet, and without a draw from torch's own numbers."""
+    """Return a layer without bias yet, and without a draw from torch's generator."""
     layer = nn.Linear(before, after, device="meta").to_empty(device="cpu")
     nn.init.zeros_(layer.bias)
     return layer
@@ -196,7 +193,7 @@ CHANNELS = (16, 32, 64, 128)
 POOLED = (1, 3)
 """Which convolutions are followed by pooling, from 0."""
 PLACES = 4
-"""Places left by the last pooling; as in the reference."""
+"""Number of places after the last pooling; as in the reference."""
 DENSE = 256
 
 
@@ -206,9 +203,9 @@ class Cnn(Shape):
 
     Attributes:
         inputs_are: `channels` or `signal`, see above.
-        channels: Of each convolution; the reference's.
+        channels: Channels of each convolution; the reference's.
         dropout: Share of the dense layer that is left out in training. The reference's
-            is 0.5, to tell classes apart; chosen: none, for it blurs a regression.
+            is 0.5, for classification; chosen: none, for it adds noise to a regression.
 
     Raises:
         Unusable: Where a setting is out of its range, naming all.
@@ -234,7 +231,7 @@ class Cnn(Shape):
 
     @override
     def build(self, inputs: int, seed: int) -> nn.Sequential:
-        """Build it; weights as torch draws them."""
+        """Build it, with torch's default weights."""
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             one_by_one = self.inputs_are == "signal"
@@ -274,16 +271,16 @@ ROWS_AT_ONCE = 8192
 
 @dataclass(frozen=True)
 class DeflectionNetwork:
-    """A network with everything needed to ask it.
+    """A network with the encoding, scaling and points needed to predict deflections.
 
     Attributes:
-        shape: How it is built.
-        encoding: How it is shown postures; a name of `encoding.ENCODINGS`.
-        inputs: Takes units from what goes in.
-        outputs: Gives units, m, to what comes out.
-        weights: By the network's names.
+        shape: Its architecture.
+        encoding: Encoding of postures; a name of `features.ENCODINGS`.
+        inputs: Scaling of the inputs.
+        outputs: Scaling of the outputs, to m.
+        weights: Weights, by the network's names.
         point_in_flange: The point whose motion it predicts, in m.
-        origin_in_flange: About which it wants torques, in m.
+        origin_in_flange: Point about which torques are given, in m.
     """
 
     shape: Shape
@@ -305,10 +302,10 @@ class DeflectionNetwork:
         posture: Float[np.ndarray, "rows axes"],
         wrench_in_base: Float[np.ndarray, "rows 6"],
     ) -> Float[np.ndarray, "rows inputs"]:
-        """Turn postures in rad and wrenches in N, N m into what the network sees.
+        """Return the network's inputs for postures in rad and wrenches in N, N m.
 
         Raises:
-            Unusable: Where the network has learnt another number of axes.
+            Unusable: Where the network has another number of axes.
         """
         seen = encoding(self.encoding)(posture, wrench_in_base)
         if seen.shape[1] != len(self.inputs.mean):
@@ -331,7 +328,7 @@ class DeflectionNetwork:
             wrench_in_base: Force in N, torque in N m about `origin_in_flange`.
 
         Raises:
-            Unusable: Where the network has learnt another number of axes.
+            Unusable: Where the network has another number of axes.
         """
         network = self.build()
         seen = torch.from_numpy(self.encode(posture, wrench_in_base).astype(np.float32))

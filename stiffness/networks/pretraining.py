@@ -1,12 +1,12 @@
-"""A network first learns what fitted springs say of thousands of postures.
+"""Pre-training of a network on the deflections of fitted springs.
 
 ==========  ==========================================================================
 Equation    network = argmin over the training rows of mean (network(x) - d_VJM)^2,
-            directions counted in units of their standard deviation
+            directions in units of their standard deviation
 Source      Wu et al. 2024, sections 2.2 and 4; 70 % of the rows at random train, 30 %
             test: section 4.2
 Valid       postures and wrenches among those of the source plan
-Ignores     everything that is no spring in an axis
+Ignores     everything but springs in the axes
 ==========  ==========================================================================
 """
 
@@ -32,12 +32,12 @@ from stiffness.networks.training import (
 )
 
 TRAINING_SHARE = 0.7
-"""Of the rows; Wu et al. 2024, section 4.2."""
+"""Share of the rows used for training; Wu et al. 2024, section 4.2."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """How far a network is from the springs it imitates, in x, y and z.
+    """Errors of a network with respect to its springs, in x, y and z.
 
     Attributes:
         mae: Mean absolute error, Eq. 7, in m.
@@ -53,20 +53,20 @@ class Errors:
     def of(
         cls, predicted: Float[np.ndarray, "rows 3"], wanted: Float[np.ndarray, "rows 3"]
     ) -> "Errors":
-        """Compare predictions with what they should have been, both in m."""
+        """Return the errors of predictions, both in m."""
         error = np.abs(predicted - wanted)
         return cls(error.mean(axis=0), error.std(axis=0), error.max(axis=0))
 
 
 @dataclass(frozen=True)
 class Pretraining:
-    """How a network is pre-trained.
+    """Settings of the pre-training.
 
     Attributes:
-        shape: How it is built; the paper's: four hidden layers of 380, ReLU.
-        encoding: How it is shown postures; a name of `encoding.ENCODINGS`.
-        training: How long, and how fast.
-        seed: Of weights, split and order of the rows.
+        shape: Its architecture; the paper's: four hidden layers of 380, ReLU.
+        encoding: Encoding of postures; a name of `features.ENCODINGS`.
+        training: Steps and rate.
+        seed: Seed of weights, split and order of the rows.
     """
 
     shape: Shape = field(default_factory=Mlp)
@@ -77,13 +77,13 @@ class Pretraining:
 
 @dataclass(frozen=True)
 class Pretrained:
-    """A network that imitates springs, and how well it does.
+    """A pre-trained network, with its errors.
 
     Attributes:
         network: The network.
         plan: Name of the source plan.
-        settings: How it was trained.
-        loss: Of every step; no unit.
+        settings: Settings of its training.
+        loss: Loss of every step; no unit.
         on_training: Errors on the rows it was trained on.
         on_test: Errors on the others.
     """
@@ -97,7 +97,7 @@ class Pretrained:
 
 
 def split(rows: int, seed: int) -> tuple[Int[np.ndarray, " train"], np.ndarray]:
-    """Split rows at random into 70 % that train and 30 % that test."""
+    """Split rows at random into 70 % for training and 30 % for testing."""
     order = np.random.default_rng([seed, rows]).permutation(rows)
     count = round(TRAINING_SHARE * rows)
     return np.sort(order[:count]), np.sort(order[count:])
@@ -113,19 +113,19 @@ def pretrain(
     """Train a network on a source domain.
 
     Args:
-        domain: What the springs said.
-        settings: How; None = the paper's network at the quick budget.
-        file: Where the training is written down now and then, and taken up again if it
-            is of the same domain and settings; None = nowhere.
-        watch: Is told of every step.
-        every: After how many steps it is written down.
+        domain: Deflections of the springs.
+        settings: Settings; None = the paper's network at the quick budget.
+        file: File to which the training is saved at intervals, and from which it
+            resumes if domain and settings are the same; None = no file.
+        watch: Callback for every step.
+        every: Number of steps between two saves.
 
     Returns:
         The network and its errors. The same arguments give the same numbers, whether
         the training was interrupted or not.
 
     Raises:
-        Unusable: Where the file is there but no training.
+        Unusable: Where the file exists but holds no training.
     """
     settings = settings or Pretraining()
     parts = [domain.take(rows) for rows in split(len(domain), settings.seed)]
@@ -158,13 +158,13 @@ def pretrain(
 def source_rows(
     network: DeflectionNetwork, domain: SourceDomain
 ) -> tuple[Float[np.ndarray, "rows inputs"], Float[np.ndarray, "rows 3"]]:
-    """Return a domain's inputs and targets as the network sees them, without units."""
+    """Return a domain's encoded inputs and targets, without units."""
     inputs = network.encode(domain.posture, domain.wrench_in_base)
     return inputs, network.outputs.unitless(domain.deflection)
 
 
 def _untrained(shown: SourceDomain, settings: Pretraining) -> DeflectionNetwork:
-    """Return a network that knows the size of what it is shown, and nothing else."""
+    """Return an untrained network with the scaling of its inputs and outputs."""
     seen = encoding(settings.encoding)(shown.posture, shown.wrench_in_base)
     return DeflectionNetwork(
         shape=settings.shape,
@@ -178,7 +178,7 @@ def _untrained(shown: SourceDomain, settings: Pretraining) -> DeflectionNetwork:
 
 
 def _key(domain: SourceDomain, settings: Pretraining) -> str:
-    """Return what tells this training from every other."""
+    """Return the key that identifies this training."""
     digest = sha256(f"{domain.plan} {settings}".encode())
     for values in (domain.posture, domain.wrench_in_base, domain.deflection):
         digest.update(np.ascontiguousarray(values).tobytes())

@@ -1,20 +1,21 @@
 """Source domain of transfer learning: postures, wrenches, deflections of springs.
 
-A source plan is what fitted springs are asked: postures, and wrenches in each.
+A `SourcePlan` lists postures, and wrenches in each; `source_domain` computes the
+deflections of fitted springs for it.
 
 What to use when: `table_5_plan` is the paper's (Wu et al. 2024, Tables 4 and 5); its
-five wrenches span three of six dimensions, and a network that has seen no others
-extrapolates. `spanning_plan` asks of the same 21,280 postures five wrenches drawn for
-each, that span all six. Both have 106,400 rows.
+five wrenches span three of six dimensions, and a network trained on them extrapolates
+to all others. `spanning_plan` draws five wrenches for each of the same 21,280 postures,
+which span all six. Both have 106,400 rows.
 
-Springs that were fitted to a few postures can be asked about thousands of others.
+Deflections of springs (`source_domain`):
 
 ==========  ==========================================================================
-Equation    d = J_p C J_o^T w at the commanded posture: p, the point whose motion is
-            meant; o, the point about which torques are given; C = diag(1/k)
+Equation    d = J_p C J_o^T w at the commanded posture: p, the point whose deflection
+            is predicted; o, the point about which torques are given; C = diag(1/k)
 Source      Wu et al. 2024, Eq. 6 (d = K_X^-1 w where p = o), Tables 4 and 5
 Valid       small deflections
-Ignores     how sag and load change the lever arms: half a percent of `VjmFit.predict`
+Ignores     the change of lever arms by sag and load: half a percent of `VjmFit.predict`
 ==========  ==========================================================================
 """
 
@@ -64,10 +65,10 @@ FORCE, LEVER = 100.0, 0.1
 
 @dataclass(frozen=True)
 class SourcePlan:
-    """What springs are asked: several wrenches in every posture.
+    """Postures, and several wrenches in every posture.
 
     Attributes:
-        name: What the plan is called.
+        name: Name of the plan.
         posture: Joint angles, in rad.
         wrench_in_base: Force in N, then torque in N m, along the base's axes.
 
@@ -88,7 +89,7 @@ class SourcePlan:
 
     @property
     def rows(self) -> int:
-        """How many answers there will be."""
+        """Number of rows, one per posture and wrench."""
         return self.wrench_in_base.shape[0] * self.wrench_in_base.shape[1]
 
 
@@ -125,17 +126,17 @@ def spanning_plan(
     wrenches: int = 5,
     seed: int = 0,
 ) -> SourcePlan:
-    """Return wrenches that a rope makes at a hook, in every direction.
+    """Return a plan with wrenches of a rope at a hook, in every direction.
 
-    Forces point evenly over the sphere, their sizes are even up to the largest; the
-    hook is anywhere in a ball about the sensor. No two rows have the same wrench.
+    Directions of force are uniform over the sphere, sizes uniform up to the largest;
+    the hook is uniform in a ball about the sensor. No two rows have the same wrench.
 
     Args:
         posture: In rad; None = Table 4.
         force: Largest force, in N.
         lever: Farthest hook from the sensor's origin, in m.
-        wrenches: How many in each posture.
-        seed: Of the draw.
+        wrenches: Number of wrenches in each posture.
+        seed: Seed of the draw.
     """
     posture = table_4_postures() if posture is None else posture
     draw = np.random.default_rng(seed)
@@ -149,7 +150,7 @@ def spanning_plan(
 def _directions(
     draw: np.random.Generator, shape: tuple[int, ...]
 ) -> Float[np.ndarray, "postures wrenches 3"]:
-    """Draw unit vectors, even over the sphere."""
+    """Draw unit vectors, uniform over the sphere."""
     vector = draw.standard_normal((*shape, 3))
     return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
 
@@ -159,7 +160,7 @@ def _directions(
 
 @dataclass(frozen=True)
 class SourceDomain:
-    """What the springs answered, one row per posture and wrench.
+    """Deflections of springs, one row per posture and wrench.
 
     Attributes:
         plan: The plan's name.
@@ -198,14 +199,14 @@ def source_domain(
     point_in_flange: Float[np.ndarray, "3"],
     origin_in_flange: Float[np.ndarray, "3"],
 ) -> SourceDomain:
-    """Let fitted springs answer a plan.
+    """Return the deflections of fitted springs in a plan.
 
     Args:
         arm: The nominal arm.
-        compliance: Of each axis, in rad/(N m), as fitted.
+        compliance: Fitted compliance of each axis, in rad/(N m).
         plan: Postures and wrenches.
         point_in_flange: The end-effector point, in m.
-        origin_in_flange: About which torques are given, in m.
+        origin_in_flange: Point about which torques are given, in m.
 
     Raises:
         Unusable: Where the plan's postures have another number of axes than the arm.

@@ -1,16 +1,11 @@
 """Training by minibatch gradient descent, with progress that can be stored.
 
-A training somewhere on its way can be told of, written down and taken up again.
-
-A training that was written down goes on where it stopped, or is known to be another.
-
-A file is a plain archive of arrays (`numpy.savez`): whose training it is, how many
-steps are done, weights, the optimiser's moments, losses. It holds no code.
-
-Small steps downhill on a few rows at a time bring a network's answers near.
+A `Progress` can be reported, written to a file and resumed. The file is a plain archive
+of arrays (`np.savez`): key of the training, number of steps, weights, the optimiser's
+moments, losses. It holds no code. A key prevents resuming another training.
 
 ==========  ==========================================================================
-Equation    loss = mean (y - y_hat)^2; rate(s) rises evenly over the first w steps to
+Equation    loss = mean (y - y_hat)^2; rate(s) rises linearly over the first w steps to
             its peak and then falls as peak (1 + cos(pi (s - w) / (S - w))) / 2
 Source      loss: Wu et al. 2024, Eq. 3; its "dynamic adjustment" of the rate is not
             given: Loshchilov, Hutter 2017, "SGDR"; steps: Kingma, Ba 2015, "Adam"
@@ -18,9 +13,9 @@ Valid       numbers without units (`stiffness.networks.features`)
 Ignores     nothing that is known to matter here
 ==========  ==========================================================================
 
-The paper takes 100,000 steps on all rows at once, days on a desk; here each step sees a
-mini-batch. Everything follows from the seed and the number of the step, so a training
-that was interrupted goes on to the same weights.
+The paper takes 100,000 steps on all rows at once, days on a desk; here each step uses a
+mini-batch. Everything follows from the seed and the number of the step, so that a
+training that was interrupted resumes to the same weights.
 """
 
 import os
@@ -43,18 +38,18 @@ from stiffness.networks.model import load, one_thread, weights_of
 # --- Progress -------------------------------------------------------------------------
 
 EVERY = 500
-"""Steps after which a training is written down; chosen: ten seconds."""
+"""Steps between two saves of a training; chosen: ten seconds."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """A training somewhere on its way.
+    """State of a training after some steps.
 
     Attributes:
-        step: Steps that are done.
-        weights: By the network's names.
-        moments: The optimiser's, by the same names.
-        loss: Of every step that is done; no unit.
+        step: Number of steps done.
+        weights: Weights, by the network's names.
+        moments: The optimiser's moments, by the same names.
+        loss: Loss of every step done; no unit.
     """
 
     step: int
@@ -64,19 +59,19 @@ class Progress:
 
 
 Watch = Callable[[int, float], None]
-"""Is told of every step: how many are done, and the loss."""
+"""Callback for every step: number of steps done, and the loss."""
 Keep = Callable[[Progress], None]
-"""Is handed the training now and then, to write it down."""
+"""Callback that receives the training at intervals, to save it."""
 
 
 @dataclass(frozen=True)
 class Listeners:
-    """Who is told how a training goes.
+    """Callbacks of a training.
 
     Attributes:
-        watch: After every step.
-        keep: After every so many.
-        every: How many.
+        watch: Called after every step.
+        keep: Called after every so many steps.
+        every: Number of these steps.
     """
 
     watch: Watch | None = None
@@ -85,19 +80,19 @@ class Listeners:
 
 
 Tell = Callable[[str, int, float], None]
-"""Is told the phase (`pre-training`, `alignment`, `fine-tuning`), how many steps of it
-are done, and the loss: without unit, in mm while fine-tuning."""
+"""Callback with the phase (`pre-training`, `alignment`, `fine-tuning`), the number of
+its steps done, and the loss: without unit, in mm while fine-tuning."""
 
 
 def about(tell: Tell | None, phase: str) -> Watch | None:
-    """Return what tells of the steps of one phase."""
+    """Return the callback for the steps of one phase."""
     return None if tell is None else partial(tell, phase)
 
 
 def taken_down(
     optimizer: torch.optim.Optimizer, network: nn.Module, loss: np.ndarray
 ) -> Progress:
-    """Return a copy of where a training stands."""
+    """Return a copy of the state of a training."""
     moments = {
         f"{name}.{moment}": value.numpy().copy()
         for name, parameter in network.named_parameters()
@@ -109,7 +104,7 @@ def taken_down(
 def take_up(
     optimizer: torch.optim.Optimizer, network: nn.Module, begun: Progress
 ) -> None:
-    """Go back to where a training stood."""
+    """Restore the state of a training."""
     load(network, begun.weights)
     for name, parameter in network.named_parameters():
         optimizer.state[parameter] = {
@@ -124,11 +119,11 @@ WEIGHTS, MOMENTS = "weights/", "moments/"
 
 
 def write_progress(file: Path, key: str, progress: Progress) -> None:
-    """Write a training whole, or leave what was there.
+    """Write a training atomically: a failure leaves the old file.
 
     Args:
         file: Where to; the name should end in `.npz`.
-        key: What tells this training from every other.
+        key: Key that identifies this training.
         progress: The training.
 
     Raises:
@@ -153,10 +148,10 @@ def write_progress(file: Path, key: str, progress: Progress) -> None:
 
 
 def begun_or_none(file: Path, key: str) -> Progress | None:
-    """Read a training of this key; None where there is none or it is of another key.
+    """Read a training of this key; None without a file or with another key.
 
     Raises:
-        Unusable: Where the file is there but no training.
+        Unusable: Where the file exists but holds no training.
     """
     if not file.exists():
         return None
@@ -179,16 +174,16 @@ def begun_or_none(file: Path, key: str) -> Progress | None:
 # --- Training -------------------------------------------------------------------------
 
 Penalty = Callable[[nn.Module, torch.Tensor], torch.Tensor]
-"""What is added to the loss, given the network and the inputs of a mini-batch."""
+"""Term added to the loss, given the network and the inputs of a mini-batch."""
 
 
 @dataclass(frozen=True)
 class Training:
-    """How long, and how fast.
+    """Settings of a training: steps, batch and learning rate.
 
     Attributes:
-        steps: How many.
-        batch: Rows that each step sees; 256: chosen, best accuracy per second here.
+        steps: Number of steps.
+        batch: Rows of each step; 256: chosen, best accuracy per second here.
         rate: Peak learning rate.
         warm_up: Share of the steps over which the rate rises; chosen.
         forget: Adam's beta_2; chosen: 0.999, its usual value, was slower here.
@@ -236,16 +231,16 @@ def train(
     tell: Listeners | None = None,
     penalty: Penalty | None = None,
 ) -> Progress:
-    """Train a network where it stands; on one thread, for the same numbers every time.
+    """Train a network in place; on one thread, for reproducible results.
 
     Args:
-        network: Is changed.
+        network: Changed in place.
         rows: Inputs and targets, without units.
-        settings: How long, and how fast.
-        seed: Of the order of the rows.
-        begun: Where to go on; None = at the beginning, with the network's weights.
-        tell: Who is told.
-        penalty: What is added to the loss.
+        settings: Settings of the training.
+        seed: Seed of the order of the rows.
+        begun: State to resume from; None = start with the network's weights.
+        tell: Callbacks.
+        penalty: Term added to the loss.
 
     Returns:
         The training at its end.
@@ -285,7 +280,7 @@ def train(
 
 
 def _batches(rows: int, batch: int, seed: int, start: int) -> Iterator[np.ndarray]:
-    """Yield rows from step `start` on; every epoch sees each row at most once."""
+    """Yield batches of rows from step `start` on; no epoch repeats a row."""
     batch = min(batch, rows)
     per_epoch = rows // batch
     epoch, first = divmod(start, per_epoch)
