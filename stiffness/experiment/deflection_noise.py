@@ -20,15 +20,15 @@ from bench.shared.recording import Recording
 
 @dataclass(frozen=True)
 class Noise:
-    """What the instruments state of the errors of deflections.
+    """Stated noise of deflections, as contributions of tracker and force sensor.
 
     Attributes:
         tracker: Covariance of one reading of one target along the base's axes, m^2.
-        own: Share of it in each row from the loaded reading.
-        shared: Each target's part in a row's error from the unloaded reading.
-        force: One sigma of a force, in N.
-        torque: One sigma of a torque, in N m.
-        visit: Which rows share their unloaded reading.
+        own: Factor of it in each row from the loaded reading.
+        shared: Factor of each target in a row's error from the unloaded reading.
+        force: Standard deviation of a force, in N.
+        torque: Standard deviation of a torque, in N m.
+        visit: Index of the visit; its rows share their unloaded reading.
     """
 
     tracker: Float[np.ndarray, "3 3"]
@@ -46,11 +46,11 @@ class Noise:
     def whitener(
         self, per_wrench: Float[np.ndarray, "rows 3 6"] | None = None
     ) -> "Whitener":
-        """Prepare the transform after which errors are independent with sigma one.
+        """Return the transform that makes errors independent with unit variance.
 
         Args:
-            per_wrench: Deflection per wrench of each row, in m/N and m/(N m), through
-                which the force sensor errs; None = it does not.
+            per_wrench: Deflection per wrench of each row, in m/N and m/(N m), which
+                carries the force sensor's errors; None = no such errors.
         """
         visits, first, count = np.unique(
             self.visit, return_index=True, return_counts=True
@@ -86,7 +86,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Whitener:
-    """Turns deflections into numbers whose errors are independent with sigma one.
+    """Transform of deflections to values with independent errors of unit variance.
 
     Attributes:
         blocks: Rows of equally long visits, and the inverse Cholesky factor of each.
@@ -97,7 +97,7 @@ class Whitener:
     def __call__(
         self, values: Float[np.ndarray, "rows 3 columns"]
     ) -> Float[np.ndarray, "rows 3 columns"]:
-        """Whiten each column; visits stay together, rows of a visit mix."""
+        """Whiten each column; rows are combined within a visit only."""
         white = np.empty_like(values)
         for rows, inverse in self.blocks:
             visits, n = rows.shape
@@ -113,14 +113,14 @@ def noise_of_pairs(
     pair: tuple[np.ndarray, np.ndarray],
     turn: Float[np.ndarray, "3 3"],
 ) -> Noise:
-    """Carry the stated noise of readings to deflections; markers of a target err alike.
+    """Return the noise of deflections from that of readings, by targets.
 
     Args:
         recording: With the stated noise of tracker and force sensor.
-        chosen: The markers that were averaged.
-        weight: Of each marker in each row's mean.
+        chosen: The markers that were averaged; those of a target share their error.
+        weight: Weight of each marker in each row's mean.
         pair: The recording's loaded rows, and the row each is compared with.
-        turn: From the tracker's axes to the base's.
+        turn: Rotation from the tracker's axes to the base's.
     """
     tracker, sensor = recording.tracker, recording.wrench_sensor
     assert tracker is not None and sensor is not None

@@ -1,10 +1,8 @@
 """Deflections of the end-effector from pairs of loaded and unloaded readings.
 
-A load case is a posture that motors hold and a load that pulls: what was done.
-
-A loaded reading means something beside the unloaded reading of the same visit.
-
-The end-effector's deflection is where its markers went when the load came.
+`LoadCases` holds postures and wrenches, `loaded_and_unloaded` pairs each loaded reading
+with the unloaded reading of its visit, and `every_plateau` and `one_per_pose` return
+the `Deflections`.
 
 ==========  ==========================================================================
 Equation    d = R (mean of p_loaded - p_unloaded over markers seen in both readings)
@@ -13,8 +11,8 @@ Needs       an unloaded reading in the visit; markers on the flange or the tool;
 Assumes     the markers do not slip and the base stands still within a visit
 ==========  ==========================================================================
 
-The wrench is the difference of the same two readings, which takes a sensor's bias and
-the weight of what always hangs on it away.
+The wrench is the difference of the same two readings, which removes a sensor's bias and
+constant loads.
 """
 
 from collections.abc import Callable
@@ -36,10 +34,10 @@ from stiffness.robot.wrench import sensor_in_flange, to_flange, wrench_in_base
 
 @dataclass(frozen=True)
 class LoadCases:
-    """What a method is asked to predict for, one static case per row.
+    """Static load cases to predict deflections for, one per row.
 
-    Asked for is how far the end-effector point moves, along the base's axes, when the
-    wrench comes to act on an arm that already bends under its own weight.
+    The deflection is the displacement of the end-effector point, along the base's axes,
+    when the wrench is applied to an arm that already bends under its own weight.
 
     Attributes:
         posture: Joint angles that the motors hold, in rad.
@@ -50,7 +48,8 @@ class LoadCases:
         payload: What is mounted beyond the model; None = nothing.
 
     Raises:
-        Unusable: Where arrays disagree in shape or hold what is no number, naming all.
+        Unusable: Where arrays disagree in shape or hold values that are not finite,
+            naming all.
     """
 
     posture: Float[np.ndarray, "cases axes"]
@@ -100,7 +99,7 @@ def loaded_and_unloaded(
     """Pair every loaded row with the first unloaded row of its visit.
 
     A row is loaded where its stage is not `unloaded` and, if the mass on the hook is
-    known, there is one. Where a visit marks no row as unloaded, its first is compared.
+    known, it is not zero. Where a visit marks no row as unloaded, its first is used.
 
     Returns:
         The loaded rows in the order of time, and the row each is compared with.
@@ -119,14 +118,14 @@ def loaded_and_unloaded(
 
 
 def usable(arm: Arm, recording: Recording) -> Int[np.ndarray, " markers"]:
-    """Choose the end-effector's markers, and refuse what shows no deflection.
+    """Return the end-effector's markers; refuse recordings without deflections.
 
     Args:
         arm: The nominal arm, with the recording's names.
         recording: Any recording.
 
     Returns:
-        The markers on the flange; else on the tool; else what moves with them.
+        The markers on the flange; else on the tool; else on bodies fixed to them.
 
     Raises:
         Unusable: With every reason why there are no deflections, and what to add.
@@ -158,7 +157,7 @@ def usable(arm: Arm, recording: Recording) -> Int[np.ndarray, " markers"]:
 
 
 def end_effector_markers(arm: Arm, recording: Recording) -> Int[np.ndarray, " markers"]:
-    """Return the markers on the flange; else on the tool; else what moves with them."""
+    """Return markers on the flange; else on the tool; else on bodies fixed to them."""
     bodies = [marker.body for marker in recording.markers]
     for wanted in ("flange", "tool"):
         goal = arm.bodies.get(wanted, wanted)
@@ -175,16 +174,16 @@ def end_effector_markers(arm: Arm, recording: Recording) -> Int[np.ndarray, " ma
 
 @dataclass(frozen=True)
 class Deflections:
-    """What was done to the end-effector and how far it moved, one row per reading.
+    """Deflections of the end-effector with their load cases, one row per reading.
 
     Attributes:
-        cases: Posture, wrench and the point whose motion is meant: the mean nominal
-            place of the markers of that row.
+        cases: Posture, wrench and end-effector point: the mean nominal place of the
+            markers of that row.
         deflection: Along the base's axes, in m.
         posture_id: Id of the posture visited.
-        row: The recording's row that was read under load.
-        noise: What the instruments state.
-        frame: Where the tracker stands, and how that is known.
+        row: The recording's row of the loaded reading.
+        noise: Noise by the instruments' specifications.
+        frame: Tracker frame, and its source.
         wrench_in_flange: The wrench along the flange's axes, where the sensor turns
             with it; None where it was given along the base's.
     """
@@ -199,7 +198,7 @@ class Deflections:
 
     @property
     def visit(self) -> Int[np.ndarray, " rows"]:
-        """Which rows share their unloaded reading."""
+        """Index of each row's visit; its rows share their unloaded reading."""
         return self.noise.visit
 
     @property
@@ -229,7 +228,7 @@ class Deflections:
 Selection: TypeAlias = Callable[
     [Arm, Recording, Float[np.ndarray, " axes"] | None], Deflections
 ]
-"""A way to take deflections from a recording: `every_plateau`, `one_per_pose`."""
+"""Function that takes deflections from a recording: `every_plateau`, `one_per_pose`."""
 
 
 def every_plateau(
@@ -242,14 +241,14 @@ def every_plateau(
     Args:
         arm: The nominal arm, with the recording's names.
         recording: Plateaus with markers on the flange, else the tool, and a wrench.
-        compliance: Springs under which the unloaded arm sags, in rad/(N m); only used
-            where the tracker's frame has to be found from the arm's markers.
+        compliance: Springs on which the unloaded arm sags, in rad/(N m); only used
+            where the tracker's frame is estimated from the arm's markers.
 
     Returns:
         One row per loaded plateau whose visit has an unloaded reading.
 
     Raises:
-        Unusable: Where the recording cannot show deflections, with all faults.
+        Unusable: Where the recording contains no deflections, with all faults.
     """
     chosen = usable(arm, recording)
     points, tracker = recording.points, recording.tracker
@@ -300,7 +299,7 @@ def one_per_pose(
     recording: Recording,
     compliance: Float[np.ndarray, " axes"] | None = None,
 ) -> Deflections:
-    """Take of every pose the first reading under its heaviest load; see above."""
+    """Return the first reading of every pose under its largest load; see above."""
     every = every_plateau(arm, recording, compliance)
     force = np.linalg.norm(every.cases.wrench_in_base[:, :3], axis=1)
     mass = recording.load_mass
@@ -320,7 +319,7 @@ def _places(
     chosen: Int[np.ndarray, " markers"],
     frame: TrackerFrame,
 ) -> Float[np.ndarray, "markers 3"]:
-    """Return the markers' places in the flange's frame, in m; found if not stated."""
+    """Return the markers' places in the flange's frame, in m; fitted if not stated."""
     assert recording.points is not None
     places = []
     for k in chosen:

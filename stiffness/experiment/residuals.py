@@ -1,13 +1,11 @@
 """Residuals: measured less expected marker positions, with weights and rigid groups.
 
-A reading is where a marker was seen; its residual, how far from where it should be.
-
 ==========  ==========================================================================
 Equation    residual = R p_tracker + t - (R_b place + o_b), b the marker's body at the
             nominal equilibrium
 Source      definition
 Valid       a tracker frame and marker places that are nearly right
-Ignores     nothing: residuals are exact, only columns are linear
+Ignores     nothing: residuals are exact, only columns are linearised
 ==========  ==========================================================================
 """
 
@@ -35,7 +33,7 @@ def seen_in_base(
 def expected(
     situation: StaticState, frames: TrackerFit
 ) -> Float[np.ndarray, "rows markers 3"]:
-    """Return where the markers should be, in m."""
+    """Return the expected marker positions, in m."""
     standing = situation.arm.at(situation.rest)
     markers = situation.recording.markers
     return np.stack(
@@ -48,10 +46,10 @@ def expected(
 
 
 def weight_of(recording: Recording) -> Float[np.ndarray, "rows markers"]:
-    """Return how many frames stand behind each reading; 0 where it was not seen.
+    """Return the number of frames of each reading; 0 where it was not seen.
 
-    The points of a 6D target are one reading: together they count as one, so that its
-    place is as sure as stated and its turn as sure as one sigma at the points allows.
+    The points of a 6D target are one reading and share its weight, so that its position
+    has the stated accuracy, and its rotation that of one sigma at the points.
     """
     assert recording.points is not None
     seen = np.isfinite(recording.points).all(axis=2)
@@ -60,7 +58,7 @@ def weight_of(recording: Recording) -> Float[np.ndarray, "rows markers"]:
 
 
 def shares_of(recording: Recording) -> Float[np.ndarray, " markers"]:
-    """Return which part of a reading each marker is: a target's points are one."""
+    """Return each marker's share of a reading, which the points of a target divide."""
     targets = [m.target for m in recording.markers]
     return np.array([1.0 if t is None else 1.0 / targets.count(t) for t in targets])
 
@@ -68,9 +66,9 @@ def shares_of(recording: Recording) -> Float[np.ndarray, " markers"]:
 def rigid_groups(
     recording: Recording, body: Int[np.ndarray, " markers"]
 ) -> Int[np.ndarray, " markers"]:
-    """Return groups of markers that were read apart and move together.
+    """Return groups of markers that were measured separately and move together.
 
-    Points of a 6D target were not read apart: each is a group of its own.
+    Points of a 6D target were not measured separately: each is a group of its own.
     """
     alone = body.max(initial=0) + 1 + np.arange(len(body))
     whole = np.array([m.target is not None for m in recording.markers])
@@ -82,7 +80,7 @@ def bodies_of(
 ) -> tuple[tuple[str, ...], Int[np.ndarray, " markers"]]:
     """Return the bodies that carry markers, base first, and each marker's body.
 
-    Bodies fixed to each other are one: a flange and its tool move together.
+    Bodies fixed to each other, such as a flange and its tool, count as one.
     """
     axis = [arm.attachment(marker.body).axis for marker in recording.markers]
     order = sorted(set(axis), key=lambda k: len(arm.chain.carriers(k)))
@@ -98,12 +96,12 @@ def bodies_of(
 
 @dataclass(frozen=True)
 class Residuals:
-    """Readings less where they should be.
+    """Measured less expected marker positions.
 
     Attributes:
-        value: In m along the base's axes; NaN where not seen.
+        value: Residuals in m along the base's axes; NaN where not seen.
         point: The readings themselves, in the base's frame.
-        weight: Frames behind each, less for outliers, 0 where not seen.
+        weight: Number of frames of each, less for outliers, 0 where not seen.
         inverse: Inverse covariance of one frame's reading, 1/m^2.
         body: Index of each marker's body.
     """

@@ -1,41 +1,42 @@
 """Noise of force sensor and encoders, estimated without a load and averaged in visits.
 
-What a force sensor reads without a load is its own noise, and no load.
+Readings of an unloaded force sensor (`tared`):
 
 ==========  ==========================================================================
 Equation    w of rows without a load = their mean, along the sensor's axes; a row is
             one where |w - median|^2 in units of the stated noise is below the 99.99 %
             quantile of chi-square with six degrees of freedom
-Source      a regressor that errs leans on its own error: Fuller 1987, "Measurement
+Source      bias from errors in a regressor: Fuller 1987, "Measurement
             Error Models", section 1.1
 Valid       sensors whose noise is stated; a tare that stays along the sensor's axes
 Ignores     the noise of rows under a load, which is small beside it
 ==========  ==========================================================================
 
-An arm does not turn by what noise feigns. Where nothing pulls, that looks like a gear
-with play: no turn about no torque, and the springs' beyond.
+Noise in the wrench would appear as rotations of axes; without a load it mimics lost
+motion: zero rotation at zero torque, and the springs' rotation beyond.
 
-A pull at one point is three numbers; what six channels say beyond them is noise.
+Directions of the wrench that contain noise only (`clear_channels`), since a force at
+one point excites three of six channels:
 
 ==========  ==========================================================================
 Equation    w / sigma = U S V' over all rows; kept are directions with S > sqrt(n) +
             sqrt(6) + 4
-Source      what noise alone leaves of n rows and 6 channels: Davidson, Szarek 2001,
+Source      singular values of noise in n rows and 6 channels: Davidson, Szarek 2001,
             "Local operator theory, random matrices and Banach spaces", theorem II.13;
-            a regressor that errs leans on its own error: Fuller 1987, "Measurement
+            bias from errors in a regressor: Fuller 1987, "Measurement
             Error Models", section 1.1
 Valid       sensors whose noise is stated
-Ignores     what is said no louder than the noise, in all rows together
+Ignores     signals that do not exceed the noise, in all rows together
 ==========  ==========================================================================
 
-A direction that is noise alone moves no axis, and yet the readings answer to it: by
-just what the nominal arm was thought to do under it.
+Such a direction moves no axis, yet a fit of the readings would respond to it, by the
+deflection that the nominal arm has under it.
 
-Within a visit the arm stays where it is: what its encoders read besides is noise.
+Encoders at rest (`average_encoders`):
 
 ==========  ==========================================================================
 Equation    angle of a visit = mean of its rows' readings, sigma_mean = sigma / sqrt(n),
-            where readings scatter by no more than their stated sigma lets them
+            where the readings' scatter agrees with their stated sigma
 Source      definition of a plateau; the mean of repeated readings: JCGM 100:2008, 4.2.3
 Valid       hinges of plateaus whose encoders are stated
 Ignores     an axis that creeps within its encoder's noise
@@ -56,12 +57,12 @@ from stiffness.robot.wrench import turned
 # --- Force sensor without a load ------------------------------------------------------
 
 FEWEST = 5
-"""Rows that make a tare; chosen."""
+"""Minimum number of rows for a tare; chosen."""
 ALIKE = 0.9
-"""Share of the unloaded rows that must read it within the noise, or it is none; chosen:
-what hangs on an unloaded sensor turns along its axes with the arm."""
+"""Minimum share of the unloaded rows that agree with it within noise; chosen: a load on
+a sensor that should be unloaded changes direction along its axes with the arm."""
 BEYOND = 1e-4
-"""Share of a sensor's readings without a load that its noise takes further."""
+"""Probability that noise moves a reading without a load beyond the limit."""
 
 
 def tared(
@@ -69,11 +70,11 @@ def tared(
     wrench: Float[np.ndarray, "rows 6"],
     axes: Float[np.ndarray, "rows 3 3"],
 ) -> Float[np.ndarray, "rows 6"]:
-    """Return wrenches, noise taken from rows without a load.
+    """Return wrenches whose rows without a load are replaced by their mean.
 
     Args:
         recording: With a sensor whose noise is stated.
-        wrench: Along the base's axes, the tool's weight taken off, in N and N m.
+        wrench: Along the base's axes, the tool's weight subtracted, in N and N m.
         axes: The sensor's own, as columns.
     """
     spec, rest = recording.wrench_sensor, recording.stage == UNLOADED
@@ -94,7 +95,7 @@ def tared(
 # --- Noise subspace of the force sensor -----------------------------------------------
 
 LOUDER = 4.0
-"""By how much a direction must be longer than noise is on average: noise is so once in
+"""Margin by which a direction must exceed the mean norm of noise: noise does so once in
 3,000 recordings."""
 
 
@@ -103,7 +104,7 @@ def clear_channels(
     wrench: Float[np.ndarray, "rows 6"],
     axes: Float[np.ndarray, "rows 3 3"],
 ) -> Float[np.ndarray, "rows 6"]:
-    """Return wrenches without the directions along which a sensor reads noise alone.
+    """Return wrenches without the directions that contain noise only.
 
     Args:
         spec: Its stated noise.
@@ -123,12 +124,12 @@ def clear_channels(
 # --- Encoders within a visit ----------------------------------------------------------
 
 NEARLY = 1.5
-"""Scatter over the stated sigma up to which it is the encoder's; chosen: a stated sigma
-is seldom truer."""
+"""Maximum ratio of scatter to stated sigma for noise of the encoder; chosen: a stated
+sigma is seldom more accurate."""
 
 
 def average_encoders(recording: Recording) -> Recording:
-    """Return a recording in which axes stand still where only their encoders differ.
+    """Return a recording with angles averaged in visits that scatter by encoder noise.
 
     Args:
         recording: With angles that a controller reported, row by row.
@@ -145,7 +146,7 @@ def average_encoders(recording: Recording) -> Recording:
 
 
 def left_of_encoders(recording: Recording) -> Float[np.ndarray, " axes"]:
-    """Return one sigma of a visit's mean angles by their encoders, in rad."""
+    """Return the standard deviation of a visit's mean angles from encoders, in rad."""
     axes = recording.posture.shape[1]
     if not _noisy(recording):
         return np.zeros(axes)
@@ -157,7 +158,7 @@ def left_of_encoders(recording: Recording) -> Float[np.ndarray, " axes"]:
 
 
 def _noisy(recording: Recording) -> bool:
-    """Return whether it is the controller's encoders whose noise is stated."""
+    """Return whether the stated noise is that of the controller's encoders."""
     stated = recording.encoder_repeatability is not None
     behind = recording.link_posture is not None
     return stated and not behind and recording.rows == "plateaus"

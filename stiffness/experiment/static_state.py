@@ -1,12 +1,11 @@
 """Static state row by row: configuration, wrenches and joint torques at equilibrium.
 
-Where the arm stood and what acted in it, row by row, under the fitted nominal model.
+A `StaticState` is the recorded experiment under the fitted nominal model, along the
+base's axes, in SI units and radians. A *place* is a compliant point of the arm: place 0
+is the base's foot, place k is axis k (counted from 1); a place carries all bodies
+beyond it.
 
-Everything is along the base's axes, in SI units and radians. A *place* is where an arm
-can give way: place 0 is the base's foot, place k is axis k (counted from 1); a place
-carries all bodies beyond it.
-
-Gravity and load pull at all that a place carries; the arm rests where springs hold.
+Forces, moments and torques (`static_state_of`):
 
 ==========  ==========================================================================
 Equation    F_p = sum m g + F_load; M_p = sum (c - o_p) x m g + (s - o_p) x F_load + T
@@ -15,7 +14,7 @@ Equation    F_p = sum m g + F_load; M_p = sum (c - o_p) x m g + (s - o_p) x F_lo
             the row's visit
 Source      Siciliano et al. 2009, "Robotics: Modelling, Planning and Control", 7.3
 Valid       an arm at rest
-Ignores     what gives way beyond the axes' own springs
+Ignores     compliance beyond the axes' own springs
 ==========  ==========================================================================
 """
 
@@ -40,14 +39,15 @@ from stiffness.robot.wrench import felt_body, wrench_in_base
 
 @dataclass(frozen=True, eq=False)
 class StaticState:
-    """What hypotheses see of an experiment; displacements themselves are not in it.
+    """Loads and configurations of an experiment, the input of all hypotheses.
 
     Attributes:
-        recording: What was done: times, visits, stages, loads. A hypothesis does not
-            look at `points` or `link_posture`.
+        recording: Times, visits, stages and loads. A hypothesis must not use its
+            `points` or `link_posture`.
         arm: The nominal arm with the recording's names.
-        compliance: Of each axis, as fitted silently (0 where rigid), in rad/(N m).
-        rest: Where the links rest under gravity and load, in rad.
+        compliance: Of each axis, fitted as a nuisance parameter (0 where rigid), in
+            rad/(N m).
+        rest: Link-side joint angles under gravity and load, in rad.
         torque: About (along) each axis, of gravity and load on all it carries, N m.
         load_torque: The load's part of it, in N m.
         force: Exerted by gravity and load on all that a place carries, in N.
@@ -60,16 +60,16 @@ class StaticState:
         seat: The same before the axis turns: fixed in the link before.
         wrench: What the world exerts on the robot about the sensor's origin.
         sensor: The sensor's origin, in m.
-        sensor_axes: The sensor's own axes as columns: there it errs, even where a
-            controller reports its readings along the base's.
+        sensor_axes: The sensor's own axes as columns: its errors are along these, even
+            where a controller reports its readings along the base's.
         carried: Whether each place carries each body of `bodies`.
         bodies: Names of the bodies with markers.
         tracker: Transform from the tracker's frame to the base's, as stated or fitted;
-            None: nobody knows.
-        marker_positions: Where each marker sits in its body's frame as fitted, in m;
+            None: unknown.
+        marker_positions: Fitted position of each marker in its body's frame, in m;
             None: as stated.
-        giving: What was named and gives way in proportion to loads: what each does in
-            any situation, as parts of a signature.
+        giving: Named effects that are linear in the loads: for each the blocks of its
+            Jacobian in any static state.
     """
 
     recording: Recording
@@ -94,25 +94,25 @@ class StaticState:
 
     @property
     def rows(self) -> int:
-        """How many rows there are."""
+        """Number of rows."""
         return len(self.recording.time)
 
     @cached_property
     def axes(self) -> tuple[str, ...]:
-        """What the axes are called in an answer: a1 … aN."""
+        """Names of the axes in an answer: a1 … aN."""
         return tuple(f"a{k + 1}" for k in range(len(self.arm.axes)))
 
     @cached_property
     def links(self) -> tuple[str, ...]:
-        """What the links between axes are called: link_1 … link_(N-1)."""
+        """Names of the links between axes: link_1 … link_(N-1)."""
         return tuple(f"link_{k + 1}" for k in range(len(self.axes) - 1))
 
     def axis(self, where: str) -> int:
-        """Return the number of an axis from its name, counted from 0."""
+        """Return the index of an axis from its name, counted from 0."""
         return self.axes.index(where)
 
     def marker_position(self, marker: int) -> Float[np.ndarray, "3"] | None:
-        """Return where a marker sits in its body's frame, in m, if anybody knows."""
+        """Return a marker's position in its body's frame, in m; None where unknown."""
         stated = self.recording.markers[marker].position
         return (
             stated if self.marker_positions is None else self.marker_positions[marker]
@@ -149,17 +149,17 @@ class StaticState:
     def from_steps(
         self, values: Float[np.ndarray, "visits longest"]
     ) -> Float[np.ndarray, " rows"]:
-        """Bring values that were computed along `steps` back to the rows."""
+        """Map values that were computed along `steps` back to the rows."""
         flat = np.empty(self.rows)
         flat[self.steps[:, ::-1].ravel()] = values[:, ::-1].ravel()
         return flat
 
     def with_compliance(self, compliance: Float[np.ndarray, " axes"]) -> "StaticState":
-        """Return the same, saying that the axes have this compliance."""
+        """Return the same state with another compliance of the axes."""
         return replace(self, compliance=compliance)
 
     def some(self, rows: Int[np.ndarray, " some"]) -> "StaticState":
-        """Return some rows of the same, for laws that know no row but their own."""
+        """Return some rows of the same, for laws that act on each row separately."""
         per_row = (
             "rest", "torque", "load_torque", "force", "moment", "origin", "frame",
             "seat", "wrench", "sensor", "sensor_axes",
@@ -177,13 +177,13 @@ def static_state_of(
     compliance: Float[np.ndarray, " axes"],
     bodies: Sequence[str],
 ) -> StaticState:
-    """Let the arm come to rest in every row and say what acts where.
+    """Return the arm's equilibrium in every row, with all forces and torques.
 
     Args:
         arm: The nominal arm, with the recording's names.
-        recording: What was done.
+        recording: The experiment.
         compliance: Of each axis, in rad/(N m); 0 = rigid.
-        bodies: Bodies whose motion will be asked for.
+        bodies: Bodies whose motion is needed.
     """
     rest, wrench = _rest(arm, recording, compliance)
     standing = arm.at(rest)
@@ -236,7 +236,7 @@ def static_state_of(
 def _rest(
     arm: Arm, recording: Recording, compliance: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the links' posture and the wrench along the base's axes, which agree."""
+    """Return the links' rest posture and the consistent wrench in the base's axes."""
     rest = recording.posture
     if recording.wrench is None or recording.wrench_sensor is None:
         rest = equilibrium(arm, rest, compliance, payload=recording.tool)
@@ -258,14 +258,14 @@ def _rest(
 
 
 def _felt(recording: Recording, standing: ArmState) -> Float[np.ndarray, "rows 6"]:
-    """Return the wrench along the base's axes, without what is noise alone."""
+    """Return the wrench along the base's axes, without directions of noise only."""
     spec, (_, axes) = recording.wrench_sensor, _sensor(recording, standing)
     wrench = tared(recording, wrench_in_base(recording, standing), axes)
     return wrench if spec is None else clear_channels(spec, wrench, axes)
 
 
 def _sensor(recording: Recording, standing: ArmState) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the sensor is and its own axes, in whatever axes it reports."""
+    """Return the sensor's origin and its own axes, in whatever axes it reports."""
     spec = recording.wrench_sensor
     if spec is None:
         return standing.point("flange", np.zeros(3)), standing.turn("flange")
@@ -277,10 +277,10 @@ def _sensor(recording: Recording, standing: ArmState) -> tuple[np.ndarray, np.nd
 def _midway(
     recording: Recording, rest: Float[np.ndarray, "rows axes"]
 ) -> Float[np.ndarray, "rows axes"]:
-    """Return where the links rest with the mean wind-up of a row's visit.
+    """Return the links' posture with the mean wind-up of a row's visit.
 
-    Lever arms are taken there, where a visit's markers are on average: what a place
-    carries goes with it under load, and a constant turn shows no load.
+    Lever arms are computed there, at the mean configuration of a visit: the bodies of a
+    place move with it under load, and a constant rotation is independent of the load.
     """
     wound = rest - recording.posture
     return recording.posture + held_at_mean(recording.visit, wound)

@@ -1,7 +1,7 @@
-"""Visits: stays at one configuration while the load comes and goes.
+"""Visits: stays at one configuration while the load is applied and removed.
 
-Within a visit only the load changes, so that a marker's differences speak of the load;
-between visits the arm has moved, and only where markers stand speaks of that.
+Within a visit only the load changes, so differences of a marker's positions are due to
+the load; between visits the configuration changes, and only visit means are compared.
 """
 
 from collections.abc import Callable
@@ -12,13 +12,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 LONGEST = 40
-"""Rows that are compared with each other; longer visits are cut into such stays, each
-with a rest position of its own. Chosen: cost grows with its square."""
+"""Maximum number of rows compared with each other; longer visits are cut into such
+stays, each with a rest position of its own. Chosen: cost grows with its square."""
 
 
 @dataclass(frozen=True)
 class Visits:
-    """The rows of every stay, side by side.
+    """Row indices of every stay, side by side.
 
     Attributes:
         row: The recording's rows of each stay in the order of time; short stays repeat
@@ -32,18 +32,18 @@ class Visits:
     posture_index: Int[np.ndarray, " visits"]
 
     def gather(self, values: np.ndarray) -> np.ndarray:
-        """Lay values of rows side by side: (visits, longest, …)."""
+        """Gather values of rows by stay: (visits, longest, …)."""
         return values[self.row]
 
     def poses(self) -> int:
-        """Return how many poses there are."""
+        """Return the number of poses."""
         return int(self.posture_index.max()) + 1
 
 
 def visits_of(
     visit: Int[np.ndarray, " rows"], pose: Int[np.ndarray, " rows"]
 ) -> Visits:
-    """Lay the rows of a recording out by visits.
+    """Group the rows of a recording by visits.
 
     Args:
         visit: Index of each row's visit, from 0.
@@ -64,7 +64,7 @@ def visits_of(
 def held_at_mean(
     visit: Int[np.ndarray, " rows"], values: Float[np.ndarray, "rows columns"]
 ) -> Float[np.ndarray, "rows columns"]:
-    """Return the mean of each row's visit, row by row; visits by any number."""
+    """Return the mean of each row's visit, row by row; visits have any labels."""
     index = np.unique(visit, return_inverse=True)[1]
     total = np.zeros((index.max() + 1, values.shape[1]))
     np.add.at(total, index, values)
@@ -84,7 +84,7 @@ def mean_of(
 
 
 STRETCH = 48
-"""Visits that are reckoned with at once; chosen: their matrices stay in the cache."""
+"""Number of visits computed together; chosen: their matrices stay in the cache."""
 
 
 def stretches(
@@ -99,14 +99,14 @@ def stretches(
 
 
 MAX_KEPT = 12
-"""Stretches of visits for which what was laid out is kept; chosen: an experiment of
-some hundred visits is laid out once, a long one never fills the memory."""
+"""Number of stretches of visits whose design is cached; chosen: an experiment of some
+hundred visits is computed once, a long one never fills the memory."""
 Laid = TypeVar("Laid")
 
 
 @dataclass(frozen=True, eq=False)
 class Kept(Generic[Laid]):
-    """What was laid out for the stretches asked for last."""
+    """Cache of the designs of the most recent stretches."""
 
     laid: dict[bytes, Laid] = field(default_factory=dict)
 
@@ -115,7 +115,7 @@ class Kept(Generic[Laid]):
         visits: Int[np.ndarray, " some"],
         lay: Callable[[Int[np.ndarray, " some"]], Laid],
     ) -> Laid:
-        """Return what was laid out for these visits, or lay it out."""
+        """Return the design of these visits, from the cache or newly computed."""
         key = visits.tobytes()
         if key not in self.laid:
             if len(self.laid) >= MAX_KEPT:

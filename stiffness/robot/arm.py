@@ -1,7 +1,7 @@
 """Nominal arm: a rigid chain of hinges and slides with joint compliance and limits.
 
-Everything it says is in the base's frame, in SI units and radians. Names of bodies are
-`base`, `link_1` … `link_N`, `flange`, `tool` and the model's own.
+All values are in the base's frame, in SI units and radians. Names of bodies are `base`,
+`link_1` … `link_N`, `flange`, `tool` and the model's own.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,16 +20,16 @@ from stiffness.robot.mjcf import ArmFile, read, read_text, without_other_joints
 
 @dataclass(frozen=True)
 class Arm:
-    """A nominal arm; how it deflects is not its business.
+    """Nominal arm: kinematics, masses, springs and limits, without a deflection model.
 
     Attributes:
-        file: What its MJCF states.
-        axes: The model's joints that are a1, a2 …, one column of a posture each.
+        file: Content of its MJCF.
+        axes: The model's joints for a1, a2 …, one column of a posture each.
         bodies: Names of bodies mapped to the model's own, before all other rules.
         slides: Whether each axis slides instead of turning.
         limits: Lowest and highest posture, in rad (m where it slides).
         stiffness: The model's own springs, in N m/rad (N/m); 0 = rigid.
-        chain: Where axes, bodies and masses sit.
+        chain: Axes, bodies and masses.
     """
 
     file: ArmFile = field(repr=False)
@@ -60,7 +60,7 @@ class Arm:
 
         Raises:
             BenchError: Where the file is missing.
-            Unusable: Where it is no chain of hinges and slides.
+            Unusable: Where it is not a chain of hinges and slides.
             UnknownName: Where the model has no such joint or body.
         """
         return cls.of(read(path), axes, bodies)
@@ -77,7 +77,7 @@ class Arm:
         axes: Sequence[str] = (),
         bodies: Mapping[str, str] | None = None,
     ) -> "Arm":
-        """Take these axes of a file that was read; see `from_mjcf`."""
+        """Return the arm with these axes of a file already read; see `from_mjcf`."""
         axes = tuple(axes) or tuple(list(file.model.names)[1:])
         if len(set(axes)) != len(axes):
             raise Unusable("The list of axes", [f"a joint comes twice: {list(axes)}."])
@@ -124,7 +124,7 @@ class Arm:
         return arm
 
     def attachment(self, body: str) -> Place:
-        """Return which axis a body hangs on and how.
+        """Return the axis that a body is attached to, and how.
 
         Raises:
             UnknownName: Where the model has no such body.
@@ -136,7 +136,7 @@ class Arm:
         return places[name]
 
     def at(self, posture: Float[np.ndarray, "cases axes"]) -> ArmState:
-        """Stand the arm in many postures at once.
+        """Return the arm in many postures at once.
 
         Args:
             posture: Joint angles, in rad (m where an axis slides).
@@ -159,7 +159,7 @@ class Arm:
     def placements(
         self, posture: Float[np.ndarray, "cases axes"], bodies: Sequence[str]
     ) -> Float[np.ndarray, "cases bodies 4 4"]:
-        """Return where bodies are, as transforms to the base's frame, in m."""
+        """Return transforms from bodies to the base's frame, in m."""
         standing = self.at(posture)
         return np.stack([standing.placement(body) for body in bodies], axis=1)
 
@@ -169,7 +169,7 @@ class Arm:
         body: str,
         position: Float[np.ndarray, "*cases 3"],
     ) -> Float[np.ndarray, "cases 3"]:
-        """Return where a point of a body is, in m; see `ArmState.point`."""
+        """Return a point of a body in the base's frame, in m; see `ArmState.point`."""
         return self.at(posture).point(body, position)
 
     def jacobian(

@@ -13,7 +13,7 @@ from bench.shared.errors import Unusable
 
 @dataclass(frozen=True)
 class Place:
-    """How a body hangs on the chain.
+    """Attachment of a body to the chain.
 
     Attributes:
         axis: The axis that moves it; -1 = the base.
@@ -26,17 +26,17 @@ class Place:
 
 @dataclass(frozen=True)
 class Chain:
-    """Axes, each the z axis of its own frame, that carry bodies and masses.
+    """Tree of axes, each the z axis of its own frame, with bodies and masses.
 
     Attributes:
         order: The axes such that each comes after the one that carries it.
         parent: The axis that carries each axis; -1 = the base.
         slides: Whether each axis slides.
         before: Transform from each axis' frame at zero to its parent's, in m.
-        mass: Of what each axis moves up to the next one, in kg.
-        centre: Of that mass, in the axis' frame, in m.
-        foot_mass: Of the base and all that is fixed to it, in kg.
-        foot_centre: Of that mass, in the base's frame, in m.
+        mass: Mass that each axis moves up to the next one, in kg.
+        centre: Centre of that mass, in the axis' frame, in m.
+        foot_mass: Mass of the base and all that is fixed to it, in kg.
+        foot_centre: Centre of that mass, in the base's frame, in m.
         places: The bodies by name.
         gravity: Acceleration along the base's axes, in m/s^2.
     """
@@ -62,7 +62,7 @@ class Chain:
 
 
 def chain_of(model: pinocchio.Model, axes: Sequence[str], gravity: np.ndarray) -> Chain:
-    """Turn Pinocchio's chain so that every axis is the z axis of its own frame.
+    """Return Pinocchio's chain with every axis the z axis of its own frame.
 
     Args:
         model: The chain.
@@ -73,7 +73,7 @@ def chain_of(model: pinocchio.Model, axes: Sequence[str], gravity: np.ndarray) -
         The chain, relative to its base.
 
     Raises:
-        Unusable: Where the base hangs on an axis.
+        Unusable: Where an axis carries the base.
     """
     joints = [model.getJointId(name) for name in axes]
     number = {joint: k for k, joint in enumerate(joints)} | {0: -1}
@@ -132,7 +132,7 @@ def chain_of(model: pinocchio.Model, axes: Sequence[str], gravity: np.ndarray) -
 
 
 def _motion_axis(model: pinocchio.Model, joint: int) -> tuple[bool, np.ndarray]:
-    """Say whether a joint slides, and along or about which axis of its own frame."""
+    """Return whether a joint slides, and its axis in its own frame."""
     data = model.joints[joint].createData()
     model.joints[joint].calc(data, np.zeros(1))
     motion = np.ravel(data.S)
@@ -141,7 +141,7 @@ def _motion_axis(model: pinocchio.Model, joint: int) -> tuple[bool, np.ndarray]:
 
 
 def _turn_z_to(axis: Float[np.ndarray, "3"]) -> Float[np.ndarray, "4 4"]:
-    """Return a pure rotation whose third column is an axis; exact for z itself."""
+    """Return a pure rotation with a given third column; exact for z itself."""
     turn = np.eye(4)
     if not np.array_equal(axis, [0.0, 0.0, 1.0]):
         angle = np.arccos(np.clip(axis[2], -1.0, 1.0))

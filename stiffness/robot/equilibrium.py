@@ -1,21 +1,22 @@
 """Static equilibrium of an arm with joint springs, and its Cartesian compliance.
 
-An arm with springs in its axes rests where springs, gravity and load agree.
+Rest posture of springs, gravity and load (`equilibrium`):
 
 ==========  ==========================================================================
 Equation    q = q_commanded + C (gravity torque(q) + J(q)^T wrench), C = diag(1/k)
 Source      Spong 1987, "Modeling and control of elastic joint robots", at rest
-Valid       springs in the axes, stiff against what gravity and load change with q
-Ignores     friction, hysteresis, everything that gives way but the axes
+Valid       springs in the axes, stiff against the change of gravity and load torque
+            with q
+Ignores     friction, hysteresis, compliance except in the axes
 ==========  ==========================================================================
 
-What springs in the axes come to at the end-effector depends on the posture.
+Compliance at the end-effector (`cartesian_compliance`):
 
 ==========  ==========================================================================
 Equation    K_X = J^-T K_theta J^-1, and its inverse C_X = J K_theta^-1 J^T
 Source      Wu et al. 2024, Eq. 6
 Valid       small deflections about the given posture
-Ignores     how the load changes the lever arms (Chen and Kao's K_C)
+Ignores     the change of lever arms by the load (Chen and Kao's K_C)
 ==========  ==========================================================================
 """
 
@@ -29,9 +30,10 @@ from stiffness.robot.arm import Arm
 # --- Equilibrium ----------------------------------------------------------------------
 
 CLOSE_ENOUGH = 1e-12
-"""Largest step that counts as rest, in rad; chosen: a thousandth of a nanometre."""
+"""Largest step at convergence, in rad; chosen: a thousandth of a nanometre."""
 STEPS = 60
-"""Tries before giving up; chosen: each gains a factor k / |d torque/dq|, about 300."""
+"""Maximum number of iterations; chosen: each gains a factor k / |d torque/dq|, about
+300."""
 
 
 def equilibrium(
@@ -43,14 +45,14 @@ def equilibrium(
     payload: Payload | None = None,
     body: str = "flange",
 ) -> Float[np.ndarray, "cases axes"]:
-    """Find where the links rest while the motors hold a posture.
+    """Return the links' rest posture while the motors hold a commanded one.
 
-    Torques are taken where the links are, not where the motors are, so the change of
-    the lever arms is in the answer.
+    Torques are evaluated at the links' posture, not at the motors', so the change of
+    the lever arms is included.
 
     Args:
         arm: The nominal arm.
-        posture: What the motors hold, in rad.
+        posture: Joint angles that the motors hold, in rad.
         compliance: Of each axis, in rad/(N m); 0 = rigid.
         wrench_in_base: Load on the body, force and torque about the point, along the
             base's axes, which do not turn with the arm; None = none.
@@ -62,7 +64,8 @@ def equilibrium(
         Link-side posture, in rad.
 
     Raises:
-        BenchError: Where there is no rest: the springs are too soft for the load.
+        BenchError: Where there is no equilibrium: the springs are too soft for the
+            load.
     """
     position = np.zeros(3) if position is None else position
     rest = np.array(posture, dtype=float)
@@ -100,10 +103,10 @@ def cartesian_compliance(
         arm: The nominal arm.
         posture: Joint angles, in rad.
         compliance: Of each axis, in rad/(N m).
-        point_in_flange: Where the wrench acts and motion is read, in m.
+        point_in_flange: Point where the wrench acts and displacement is taken, in m.
 
     Returns:
-        Motion (m, rad) per wrench (N, N m), along the base's axes.
+        Displacement (m, rad) per wrench (N, N m), along the base's axes.
     """
     jacobian = arm.jacobian(posture, "flange", point_in_flange)
     return (jacobian * compliance) @ jacobian.swapaxes(1, 2)

@@ -1,7 +1,5 @@
 """Forward kinematics, Jacobians and joint torques of a chain in many configurations.
 
-A chain that stands in many postures says where its points are and what loads do.
-
 ==========  ==========================================================================
 Equation    base_from_k = base_from_parent before_k Rz(q_k), a slide: … Tz(q_k)
             column k of J at p: [z_k x (p - o_k); z_k], a slide: [z_k; 0]
@@ -28,7 +26,7 @@ from stiffness.robot.chain import Chain, Place
 def point_jacobian(
     point: Float[np.ndarray, "*many 3"],
 ) -> Float[np.ndarray, "*many 3 6"]:
-    """Return what takes a twist to the displacement of a point: [1, -point x]."""
+    """Return the matrix from a twist to a point's displacement: [1, -point x]."""
     many = point.shape[:-1]
     taken = np.zeros((*many, 3, 6))
     taken[..., range(3), range(3)] = 1.0
@@ -47,10 +45,10 @@ class ArmState:
     """A chain in many postures at once, everything along the base's axes.
 
     Attributes:
-        chain: Where axes, bodies and masses sit.
-        attachment: Finds a body by name.
-        rotation: Of each axis' frame.
-        origin: Of each axis' frame, in m.
+        chain: Axes, bodies and masses.
+        attachment: Function from a body's name to its attachment.
+        rotation: Rotation of each axis' frame.
+        origin: Origin of each axis' frame, in m.
     """
 
     chain: Chain
@@ -65,7 +63,7 @@ class ArmState:
         attachment: Callable[[str], Place],
         posture: Float[np.ndarray, "cases axes"],
     ) -> "ArmState":
-        """Move every axis of the chain to its coordinate."""
+        """Return the chain with every axis at its coordinate."""
         cases, axes = posture.shape
         rotation = np.empty((axes, cases, 3, 3))
         origin = np.empty((axes, cases, 3))
@@ -110,7 +108,7 @@ class ArmState:
     def point(
         self, body: str, position: Float[np.ndarray, "*cases 3"]
     ) -> Float[np.ndarray, "cases 3"]:
-        """Return where a point of a body is, in m.
+        """Return a point of a body in the base's frame, in m.
 
         Args:
             body: The body's name.

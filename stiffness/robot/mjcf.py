@@ -1,8 +1,8 @@
-"""Reads an arm from MJCF: axes, masses and joint stiffness.
+"""Reader of arms from MJCF: axes, masses and joint stiffness.
 
-Pinocchio reads the chain; gravity and joint stiffness, which it passes over, are read
-from the XML itself. So is how the first body stands in the world: where that body has
-no joint, Pinocchio takes its frame for the world's.
+Pinocchio reads the chain; gravity and joint stiffness, which it ignores, are read from
+the XML itself. So is the pose of the first body in the world: where that body has no
+joint, Pinocchio takes its frame for the world's.
 """
 
 import tempfile
@@ -19,7 +19,7 @@ from jaxtyping import Float
 from bench.shared.errors import BenchError, UnknownName, Unusable
 
 STAND = ("quat", "axisangle", "euler", "xyaxes", "zaxis")
-"""Attributes that turn a body."""
+"""Attributes that rotate a body."""
 Read = TypeVar("Read")
 KINDS = ("Revolute", "Prismatic", "RX", "RY", "RZ", "PX", "PY", "PZ")
 """Pinocchio's names of joints that turn or slide with one coordinate."""
@@ -27,7 +27,7 @@ KINDS = ("Revolute", "Prismatic", "RX", "RY", "RZ", "PX", "PY", "PZ")
 
 @dataclass(frozen=True)
 class ArmFile:
-    """What the MJCF of an arm states.
+    """Content of the MJCF of an arm.
 
     Attributes:
         model: The chain as Pinocchio read it.
@@ -45,14 +45,15 @@ def read(path: Path | str) -> ArmFile:
     """Read an arm from a plain MJCF file.
 
     Args:
-        path: The MJCF; what it includes must be beside it.
+        path: The MJCF; files that it includes must be in the same folder.
 
     Returns:
         The chain, gravity and the springs.
 
     Raises:
         BenchError: Where the file is missing.
-        Unusable: Where it is no MJCF of a chain of hinges and slides, with all faults.
+        Unusable: Where it is not an MJCF of a chain of hinges and slides, with all
+            faults.
     """
     path = Path(path)
     if not path.is_file():
@@ -88,7 +89,7 @@ def _on_disk(text: str, reader: Callable[[Path], Read]) -> Read:
 def without_other_joints(
     model: pinocchio.Model, axes: Sequence[str]
 ) -> pinocchio.Model:
-    """Hold every joint but the named ones at zero.
+    """Fix every joint but the named ones at zero.
 
     Args:
         model: The chain.
@@ -111,7 +112,7 @@ def without_other_joints(
 
 
 def _faults(model: pinocchio.Model, root: ElementTree.Element) -> list[str]:
-    """Say what a chain of hinges and slides would not have."""
+    """Return what a model has that a chain of hinges and slides does not have."""
     faults = []
     if model.njoints < 2:
         faults.append("it has no joint; an arm needs at least one hinge or slide.")
@@ -126,9 +127,9 @@ def _faults(model: pinocchio.Model, root: ElementTree.Element) -> list[str]:
 
 
 def _first_turn(root: ElementTree.Element) -> Float[np.ndarray, "3 3"]:
-    """Return world_from_first, how the first body stands where it has no joint.
+    """Return world_from_first, the rotation of a first body without a joint.
 
-    Pinocchio reads it from a copy in which that body hangs on another one.
+    Pinocchio reads it from a copy in which another body carries that one.
     """
     first = root.find("worldbody/body")
     if first is None or first.find("joint") is not None:

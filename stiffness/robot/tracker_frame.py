@@ -1,6 +1,6 @@
 """Registration of the tracker to the base: stated, by base markers, or by the arm.
 
-No tracker that is sold measures lengths as wrongly as arms are drawn.
+Bound on the tracker's scale error (`LARGEST_SCALE`), far below errors of drawings:
 
 ==========  ==========================================================================
 Equation    |ratio| <= 5e-4
@@ -9,10 +9,10 @@ Source      a laser's wavelength in air changes by 1 ppm a degree and 0.27 ppm a
             another day's air and another place's height; cameras are scaled by a bar or
             wand of known length, about 0.1 to 0.3 mm a metre where it is done by hand
 Valid       instruments in order, in their own unit of length
-Ignores     an inch taken for 25 mm and the like: those are mistakes of the set-up
+Ignores     an inch taken for 25 mm and the like: those are errors of the set-up
 ==========  ==========================================================================
 
-The tracker stands somewhere beside the arm; base markers or the arm tell where.
+Tracker frame from known marker positions (`tracker_frame`):
 
 ==========  ==========================================================================
 Equation    R, t = argmin sum |R p_tracker + t - p_base|^2, by the SVD of the moment
@@ -20,12 +20,11 @@ Source      Kabsch 1976, "A solution for the best rotation to relate two sets of
             vectors", Acta Crystallographica A32, 922
 Needs       the frame in the manifest; or three markers on the base whose places are
             known; or markers with known places on moving bodies, not on one line
-Assumes     the arm stands where its posture says; springs, where given, are linear
+Assumes     the arm's posture is as reported; springs, where given, are linear
 ==========  ==========================================================================
 
-What the tracker saw is laid beside where the arm's bodies should have been.
-
-Where the tracker stands is first guessed from whatever the arm's markers allow.
+Tracker frame and marker positions from postures and readings (`initial_tracker_frame`,
+`fit_tracker_frame`):
 
 ==========  ==========================================================================
 Equation    min over R, t, places of sum |R_b^T (R y + t - o_b) - place|^2: linear in a
@@ -33,8 +32,8 @@ Equation    min over R, t, places of sum |R_b^T (R y + t - o_b) - place|^2: line
             means over visits
 Source      Shah 2013, "Solving the robot-world/hand-eye calibration problem using the
             Kronecker product", here with points; Kabsch 1976 where places are given
-Valid       an arm that stands roughly where its posture says
-Ignores     sag; the fit that follows takes it in
+Valid       an arm whose posture is roughly as reported
+Ignores     sag, which the fit that follows includes
 ==========  ==========================================================================
 """
 
@@ -54,30 +53,31 @@ from stiffness.robot.kinematics import point_jacobian
 # --- Accuracy of trackers and of stated marker positions ------------------------------
 
 LARGEST_SCALE = 5e-4
-"""Share of a length, either way; chosen: the widest above, and half as much again."""
+"""Maximum scale error, either sign; chosen: the widest above, and half as much
+again."""
 
 
 # --- Nuisance parameters --------------------------------------------------------------
 
 MARKER_POSITION_SIGMA = 1e-3
-"""One sigma of a given marker place, in m: what is nominal by the rules."""
+"""Standard deviation of a given marker place, in m: what is nominal by the rules."""
 
 
 # --- Frames ---------------------------------------------------------------------------
 
 FLAT = 1e-3
-"""Points whose second extent is below this share of the first lie on a line; chosen."""
+"""Second over first extent of points below which they lie on a line; chosen."""
 ENOUGH = 3
-"""Points that fix a frame."""
+"""Number of points that determine a frame."""
 
 
 @dataclass(frozen=True)
 class TrackerFrame:
-    """Where the tracker stands.
+    """The tracker's frame, with its source and the residual of its fit.
 
     Attributes:
         base_from_tracker: Transform, in m.
-        rms: What the fit left per coordinate, in m; 0 where the frame was stated.
+        rms: Residual of the fit per coordinate, in m; 0 where the frame was stated.
         source: The manifest, markers on the base, or markers on the moving arm.
     """
 
@@ -91,19 +91,19 @@ def tracker_frame(
     recording: Recording,
     compliance: Float[np.ndarray, " axes"] | None = None,
 ) -> TrackerFrame:
-    """Find the tracker's frame from the best source that the recording has.
+    """Return the tracker's frame from the best source that the recording has.
 
     Args:
         arm: The nominal arm, with the recording's names.
         recording: Its unloaded rows are used.
-        compliance: Springs with which the unloaded arm sags under its weight, in
-            rad/(N m); None = it stands rigid.
+        compliance: Springs on which the unloaded arm sags under its weight, in
+            rad/(N m); None = rigid.
 
     Returns:
-        The transform, what the fit left, and the source.
+        The transform, the residual of the fit, and the source.
 
     Raises:
-        Unusable: Where nothing fixes the frame.
+        Unusable: Where nothing determines the frame.
     """
     if recording.base_from_tracker is not None:
         return TrackerFrame(recording.base_from_tracker, 0.0, "manifest")
@@ -128,10 +128,10 @@ def tracker_frame(
 def kabsch(
     source: Float[np.ndarray, "points 3"], target: Float[np.ndarray, "points 3"]
 ) -> Float[np.ndarray, "4 4"]:
-    """Return the rigid transform that takes points nearest to others, in m.
+    """Return the rigid transform of least squared distance between points, in m.
 
     Raises:
-        Unusable: Where the points lie on one line, so that a turn is free.
+        Unusable: Where the points lie on one line, so that a rotation is undetermined.
     """
     middle, aim = source.mean(axis=0), target.mean(axis=0)
     extent = np.linalg.svd(source - middle, compute_uv=False)
@@ -188,12 +188,12 @@ def _fit(
 
 @dataclass(frozen=True)
 class TrackerFit:
-    """Where the tracker stands and where the markers sit.
+    """Fitted pose of the tracker and positions of the markers.
 
     Attributes:
         turn: R in p_base = R p_tracker + shift.
-        shift: In m.
-        marker_positions: Of each marker in its body's frame, in m.
+        shift: Translation t in the same, in m.
+        marker_positions: Position of each marker in its body's frame, in m.
     """
 
     turn: Float[np.ndarray, "3 3"]
@@ -210,9 +210,9 @@ class TrackerFit:
     def displaced(
         self, twist: Float[np.ndarray, "6"], marker_step: Float[np.ndarray, "markers 3"]
     ) -> "TrackerFit":
-        """Move the tracker by a small twist of the base's frame, and the markers.
+        """Return the fit after a small twist in the base's frame and marker steps.
 
-        A twist moves what is predicted, so readings move back.
+        A twist moves the predictions, so the readings move the opposite way.
         """
         back = Rotation.from_rotvec(-twist[3:]).as_matrix()
         return replace(
@@ -226,20 +226,20 @@ class TrackerFit:
 # --- Observations of the tracker ------------------------------------------------------
 
 FAR = 10.0
-"""A reading this many times as far from the middle as nearly all is no place where the
-arm was; chosen."""
+"""Distance from the middle, over that of nearly all readings, beyond which a reading is
+invalid; chosen."""
 
 
 @dataclass(frozen=True)
 class TrackerObservations:
-    """Readings of markers beside where the arm's bodies should be.
+    """Readings of markers, with the expected poses of their bodies.
 
     Attributes:
-        turned: From each marker's body to the base.
-        origin: Of each marker's body, in m.
+        turned: Rotation from each marker's body to the base.
+        origin: Origin of each marker's body, in m.
         y: Readings in the tracker's frame, in m; NaN where not seen.
-        marker_positions: Of each marker in its body, in m.
-        given: Whether that place is stated.
+        marker_positions: Position of each marker in its body, in m.
+        given: Whether that position is stated.
         transform: base_from_tracker; None where not stated.
     """
 
@@ -254,7 +254,7 @@ class TrackerObservations:
     def of(
         cls, arm: Arm, recording: Recording, posture: np.ndarray
     ) -> "TrackerObservations":
-        """Stand the arm in the recording's postures, one for each of its rows."""
+        """Return the observations with the arm in the recording's postures."""
         standing, markers = arm.at(posture), recording.markers
         assert recording.points is not None
         placements = {
@@ -274,7 +274,7 @@ class TrackerObservations:
 
     @property
     def weight(self) -> Float[np.ndarray, "visits markers"]:
-        """One for a reading, 0 where there is none or none that can be."""
+        """One for a valid reading, 0 for a missing or impossible one."""
         seen = np.isfinite(self.y).all(axis=2)
         if not seen.any():
             return seen.astype(float)
@@ -283,7 +283,7 @@ class TrackerObservations:
         return (seen & (np.nan_to_num(off) <= FAR * most)).astype(float)
 
     def residual(self, frames: TrackerFit) -> Float[np.ndarray, "visits markers 3"]:
-        """Return readings less where they should be, along the base's axes, in m."""
+        """Return observed less expected readings, along the base's axes, in m."""
         point = np.nan_to_num(self.y) @ frames.turn.T + frames.shift
         return (
             point
@@ -293,7 +293,7 @@ class TrackerObservations:
 
 
 def extent_of(sight: TrackerObservations) -> float:
-    """Return over how large a box the readings go, in m."""
+    """Return the size of the box that contains the readings, in m."""
     y = sight.y[sight.weight > 0]
     return float(np.ptp(y, axis=0).max()) if len(y) else 0.0
 
@@ -301,24 +301,25 @@ def extent_of(sight: TrackerObservations) -> float:
 # --- Initial fit of the frame ---------------------------------------------------------
 
 SOME = 60
-"""Visits that a first guess is made from; chosen."""
+"""Number of visits used for a first estimate; chosen."""
 ODD, RARE = 8.0, 0.02
 """Misfit over the median, and over what three in four readings of the same marker stay
-under, from which a reading has no say, as long as such are rarer than this; chosen."""
+under, from which a reading is excluded, as long as such are rarer than this; chosen."""
 POOR = 0.03
-"""Misfit over the extent of the readings from which every way that a cube can lie is
+"""Misfit over the extent of the readings from which all 24 rotations of a cube are
 tried as a start; chosen."""
 STEPS, CLOSE = 6, 1e-7
-"""Most steps of Gauss and Newton, and one in m or rad that is the last; chosen."""
+"""Maximum number of Gauss-Newton steps, and the step in m or rad at convergence;
+chosen."""
 
 
 def initial_tracker_frame(
     arm: Arm, recording: Recording, compliance: Float[np.ndarray, " axes"]
 ) -> TrackerFit:
-    """Guess the tracker's frame and the markers' places.
+    """Return a first estimate of the tracker's frame and the marker positions.
 
     Raises:
-        Unusable: Where nothing tells how the tracker stands or where markers sit.
+        Unusable: Where nothing determines the tracker's frame or the marker positions.
     """
     first = np.unique(recording.visit, return_index=True)[1]
     some = recording.take(first[:: max(1, len(first) // SOME)])
@@ -342,7 +343,7 @@ def initial_tracker_frame(
 
 
 def fit_tracker_frame(sight: TrackerObservations) -> tuple[TrackerFit, float]:
-    """Fit frame and places as well as can be.
+    """Return the best fit of frame and marker positions over several starts.
 
     Returns:
         Both, and the rms misfit in m.
@@ -358,7 +359,7 @@ def fit_tracker_frame(sight: TrackerObservations) -> tuple[TrackerFit, float]:
 
 
 def fit_tracker_frame_once(sight: TrackerObservations) -> tuple[TrackerFit, float]:
-    """Do the same from one start only: enough where the arm stands as it says."""
+    """Return the fit from one start only: enough where postures are as reported."""
     weight = sight.weight
     if sight.transform is None:
         start = _linear(sight, weight)
@@ -368,7 +369,7 @@ def fit_tracker_frame_once(sight: TrackerObservations) -> tuple[TrackerFit, floa
 
 
 def _linear(sight: TrackerObservations, weight: np.ndarray) -> Float[np.ndarray, "3 3"]:
-    """Return the turn nearest to the matrix that fits best."""
+    """Return the rotation nearest to the best-fitting matrix."""
     y = np.nan_to_num(sight.y)
     back = sight.turned.swapaxes(2, 3)  # (visits, markers, 3 of body, 3 of base)
     matrix = back[..., :, :, None] * y[:, :, None, None, :]
@@ -415,7 +416,7 @@ def _refined(
 def _judged(
     sight: TrackerObservations, turn: np.ndarray, shift: np.ndarray, weight: np.ndarray
 ) -> tuple[TrackerFit, float, np.ndarray]:
-    """Return the frames with the places they imply, their rms, and who had a say."""
+    """Return the frames with their marker positions, their rms, and valid readings."""
     kept = weight
     frames = TrackerFit(turn, shift, sight.marker_positions)
     inside = np.einsum(
@@ -448,7 +449,7 @@ def _judged(
 def _less_places(
     sight: TrackerObservations, weight: np.ndarray, *values: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Take out of each marker's rows what its unknown place can take on."""
+    """Project each marker's unknown position out of its rows."""
     total = np.maximum(weight.sum(axis=0), 1e-12)[:, None, None]
     free = ~sight.given[:, None, None]
     out = []

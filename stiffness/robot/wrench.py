@@ -3,7 +3,7 @@
 ==========  ==========================================================================
 Equation    w_base = R_base_body(q) R_body_sensor w_sensor, less the tool's weight
 Source      Siciliano et al. 2009, "Robotics: Modelling, Planning and Control", 3.8
-Needs       how the sensor is mounted; the tool's mass where its weight is included
+Needs       the sensor's mounting; the tool's mass where its weight is included
 Assumes     the sensor sits on the flange or beyond it
 ==========  ==========================================================================
 """
@@ -21,14 +21,14 @@ from stiffness.robot.kinematics import ArmState
 def wrench_in_base(
     recording: Recording, standing: ArmState
 ) -> Float[np.ndarray, "rows 6"]:
-    """Turn each row's wrench to the base's axes, about the sensor's origin.
+    """Return each row's wrench along the base's axes, about the sensor's origin.
 
     Args:
         recording: With a wrench.
         standing: The arm in each row's posture.
 
     Returns:
-        What the world exerts on the robot, N and N m, the tool's weight taken off.
+        Wrench of the world on the robot, N and N m, the tool's weight subtracted.
 
     Raises:
         Unusable: Where there is no wrench, or the sensor's mounting is not stated.
@@ -55,7 +55,7 @@ def weight_of(
     """Return a tool's weight about a point, N and N m along the base's axes.
 
     Args:
-        tool: What weighs.
+        tool: The tool.
         gravity: Along the base's axes, in m/s^2.
         lever: From the point to the tool's centre in each row, in m.
     """
@@ -73,7 +73,7 @@ def turned(
 
 
 def felt_body(recording: Recording) -> str:
-    """Return what the wrench acts on: the sensor's body, or the flange."""
+    """Return the body that the wrench acts on: the sensor's body, or the flange."""
     sensor = recording.wrench_sensor
     return "flange" if sensor is None else sensor.body
 
@@ -94,7 +94,7 @@ def sensor_in_flange(arm: Arm, recording: Recording) -> Float[np.ndarray, "3"]:
 def to_flange(
     arm: Arm, body: str, what: str, position: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "3"]:
-    """Carry a point of a body that moves with the flange into the flange's frame, m.
+    """Return a point of a body fixed to the flange in the flange's frame, m.
 
     Raises:
         Unusable: Where the body does not move with the flange.
