@@ -1,7 +1,7 @@
 """Catalogue of effects: what each is called, where it sits, and what it depends on.
 
 One record an effect. Both sides read it: `bench.effects` builds the mechanisms and
-`stiffness` looks for them. Names, sites, parameters and dependences follow from each
+`stiffness` detects them. Names, sites, parameters and dependences follow from each
 effect's equation, which stands with its source in the effect's own file. Parameters
 are in SI; their unit is the end of their name (`width_rad`, `bending_nm2`).
 
@@ -29,15 +29,16 @@ Regressor = Literal[
     "torque", "angle", "load", "direction", "history", "time", "temperature"
 ]
 Readings = Literal["within_visit", "between_visits"]
-"""Differences between the rows of a visit, while the load comes and goes; and means of
-visits, which say where the arm stands."""
+"""Readings in which an effect can be visible: differences between the rows of a visit,
+while the load is applied and removed, or visit means, which depend on the
+configuration."""
 WITHIN: frozenset[Readings] = frozenset({"within_visit"})
 MEANS: frozenset[Readings] = frozenset({"between_visits"})
 BOTH: frozenset[Readings] = WITHIN | MEANS
 Role = Literal["magnitude", "shape"]
 
 INSTRUMENTS: tuple[Site, ...] = ("wrench_sensor", "rig", "tracker")
-"""Sites whose faults can show in the readings of all bodies."""
+"""Sites whose faults can be visible in the readings of all bodies."""
 
 ARCMIN = 2.909e-4
 """In rad."""
@@ -49,7 +50,7 @@ SENSORS = "makers' data sheets of force sensors"
 
 @dataclass(frozen=True)
 class Range:
-    """A usual range in SI and where it comes from."""
+    """A usual range in SI, with its source."""
 
     low: float
     high: float
@@ -58,12 +59,12 @@ class Range:
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect.
+    """One parameter of an effect.
 
     Attributes:
         name: As in answers, patches and flags; its end is its unit.
-        role: `magnitude`: how much there is of it; `shape`: what bends its form.
-        usual: Range that catalogues and calibrations have; None: none is known.
+        role: `magnitude`: a linear amplitude; `shape`: a nonlinear parameter.
+        usual: Range in catalogues and calibrations; None: none is known.
     """
 
     name: str
@@ -73,14 +74,14 @@ class Parameter:
 
 @dataclass(frozen=True)
 class EffectInfo:
-    """What is known of an effect before any data.
+    """Prior knowledge of an effect: name, sites, parameters and dependences.
 
     Attributes:
         name: In the vocabulary of answers.
         family: Kind of part that it belongs to.
         sites: Kinds of places where it can sit.
-        parameters: Its numbers, in the order in which they are reported.
-        depends_on: On what it depends, by its equation; nothing: a constant.
+        parameters: Its parameters, in the order in which they are reported.
+        depends_on: Quantities that it depends on, by its equation; empty: a constant.
         visible_in: Readings in which it can be seen.
         leaves_out: What the nominal model leaves out, in a sentence for people.
         largest: Largest size that is still physical, in SI; None: no bound is known.
@@ -97,12 +98,12 @@ class EffectInfo:
 
     @property
     def shapes(self) -> tuple[str, ...]:
-        """Names of the parameters that bend its form."""
+        """Names of its shape parameters."""
         return tuple(p.name for p in self.parameters if p.role == "shape")
 
     @property
     def magnitudes(self) -> tuple[str, ...]:
-        """Names of the parameters that say how much of it there is."""
+        """Names of its magnitudes."""
         return tuple(p.name for p in self.parameters if p.role == "magnitude")
 
     def usual(self, parameter: str) -> Range | None:
@@ -424,7 +425,7 @@ _ALL = (
 )
 
 CATALOGUE: Mapping[str, EffectInfo] = {info.name: info for info in _ALL}
-"""By name, in the order in which effects are listed everywhere."""
+"""All effects by name, in the order in which they are listed everywhere."""
 
 
 def usual(effect: str, parameter: str) -> Range | None:

@@ -6,7 +6,7 @@ from typing import Any
 
 
 class BenchError(Exception):
-    """A mistake that the user can mend; its message says how."""
+    """Error that the user can correct; its message says how."""
 
 
 class UnknownName(BenchError):
@@ -35,20 +35,20 @@ class NotIdentifiable(BenchError):
     """The data carry no information about a parameter that was asked for."""
 
     def __init__(self, message: str, axes: Sequence[str] = ()):
-        """Keep the axes that the message names, for a caller that may hold them."""
+        """Keep the axes that the message names, for a caller that may fix them."""
         self.axes = tuple(axes)
         super().__init__(message)
 
 
 class LeftOut(UserWarning):
-    """A model states what neither the bench nor a claim makes use of."""
+    """Content of a model that neither the bench nor a claim uses."""
 
 
 def collect(*makers: Callable[[], Any]) -> tuple[Any, ...]:
-    """Return what each makes, or name everything that is wrong with all of them.
+    """Return the results of some functions, or raise the faults of all of them.
 
     Args:
-        makers: Each makes one thing that the others do not need.
+        makers: Functions that do not depend on each other's results.
 
     Raises:
         Unusable: With the faults of all.

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 @dataclass(frozen=True)
 class TrackerSpec:
-    """What the tracker states of itself.
+    """Stated specification of a tracker.
 
     Attributes:
         repeatability: One sigma of a row (of a frame, where the recording counts
@@ -23,7 +23,7 @@ class TrackerSpec:
 
 @dataclass(frozen=True)
 class WrenchSpec:
-    """What the force sensor states of itself.
+    """Stated specification of a force sensor.
 
     Attributes:
         accuracy_force: One sigma of a row, in N.

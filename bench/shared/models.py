@@ -8,11 +8,11 @@ from jaxtyping import Float
 
 @dataclass(frozen=True)
 class ModelFacts:
-    """Joints from base to tip and bodies, by name.
+    """Joints from base to tip with their limits, and bodies, by name.
 
     Attributes:
         joints: All joints that move.
-        slides: Whether each slides.
+        slides: Whether each is prismatic.
         lower: Lower limits, in rad (m for slides); minus infinity where none.
         upper: Upper limits.
         bodies: All bodies.

@@ -1,12 +1,8 @@
 """Plan of an experiment: configurations, load paths and pulleys, with durations.
 
-A load path is what hangs on the hook during one visit, step after step.
-
-A plan is what an experiment will do: visit postures, and load the arm in each.
-
-What to use when: `LoadStep` and `parse_path` say how one visit is loaded, `Plan` says
-which postures are visited and what every row's time and load are, `repeated` goes back
-to some of them, `mixed_pulleys` spreads the directions of pull over the visits.
+What to use when: `LoadStep` and `parse_path` define the loads of one visit, `Plan` the
+postures to visit, with every row's time and load; `repeated` adds repeated visits, and
+`mixed_pulleys` distributes the directions of the rope's force over the visits.
 """
 
 from collections.abc import Sequence
@@ -38,7 +34,7 @@ DWELL = 120.0  # s; chosen: longer than the fast part of a gear's after-effect
 
 @dataclass(frozen=True)
 class LoadStep:
-    """A mass on the hook, and how long it hangs before it is read.
+    """A mass on the hook, and how long it hangs before the reading.
 
     Attributes:
         mass: In kg; what hung before is replaced, not added to.
@@ -158,11 +154,11 @@ class Plan:
     Rows are readings, ordered by time: visit by visit, step by step.
 
     Attributes:
-        name: What the experiment is called.
+        name: Name of the experiment.
         posture: Axis angles that are commanded, in rad (slides in m).
         posture_id: Id of each posture; the same id again is the same posture again.
-        pulley: Which pulley place guides the rope, counted from 0.
-        path: What hangs on the hook, done in every visit; starts without a load.
+        pulley: Index of the pulley place that guides the rope, from 0.
+        path: Masses on the hook, the same in every visit; starts without a load.
         move_time: From the last reading of a visit to the arrival at the next, in s.
 
     Raises:
@@ -178,7 +174,7 @@ class Plan:
     move_time: float = MOVE_TIME
 
     def __post_init__(self):
-        """Check that everything speaks of the same visits, naming every fault."""
+        """Check that all arrays have the same visits, naming every fault."""
         faults = path_faults(self.path)
         if self.posture.ndim != 2 or 0 in self.posture.shape:
             faults.append(
@@ -207,12 +203,12 @@ class Plan:
 
     @property
     def visits(self) -> int:
-        """How many times the arm stops in a posture."""
+        """Number of visits."""
         return len(self.posture)
 
     @property
     def rows(self) -> int:
-        """How many readings there will be."""
+        """Number of readings."""
         return self.visits * len(self.path)
 
     @property
@@ -222,7 +218,7 @@ class Plan:
 
     @property
     def row_mass(self) -> Float[np.ndarray, " rows"]:
-        """What hangs on the hook in each row, in kg."""
+        """Mass on the hook in each row, in kg."""
         return np.tile([step.mass for step in self.path], self.visits)
 
     @property
@@ -232,7 +228,7 @@ class Plan:
 
     @property
     def time(self) -> Float[np.ndarray, " rows"]:
-        """When each row is read, in s since the arrival at the first posture.
+        """Time of each row's reading, in s since the arrival at the first posture.
 
         The load changes right after the row before and hangs for the step's hold.
         """
@@ -240,9 +236,9 @@ class Plan:
 
     @property
     def load_time(self) -> Float[np.ndarray, " rows"]:
-        """When the load of each row last changed, in s since the first arrival.
+        """Time of the last change of load of each row, in s since the first arrival.
 
-        Arrival at a posture counts, for the arm's weight then acts in another way; a
+        Arrival at a posture counts, since it changes the torques of the arm's weight; a
         step with the mass of the step before does not.
         """
         changed, now, mass = [], 0.0, None
@@ -257,7 +253,7 @@ class Plan:
         return np.tile(stages(self.path), self.visits)
 
     def _clock(self, since_arrival: np.ndarray) -> Float[np.ndarray, " rows"]:
-        """Return times, in s, of moments that every visit has in common."""
+        """Return times, in s, of an event that every visit has."""
         lasts = sum(step.hold for step in self.path) + self.move_time
         return (np.arange(self.visits)[:, None] * lasts + since_arrival).ravel()
 
@@ -265,12 +261,11 @@ class Plan:
 def repeated(plan: Plan, count: int) -> Plan:
     """Return the plan with some postures visited again after all others.
 
-    What differs between two visits of a pose is noise and nothing else: posture, pulley
-    and path are the same.
+    Two visits of a pose differ by noise only: posture, pulley and path are the same.
 
     Args:
-        plan: What is done first.
-        count: How many visits are repeated, evenly spaced over the plan; at most all.
+        plan: The plan before the repeated visits.
+        count: Number of visits to repeat, evenly spaced over the plan; at most all.
 
     Raises:
         Unusable: Where count is below 0 or above the number of visits.
@@ -296,7 +291,7 @@ def evenly_spaced(total: int, count: int) -> Int[np.ndarray, " count"]:
 def mixed_pulleys(
     visits: int, places: int = PULLEY_PLACES
 ) -> Int[np.ndarray, " visits"]:
-    """Return a pulley place for each visit that follows no grid of postures.
+    """Return a pulley place for each visit, uncorrelated with a grid of postures.
 
     place = floor(places * frac(visit * golden ratio)): all places come equally often,
     and no period of the postures is a period of the places (Weyl 1916, "Über die

@@ -1,4 +1,4 @@
-"""Quaternions and rotation matrices that do not drift when written and read."""
+"""Quaternions and rotation matrices, with conversions that are stable when repeated."""
 
 import numpy as np
 from jaxtyping import Float
@@ -6,11 +6,11 @@ from scipy.spatial.transform import Rotation
 
 _NORM_ROUNDING = 1e-14
 MAX_ROUNDS = 200
-"""Rounds after which any is as good; in trials of 4,000 turns ten were the most."""
+"""Maximum number of rounds; in trials of 4,000 rotations ten were the most."""
 
 
 def unit_quaternion(wxyz: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
-    """Scale to norm one; leave alone what has it to rounding."""
+    """Return a quaternion of norm one; unchanged where it has that up to rounding."""
     norm = float(np.linalg.norm(wxyz))
     return wxyz if abs(norm - 1.0) < _NORM_ROUNDING else wxyz / norm
 
@@ -21,7 +21,7 @@ def matrix_of(wxyz: Float[np.ndarray, "4"]) -> Float[np.ndarray, "3 3"]:
 
 
 def quaternion_of(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4"]:
-    """Return the quaternion that stays the same when read and written again.
+    """Return the quaternion that does not change when written and read again.
 
     Rounding moves a quaternion by a few units in the last place each time it goes
     through its matrix, until it comes back to itself; the least of those it then
@@ -37,7 +37,7 @@ def quaternion_of(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4"]:
 
 
 def _undrifted(matrix: Float[np.ndarray, "3 3"]) -> tuple[float, ...]:
-    """Take off by how much one more round would move it.
+    """Return the quaternion of a matrix, corrected for the drift of one more round.
 
     Small turns and turns by nearly half a circle otherwise move by the same few 1e-19
     in every round, for a hundred thousand rounds and more.

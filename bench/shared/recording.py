@@ -1,7 +1,8 @@
 """Recording: what was commanded, and what encoders, force sensor and tracker read.
 
-Real and synthetic experiments are the same type. A recording never holds truth.
-In memory everything is SI and radians; `bench.shared.format` converts at the border.
+Real and synthetic experiments are the same type. A recording never contains the truth.
+In memory everything is SI and radians; `bench.shared.format` converts on reading and
+writing.
 """
 
 from collections.abc import Mapping
@@ -54,7 +55,7 @@ class Recording:
     """One experiment, one row per measured state, in the order of time.
 
     Attributes:
-        name: What the experiment is called.
+        name: Name of the experiment.
         time: When each row was read, since the start, in s; never decreasing.
         posture_id: Id of the posture visited (of the motion, in a stream).
         visit: Counts visits from 0; the same pose again is another visit.
@@ -116,7 +117,7 @@ class Recording:
     displacement: Literal["absolute", "relative"] = "absolute"
 
     def __post_init__(self):
-        """Check that all arrays speak of the same rows, axes and markers."""
+        """Check that all arrays have the same rows, axes and markers."""
         rows = len(self.time)
         axes = self.posture.shape[1] if self.posture.ndim == 2 else -1
         expected: dict[str, tuple[int, ...]] = {

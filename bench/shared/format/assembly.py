@@ -1,10 +1,9 @@
 """Assembly of a recording from columns and manifest, and its writing back as text.
 
-Visits, stages and ages of a load can be read from the order in which rows came.
-
-Columns and manifest become a recording; what is not in them stays unknown.
-
-A recording becomes text that reads back as the same numbers; truth has no column.
+`visits_of`, `load_times_of` and `stages_of` derive visits, times under load and stages
+from the order of rows; `assemble` builds the `Recording`, in which missing quantities
+are unknown; `samples_table` and `manifest_text` write text that reads back as the same
+numbers. The truth has no column.
 """
 
 import csv
@@ -58,7 +57,7 @@ def load_times_of(
     visit: Int[np.ndarray, " rows"],
     load_mass: Float[np.ndarray, " rows"] | None,
 ) -> Float[np.ndarray, " rows"]:
-    """Return when the load last changed: right after the row before (the format).
+    """Return the time of the last change of load: right after the row before.
 
     Where the mass on the hook is stated and is the same as in the row before of the
     same visit, it did not change there: the row is a dwell.
@@ -81,15 +80,15 @@ def stages_of(
     load: Float[np.ndarray, " rows"] | None,
     step: float,
 ) -> np.ndarray:
-    """Read the stage of each row from the load's course in its visit.
+    """Return the stage of each row, from the load's course in its visit.
 
-    Near zero is unloaded, near the visit's largest is loaded; between them the last
-    change of more than a step says loading or unloading.
+    Near zero is unloaded, near the visit's largest is loaded; between them the sign of
+    the last change of more than a step decides between loading and unloading.
 
     Args:
         visit: The visit of each row.
         load: Size of the load, in any unit; None where there is none but weight.
-        step: What counts as a change, in the load's unit.
+        step: Threshold of a change, in the load's unit.
     """
     stage = np.full(len(visit), UNLOADED, dtype="<U9")
     if load is None:
@@ -255,7 +254,7 @@ def _load(
     mass: np.ndarray | None,
     wrench: np.ndarray | None,
 ) -> tuple[np.ndarray | None, float]:
-    """Return the size of the load in each row, and what counts as a change of it."""
+    """Return the size of the load in each row, and the threshold of a change."""
     if mass is not None:
         return mass, 0.0
     sensor = manifest.sensors.wrench
@@ -353,7 +352,7 @@ def _base_from_tracker(manifest: Manifest) -> np.ndarray | None:
 
 
 def samples_table(recording: Recording, path: Path) -> None:
-    """Write the samples as CSV, in the shortest digits that read back the same."""
+    """Return the samples as CSV, in the shortest digits that read back the same."""
     columns = _columns(recording)
     with path.open("wb") as file:
         header = io.StringIO()
@@ -401,14 +400,14 @@ def _columns(recording: Recording) -> dict[str, pa.Array]:
 
 
 def _array(column: np.ndarray) -> pa.Array:
-    """Write what was not seen as a blank."""
+    """Return an array as text, with blanks for missing values."""
     if column.dtype.kind != "f":
         return pa.array(column)
     return pa.array(column, mask=np.isnan(column))
 
 
 def manifest_text(recording: Recording) -> str:
-    """Write the manifest."""
+    """Return the manifest as text."""
     r = recording
     robot = r.robot and not (r.axes or r.bodies)
     lines = [
@@ -478,7 +477,7 @@ def _section(name: str, entries: dict[str, str]) -> list[str]:
 
 
 def _text(value: str) -> str:
-    """Quote as TOML does: as JSON, but for two letters that JSON lets pass."""
+    """Return a text quoted for TOML: as in JSON, with two more characters escaped."""
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 

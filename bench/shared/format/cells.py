@@ -23,7 +23,7 @@ _LARGEST_COUNT = 2.0**53
 def all_values_of(
     held: Mapping[str, Held], cells: Cells, mark: str
 ) -> tuple[dict[str, np.ndarray], list[str]]:
-    """Turn columns of a file into SI.
+    """Return columns of a file in SI.
 
     Where no number has the decimal mark that was declared but some have the other one,
     that is one fault of the file, and the other one is read, for what else is wrong.
@@ -81,7 +81,7 @@ def _any(held: Mapping[str, Held], cells: Cells, mark: str) -> bool:
 def values_of(
     held: Held, cells: pa.ChunkedArray, place: Place, mark: str
 ) -> tuple[np.ndarray, list[str]]:
-    """Turn a column of a file into SI.
+    """Return a column of a file in SI.
 
     Args:
         held: Which column of the format it is, and in which unit.
@@ -150,7 +150,7 @@ def _from_numbers(cells: pa.ChunkedArray) -> Float[np.ndarray, " rows"]:
 def _from_text(
     cells: pa.ChunkedArray, mark: str
 ) -> tuple[Float[np.ndarray, " rows"], dict[int, str]]:
-    """Read numbers all at once where all are plain, else one by one."""
+    """Return numbers, parsed at once where all are plain, else one by one."""
     trimmed = COMPUTE.utf8_trim_whitespace(cells)
     plain = trimmed
     if mark == ",":

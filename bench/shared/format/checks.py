@@ -1,10 +1,8 @@
 """Checks of a recording: manifest against itself, samples against limits, repeats.
 
-What the manifest says of frames, bodies and axes must hold together.
-
-A reading that no bench can have made is a fault of the file, not a finding.
-
-A row that repeats the one above, its time included, is one reading and not two.
+`faults_of` checks the manifest's frames, bodies and axes against each other and the
+model, `faults_in` finds impossible readings, and `repeats` finds rows that repeat the
+row above, its time included.
 """
 
 import math
@@ -31,15 +29,15 @@ from bench.shared.recording import STAGES, Recording
 # --- Frames, bodies and axes of the manifest ------------------------------------------
 
 UNIT_WITHIN = 1e-3
-"""How far a quaternion's norm may be from one, by the format."""
+"""Tolerance of a quaternion's norm, by the format."""
 MARKERS_OF_TARGET = 4
-"""A 6D target is written as so many markers, by the format."""
+"""Number of markers in a 6D target, by the format."""
 
 
 def joints_of(
     manifest: Manifest, model: ModelFacts | None
 ) -> tuple[tuple[int, ...] | None, list[str]]:
-    """Return which joint of the model each axis is; None without a model."""
+    """Return the model's joint of each axis; None without a model."""
     if model is None:
         return None, []
     axes = manifest.model_names.axes or model.joints
@@ -56,11 +54,11 @@ def joints_of(
 def faults_of(
     manifest: Manifest, axes: int | None, model: ModelFacts | None
 ) -> list[str]:
-    """Name everything in a manifest that cannot be meant.
+    """Return every fault of a manifest.
 
     Args:
         manifest: What was measured, with what, in which frames.
-        axes: How many axes there are; None where unknown.
+        axes: Number of axes; None where unknown.
         model: Names to check against; None where unknown.
     """
     faults = csv_faults(manifest)
@@ -226,12 +224,12 @@ LARGEST_READING = {
 """Sizes beyond which a unit is wrong, whatever the arm; chosen: stamps since 1970 in s,
 a hundred turns, a kilometre, and a torque that no motor has."""
 SAME_POSTURE = np.radians(0.05)
-"""How far a pose's angles may differ from row to row; chosen: a hundred times what an
-axis returns to, and far below the difference of two poses."""
+"""Tolerance of a pose's angles from row to row; chosen: a hundred times the
+repeatability of an axis, and far below the difference of two poses."""
 BEYOND_LIMIT = np.radians(0.5)
 """How far an angle may exceed its limit, by the format."""
 SLIDE_BEYOND_LIMIT = 1e-3
-"""The same for a slide, in m (chosen: the format speaks of angles alone)."""
+"""The same for a slide, in m (chosen: the format defines angles only)."""
 
 
 SPREAD = re.compile(r"_std_[xyz]_mm$")
@@ -245,7 +243,7 @@ def faults_in(
     plateaus: bool,
     model: tuple[ModelFacts, tuple[int, ...]] | None,
 ) -> list[str]:
-    """Name every reading that cannot be.
+    """Return every impossible reading.
 
     Args:
         values: Columns in SI, by the format's names; NaN where already at fault.
@@ -363,7 +361,7 @@ def _odd_visits(values: Mapping[str, np.ndarray], relative: bool, at: At) -> lis
 
 
 def _other_postures(values: Mapping[str, np.ndarray], at: At) -> list[str]:
-    """Say where a pose's id stands for another posture than in its first row."""
+    """Return where a pose's id has another posture than in its first row."""
     pose = values["pose"]
     if not np.isfinite(pose).all():
         return []
@@ -415,7 +413,7 @@ MORE = ("temperature", "frames")
 
 
 def repeats(recording: Recording) -> Int[np.ndarray, " repeats"]:
-    """Return the rows that are the row above once more, in all that was read.
+    """Return the rows that repeat the row above in all that was read.
 
     Replicates are no repeats: they have a time of their own, or noise. In a stream,
     whose clock may be coarse and whose channels may stand still, nothing is one.
@@ -433,7 +431,7 @@ def repeats(recording: Recording) -> Int[np.ndarray, " repeats"]:
 
 
 def said_of_repeats(place: Place, recording: Recording) -> list[str]:
-    """Say where a whole file has a reading twice, and what to do."""
+    """Return where a file has a reading twice, and what to do."""
     rows = repeats(recording).tolist()
     said = [
         f"{place.row(r)}: the row above once more, with the same time and the same "

@@ -1,14 +1,10 @@
 """Columns of the samples: names, units, which are required, and their source.
 
-A column of a recording has a name, a unit, and sometimes the right to a blank.
+In files, units are those that controllers and trackers export (mm, degrees); in memory,
+everything is SI and radians. `Unit` is the only place of conversion.
 
-Outside, units are those that controllers and trackers export (mm, degrees); inside,
-everything is SI and radians. `Unit` is the only place where the two meet.
-
-Every column of the format is in one column of the file, under its own name or not.
-
-A lab's own file need not be rewritten: `[columns]` says which of its columns stands
-for which of ours, and in which unit.
+`layout_of` finds every column of the format in a file. A lab's own file need not be
+rewritten: `[columns]` of the manifest maps its columns and units to the format's.
 """
 
 import re
@@ -27,10 +23,10 @@ from bench.shared.format.manifest import FILE, UNCLEAR, Manifest, Source
 
 @dataclass(frozen=True)
 class Unit:
-    """A value in SI is `number * times / over + plus`.
+    """Unit of a file; a value in SI is `number * times / over + plus`.
 
     Two factors, so that 1000 and pi / 180 are each used both ways and a number that
-    went out and in again comes out as the same text.
+    is written and read again gives the same text.
 
     Attributes:
         times: Multiplies the number in the file.
@@ -43,12 +39,12 @@ class Unit:
     plus: float = 0.0
 
     def inward(self, number: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-        """Turn numbers of a file into SI."""
+        """Return numbers of a file in SI."""
         si = number * self.times / self.over
         return si + self.plus if self.plus else si
 
     def outward(self, si: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
-        """Turn SI into numbers of a file."""
+        """Return SI values in the unit of the file."""
         return (si - self.plus) * self.over / self.times
 
 
@@ -125,10 +121,10 @@ _AXIS_KIND = {
 
 @dataclass(frozen=True)
 class Column:
-    """What the format says of one column.
+    """Definition of one column in the format.
 
     Attributes:
-        name: As the format calls it.
+        name: Its name in the format.
         kind: Its dimension, a key of `UNITS`; or `COUNT` or `WORD`.
         may_be_blank: Whether an empty cell means "not seen".
         axis: The axis it belongs to, from 1; 0 for the others.
@@ -148,7 +144,7 @@ class Column:
 
 
 def column_of(name: str, markers: Collection[str]) -> Column | None:
-    """Return what the format says of a column; None where it does not know it."""
+    """Return the format's definition of a column; None where it has none."""
     if name in _FIXED:
         return Column(name, _FIXED[name])
     if match := _AXIS.fullmatch(name):
@@ -179,7 +175,7 @@ ALWAYS = ("time_s", "pose")
 
 @dataclass(frozen=True)
 class Held:
-    """One column of the format, as this file holds it.
+    """One column of the format, with its name and unit in this file.
 
     Attributes:
         column: What the format says of it.
@@ -204,14 +200,14 @@ class Held:
 
 @dataclass(frozen=True)
 class Layout:
-    """Where the file holds what.
+    """Mapping from columns of the format to those of a file.
 
     Attributes:
-        held: By the format's names.
-        axes: How many axes the recording has.
+        held: Columns by the format's names.
+        axes: Number of axes of the recording.
         slides: Whether each of them slides.
         unknown: Columns of the file that nothing reads.
-        faults: Columns that are missing, double or of nothing.
+        faults: Columns that are missing, double or without a marker or axis.
     """
 
     held: Mapping[str, Held]
@@ -230,7 +226,7 @@ def layout_of(
         header: The columns of the file.
         manifest: Whose `[columns]` and `[markers]` say what to look for.
         file: Its name, for the faults.
-        axes: How many axes there must be; None where nothing says.
+        axes: Required number of axes; None where unknown.
     """
     held, faults = _mapped(header, manifest, file)
     read = {source for h in held.values() for source in h.sources}
@@ -432,7 +428,7 @@ def _missing(
 
 
 def expected(axes: int, markers: Collection[str]) -> list[str]:
-    """List the format's columns for so many axes and these markers."""
+    """Return the format's columns for a number of axes and these markers."""
     ends = ("deg", "mm", "link_deg", "tau_nm")
     each = [f"a{k}_{end}" for k in range(1, axes + 1) for end in ends]
     others = ["visit", "stage", "load_time_s", "load_kg", "temperature_c", "frames"]

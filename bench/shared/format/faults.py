@@ -1,7 +1,4 @@
-"""Faults of a file: where they are, quoted, with suggestions, the first few of a kind.
-
-A table can be wrong in many rows at once; a person reads the first few of a kind.
-"""
+"""Faults of a file: their places, quotes and suggestions, the first few of a kind."""
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Sequence
@@ -21,7 +18,7 @@ LONGEST = 60
 
 @dataclass(frozen=True)
 class Place:
-    """A file of samples, so that a fault can say file, row and column.
+    """A file of samples, for messages with file, row and column.
 
     Attributes:
         file: Its name.
@@ -52,7 +49,7 @@ class Place:
     def at(
         self, column: str, rows: Iterable[int] | np.ndarray, say: Callable[[int], str]
     ) -> list[str]:
-        """Say what is wrong in some rows of one column, the first few by name.
+        """Return messages on some rows of one column, the first few by name.
 
         Args:
             column: The column, as it is called in the file.
@@ -77,13 +74,13 @@ def line_of(row: int, above: int = 0) -> str:
 
 
 def quoted(text: object) -> str:
-    """Repeat a user's text safely: no control characters, never long."""
+    """Return a user's text safe to print: no control characters, never long."""
     shown = repr(text)
     return shown if len(shown) <= LONGEST else shown[: LONGEST - 1] + "…"
 
 
 def visible(text: str) -> str:
-    """Return a text that a terminal shows and does not obey."""
+    """Return a text with control characters escaped for a terminal."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
@@ -109,5 +106,5 @@ def nearest(name: str, known: Sequence[str]) -> str:
 
 
 def first_line(error: Exception) -> str:
-    """Return what an error says, on one short line."""
+    """Return the message of an error, on one short line."""
     return quoted(str(error).split("\n")[0])[1:-1] or type(error).__name__

@@ -1,11 +1,9 @@
 """Folder of a recording on disk: reads it with all its faults, writes it atomically.
 
-A folder is a recording when its two files are whole and agree with each other.
-
-A recording on disk is a folder: a manifest and a table of samples, nothing else.
-
-`read` takes every folder that follows the format and names all faults of one that
-does not; `write` leaves a whole recording or none.
+A recording on disk is a folder with two files, a manifest and a table of samples, that
+must be complete and agree with each other. `read` accepts every folder that follows the
+format and names all faults of one that does not; `write` leaves a complete recording or
+none.
 """
 
 import os
@@ -207,7 +205,7 @@ def _values(
 
 
 def _bytes(folder: Path, file: str, most: int) -> tuple[bytes | None, list[str]]:
-    """Read a file of a recording, and never one that lies elsewhere."""
+    """Return the bytes of a file of a recording; never of one that lies elsewhere."""
     path = folder / file
     try:
         if not os.path.lexists(path):
@@ -233,14 +231,14 @@ MAX_FAULTS = 200
 def read(
     folder: Path | str, model: ModelFacts | None = None
 ) -> tuple[Recording, tuple[str, ...]]:
-    """Read a recording, or say everything that is wrong with it.
+    """Return the recording of a folder, or raise all its faults.
 
     Args:
         folder: Where it is.
         model: Names and limits to check it against; None checks neither.
 
     Returns:
-        The recording in SI, and notes: what was seen and left alone.
+        The recording in SI, and notes: content that was recognised but not used.
 
     Raises:
         Unusable: With every fault, each with file, row and column.
@@ -257,7 +255,7 @@ def read(
 
 
 def write(folder: Path | str, recording: Recording) -> None:
-    """Write a recording whole, or leave everything as it was.
+    """Write a recording atomically: a failure leaves everything as it was.
 
     It is written beside its place, read back, and only then moved there.
 
@@ -297,7 +295,7 @@ def write(folder: Path | str, recording: Recording) -> None:
 
 
 def _swap(fresh: Path, folder: Path, old: Path) -> None:
-    """Move a folder into its place; what was there stays there if that fails."""
+    """Move a folder into its place; on failure the old content stays."""
     if folder.exists():
         os.rename(folder, old)
     try:

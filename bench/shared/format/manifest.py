@@ -1,8 +1,6 @@
 """Manifest recording.toml: robot, sensors, frames, markers, and how it is parsed.
 
-A section is read field by field, so that every fault in it comes to light.
-
-`recording.toml` says what was measured, with what, and in which frames.
+`fill` reads a section field by field, so that every fault in it is found.
 """
 
 import math
@@ -29,7 +27,7 @@ from bench.shared.format.faults import first_line, nearest, nearest_of, quoted
 
 
 def fill(kind: Any, value: Any, where: str) -> tuple[Any, list[str]]:
-    """Build a value of a declared type, going on after the first fault.
+    """Return a value of a declared type, continuing after the first fault.
 
     Args:
         kind: A type that msgspec knows; structs and mappings are entered.

@@ -1,13 +1,9 @@
 """Table of samples as CSV or Parquet: header, size limits, cells.
 
-The first line of a CSV names its columns, and tells what stands between cells.
-
-A parquet file is small for what it holds, so it is measured before it unfolds.
-
-The samples are a table of text or of numbers, read whole or refused with reasons.
-
 What to use when: `samples.csv` for people and spreadsheets, `samples.parquet` for
-long streams. Both come out as the same `Table`; nothing in them is evaluated.
+long streams. Both give the same `Cells`; nothing in them is evaluated. Separator and
+names are read from the first line of a CSV; a parquet file is checked against size
+limits before it is decompressed.
 """
 
 import codecs
@@ -30,7 +26,7 @@ from bench.shared.format.manifest import Csv
 
 CSV_FILE = "samples.csv"
 SEPARATORS = ";\t|,"
-"""What else a spreadsheet puts between cells, likeliest first."""
+"""Other separators that spreadsheets write, the most likely first."""
 _ENCODINGS = {
     b"\xff\xfe": "UTF-16",
     b"\xfe\xff": "UTF-16",
@@ -208,7 +204,7 @@ def _names(text: str, separator: str) -> tuple[str, ...]:
 
 
 def _garbage(source: bytes, separator: str) -> str:
-    """Say where a file stops being UTF-8 text; empty where it is text throughout."""
+    """Return where a file is not UTF-8 text; empty where it is throughout."""
     bad = source.find(b"\0")
     if bad < 0:
         try:
@@ -236,7 +232,7 @@ MAX_SIZE = 8 * MAX_CELLS
 
 
 def measured(source: bytes) -> tuple[tuple[str, ...], str]:
-    """Return the names of the columns, and what is too large; empty where nothing.
+    """Return the names of the columns, and which limit is exceeded; empty if none.
 
     Raises:
         ArrowException, OSError, ValueError, OverflowError: Where it is no parquet file.
@@ -256,7 +252,7 @@ def measured(source: bytes) -> tuple[tuple[str, ...], str]:
 
 
 def unfolded(source: bytes, wanted: Collection[str]) -> pa.Table:
-    """Read some columns.
+    """Return some columns.
 
     Raises:
         ValueError: Where few long words stand in many rows.
@@ -287,7 +283,7 @@ MAX_COLUMNS = 10_000
 
 @dataclass(frozen=True)
 class Header:
-    """The names of the columns of a samples file, in its own order.
+    """Header of a samples file: names of its columns, in its own order.
 
     Attributes:
         location: The file.
@@ -334,7 +330,7 @@ class Header:
 
 @dataclass(frozen=True)
 class Cells:
-    """Columns of a samples file, text or numbers, as they stand there.
+    """Columns of a samples file, text or numbers, as in the file.
 
     Attributes:
         location: The file, and which of its rows are not here.
@@ -398,7 +394,7 @@ def open_csv(
 
 
 def open_parquet(source: bytes) -> tuple[Header | None, list[str]]:
-    """Read the header of a parquet file, and how much it would unfold to."""
+    """Return the header of a parquet file, after a check of its decompressed size."""
     try:
         names, fault = measured(source)
     except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
@@ -467,7 +463,7 @@ def _csv_cells(
 
 
 def _without_last_blanks(table: pa.Table) -> pa.Table:
-    """Drop empty lines at the end, which spreadsheets leave there."""
+    """Return cells without empty lines at the end, which spreadsheets write."""
     length = table.num_rows
     while length and not any(c[length - 1].as_py().strip() for c in table.columns):
         length -= 1
