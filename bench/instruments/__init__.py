@@ -1,9 +1,9 @@
-"""Instruments turn the true states of an arm into readings.
+"""Instruments: readings of the true states of an arm, with errors and specifications.
 
-What to use when: `Markers` say which points of the arm are followed, `Tracker` where it
-sees them, `ForceSensor` what it makes of the rope's pull, and `Encoders` what the
-controller and a second encoder after the gear report. `Instruments` holds one of each;
-their sizes are what really happens, and what they state of themselves is beside it.
+What to use when: `Markers` defines the tracked points of the arm, `Tracker` measures
+their positions, `ForceSensor` the rope's force, and `Encoders` the joint angles at the
+motors and at a second encoder after the gear. `Instruments` holds one of each; the
+sizes of their errors are the true ones, and their specifications are separate.
 """
 
 from dataclasses import dataclass, field
@@ -18,12 +18,12 @@ __all__ = ["Encoders", "ForceSensor", "Instruments", "Markers", "Slip", "Tracker
 
 @dataclass(frozen=True)
 class Instruments:
-    """Everything that watches an experiment.
+    """All instruments of an experiment.
 
     Attributes:
-        tracker: Sees points.
-        force_sensor: Feels the rope.
-        encoders: Report the axes' angles.
+        tracker: Measures positions of points.
+        force_sensor: Measures the rope's force.
+        encoders: Measure the axes' angles.
         markers: The points.
     """
 

@@ -1,4 +1,4 @@
-"""A size of an instrument is a number that one can have, seldom a negative one."""
+"""Checks of the sizes in an instrument's settings: finite, bounded, not negative."""
 
 from collections.abc import Mapping
 
@@ -14,7 +14,7 @@ def refuse(what: str, faults: list[str]) -> None:
 
 
 MAX_SIZE = 1e6
-"""Largest size of anything, in SI; chosen: beyond it is no instrument."""
+"""Largest size of any setting, in SI; chosen: beyond it is no instrument."""
 
 
 def not_sizes(sizes: Mapping[str, object]) -> list[str]:
@@ -29,7 +29,7 @@ def not_sizes(sizes: Mapping[str, object]) -> list[str]:
 
 
 def not_vectors(vectors: Mapping[str, tuple[float, ...]], length: int) -> list[str]:
-    """Name every entry that is not so many numbers of at most `MAX_SIZE` either way."""
+    """Name every entry that is not a vector of this length within `MAX_SIZE`."""
     return [
         f"{name} is {value}, expected {length} numbers from {-MAX_SIZE:g} to "
         f"{MAX_SIZE:g}."

@@ -1,7 +1,7 @@
-"""Encoders say where the motors stand; what the gears make of it, only a second one.
+"""Encoders: motor angles, and with a second encoder angles after the gears.
 
-The controller reports the angle that was asked for. It arrives there nearly: what is
-missing is known to nobody, and it is why a pose visited twice is not quite the same.
+The controller reports the commanded angle. The motor reaches it up to a small random
+error, which no reading contains; it limits the repeatability of a pose.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from bench.instruments.checks import not_sizes, refuse
 from bench.instruments.random_streams import Streams
 
 ARRIVAL = 7e-6
-"""A plausible scatter of an axis' arrival, one sigma, in rad: the KR10's repeatability
+"""A plausible standard deviation of an axis' arrival, in rad: the KR10's repeatability
 of 0.02 mm (Wu et al. 2024, section 3.1) taken as three sigma at the flange, and 0.63 m
 from A1, A2 and A3 to the flange at home: 0.02e-3 / 3 / 0.63 / sqrt(3) = 6.1e-6, rounded
 up."""
@@ -25,12 +25,12 @@ class Encoders:
     """The encoders at the motors, and where there are any, those after the gears.
 
     Attributes:
-        arrival: Scatter of what the motors reach around what they report, one sigma per
-            visit and axis, in rad; 0: they arrive exactly, as the readings say.
+        arrival: Scatter of the true motor angle around the reported one, standard
+            deviation per visit and axis, in rad; 0: the reported angle is exact.
         link_side: Whether there are encoders after the gears.
-        repeatability: One sigma that those state, in rad. Chosen: 0.0005°, a good ring
-            encoder.
-        noise: Their white noise in units of what they state; 0 is silent.
+        repeatability: Their stated standard deviation, in rad. Chosen: 0.0005°, a good
+            ring encoder.
+        noise: Their white noise in units of what they state; 0: none.
     """
 
     arrival: float = 0.0
@@ -47,7 +47,7 @@ class Encoders:
     def arrive(
         self, visits: int, axes: int, chance: Streams
     ) -> Float[np.ndarray, "visits axes"]:
-        """Return how far beyond its report each motor stops, in rad."""
+        """Return how far beyond its reported angle each motor stops, in rad."""
         return self.arrival * chance["arrival"].standard_normal((visits, axes))
 
     def read(
@@ -58,7 +58,7 @@ class Encoders:
     ) -> Float[np.ndarray, "rows axes"] | None:
         """Return the readings after the gears, in rad; None without such encoders.
 
-        A slide has none: the format knows no such column.
+        A slide has none: the format has no such column.
 
         Args:
             angle: True angles after the gears, in rad.

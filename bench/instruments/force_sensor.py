@@ -1,4 +1,4 @@
-"""A force sensor reads the rope's pull a little turned, scaled, shifted and grainy.
+"""Force sensor: wrench with rotation, gain, bias, noise and resolution errors.
 
 ==========  ==========================================================================
 Equation    reading = (1 + gain) g R [F; M - offset x F] + bias + noise, rounded to the
@@ -22,29 +22,28 @@ from bench.shared.instrument_specs import WrenchSpec
 
 NO_GAIN = ((0.0,) * 6,) * 6
 TURN = float(np.deg2rad(0.3))
-"""Turn of the force between two visits, one sigma about each axis, in rad; chosen, as
-large as a careful mounting leaves."""
+"""Rotation of the force between two visits, one sigma about each axis, in rad; chosen,
+as large as a careful mounting leaves."""
 SIZE = 0.005
 """Error of the force's size between two visits, one sigma; chosen, beside `TURN`."""
 
 
 @dataclass(frozen=True)
 class ForceSensor:
-    """An ATI Axia80-M8 on the flange.
+    """Force sensor on the flange; by default an ATI Axia80-M8.
 
     Attributes:
         accuracy_force: One sigma that it states, in N; Wu et al. 2024, section 3.1,
             give 0.04 N as its accuracy.
         accuracy_torque: The same in N m; 0.002 N m there.
-        noise: White noise of a row in units of what it states; 0 is silent.
-        bias: What it reads without a load, in N and N m along its axes.
-        gain: Row k is what channel k reads beyond its own share, from each channel;
+        noise: White noise of a row in units of what it states; 0: none.
+        bias: Reading without a load, in N and N m along its axes.
+        gain: Row k holds the errors of channel k per unit of each channel;
             force from torque in 1/m, torque from force in m, the rest without unit.
-        mounting: Rotation vector from where it should sit to where it sits, in rad.
-        offset: From where its origin should be to where it is, in m, along the axes in
-            which it should sit.
-        turn: One sigma of a turn about each axis that a whole visit shares, in rad;
-            `TURN` where the cable or the mounting gives way.
+        mounting: Rotation vector from its stated to its true axes, in rad.
+        offset: From its stated to its true origin, in m, along the stated axes.
+        turn: One sigma of a rotation about each axis that a whole visit shares, in rad;
+            `TURN` for a cable or mounting that gives way.
         size: One sigma of a scale that a whole visit shares; `SIZE` likewise.
         resolution: Smallest step of force and of torque, in N and N m; 0: none.
     """
@@ -82,9 +81,9 @@ class ForceSensor:
         """Return the readings.
 
         Args:
-            wrench: What the world exerts about where the sensor's origin should be,
-                along the axes in which it should sit, in N and N m.
-            visit: Of each row, counted from 0.
+            wrench: Wrench of the world about the stated origin, along the stated axes,
+                in N and N m.
+            visit: Index of each row's visit, from 0.
             chance: Streams of random numbers.
         """
         drawn = chance["wrench_turn"].standard_normal((int(visit.max()) + 1, 4))
@@ -101,10 +100,10 @@ class ForceSensor:
         return _rounded(reading, np.repeat(self.resolution, 3))
 
     def spec(self, body: str, position: Float[np.ndarray, "3"]) -> WrenchSpec:
-        """Return what it states of itself, faults left out.
+        """Return its specification, without its faults.
 
         Args:
-            body: The body it sits on.
+            body: The body that it is mounted on.
             position: Its origin in that body's frame, in m.
         """
         return WrenchSpec(
@@ -118,6 +117,6 @@ class ForceSensor:
 def _rounded(
     reading: Float[np.ndarray, "rows 6"], step: Float[np.ndarray, "6"]
 ) -> Float[np.ndarray, "rows 6"]:
-    """Round to whole steps where there are steps."""
+    """Round to whole steps where a step is given."""
     coarse = np.where(step > 0.0, step, 1.0)
     return np.where(step > 0.0, coarse * np.rint(reading / coarse), reading)

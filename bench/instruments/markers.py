@@ -1,7 +1,7 @@
-"""Round marks are stuck on base, links and flange, four on each and no two alike.
+"""Markers: round marks on base, links and flange, four on each in asymmetric places.
 
-Four points at different heights, radii and angles around a body fix its pose: they lie
-in no plane, and no turn of the body brings them onto each other.
+Four points at different heights, radii and angles around a body determine its pose:
+they do not lie in a plane, and no rotation of the body maps them onto each other.
 """
 
 from dataclasses import dataclass
@@ -20,17 +20,17 @@ from bench.shared.recording import Marker
 
 LETTERS = "abcd"
 ALONG = (0.20, -0.40, 0.45, -0.10)
-"""Where they sit along a body, in its length from its middle. Chosen of all orders: far
-from one plane and from looking the same when turned, on the KR10 and on the UR10."""
+"""Positions along a body, in its length from its middle. Chosen of all orders: far from
+one plane and from looking the same when turned, on the KR10 and on the UR10."""
 AROUND = tuple(np.deg2rad([20.0, 115.0, 215.0, 300.0]))
-"""Their angles around it, in rad; chosen: no two gaps alike, none above 105°."""
+"""Angles around the body, in rad; chosen: no two gaps alike, none above 105°."""
 ONE_SIDE = 0.5
-"""By what the angles about the flange's x shrink; chosen: marks on the side of the tool
-that carries the hook, so that their centroid shows the last axis' twist."""
+"""Factor on the angles about the flange's x; chosen: marks on the side of the tool that
+carries the hook, so that their centroid shows the last axis' rotation."""
 NEARLY_ALONG = 0.9
 """Cosine beyond which two directions count as one; chosen."""
 OUT = (0.90, 1.07, 1.00, 0.93)
-"""Their radii in units of the body's; chosen: no two alike."""
+"""Radii in units of the body's; chosen: no two alike."""
 RADIUS = (0.14, 0.068)
 """Radius at base and at the flange for a reach of 1.19 m, in m. Chosen: just outside
 the castings of a 10 kg arm, so 61 to 150 mm from a body's axis."""
@@ -44,8 +44,8 @@ class Slip:
 
     Attributes:
         marker: Its name.
-        time: When, in s since the start.
-        shift: How far, along its body's axes, in m.
+        time: Time of the slip, in s since the start.
+        shift: Displacement along its body's axes, in m.
     """
 
     marker: str
@@ -60,12 +60,12 @@ class Slip:
 
 @dataclass(frozen=True)
 class Stuck:
-    """A mark where it really is.
+    """A mark at its true position.
 
     Attributes:
-        marker: Its name, its body, and where the manifest puts it.
-        position: Where it is in the body's frame, in m.
-        normal: Where it looks, in the body's frame.
+        marker: Its name, its body, and its place in the manifest.
+        position: True position in the body's frame, in m.
+        normal: Its normal, in the body's frame.
     """
 
     marker: Marker
@@ -75,13 +75,13 @@ class Stuck:
 
 @dataclass(frozen=True)
 class Markers:
-    """Which marks there are.
+    """Selection, placement and slips of the marks.
 
     Attributes:
         targets: `all` bodies from base to flange, the last link left out, or the
             `flange` alone.
-        placement: One sigma of where they are stuck, about where the manifest puts
-            them, per coordinate, in m; 0.5 mm is what a ruler allows.
+        placement: Standard deviation of their true positions about those in the
+            manifest, per coordinate, in m; 0.5 mm is what a ruler allows.
         stated: Whether the manifest gives their places at all.
         slips: Those that move.
     """
@@ -101,7 +101,7 @@ class Markers:
     def stick(
         self, model: mujoco.MjModel, arm: Anatomy, chance: Streams
     ) -> tuple[Stuck, ...]:
-        """Stick them on.
+        """Return the marks at their true positions.
 
         Args:
             model: The arm alone.
@@ -135,7 +135,7 @@ class Markers:
     def slipped(
         self, name: str, time: Float[np.ndarray, " rows"]
     ) -> Float[np.ndarray, "rows 3"]:
-        """Return how far a mark has moved on its body by then, in m."""
+        """Return the displacement of a mark on its body at given times, in m."""
         moved = np.zeros((len(time), 3))
         for slip in self.slips:
             if slip.marker == name:
@@ -146,7 +146,7 @@ class Markers:
 def _around(
     model: mujoco.MjModel, arm: Anatomy, b: int, bodies: int
 ) -> tuple[Float[np.ndarray, "4 3"], Float[np.ndarray, "4 3"]]:
-    """Return places and normals on a body, in its frame; bodies count from the base."""
+    """Return positions and normals on a body, in its frame; bodies from the base."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     scale = reach(model, arm) / 1.19

@@ -17,7 +17,8 @@ CAUSES = (
     "arrival",
     "link_encoders",
 )
-"""In this order for ever; what comes anew goes to the end."""
+"""Names of the streams. The order is fixed, since it determines seeds; append new
+ones."""
 
 Streams = Mapping[str, np.random.Generator]
 

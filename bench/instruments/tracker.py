@@ -1,6 +1,6 @@
 """Tracker: noise, volumetric error, drift and placement of a camera pair.
 
-Over a hand's breadth the error of a tracker hardly changes, over its volume it does.
+Volumetric error, which varies slowly over the measuring volume (`smooth_field`):
 
 ==========  ==========================================================================
 Equation    f(p) = sd sqrt(2/M) Σ cos(k_m·p + φ_m) per coordinate, k ~ N(0, 1/L²),
@@ -10,12 +10,10 @@ Valid       inside the measuring volume
 Ignores     growth towards the volume's edges, change over the day
 ==========  ==========================================================================
 
-A tracker stands somewhere before the robot, and nobody knows quite where.
+Placement (`standpoint`): base_from_tracker, p_base = R p_tracker + t. The tracker's z
+axis points at the middle of the arm's postures, its y axis down.
 
-base_from_tracker: p_base = R p_tracker + t. The tracker's z axis looks at the middle of
-the arm's postures, its y axis down.
-
-A camera pair on a tripod sees marks, each a little beside where it is.
+Readings (`Tracker.read`):
 
 ==========  ==========================================================================
 Equation    s = tracker_from_base (p + t·base drift); reading = (1 + scale) s
@@ -47,7 +45,7 @@ CORRELATION_LENGTH = 0.5
 
 @dataclass(frozen=True)
 class SmoothField:
-    """A random vector at every point of space, the same whenever one comes back.
+    """Smooth random vector field, fixed once it is drawn.
 
     Attributes:
         wave: Wave vectors k, in rad/m.
@@ -60,7 +58,7 @@ class SmoothField:
     sd: float
 
     def at(self, place: Float[np.ndarray, "*rows 3"]) -> Float[np.ndarray, "*rows 3"]:
-        """Return the field at places, in m."""
+        """Return the field at some points, in m."""
         if self.sd == 0.0:
             return np.zeros_like(place)
         total = np.zeros_like(place)
@@ -72,12 +70,12 @@ class SmoothField:
 def smooth_field(
     sd: float, random: np.random.Generator, length: float = CORRELATION_LENGTH
 ) -> SmoothField:
-    """Draw a field.
+    """Draw a smooth random vector field.
 
     Args:
         sd: One sigma of each coordinate, in m.
-        random: Where the draws come from.
-        length: Over which it changes, in m.
+        random: Generator of the draws.
+        length: Correlation length, in m.
     """
     wave = random.standard_normal((FEATURES, 3, 3)) / length
     phase = random.uniform(0.0, 2.0 * np.pi, (FEATURES, 3))
@@ -87,19 +85,21 @@ def smooth_field(
 # --- Placement ------------------------------------------------------------------------
 
 MIDDLE = np.array([0.4, 0.0, 0.7])
-"""What it looks at in the base's frame, in m; chosen: the middle of the postures."""
+"""Point that it is aimed at in the base's frame, in m; chosen: the middle of the
+postures."""
 DISTANCE = (2.0, 2.5)
-"""How far it stands from there, in m; chosen: inside a volume of 9.1 m³."""
+"""Range of its distance from there, in m; chosen: inside a volume of 9.1 m³."""
 AZIMUTH = (-np.pi / 3, np.pi / 3)
-"""In which direction from there, about the base's z, in rad; chosen: before the arm."""
+"""Range of its direction from there, about the base's z, in rad; chosen: before the
+arm."""
 RISE = (0.0, 0.8)
-"""How far above that point, in m; chosen: a tripod."""
+"""Range of its height above that point, in m; chosen: a tripod."""
 TILT = np.deg2rad(5.0)
-"""One sigma of how it is turned beside its aim about each axis, in rad; chosen."""
+"""Standard deviation of its rotation about each axis, in rad; chosen."""
 
 
 def standpoint(random: np.random.Generator) -> Float[np.ndarray, "4 4"]:
-    """Draw where a tracker stands: base_from_tracker, in m."""
+    """Draw a tracker's pose: base_from_tracker, in m."""
     distance, azimuth, rise = (random.uniform(*r) for r in (DISTANCE, AZIMUTH, RISE))
     level = np.sqrt(distance**2 - rise**2)
     away = np.array([level * np.cos(azimuth), level * np.sin(azimuth), rise])
@@ -126,12 +126,12 @@ def displaced(
     rate: tuple[float, ...],
     hours: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, "rows markers 3"]:
-    """Return points that wander as one body: exp(hours r) p + hours v, in m.
+    """Return points under rigid drift: exp(hours r) p + hours v, in m.
 
     Args:
-        point: Where they would be, in m.
+        point: Points without drift, in m.
         rate: v in m/h, then the rotation vector r in rad/h.
-        hours: Since the start, row by row.
+        hours: Time since the start, row by row.
     """
     turn = Rotation.from_rotvec(np.outer(hours, rate[3:])).as_matrix()
     shift = np.outer(hours, rate[:3])
@@ -146,27 +146,27 @@ HOUR = 3600.0
 
 @dataclass(frozen=True)
 class Tracker:
-    """A C-Track before the robot. Its z axis looks at the arm.
+    """Camera pair on a tripod before the robot, by default a C-Track.
 
     Attributes:
         repeatability: One sigma of a frame that it states, along its x, y and z, in m.
             The paper's number; (10, 10, 25) µm is what a stereo pair makes of it, whose
             depth is weakest (chosen; a distance of twice the baseline gives 2.5 to 4).
-        noise: Its white noise in units of what it states; 0 is silent.
+        noise: Its white noise in units of what it states; 0: none.
         field: One sigma of a slowly varying error per coordinate, in m, which no
             averaging removes. 15 µm keeps nearly all points within the paper's 0.05 mm.
-        volumetric: One sigma of it that the tracker states, in m; None: what it is.
-        frames: How many frames a row averages.
+        volumetric: One sigma of it that the tracker states, in m; None: the true one.
+        frames: Number of frames averaged in a row.
         occlusions: Fraction of readings that are missing, at random.
         widest_view: Largest angle between a mark's normal and the line of sight, in
             rad; None: marks are seen from all sides.
         scale: A length reads (1 + scale) times itself.
-        drift: How readings wander in an hour along its axes: shift in m, then rotation
+        drift: Drift of readings in an hour along its axes: shift in m, then rotation
             vector about its origin in rad.
         base_drift: The same for the base under it, along and about the base's axes.
-        frame_error: What is added to its pose in the manifest, along and about the
-            base's axes: shift in m, rotation vector in rad. None: the manifest is
-            silent about where it stands.
+        frame_error: Error of its pose in the manifest, along and about the
+            base's axes: shift in m, rotation vector in rad. None: the manifest
+            does not state its pose.
     """
 
     repeatability: tuple[float, ...] = (1e-5, 1e-5, 1e-5)
@@ -204,17 +204,17 @@ class Tracker:
         time: Float[np.ndarray, " rows"],
         chance: Streams,
     ) -> tuple[Float[np.ndarray, "rows markers 3"], Float[np.ndarray, "4 4"] | None]:
-        """Return the readings, and where the manifest says that it stands.
+        """Return the readings, and the tracker's pose as the manifest states it.
 
         Args:
-            point: Where the marks are, in the base's frame, in m.
-            normal: Where they look, along the base's axes.
-            time: Of each row since the start, in s.
+            point: Positions of the marks, in the base's frame, in m.
+            normal: Their normals, along the base's axes.
+            time: Time of each row since the start, in s.
             chance: Streams of random numbers.
 
         Returns:
             Readings in its own frame in m, NaN where not seen; base_from_tracker, None
-            where the manifest is silent.
+            where the manifest does not state it.
         """
         base_from_tracker = standpoint(chance["tracker_frame"])
         hours = time / HOUR
@@ -233,7 +233,7 @@ class Tracker:
         return reading, self._stated(base_from_tracker)
 
     def spec(self) -> TrackerSpec:
-        """Return what it states of itself, faults left out."""
+        """Return its specification, without its faults."""
         stated = self.field if self.volumetric is None else self.volumetric
         return TrackerSpec(np.array(self.repeatability), volumetric=stated or None)
 
