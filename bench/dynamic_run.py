@@ -1,8 +1,8 @@
 """Dynamic simulation of a load path: soft loads, damping, the same state of rest.
 
-`bench.equilibrium` jumps from rest to rest; here the same model is run as dynamics, by
-another integrator with small steps, and no joint is frozen. It is far too slow for an
-experiment and serves as the witness that the jumps end where time would have led.
+`bench.equilibrium` computes only states of rest; here the same model is run as
+dynamics, by another integrator with small steps, and no joint is frozen. It is far too
+slow for an experiment and serves as a reference for the computed states.
 """
 
 import copy
@@ -15,14 +15,15 @@ from bench.cell import LOAD_POINT
 from bench.rig import Rig
 
 TIME_STEP = 1e-4
-"""In s; chosen: the closed play, the stiffest spring, stays calm."""
+"""In s; chosen: stable for the closed play, the stiffest spring."""
 DAMPING_TIME = 0.03
-"""Damping over stiffness of every joint, in s; chosen: the arm's slowest swing, 10 to
-13 Hz, dies out without overshooting, and nothing slips that would not in slow time."""
+"""Damping over stiffness of every joint, in s; chosen: the arm's slowest oscillation,
+10 to 13 Hz, decays without overshooting, and nothing slips that would not under slow
+loads."""
 RAMP = 0.5
-"""How long a load takes to come on, in s; chosen: six of those swings."""
+"""Duration of a change of load, in s; chosen: six of those oscillations."""
 UPDATE = 10
-"""Steps between two values of the load."""
+"""Number of steps between two values of the load."""
 
 
 def dynamic_run(
@@ -31,7 +32,7 @@ def dynamic_run(
     wrench: Float[np.ndarray, "steps 6"],
     hold: Float[np.ndarray, " steps"],
 ) -> Float[np.ndarray, "steps 3"]:
-    """Run one visit as dynamics.
+    """Simulate one visit as dynamics.
 
     Gravity comes with the first load.
 
@@ -39,8 +40,8 @@ def dynamic_run(
         rig: The arm with its effects.
         posture: Angles that the controller reports, in rad.
         wrench: Wrenches at the sensor's origin along the base's axes, in N and N m.
-        hold: From the middle of each load's coming on to the reading, in s; at least
-            half of `RAMP`. The next load is half on after half of `RAMP` more.
+        hold: From the middle of each change of load to the reading, in s; at least
+            half of `RAMP`. The next load is half applied after half of `RAMP` more.
 
     Returns:
         Origin of the flange at the end of every step, in the base's world frame, in m.
@@ -86,7 +87,7 @@ def _command(
     data: mujoco.MjData,
     posture: Float[np.ndarray, " axes"],
 ) -> None:
-    """Put the arm where the gears are asked to hold it, all springs slack."""
+    """Set the arm to the posture that the gears should hold, all springs slack."""
     command = rig.command(posture[None])
     axes = [model.joint(axis).id for axis in rig.anatomy.axes]
     model.jnt_stiffness[axes] = command.stiffness[0]

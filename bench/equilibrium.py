@@ -1,23 +1,18 @@
 """Static equilibrium of a loaded arm in MuJoCo, by quasi-static load steps.
 
-What slips must not overshoot, and what is nearly at rest must come to rest.
+MuJoCo's `discrete` integrator at a very large time step is a Newton solver for the
+equilibrium: one step solves (M + hD + h²K) a = f, and with h = 10 s the inertia M is
+negligible. Loads grow in small steps, so that slip follows the path of slow loads:
 
-The engine's step is made safe beforehand, and the last digits are removed afterwards:
-its solver works on a cost and stops near the square root of the machine's precision.
-
-Held still under a load, an arm comes to rest where all its springs balance.
-
-MuJoCo's `discrete` integrator at a very large time step is a Newton solver for that
-rest: one step solves (M + hD + h²K) a = f, and with h = 10 s the inertia M plays no
-part. Loads grow in small steps, so that what slips, slips as it would in slow motion:
-
-- beside a spring that can slip, the step is stiffened (D) by all that may come to
+- parallel to a spring that can slip, the step is stiffened (D) by all that may come to
   carry, so that no iterate overshoots;
-- a creeping joint is frozen while the others balance and then let go for the time
-  the load stands, T its time constant, in one exact step of
+- a creeping joint is frozen while the others balance and then released for the time of
+  the load, T its time constant, in one exact step of
   θ(t) = θ∞ + (θ₀ - θ∞) exp(-t/T).
 
-Many visits are worked in blocks, so that memory stays small.
+The engine's solver minimises a cost and stops near the square root of machine
+precision; `Settle` removes the remaining imbalance. Many visits are computed in blocks,
+so that memory stays small.
 """
 
 import copy
@@ -35,18 +30,18 @@ from bench.shared.errors import BenchError
 # --- Relaxation to rest ---------------------------------------------------------------
 
 TIME_STEP = 10.0
-"""Of the engine's step, in s: so large that inertia plays no part."""
+"""The engine's time step, in s: so large that inertia is negligible."""
 TOLERANCE = 1e-10
-"""Largest torque that may stay unbalanced, in N m (N on a slide)."""
+"""Largest unbalanced torque at convergence, in N m (N on a slide)."""
 COARSE = 1e-6
 """Unbalanced torque at which the engine's own steps end, in N m."""
 STEPS, MOST_STEPS = 3, 2000
 FROZEN = 1e15
-"""Damping that keeps a creeping joint still within a step, N m s/rad."""
+"""Damping that freezes a creeping joint within a step, N m s/rad."""
 
 
 def made_static(model: mujoco.MjModel, creep: dict[int, float]) -> mujoco.MjModel:
-    """Return a model whose steps lead to rest.
+    """Return a model whose steps converge to the equilibrium.
 
     Args:
         model: The arm.
@@ -72,9 +67,9 @@ def made_static(model: mujoco.MjModel, creep: dict[int, float]) -> mujoco.MjMode
 
 
 class Settle:
-    """Steps until the arm rests, then removes the last rounding of the step's solver.
+    """Steps until equilibrium, then removes the rounding error of the step's solver.
 
-    For the last digits each joint is moved by its torque over its stiffness.
+    In the end each joint is moved by its unbalanced torque over its stiffness.
     """
 
     def __init__(
@@ -85,14 +80,14 @@ class Settle:
         creep: dict[int, float],
         before: int = 0,
     ):
-        """Watch these runs of a static model.
+        """Prepare runs of a static model.
 
         Args:
             runs: One for each visit.
-            model: What runs.
+            model: Their model.
             axes: Joint ids of the axes.
-            creep: Joints that creep and are not asked to balance.
-            before: How many visits came before these.
+            creep: Joints that creep and need not balance.
+            before: Number of visits before these.
         """
         self.runs, self.before = runs, before
         self.own, self.tendons = model.jnt_stiffness, _tendons_on_joints(model)
@@ -108,7 +103,7 @@ class Settle:
         self.force = runs.bind("qfrc_smooth")
 
     def nearly(self) -> None:
-        """Bring every run close to rest by the engine's own steps."""
+        """Bring every run close to equilibrium by the engine's own steps."""
         for _ in range(MOST_STEPS // STEPS):
             self.velocity[:] = 0.0
             self.runs.step(nstep=STEPS)
@@ -116,10 +111,10 @@ class Settle:
                 break
 
     def __call__(self) -> float:
-        """Bring every run to rest; return the largest torque left, in N m.
+        """Bring every run to equilibrium; return the largest unbalanced torque, in N m.
 
         Raises:
-            BenchError: Where a run finds no rest, naming the visit.
+            BenchError: Where a run does not converge, naming the visit.
         """
         largest = np.full(self.qpos.shape[0], np.inf)
         self.nearly()
@@ -165,19 +160,19 @@ def _tendons_on_joints(model: mujoco.MjModel) -> np.ndarray:
 # --- Load steps -----------------------------------------------------------------------
 
 LOAD_STEPS = (0.02, 0.33, 0.67, 1.0)
-"""Fractions of a change of load, one after the other; chosen: a small one first."""
+"""Fractions of a change of load, applied in sequence; chosen: a small one first."""
 
 
 @dataclass(frozen=True)
 class Schedule:
-    """What is done to the arm, the same number of steps in every visit.
+    """Loads and references of the arm, the same number of steps in every visit.
 
     Attributes:
         reference: Angle at which each axis' spring is slack, in rad.
         stiffness: Stiffness of each axis' spring, in N m/rad.
         tension: Tension of each rope, in N.
         wrench: Wrench on the sensor's origin along the base axes, in N and N m.
-        hold: For how long each load stands before its row is read, in s.
+        hold: Time from each change of load to the reading of its row, in s.
     """
 
     reference: Float[np.ndarray, "visits axes"]
@@ -189,14 +184,14 @@ class Schedule:
 
 @dataclass(frozen=True)
 class Rest:
-    """Where everything came to rest.
+    """State at equilibrium in every row.
 
     Attributes:
         position: Origins of all bodies in the base's world frame, in m.
         rotation: Their orientations, columns are the bodies' axes.
         joint: Positions of all joints of the model, in rad or m.
         force: Readings of the model's sensors.
-        residual: Largest torque left unbalanced anywhere, in N m.
+        residual: Largest unbalanced torque anywhere, in N m.
     """
 
     position: Float[np.ndarray, "visits steps bodies 3"]
@@ -213,20 +208,20 @@ def solve(
     schedule: Schedule,
     before: int = 0,
 ) -> Rest:
-    """Bring the arm to rest under every load of every visit, in the order of time.
+    """Return the equilibrium under every load of every visit, in the order of time.
 
     Args:
         model: The arm with its effects and its cell.
         axes: Ids of the axes' joints.
         creep: Joint id and time constant, in s, of every joint that creeps.
-        schedule: What is done to it.
-        before: How many visits came before these.
+        schedule: Its loads and references.
+        before: Number of visits before these.
 
     Returns:
-        Where everything came to rest.
+        The states at equilibrium.
 
     Raises:
-        BenchError: Where an arm finds no rest, naming the visit.
+        BenchError: Where an arm does not converge, naming the visit.
     """
     visits, steps = schedule.hold.shape
     model = made_static(model, creep)
@@ -264,7 +259,7 @@ def solve(
 
 
 def _threads() -> int:
-    """As many as OMP_NUM_THREADS allows, so that processes side by side share."""
+    """Return the number of threads that OMP_NUM_THREADS allows this process."""
     allowed = os.environ.get("OMP_NUM_THREADS", "")
     return int(allowed) if allowed.isdigit() else os.cpu_count() or 1
 
@@ -298,7 +293,7 @@ def _command(
 
 
 class _Creep:
-    """Lets creeping joints go for the time that a load stands."""
+    """Releases creeping joints for the time of a load."""
 
     def __init__(
         self, runs: batch.Batch, model: mujoco.MjModel, creep: dict[int, float]
@@ -324,7 +319,7 @@ class _Creep:
 # --- Many visits in blocks ------------------------------------------------------------
 
 BLOCK = 1000
-"""Visits that run side by side; chosen: about 100 MB."""
+"""Number of visits computed side by side; chosen: about 100 MB."""
 
 
 def solve_in_blocks(
@@ -333,7 +328,7 @@ def solve_in_blocks(
     creep: dict[int, float],
     schedule: Schedule,
 ) -> Rest:
-    """Bring the arm to rest in every visit; see `bench.equilibrium.solve`."""
+    """Return the equilibrium of every visit, in blocks; see `solve`."""
     rests = []
     for start in range(0, len(schedule.hold), BLOCK):
         part = {

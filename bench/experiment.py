@@ -1,7 +1,7 @@
 """Experiment: carries out a plan on a rig and records what its instruments read.
 
-The true states stay here; what leaves is a recording, which holds readings and what
-the instruments state of themselves.
+The true states are not returned; a recording contains readings and the instruments'
+specifications only.
 """
 
 from collections.abc import Sequence
@@ -29,18 +29,18 @@ def record(
     seed: int = 0,
     name: str = "",
 ) -> Recording:
-    """Carry out a plan and return what the instruments saw.
+    """Carry out a plan and return the instruments' recording.
 
     Args:
         rig: The arm; those of its effects that sit in instruments act there.
-        plan: What is done.
-        instruments: What watches; None: each as its maker states it.
-        seed: Of everything random; the same seed gives the same numbers to the last
-            digit.
-        name: What the recording is called; empty: as the plan.
+        plan: The plan.
+        instruments: The instruments; None: each as its maker states it.
+        seed: Seed of all random draws; the same seed gives the same numbers to the
+            last digit.
+        name: Name of the recording; empty: as the plan.
 
     Raises:
-        BenchError: Where the arm finds no rest.
+        BenchError: Where no equilibrium is found.
         UnknownName: Where a mark that slips does not exist.
     """
     instruments = instruments or Instruments()
@@ -57,15 +57,15 @@ def observed(
     seed: int = 0,
     name: str = "",
 ) -> Recording:
-    """Return what the instruments see where a plan was carried out; see `record`.
+    """Return the recording of a plan that was carried out; see `record`.
 
     Args:
         rig: The arm.
-        plan: What was done.
-        states: Where everything was.
-        instruments: What watched.
-        seed: Of everything random.
-        name: What the recording is called; empty: as the plan.
+        plan: The plan.
+        states: The true states.
+        instruments: The instruments.
+        seed: Seed of all random draws.
+        name: Name of the recording; empty: as the plan.
     """
     instruments = faulty(instruments or Instruments(), rig)
     chance = streams(seed)
@@ -116,17 +116,17 @@ def marks_in_base(
     markers: Markers,
     time: Float[np.ndarray, " rows"],
 ) -> tuple[Float[np.ndarray, "rows markers 3"], Float[np.ndarray, "rows markers 3"]]:
-    """Return where marks truly are and where they look.
+    """Return the true positions of marks and their normals.
 
-    The base's frame is the one of the model, where the base would stand if nothing
-    gave way; a base that gives way moves in it.
+    The base's frame is the one of the model, where the base is without a load; a
+    compliant base moves in it.
 
     Args:
         rig: The arm.
-        states: Where its bodies are.
+        states: Poses of its bodies.
         stuck: The marks.
         markers: Which of them slip.
-        time: Of each row, in s.
+        time: Time of each row, in s.
 
     Returns:
         Places in m and normals, in the base's frame.

@@ -12,7 +12,7 @@ Valid       six turning axes, A2 parallel to A3, A4 A5 A6 meet in one point
 Ignores     joint limits, self-collision
 ==========  ==========================================================================
 
-Inside, angles t count from the arm that stands upright: t = sign * q - offset.
+Internally, angles t are zero for the upright arm: t = sign * q - offset.
 r is the distance from axis 2 to the wrist centre in the plane of the arm.
 """
 
@@ -31,7 +31,7 @@ ALIGNED = 1e-13  # chosen: sin(t5) below it is rounding; A4 and A6 are then one 
 
 @dataclass(frozen=True)
 class OrthoParallelArm:
-    """Seven lengths, six zeros and six signs say everything about such an arm.
+    """Geometry of an ortho-parallel arm: seven lengths, six zeros and six signs.
 
     Attributes:
         a1: From axis 1 forward to axis 2, in m.

@@ -1,16 +1,15 @@
 """Kinematic chain of a model: base, axes, links, flange; one of several arms.
 
-An arm is a chain: a base, axes, the links that they move, and a flange at the end.
+`Anatomy` names the parts of an arm: a base, axes, the links that they move, and a
+flange at the end.
 
-The chain that gives way has two bodies more for each axis: the end, where the link
-before ends, and on it the seat, where the axis' bearing sits. Both have practically no
-mass. At rest they stand exactly where the next link stands with its axis at zero, so
-they change nothing; bending links move the ends, bearings and gears the seats.
+`with_seats` returns the compliant chain, which has two more bodies for each axis: the
+end, where the link before ends, and on it the seat, where the axis' bearing sits. Both
+are practically massless. Without a load they coincide with the next link's frame at
+zero, so they change nothing; bending links move the ends, bearings and gears the seats.
 
-A torso carries several arms; ropes, patches and proofs know one chain to one hand.
-
-The joints of the other arms are held at zero, as `stiffness.robot.arm` holds what a
-recording does not name.
+`with_axes` selects one chain of a torso with several arms, for ropes, patches and
+proofs; the joints of the other arms are held at zero, as in `stiffness.robot.arm`.
 """
 
 from collections.abc import Collection
@@ -28,8 +27,9 @@ from bench.shared.recording import Recording
 # --- Anatomy --------------------------------------------------------------------------
 
 SPECK = 1e-12
-"""Mass in kg and inertia in kg m² of a seat; the least that MuJoCo lets move. Its
-weight at 1 m is 1e-11 N m, below the 1e-10 at which an equilibrium counts as found."""
+"""Mass in kg and inertia in kg m² of a seat; the least that MuJoCo accepts for a moving
+body. Its weight at 1 m is 1e-11 N m, below the 1e-10 at which an equilibrium
+converges."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Anatomy:
 
 
 def anatomy(model: mujoco.MjModel) -> Anatomy:
-    """Read the parts of a serial arm from a compiled model.
+    """Return the parts of a serial arm in a compiled model.
 
     Args:
         model: The arm alone, or an arm with a tool.
@@ -163,7 +163,7 @@ def _massless(name: str, pos: str, quat: str) -> ElementTree.Element:
 
 
 def branches(model: mujoco.MjModel) -> list[tuple[int, int]]:
-    """Return the moved bodies, in pairs, of which the first does not carry the next."""
+    """Return pairs of moved bodies of which the first does not carry the second."""
     bodies = [int(b) for b in model.jnt_bodyid]
     return [
         (before, after)
@@ -173,7 +173,7 @@ def branches(model: mujoco.MjModel) -> list[tuple[int, int]]:
 
 
 def carriers_of(model: mujoco.MjModel, body: int) -> set[int]:
-    """Return a body and all that carry it, without the world."""
+    """Return a body and all bodies that carry it, without the world."""
     found = set()
     while body:
         found.add(body)
@@ -226,7 +226,7 @@ def with_axes(model: mujoco.MjModel, axes: Collection[str]) -> mujoco.MjModel:
 
 
 def moving(recording: Recording, arm_file: Path) -> tuple[str, ...]:
-    """Return which joints of a model with several arms a recording moves; () = all.
+    """Return the joints of a several-armed model that a recording moves; () = all.
 
     Raises:
         Unusable: Where they form no chain.

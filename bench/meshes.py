@@ -9,17 +9,17 @@ from jaxtyping import Float, Int
 from bench.shared.quaternions import matrix_of
 
 SIDES = 24
-"""Corners of a round shape; chosen: smooth at arm's length, small on disk."""
+"""Number of corners of a round shape; chosen: smooth at arm's length, small on disk."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """One visible surface.
+    """One visible surface of a body.
 
     Attributes:
-        body: The body it belongs to.
-        vertex: In the body's frame, in m.
-        face: Corners of each triangle.
+        body: The body that it belongs to.
+        vertex: Vertices in the body's frame, in m.
+        face: Indices of the corners of each triangle.
         rgba: Colour, 0 to 1.
     """
 
@@ -80,7 +80,7 @@ _PROFILE = {
     mujoco.mjtGeom.mjGEOM_SPHERE: lambda size: (_BALL, size[[0, 0, 0]], SIDES),
     mujoco.mjtGeom.mjGEOM_ELLIPSOID: lambda size: (_BALL, size, SIDES),
 }
-"""Radius and height of each kind's outline, its scale, and how many corners it has."""
+"""Radius and height of each kind's outline, its scale, and its number of corners."""
 
 
 def _lathe(

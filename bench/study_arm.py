@@ -1,11 +1,11 @@
 """Arm of the study: effects of its gears, bearings, links and base.
 
-Every number stands here with its source, or with "chosen". The catalogue is Harmonic
+Every number has its source, or "chosen". The catalogue is Harmonic
 Drive's CHA engineering data 1018854 (torsional stiffness, hysteresis loss below 1
 arcmin); which gears a KR10 has is not published, the sizes follow from the axes' effort
 limits (288, 312, 120, 46, 42, 28 N m). Within what the catalogue allows, sizes were
 calibrated so that a six-spring fit to the experiment leaves errors of the size of Table
-2 of Wu et al. 2024. The methods know nothing of this file.
+2 of Wu et al. 2024. No method may import this file.
 """
 
 from dataclasses import dataclass
@@ -58,11 +58,11 @@ LINKS = {
 
 @dataclass(frozen=True)
 class Truth:
-    """What is true of an arm beyond its data sheet.
+    """True effects and stiffness of an arm.
 
     Attributes:
-        effects: Every physical reason, one by one.
-        stiffness: Of the axes' springs at small torque, in N m/rad.
+        effects: All effects.
+        stiffness: Stiffness of the axes' springs at small torque, in N m/rad.
     """
 
     effects: tuple[Effect, ...]

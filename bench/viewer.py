@@ -1,12 +1,10 @@
 """Viewer: an experiment as a Rerun recording with arm, rope, forces and errors.
 
-Bodies, rope, force and marks are drawn once and then moved by columns of numbers.
-
-One looks at an experiment as at a machine: the arm goes through its postures.
-
 A saved recording opens on the timeline `reading`, one tick a measured state: the arm
-as it stands (deflection magnified, the factor is shown), its rigid ghost, the rope, the
+under load (deflection magnified, the factor is shown), its rigid ghost, the rope, the
 force, the markers, and below them the errors of the methods pose by pose.
+
+Bodies, rope, force and marks are logged once and then moved by columns of numbers.
 """
 
 from collections.abc import Mapping
@@ -28,9 +26,9 @@ COLOURS = (
     *((240, 100, 0), (31, 111, 180), (58, 146, 58), (138, 138, 138)),
     (126, 87, 194),
 )
-"""Of the methods, in their order."""
+"""Colours of the methods, in their order."""
 METRES_PER_NEWTON = 1 / 300
-"""Length of the force's arrow; chosen: 100 N are a third of a metre."""
+"""Scale of the force's arrow; chosen: 100 N are a third of a metre."""
 
 
 def draw_arm(
@@ -41,7 +39,7 @@ def draw_arm(
     times: list[rr.TimeColumn],
     colour: Float[np.ndarray, "4"] | None,
 ) -> None:
-    """Draw the arm's shapes, in one colour or their own, and move its bodies."""
+    """Log the arm's shapes, in one colour or their own, and move its bodies."""
     for b, body in enumerate(scene.bodies):
         recording.send_columns(
             f"{root}/{body}",
@@ -74,7 +72,7 @@ def draw_arm(
 def draw_load(
     recording: rr.RecordingStream, scene: "Scene", times: list[rr.TimeColumn]
 ) -> None:
-    """Draw the rope, its pull and the marks."""
+    """Log the rope, its force and the marks."""
 
     def send(path, columns):
         recording.send_columns(path, indexes=times, columns=columns)
@@ -147,18 +145,18 @@ GHOST = np.array([0.55, 0.6, 0.66, 0.28])
 
 @dataclass(frozen=True)
 class Scene:
-    """What is to be seen of an experiment, row by row, in the base's frame.
+    """Data of an experiment to be shown, row by row, in the base's frame.
 
     Attributes:
         model: The nominal arm, whose shapes are shown.
         bodies: The bodies that are shown.
         nominal: Transforms of the rigid arm, base_from_body, in m.
-        actual: Transforms of the arm as it stands.
+        actual: Transforms of the loaded arm.
         pose: The visit of each row.
-        magnified: By what the deflection is multiplied.
+        magnified: Factor of the deflection.
         rope: Corners of the rope, from the hook on, in m.
         force: Force of the rope on the hook, in N.
-        markers: Places of the markers as measured, in m; NaN = not seen.
+        markers: Measured positions of the markers, in m; NaN = not seen.
     """
 
     model: mujoco.MjModel
@@ -182,11 +180,11 @@ def show(
     """Log an experiment.
 
     Args:
-        recording: Where to; saved or live.
-        scene: What is to be seen.
+        recording: The Rerun recording; saved or live.
+        scene: Data to be shown.
         error_mm: Error of each method in each pose along x, y, z, in mm.
         error_row: The row that each pose's error belongs to.
-        words: What the reader should know, in Markdown.
+        words: Notes for the reader, in Markdown.
     """
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     recording.log(
@@ -214,7 +212,7 @@ def magnify(
     actual: Float[np.ndarray, "*rows 4 4"],
     factor: float,
 ) -> Float[np.ndarray, "*rows 4 4"]:
-    """Return transforms that differ from nominal by a multiple of what they do.
+    """Return transforms whose difference from nominal is multiplied by a factor.
 
     Positions by p + factor (p' - p), orientations by the rotation vector of R' Rᵀ times
     the factor.
@@ -233,7 +231,7 @@ def blueprint(tabs: tuple[rrb.View | rrb.Container, ...] = ()) -> rrb.Blueprint:
     """Return the layout that opens on the timeline of readings, camera on the arm.
 
     Args:
-        tabs: What gets a tab beside the errors.
+        tabs: Views that get a tab beside the errors.
     """
     camera = rrb.EyeControls3D(
         position=(1.55, -1.6, 1.25), look_target=(0.25, 0.0, 0.62), eye_up=(0, 0, 1)
