@@ -114,7 +114,7 @@ def inverse(
 
     Args:
         arm: The arm's parameters.
-        base_from_flange: Where the flange shall be, in m, rotation orthonormal.
+        base_from_flange: Poses of the flange, in m, rotation orthonormal.
     """
     flange = base_from_flange.reshape(-1, 4, 4)
     rotation = flange[:, :3, :3]

@@ -61,7 +61,7 @@ def creeping(
 
     Args:
         effects: In the order in which they were built.
-        model: What they were built into.
+        model: The model that they were built into.
         arm: The names of its parts.
     """
     times: dict[str, float] = {}

@@ -1,6 +1,6 @@
 """Base classes of effects: one physical deviation from the data sheet each.
 
-Kinds of effects say where their physics happens:
+The kind of an effect is where its physics happens:
 
 - `ModelEffect`: in the arm, as springs, masses and shapes of the MuJoCo model;
 - `CommandEffect`: between the controller's angle and the gear's input;
@@ -86,7 +86,7 @@ class ModelEffect(Effect):
 
 @dataclass(frozen=True)
 class Command:
-    """What the gears are asked to hold, for every visit.
+    """Command to the gears, for every visit.
 
     Attributes:
         reference: Angle of each axis at which its spring is slack, in rad.

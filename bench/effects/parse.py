@@ -20,7 +20,7 @@ def parse(text: str, model: mujoco.MjModel) -> Effect:
         text: The text. Parameters have the vocabulary's names and SI units. Those left
             out keep the size of a catalogue; where all are components of one thing
             (shifts and turns, a bias), components left out beside others are zero.
-        model: The arm alone, which says which places there are.
+        model: The arm alone, which defines the places.
 
     Returns:
         The effect.

@@ -43,7 +43,7 @@ def add_spring(
     """Add a joint on which a body turns (or slides) against a linear spring.
 
     Args:
-        body: The body that gives way.
+        body: The body that moves against the spring.
         name: Name of the new joint; numbered where the body has one of that name.
         axis: Unit direction in the body's frame.
         stiffness: In N m/rad, or N/m for a slide.
@@ -83,7 +83,7 @@ def add_series(
         spec: The model.
         arm: The names of its parts.
         where: The axis.
-        label: What is added to the axis' name for the new joint's.
+        label: Suffix of the axis' name in the new joint's name.
         stiffness: In N m/rad, or N/m where the axis slides.
 
     Returns:

@@ -33,7 +33,7 @@ def streams(seed: int) -> Streams:
         seed: At least 0; the same seed gives the same numbers.
 
     Raises:
-        Unusable: Where it is below.
+        Unusable: Where the seed is negative.
     """
     if seed < 0:
         raise Unusable("Seed", [f"it is {seed}, expected at least 0."])

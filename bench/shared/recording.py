@@ -69,11 +69,11 @@ class Recording:
             N then torque in N m, along `wrench_sensor.frame`; None where not measured.
         load_mass: Nominal mass on the hook, in kg.
         markers: The points that were followed.
-        points: Where they were in the tracker's frame, in m; NaN = not seen.
+        points: Their positions in the tracker's frame, in m; NaN = not seen.
         link_posture: Angles measured after the gear, in rad; NaN = no such encoder.
         axis_torque: From motor current, output side, in N m; NaN = not measured.
         temperature: In °C.
-        frames: How many frames each row averages.
+        frames: Number of frames averaged in each row.
         base_from_tracker: 4 x 4 transform, m; None where unknown.
         tracker: Stated noise of `points`.
         wrench_sensor: Stated noise and mounting of `wrench`.

@@ -16,8 +16,8 @@ Equation    joint_compliance    turn about the axis = c tau
             drift               the arm's base moves and turns with time
             tracker_scale       places = (1 + ratio) places
             tau, moment: of the arm's own weight and its tool's, in N m
-Source      Spong 1987 (compliance); Klimchik et al. 2011 (tilt); Tuttle 1992 (uneven
-            gears); Iwan 1966 (friction); ISO 9283 (drift, approach)
+Source      Spong 1987 (compliance); Klimchik et al. 2011 (tilt); Tuttle 1992
+            (transmission error); Iwan 1966 (friction); ISO 9283 (drift, approach)
 Valid       small deflections: all enter linearly
 Ignores     whatever happens between the recorded poses
 ==========  ==========================================================================
@@ -118,7 +118,7 @@ def candidates_of(
 
 def _shows(candidate: Candidate, stance: CalibrationState) -> bool:
     some = stance
-    if candidate.orders:  # its first orders tell
+    if candidate.orders:  # its first orders are visible
         lever = stance.lever[int(candidate.where[1:]) - 1]
         return bool(np.sqrt(np.mean(lever**2)) * USUAL_TURN > VISIBLE)
     size = np.sqrt(np.mean(candidate.columns(some) ** 2, axis=(0, 1)))

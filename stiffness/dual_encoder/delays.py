@@ -168,7 +168,7 @@ def _believed(
     axes: Axes, before: Mapping[int, EncoderComparison], late: DelayFit
 ) -> bool:
     if late.delay < 0.0 and any(_hidden(m, late.found[k]) for k, m in axes.items()):
-        return False  # friction makes such a delay of nothing
+        return False  # friction alone mimics such a delay
     gain, error = gain_between(axes, before, late.found)
     for k, m in axes.items():
         own, half = _own(m, late.found[k])

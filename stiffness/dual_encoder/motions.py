@@ -216,7 +216,7 @@ def modelled_torque(
     Return none for a model without gravity, which has no weight to carry.
 
     Args:
-        recording: A stream; motions told apart by `posture_id`.
+        recording: A stream; motions are distinguished by `posture_id`.
         arm: With the recording's axes.
     """
     if not np.any(arm.chain.gravity):

@@ -211,7 +211,7 @@ def point_of(
     """Return the position of a point of a body, in the base's frame, in m.
 
     Args:
-        situation: Where the axes are.
+        situation: Static state of the arm.
         body: Which body.
         position: The point in the body's frame, in m.
     """

@@ -139,7 +139,7 @@ def rotate(
     Args:
         site: 0: the base; k: axis k.
         rotation: Rotation vectors along the base's axes, in rad per unit.
-        centre: What they turn about, in the base's frame, in m.
+        centre: Centre of rotation, in the base's frame, in m.
     """
     shift = np.cross(centre[:, :, None], rotation, axis=1)
     return BodyTwist(site, np.concatenate([shift, rotation], axis=1))

@@ -142,7 +142,7 @@ def _of_marks(
     nearly as one body, and their deviations from it are visible in visit means.
 
     Args:
-        situation: Where the axes are.
+        situation: Static state of the arm.
         place: The site that the link carries.
         marks: Positions of the markers in its frame, in m.
         moved: Displacement of each, per unit of each coefficient: (rows, 3, columns).

@@ -54,11 +54,11 @@ def torque_of(
     """Return the torques on all axes of loads on a body, in N m.
 
     Args:
-        situation: Where the axes are.
+        situation: Static state of the arm.
         body: What the loads act on.
         force: In N, along the base's axes.
         moment: About the point, in N m.
-        point: Where the force acts, in m.
+        point: Point of application of the force, in m.
     """
     arm = situation.arm
     about_base = moment + np.cross(point[:, :, None], force, axis=1)
@@ -108,11 +108,11 @@ def pulled(
     """Return the static state with one more load on a body.
 
     Args:
-        situation: Where the axes are, and their loads so far.
+        situation: Static state, with the loads so far.
         body: What the load acts on.
         force: In N, along the base's axes.
         moment: About the point, in N m.
-        point: Where the force acts, in m.
+        point: Point of application of the force, in m.
     """
     arm = situation.arm
     under = arm.chain.carriers(arm.attachment(body).axis)

@@ -62,7 +62,7 @@ class DtCnn(Method):
         select: Readings used for the transfer.
         held: Axes whose compliance the springs take from the model, as in `Vjm`.
         pretrained: A network to use in place of a new pre-training; for sweeps.
-        file: Where the pre-training is written down, to go on after an interruption.
+        file: File of the pre-training, to resume after an interruption.
         tell: Callback for every step: its phase, its number, the loss.
     """
 

@@ -51,7 +51,7 @@ class FtMlp(Method):
         select: Readings used for the fine-tuning: `every_plateau`, or `one_per_pose`.
         held: Axes whose compliance the springs take from the model, as in `Vjm`.
         pretrained: A network to use in place of a new pre-training; for sweeps.
-        file: Where the pre-training is written down, to go on after an interruption.
+        file: File of the pre-training, to resume after an interruption.
         tell: Callback for every step: its phase, its number, the loss.
     """
 

@@ -122,7 +122,7 @@ def write_progress(file: Path, key: str, progress: Progress) -> None:
     """Write a training atomically: a failure leaves the old file.
 
     Args:
-        file: Where to; the name should end in `.npz`.
+        file: The file; its name should end in `.npz`.
         key: Key that identifies this training.
         progress: The training.
 

@@ -247,7 +247,7 @@ def faults_in(
 
     Args:
         values: Columns in SI, by the format's names; NaN where already at fault.
-        layout: Where they stand in the file.
+        layout: Their columns in the file.
         place: The file.
         relative: Whether only differences within a visit mean anything.
         plateaus: Whether a pose is a posture, not a motion.

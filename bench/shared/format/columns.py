@@ -224,7 +224,7 @@ def layout_of(
 
     Args:
         header: The columns of the file.
-        manifest: Whose `[columns]` and `[markers]` say what to look for.
+        manifest: Manifest whose `[columns]` and `[markers]` define the columns.
         file: Its name, for the faults.
         axes: Required number of axes; None where unknown.
     """

@@ -234,7 +234,7 @@ def read(
     """Return the recording of a folder, or raise all its faults.
 
     Args:
-        folder: Where it is.
+        folder: The folder.
         model: Names and limits to check it against; None checks neither.
 
     Returns:
@@ -260,7 +260,7 @@ def write(folder: Path | str, recording: Recording) -> None:
     It is written beside its place, read back, and only then moved there.
 
     Args:
-        folder: Where to. A recording that is there is replaced.
+        folder: The folder. A recording in it is replaced.
         recording: What to write; only columns that it has are written.
 
     Raises:

@@ -31,7 +31,7 @@ def fill(kind: Any, value: Any, where: str) -> tuple[Any, list[str]]:
 
     Args:
         kind: A type that msgspec knows; structs and mappings are entered.
-        value: What the file says.
+        value: Value in the file.
         where: Its place in the file, for the faults.
 
     Returns:
