@@ -294,17 +294,17 @@ def test_kept_names_are_not_replaced():
 
 WORDS = {
     "feign": 24,
-    "silently": 19,
-    "stranger": 7,
+    "silently": 11,
+    "stranger": 5,
     "leftover": 0,
-    "speak": 19,
+    "speak": 16,
     "wild": 4,
-    r"calm\b": 3,
+    r"calm\b": 2,
     r"vain\b": 0,
-    "accused": 4,
-    r"a look\b": 2,
+    "accused": 0,
+    r"a look\b": 1,
     "knows nothing of": 0,
-    "what is left": 30,
+    "what is left": 22,
 }
 """Words of prose that the field has others for, and how many lines of the source still
 have them. To be lowered with every text that is written anew, never raised."""

@@ -79,7 +79,8 @@ OTHER_LAWS: tuple[type[Effect], ...] = (
 """Alternative mechanisms under names that `EFFECTS` has."""
 
 WITHOUT_MECHANISM = {"channel_delay"}
-"""A delay is a matter of streams, which the bench does not record."""
+"""Names without a mechanism: a delay is visible in streams only, which the bench does
+not record."""
 
 if missing := {kind.name for kind in EFFECTS} - CATALOGUE.keys():
     raise ImportError(f"bench.shared.effect_catalogue.CATALOGUE has no {missing}.")
