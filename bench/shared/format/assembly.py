@@ -120,7 +120,7 @@ def _stages_of_visit(load: Float[np.ndarray, " rows"], step: float) -> list[str]
 def assemble(
     folder: str, manifest: Manifest, layout: Layout, values: Mapping[str, np.ndarray]
 ) -> tuple[Recording, list[str]]:
-    """Build the recording of a folder whose columns have no faults.
+    """Return the recording of a folder whose columns have no faults.
 
     Args:
         folder: The folder's name, for a recording that has none.

@@ -104,7 +104,7 @@ SAME_MARK = "separator and decimal mark."
 
 
 def csv_faults(manifest: Manifest) -> list[str]:
-    """Name what is wrong with how the file is said to be written."""
+    """Return the faults of the manifest's description of the CSV file."""
     about, mark, faults = manifest.csv, manifest.csv.mark, []
     separator, lines = about.separator, about.skip_rows
     if not is_separator(separator):
@@ -129,7 +129,7 @@ def csv_faults(manifest: Manifest) -> list[str]:
 
 
 def faults_of_rules(manifest: Manifest, layout: Layout) -> list[str]:
-    """Name what a manifest lacks, or says twice, for the columns that are there.
+    """Return what a manifest lacks, or states twice, for the columns that are there.
 
     Args:
         manifest: What was measured, with what.

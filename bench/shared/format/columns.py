@@ -158,7 +158,7 @@ def column_of(name: str, markers: Collection[str]) -> Column | None:
 
 
 def is_stray_marker(name: str, markers: Collection[str]) -> bool:
-    """Tell whether a column claims to be of a marker that the manifest lacks."""
+    """Return whether a column belongs to a marker that the manifest lacks."""
     stray = name.endswith(COORDINATES[0]) and name[:-5] not in markers
     return stray and column_of(name, markers) is None
 
@@ -178,7 +178,7 @@ class Held:
     """One column of the format, with its name and unit in this file.
 
     Attributes:
-        column: What the format says of it.
+        column: Its definition in the format.
         source: Its name in the file; of a sum, how it is made up.
         unit: Its unit in the file.
         terms: The file's columns that are added, each with its factor; empty: the

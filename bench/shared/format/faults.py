@@ -35,7 +35,7 @@ class Place:
     twice: bool = False
 
     def row(self, index: int) -> str:
-        """Name a row as a spreadsheet numbers it, its first line being line 1."""
+        """Return a row's name as a spreadsheet numbers it; the first line is line 1."""
         index //= 2 if self.twice else 1
         row = index + bisect_right([u - i for i, u in enumerate(self.unread)], index)
         where = line_of(row, self.above) if self.has_lines else f"row {row + 1}"
@@ -68,7 +68,7 @@ class Place:
 
 
 def line_of(row: int, above: int = 0) -> str:
-    """Name the line of a row, counted from zero below the header's line."""
+    """Return a row's name, counted from zero below the header's line."""
     below = f" (row {row + 1} below the header)" if row >= 0 else ""
     return f"line {row + 2 + above}{below}"
 
@@ -97,7 +97,7 @@ def nearest_of(name: str, known: Sequence[str]) -> str | None:
 
 
 def nearest(name: str, known: Sequence[str]) -> str:
-    """Ask whether the nearest known name was meant; empty where none is near."""
+    """Return a question for the nearest known name; empty where none is near."""
     guess = nearest_of(name, known)
     return f" Did you mean {guess!r}?" if guess else ""
 

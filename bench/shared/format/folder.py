@@ -78,7 +78,7 @@ class FolderRead:
 
 
 def read_as_far_as_possible(folder: Path, model: ModelFacts | None) -> FolderRead:
-    """Read a recording, going on after each fault."""
+    """Return what can be read of a recording, with all faults."""
     if not folder.is_dir():
         return FolderRead(None, [], ["there is no such folder."])
     manifest, faults = _manifest(folder)

@@ -125,7 +125,7 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=MAX_NUMBER)]
 
 
 class Entry(Struct, frozen=True, forbid_unknown_fields=True):
-    """A section of the manifest; what it does not know is a fault.
+    """A section of the manifest; unknown keys are faults.
 
     `PLACEHOLDERS` stand for entries that are required and at fault, so that a section
     stays; one that is `STRICT` is not used where any of its entries is at fault.
@@ -137,7 +137,7 @@ class Tracker(Entry, frozen=True):
 
     PLACEHOLDERS: ClassVar[Mapping[str, Any]] = {"repeatability_mm": 1.0}
     repeatability_mm: float | tuple[float, float, float] | None = None
-    # its size is checked in `agreement`: msgspec 0.22 aborts on a union of a bounded
+    # its size is checked in `checks`: msgspec 0.22 aborts on a union of a bounded
     # float and a tuple
     volumetric_mm: NotNegative | None = None
 
@@ -268,7 +268,7 @@ class Csv(Entry, frozen=True):
 
 
 class Manifest(Entry, frozen=True):
-    """The whole file.
+    """The whole manifest.
 
     `number_rows` makes each row a pose, `interval_s` the time where there is no column
     of it; `pulled`: each row is a pulled pose whose unloaded reading is zero by

@@ -1,8 +1,8 @@
 """Table of samples as CSV or Parquet: header, size limits, cells.
 
 What to use when: `samples.csv` for people and spreadsheets, `samples.parquet` for
-long streams. Both give the same `Cells`; nothing in them is evaluated. Separator and
-names are read from the first line of a CSV; a parquet file is checked against size
+long streams. Both give the same `Cells`; nothing in them is evaluated. Separator,
+encoding and header of a CSV are checked first; a parquet file is checked against size
 limits before it is decompressed.
 """
 
@@ -90,7 +90,7 @@ def decoded(
 
 
 def is_encoding(name: str) -> bool:
-    """Tell whether `[csv]` may name an encoding so."""
+    """Return whether `[csv]` may name an encoding so."""
     return any(_same_encoding(name, known) for known in ENCODINGS)
 
 
@@ -162,7 +162,7 @@ def heading_of(
 
 
 def is_separator(text: str) -> bool:
-    """Tell whether a text can stand between cells."""
+    """Return whether a text can stand between cells."""
     return len(text) == 1 and text.isascii() and text not in '\r\n"\0'
 
 
@@ -350,7 +350,7 @@ class Cells:
         return len(next(iter(self.columns.values()), ()))
 
     def drop(self, rows: Collection[int]) -> "Cells":
-        """Leave out rows, counted from zero."""
+        """Return the cells without some rows, counted from zero."""
         if not len(rows):
             return self
         numbers = self.location.rows(self.rows)
