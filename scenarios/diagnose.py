@@ -10,7 +10,7 @@ tracker watched, second encoders are compared with the first ones.
 Run:    python -m scenarios.diagnose RECORDING --robot MODEL.xml --out DIR
 Takes:  20 s for 151 poses, 9 loads and 28 marks on two cores
 Expect: the story, and in DIR diagnosis.json, report.html, diagnosis.rrd and, where
-        something was named, model.xml and patch.json; exit status 0 whatever is found
+        something was named, model.xml, patch.json and controller.csv; exit status 0
 """
 
 from __future__ import annotations
