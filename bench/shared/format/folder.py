@@ -19,7 +19,7 @@ from jaxtyping import Int
 
 from bench.shared.errors import Unusable
 from bench.shared.format.assembly import assemble, manifest_text, samples_table
-from bench.shared.format.cells import all_values_of
+from bench.shared.format.cells import all_values_of, readings_of
 from bench.shared.format.checks import (
     SAME_MARK,
     faults_in,
@@ -30,7 +30,6 @@ from bench.shared.format.checks import (
 from bench.shared.format.columns import Layout, expected, layout_of
 from bench.shared.format.faults import SHOWN, Place, quoted
 from bench.shared.format.manifest import FILE, Csv, Manifest, parse
-from bench.shared.format.readings import readings_of
 from bench.shared.format.table import (
     CSV_FILE,
     MAX_BYTES,

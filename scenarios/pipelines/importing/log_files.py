@@ -21,7 +21,7 @@ import msgspec
 import numpy as np
 
 from bench.shared.errors import Unusable
-from bench.shared.format.cells import all_values_of
+from bench.shared.format.cells import all_values_of, readings_of
 from bench.shared.format.columns import (
     COORDINATES,
     COUNT,
@@ -36,7 +36,6 @@ from bench.shared.format.columns import (
 )
 from bench.shared.format.faults import nearest, quoted
 from bench.shared.format.manifest import Csv, Source
-from bench.shared.format.readings import readings_of
 from bench.shared.format.table import (
     CSV_FILE,
     ENCODINGS,

@@ -27,13 +27,12 @@ from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
 from bench.shared.errors import Unusable
-from bench.shared.format.cells import all_values_of
+from bench.shared.format.cells import all_values_of, readings_of
 from bench.shared.format.checks import said_of_repeats
 from bench.shared.format.columns import COORDINATES, Column, Held, Layout, Unit
 from bench.shared.format.faults import nearest
 from bench.shared.format.folder import LEFT_ALONE, read_as_far_as_possible
 from bench.shared.format.manifest import FILE, Csv, fill
-from bench.shared.format.readings import readings_of
 from bench.shared.format.table import (
     CSV_FILE,
     MAX_BYTES,

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bench.shared.errors import Unusable
+from bench.shared.format.cells import MISSING
 from bench.shared.format.columns import COORDINATES, UNITS, WRENCH, column_of
-from bench.shared.format.readings import MISSING
 from bench.shared.format.table import FIRST_LINES, SEPARATORS
 from scenarios.pipelines.importing.spreadsheet import source_of
 

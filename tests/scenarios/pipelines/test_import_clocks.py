@@ -112,7 +112,9 @@ def change(folder: Path, name: str, old: str, new: str, count: int = 1) -> None:
 
 
 def imported(folder: Path):
-    return main(Settings(folder / "arm.csv", folder / "map.toml", folder / "out"))
+    read = main(Settings(folder / "arm.csv", folder / "map.toml", folder / "out"))
+    assert read is not None
+    return read
 
 
 def refused(folder: Path) -> str:
@@ -217,6 +219,7 @@ def test_nothing_is_made_up_between_readings_far_apart(lab):
     assert 4.0 <= np.diff(recording.time).max() <= 4.3
     change(lab, "map.toml", "offset_s = 5.5", "offset_s = 5.5\ngap_s = 5")
     again = main(Settings(lab / "arm.csv", lab / "map.toml", lab / "again"))
+    assert again is not None
     assert np.diff(again.time).max() < 0.2
 
 

@@ -75,7 +75,9 @@ def lab(tmp_path) -> Callable[..., Path]:
 
 def imported(folder: Path):
     settings = Settings(folder / "lab.csv", folder / "map.toml", folder / "out")
-    return main(settings)
+    read = main(settings)
+    assert read is not None
+    return read
 
 
 def refused(folder: Path) -> str:
@@ -416,6 +418,7 @@ def test_a_bag_s_channels_meet_on_the_joints_clock(tmp_path, plugin, whole, caps
     if not whole:
         (bag_at,) = (*bag_at.glob("*.mcap"), *bag_at.glob("*.db3"))
     recording = main(Settings(bag_at, tmp_path / "map.toml", tmp_path / "out"))
+    assert recording is not None
     np.testing.assert_allclose(recording.posture[:, 0], [0, 0.4, 0.1], atol=1e-6)
     np.testing.assert_allclose(recording.posture[:, 1], 0.0)
     assert recording.wrench is not None
@@ -437,6 +440,7 @@ def test_joints_of_a_bag_with_names_of_their_own_are_said_by_name(tmp_path):
     topics = '[topics]\njoint_names = ["waist", "elbow"]'
     mapping.write_text(BAG.replace("[topics]", topics))
     recording = main(Settings(bag_at, mapping, tmp_path / "out"))
+    assert recording is not None
     np.testing.assert_allclose(recording.posture[:, 0], [0, 0.4, 0.1], atol=1e-6)
 
 
