@@ -1,0 +1,254 @@
+"""Gate on observations left out: names that predict nothing go, the weakest first.
+
+Each fold of units is predicted by a fit to the others, with and without a name. Fits
+are shrunken: a part of the units goes astray along nearly collinear directions, and
+would condemn true names. The prior is held while names go.
+
+==========  ==========================================================================
+Equation    beta_f = (A - A_f + L)^-1 (s - s_f), L = k / |b|^2 on the k columns of a
+            term, b its coefficients by all units, in columns made white beside the
+            nominal ones; gain_p = s_p'beta - beta'A_p beta / 2; z = sum l / |l|, l the
+            units' gains that are lost without a name; kept where z >= 2, or z > 1 and
+            units that lose are more than those that gain by 2.6 standard errors
+Source      ridge regression with a term's own mean square as its prior variance: MacKay
+            1992, "Bayesian interpolation", one step; leave-groups-out validation;
+            sign test: Arbuthnott 1710, for one unit of great weight holds z near 1
+Valid       units that err independently, ten of them or more
+Ignores     that the set was chosen with the same units
+==========  ==========================================================================
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from stiffness.regression.elimination import (
+    projection_coefficients,
+    schur_complement,
+    whitening_transform,
+)
+from stiffness.regression.group_selection import Decision, Name
+
+LEAST_Z = 2.0
+"""Standard errors by which a name must improve the prediction of units left out."""
+LEAST_SIGN_Z = 2.6
+"""The same of the number of units that gain, where one of them outweighs all others;
+chosen: half a per cent, one-sided."""
+LEAST_Z_BY_SIGN = 1.0
+"""What z must be where their number decides; chosen: one unit alone gives 1."""
+
+
+@dataclass(frozen=True)
+class UnitStatistics:
+    """What each unit says of a few columns.
+
+    Attributes:
+        gram: Of each unit.
+        score: Of each unit.
+        fold: Of each unit; negative where it is neither fitted nor predicted.
+    """
+
+    gram: Float[np.ndarray, "units columns columns"]
+    score: Float[np.ndarray, "units columns"]
+    fold: Int[np.ndarray, " units"]
+
+
+@dataclass(frozen=True)
+class GatedNames:
+    """What the gate let through.
+
+    Attributes:
+        names: In the order in which they were given.
+        terms: Numbers of their terms.
+        gain: Of each unit, by fits that did not see it, with these names.
+        nominal_gain: The same of the nominal columns alone.
+        lost: What each unit loses without each name, the others adapting.
+        z: Of each name.
+        decisions: On every name.
+    """
+
+    names: tuple[Name, ...]
+    terms: tuple[int, ...]
+    gain: Float[np.ndarray, " units"]
+    nominal_gain: Float[np.ndarray, " units"]
+    lost: tuple[Float[np.ndarray, " units"], ...]
+    z: tuple[float, ...]
+    decisions: tuple[Decision, ...]
+
+
+def gate_names(
+    units: UnitStatistics,
+    nominal: Int[np.ndarray, " nominal"],
+    terms: Sequence[tuple[Name, Int[np.ndarray, " columns"]]],
+) -> GatedNames:
+    """Let names through that predict units left out, the weakest of the others going.
+
+    Args:
+        units: What each unit says of the columns.
+        nominal: Columns that explain for free.
+        terms: Name and columns of each term; several may share a name.
+    """
+    white = _WhiteUnits.of(units, nominal, [columns for _, columns in terms])
+    names = list(dict.fromkeys(name for name, _ in terms))
+    terms_of = {n: [t for t, (name, _) in enumerate(terms) if name == n] for n in names}
+    decided: dict[Name, Decision] = {}
+    none = white.predict([], [])[0]
+    while True:
+        gain, without = white.predict(
+            [t for n in names for t in terms_of[n]], [terms_of[n] for n in names]
+        )
+        lost = [gain - other for other in without]
+        found = {n: (_z(one), _sign_z(one)) for n, one in zip(names, lost, strict=True)}
+        weak = [n for n in names if not _passes(*found[n])]
+        if not weak:
+            break
+        weakest = min(weak, key=lambda n: found[n][0])
+        decided[weakest] = _decision(weakest, *found[weakest])
+        names.remove(weakest)
+    decided |= {n: _decision(n, *found[n]) for n in names}
+    return GatedNames(
+        tuple(names),
+        tuple(sorted(t for n in names for t in terms_of[n])),
+        gain,
+        none,
+        tuple(lost),
+        tuple(found[n][0] for n in names),
+        tuple(decided[n] for n in terms_of),
+    )
+
+
+def left_out_gain(
+    units: UnitStatistics,
+    nominal: Int[np.ndarray, " nominal"],
+    blocks: Sequence[Int[np.ndarray, " columns"]],
+) -> Float[np.ndarray, " units"]:
+    """Return how much better each unit is predicted by shrunken fits to the others.
+
+    Args:
+        units: What each unit says of the columns.
+        nominal: Columns that explain for free.
+        blocks: Columns of each term; a prior each.
+    """
+    white = _WhiteUnits.of(units, nominal, blocks)
+    return white.predict(range(len(blocks)), [])[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _WhiteUnits:
+    """The same statistics in columns that are white beside the nominal ones.
+
+    Attributes:
+        gram: Of each unit; nominal directions come first.
+        score: Of each unit.
+        fold: Of each unit.
+        nominal: How many directions are nominal.
+        owned: Columns of each term.
+        precision: Of the prior of each column; 0 for the nominal ones.
+    """
+
+    gram: Float[np.ndarray, "units columns columns"]
+    score: Float[np.ndarray, "units columns"]
+    fold: Int[np.ndarray, " units"]
+    nominal: int
+    owned: tuple[Int[np.ndarray, " _"], ...]
+    precision: Float[np.ndarray, " columns"]
+
+    @classmethod
+    def of(
+        cls,
+        units: UnitStatistics,
+        nominal: Int[np.ndarray, " nominal"],
+        blocks: Sequence[Int[np.ndarray, " _"]],
+    ) -> "_WhiteUnits":
+        """Make columns white, and take each term's mean square from a fit to all."""
+        gram, score = units.gram[units.fold >= 0], units.score[units.fold >= 0]
+        total = gram.sum(axis=0)
+        raw = np.maximum(np.diag(total), 0.0)
+        known = whitening_transform(total[np.ix_(nominal, nominal)], raw[nominal])
+        share = projection_coefficients(total, nominal)
+        width = known.shape[1]
+        none = np.zeros((len(nominal), known.shape[1]))
+        parts, owned = [(nominal, known, none)], []
+        for block in blocks:
+            beside = schur_complement(total, nominal, share, block)
+            turn = whitening_transform(beside, raw[block])
+            owned.append(np.arange(width, width + turn.shape[1]))
+            width += turn.shape[1]
+            parts.append((block, turn, share[:, block] @ turn))
+        mix = np.zeros((len(total), width))
+        at = 0
+        for block, turn, explained in parts:
+            end = at + turn.shape[1]
+            mix[block, at:end] = turn
+            mix[nominal, at:end] -= explained
+            at = end
+        gram, score = mix.T @ gram @ mix, score @ mix
+        coefficients = np.linalg.lstsq(
+            gram.sum(axis=0), score.sum(axis=0), rcond=1e-10
+        )[0]
+        precision = np.zeros(width)
+        for own in owned:
+            square = float(np.sum(coefficients[own] ** 2))
+            precision[own] = len(own) / max(square, 1e-12)
+        fold = units.fold[units.fold >= 0]
+        return cls(gram, score, fold, known.shape[1], tuple(owned), precision)
+
+    def predict(
+        self, terms: Sequence[int], left_out: Sequence[Sequence[int]]
+    ) -> tuple[Float[np.ndarray, " units"], list[Float[np.ndarray, " units"]]]:
+        """Return how much better each unit is predicted by fits that have not seen it.
+
+        Args:
+            terms: What is fitted beside the nominal columns.
+            left_out: Terms without which this is asked too, one list after another.
+        """
+        used = np.concatenate(
+            [np.arange(self.nominal), *(self.owned[t] for t in terms)]
+        ).astype(int)
+        at = {int(column): k for k, column in enumerate(used)}
+        gone = [
+            np.array([at[int(c)] for t in some for c in self.owned[t]], dtype=int)
+            for some in left_out
+        ]
+        gram, score = self.gram[:, used[:, None], used], self.score[:, used]
+        whole, asked = gram.sum(axis=0), score.sum(axis=0)
+        gain = np.zeros((1 + len(gone), len(score)))
+        for f in np.unique(self.fold):
+            inside = self.fold == f
+            inner = whole - gram[inside].sum(axis=0) + np.diag(self.precision[used])
+            inverse = np.linalg.pinv(inner, rcond=1e-12, hermitian=True)
+            beta = inverse @ (asked - score[inside].sum(axis=0))
+            every = np.repeat(beta[:, None], 1 + len(gone), axis=1)
+            for k, own in enumerate(gone, start=1):
+                if len(own):
+                    step = np.linalg.solve(inverse[np.ix_(own, own)], beta[own])
+                    every[:, k] -= inverse[:, own] @ step
+                    every[own, k] = 0.0
+            curve = np.sum((gram[inside] @ every) * every, axis=1)
+            gain[:, inside] = (score[inside] @ every - 0.5 * curve).T
+        return gain[0], list(gain[1:])
+
+
+def _z(lost: Float[np.ndarray, " units"]) -> float:
+    return float(np.sum(lost) / max(float(np.linalg.norm(lost)), 1e-300))
+
+
+def _sign_z(lost: Float[np.ndarray, " units"]) -> float:
+    some = lost[lost != 0.0]
+    return float(np.sum(np.sign(some)) / np.sqrt(max(len(some), 1)))
+
+
+def _passes(z: float, sign_z: float) -> bool:
+    return z >= LEAST_Z or (z > LEAST_Z_BY_SIGN and sign_z >= LEAST_SIGN_Z)
+
+
+def _decision(name: Name, z: float, sign_z: float) -> Decision:
+    if z >= LEAST_Z:
+        return Decision(name, "left_out", True, z, LEAST_Z, "predicts poses left out")
+    if _passes(z, sign_z):
+        reason = "predicts most poses left out, one of them by far more than the others"
+        return Decision(name, "left_out_signs", True, sign_z, LEAST_SIGN_Z, reason)
+    reason = "does not predict poses left out"
+    return Decision(name, "left_out", False, z, LEAST_Z, reason)

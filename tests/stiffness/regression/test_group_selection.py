@@ -1,0 +1,196 @@
+"""Groups of columns are found among many, whatever their order and units."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from stiffness.regression.group_selection import (
+    ColumnGroup,
+    FactorisedSet,
+    GroupProblem,
+    GroupSelection,
+    select_groups,
+)
+from stiffness.regression.predictive_gate import UnitStatistics, gate_names
+
+UNITS, ROWS, NOMINAL, LAWS, SHAPES = 80, 30, 3, 25, 3
+TRUE = tuple(("law", str(k)) for k in (1, 4, 7, 8, 12, 13, 17, 18, 21, 24))
+
+
+@cache
+def columns() -> np.ndarray:
+    """Laws of two columns in three shapes, which are alike; neighbours are too."""
+    rng = np.random.default_rng(3)
+    count = NOMINAL + 2 * LAWS * SHAPES
+    x = rng.standard_normal((UNITS * ROWS, count))
+    for law in range(LAWS):
+        first = NOMINAL + 2 * SHAPES * law
+        for shape in range(1, SHAPES):
+            own = slice(first + 2 * shape, first + 2 * shape + 2)
+            x[:, own] = 0.3 * x[:, own] + x[:, first : first + 2]
+        if law % 2:
+            x[:, first] += 1.5 * x[:, first - 2 * SHAPES]
+        x[:, first] += x[:, 0]
+    return x
+
+
+@cache
+def readings(seed: int = 0, *names: tuple[str, str]) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    y = rng.standard_normal(UNITS * ROWS) + columns()[:, :NOMINAL] @ [9.0, -5.0, 3.0]
+    for _, law in names:
+        first = NOMINAL + 2 * SHAPES * int(law) + 2 * (int(law) % SHAPES)
+        y += columns()[:, first : first + 2] @ [0.5, -0.4]
+    return y
+
+
+def groups(order: np.ndarray | None = None) -> list[ColumnGroup]:
+    every = [
+        ColumnGroup(("law", str(law)), NOMINAL + 2 * (SHAPES * law + s) + np.arange(2))
+        for law in range(LAWS)
+        for s in range(SHAPES)
+    ]
+    every = [replace(group, shape_parameters=1) for group in every]
+    return every if order is None else [every[k] for k in order]
+
+
+def problem(y: np.ndarray, scale: np.ndarray | float = 1.0, order=None) -> GroupProblem:
+    x = columns() * scale
+    gram = x.T @ x
+    raw, known = np.diag(gram), np.arange(NOMINAL)
+    return GroupProblem.of(gram, x.T @ y, raw, known, groups(order), UNITS)
+
+
+def names(case: GroupProblem, found: GroupSelection) -> list[tuple[str, str]]:
+    return sorted(case.groups[k].name for k in found.groups)
+
+
+def test_ten_laws_of_twenty_five_are_found_with_their_shapes():
+    case = problem(readings(1, *TRUE))
+    found = select_groups(case)
+    assert names(case, found) == sorted(TRUE)
+    for k in found.groups:
+        assert k % SHAPES == int(case.groups[k].name[1]) % SHAPES
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_there_gives_nothing(seed):
+    found = select_groups(problem(readings(seed)))
+    assert found.groups == ()
+    assert found.log_evidence == 0.0
+    assert not any(decision.accepted for decision in found.decisions)
+
+
+def test_order_of_groups_does_not_matter():
+    y, order = readings(1, *TRUE), np.random.default_rng(5).permutation(LAWS * SHAPES)
+    here, there = problem(y), problem(y, order=order)
+    one, other = select_groups(here), select_groups(there)
+    assert names(here, one) == names(there, other)
+    assert_allclose(one.log_evidence, other.log_evidence, rtol=1e-9)
+
+
+def test_units_of_columns_do_not_matter():
+    """Radians per newton metre beside metres: twelve powers of ten."""
+    y = readings(1, *TRUE)
+    scale = 10.0 ** np.random.default_rng(6).uniform(-6, 6, columns().shape[1])
+    here, there = problem(y), problem(y, scale)
+    one, other = select_groups(here), select_groups(there)
+    assert one.groups == other.groups
+    assert_allclose(one.log_evidence, other.log_evidence, rtol=1e-6)
+
+
+def test_start_elsewhere_ends_at_the_same_set():
+    case = problem(readings(1, *TRUE))
+    wrong = tuple(range(0, 60, 7))
+    assert set(select_groups(case, wrong).groups) == set(select_groups(case).groups)
+
+
+def test_column_that_others_make_up_adds_no_rank():
+    """An offset beside six shifts and turns of the same body, say."""
+    x = columns()[:, :7].copy()
+    x[:, 5] = x[:, 3] - 2.0 * x[:, 4]
+    own = [ColumnGroup((n, ""), np.array([k, k + 1])) for n, k in (("a", 3), ("b", 5))]
+    gram = x.T @ x
+    y = x @ np.array([1.0, 1.0, 1.0, 0.5, -0.5, 0.4, 0.6])
+    y = y + np.random.default_rng(0).standard_normal(len(y))
+    case = GroupProblem.of(gram, x.T @ y, np.diag(gram), np.arange(3), own, UNITS)
+    both = FactorisedSet.of(case, (0, 1))
+    assert len(both.aim) == 3
+    assert select_groups(case).groups in {(0, 1), (1, 0)}
+    known = x[:, :5] @ np.linalg.lstsq(x[:, :5], y)[0]
+    whole = x @ np.linalg.lstsq(x, y)[0]
+    first = FactorisedSet.of(case, (0,))
+    assert_allclose(both.gain - first.gain, whole @ whole - known @ known, rtol=1e-6)
+
+
+def test_gain_is_that_of_least_squares():
+    y = readings(1, *TRUE)
+    case = problem(y)
+    found = select_groups(case)
+    x = columns()
+    owned = [groups()[k].columns for k in found.groups]
+    used = np.concatenate([np.arange(NOMINAL), *owned])
+    fit = x[:, used] @ np.linalg.lstsq(x[:, used], y)[0]
+    bare = x[:, :NOMINAL] @ np.linalg.lstsq(x[:, :NOMINAL], y)[0]
+    assert_allclose(found.gain, fit @ fit - bare @ bare, rtol=1e-9)
+
+
+def test_every_name_leaves_a_decision_with_its_reason():
+    found = select_groups(problem(readings(1, *TRUE)))
+    every = [("law", str(k)) for k in range(LAWS)]
+    assert [d.candidate for d in found.decisions] == every
+    accepted = {d.candidate for d in found.decisions if d.accepted}
+    assert accepted == set(TRUE)
+    for decision in found.decisions:
+        assert decision.accepted == (decision.statistic > decision.threshold)
+        assert decision.reason
+
+
+# --- The gate on units left out -------------------------------------------------------
+
+
+def units(y: np.ndarray) -> UnitStatistics:
+    x = columns().reshape(UNITS, ROWS, -1)
+    gram = x.swapaxes(1, 2) @ x
+    score = np.einsum("urc,ur->uc", x, y.reshape(UNITS, ROWS))
+    fold = np.arange(UNITS) % 9 - 1
+    return UnitStatistics(gram, score, fold)
+
+
+def terms(*laws: int) -> list[tuple[tuple[str, str], np.ndarray]]:
+    first = (NOMINAL + 2 * (SHAPES * law + law % SHAPES) for law in laws)
+    return [
+        (("law", str(law)), at + np.arange(2))
+        for law, at in zip(laws, first, strict=True)
+    ]
+
+
+def test_names_that_predict_stay_and_those_that_fit_noise_go():
+    laws = terms(0, 1, 2, 4, 7, 8, 10, 12)
+    found = gate_names(units(readings(1, *TRUE)), np.arange(NOMINAL), laws)
+    assert found.names == tuple(name for name, _ in laws if name in TRUE)
+    assert [d.accepted for d in found.decisions] == [n in TRUE for n, _ in laws]
+
+
+def test_one_unit_alone_carries_no_name():
+    """A collision in one pose is no law of the arm."""
+    y = readings().copy()
+    first = terms(4)[0][1]
+    y[ROWS : 2 * ROWS] += columns()[ROWS : 2 * ROWS, first] @ [20.0, 20.0]
+    found = gate_names(units(y), np.arange(NOMINAL), terms(4))
+    assert found.names == ()
+
+
+def test_gate_does_not_depend_on_units_of_columns():
+    one = units(readings(1, *TRUE))
+    scale = 10.0 ** np.random.default_rng(6).uniform(-6, 6, one.score.shape[1])
+    other = replace(
+        one, gram=one.gram * scale * scale[:, None], score=one.score * scale
+    )
+    laws = terms(0, 1, 2, 4, 7, 8)
+    here, there = (gate_names(u, np.arange(NOMINAL), laws) for u in (one, other))
+    assert here.names == there.names
+    assert_allclose(here.z, there.z, rtol=1e-5)
