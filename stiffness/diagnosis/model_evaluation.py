@@ -9,8 +9,10 @@ Equation    cov = H^-1 M H^-1, H = gram, M = sum_p s_p s_p', s_p a pose's score 
             fit; of this and of H^-1 the larger variance of each parameter;
             parameters by the delta method, of the logarithm where an error is a
             factor; 95 %: t quantile for poses - k freedoms; widened by what no reading
-            can tell (a slip's time between two visits)
-Source      Huber 1967, White 1980 (sandwich); Cameron & Miller 2015 (by cluster)
+            can tell (a slip's time between two visits); of many numbers M' instead of
+            H^-1 M H^-1: (P - 1) / P sum_p d_p d_p', d_p = (H - H_p)^-1 s_p
+Source      Huber 1967, White 1980 (sandwich); Cameron & Miller 2015 (by cluster); Bell
+            & McCaffrey 2002 (the jackknife)
 Valid       shapes inside their bounds, twenty poses or more
 Ignores     that the name was chosen with the same poses; other forms of the laws
 ==========  ==========================================================================
@@ -155,8 +157,17 @@ def parameters_of(
     springs: Sequence[int],
     look: ModelEvaluation,
     split: Split,
+    many: bool = False,
 ) -> tuple[list[dict[str, Parameter]], list[float]]:
     """Return every member's parameters of the vocabulary with 95 % intervals.
+
+    Args:
+        situation: Where the arm stood.
+        springs: Axes whose compliance is nominal.
+        look: The fitted set.
+        split: Which poses may be looked at.
+        many: Whether the set's numbers are not few beside the poses: the spread between
+            poses is then that of fits which leave one out.
 
     Returns:
         Parameters, and p-values of each member's coefficients being all zero, at its
@@ -173,12 +184,17 @@ def parameters_of(
     inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
     white = score * scale
     poses = len(score)
-    sandwich = inverse @ (white.T @ white) @ inverse * poses / max(1, poses - len(gram))
+    if many:
+        own = found.own[~split.held_out] * scale * scale[:, None]
+        sandwich, free = jackknife_covariance(own, white), poses - 1
+    else:
+        free = poses - len(gram)
+        sandwich = inverse @ (white.T @ white) @ inverse * poses / max(1, free)
     grow = np.sqrt(
         np.maximum(np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300), 1.0)
     )
     cov = inverse * grow * grow[:, None] * scale * scale[:, None]
-    quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, poses - len(gram))))
+    quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, free)))
     n = len(fit.springs)
     answers, zero = [], []
     at, shape_at = n, n + sum(len(c) for c in fit.coefficients)
@@ -208,6 +224,24 @@ def parameters_of(
             )
         )
     return answers, zero
+
+
+def jackknife_covariance(
+    own: Float[np.ndarray, "poses columns columns"],
+    score: Float[np.ndarray, "poses columns"],
+) -> Float[np.ndarray, "columns columns"]:
+    """Return the covariance of a fit from how it moves as one pose is left out.
+
+    Args:
+        own: Gram matrix of each pose.
+        score: Of each pose, at the fit.
+    """
+    whole, poses = own.sum(axis=0), len(own)
+    moved = [
+        np.linalg.pinv(whole - one, rcond=1e-10, hermitian=True) @ asked
+        for one, asked in zip(own, score, strict=True)
+    ]
+    return (poses - 1) / poses * np.asarray(moved).T @ np.asarray(moved)
 
 
 def _of_zero(coefficients: np.ndarray, gram: np.ndarray, own: np.ndarray) -> float:

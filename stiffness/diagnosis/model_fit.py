@@ -322,6 +322,8 @@ def shape_columns(
             continue
         span = np.ptp(member.hypothesis.shapes(situation, member.where)[:, j])
         step = 1e-3 * (span if span > 0 else max(1.0, abs(member.shape[j])))
+        if member.hypothesis.shape_names[j] in member.hypothesis.logarithmic:
+            step = min(step, 0.5 * float(member.shape[j]))  # never below zero
         sides = []
         for sign in (1.0, -1.0):
             shape = member.shape.copy()

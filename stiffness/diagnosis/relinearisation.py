@@ -109,7 +109,7 @@ def relinearise_until_stable(
         fit = named.best.fit
         if not _softened(case, fit) and _change(case, prepared, fit) < MOVED:
             break
-        softer = _total(case, prepared, fit)
+        softer = total_softening(case, prepared, fit)
         case, laid = (
             build_problem(prepared, hypotheses, softer, fit),
             _pulling(case, fit),
@@ -117,7 +117,7 @@ def relinearise_until_stable(
         named = name(case, found)
     fit = named.best.fit
     if _pulling(case, fit) < laid:
-        case = build_problem(prepared, hypotheses, _total(case, prepared, fit))
+        case = build_problem(prepared, hypotheses, total_softening(case, prepared, fit))
         named = name(case, found)
     return case, named
 
@@ -173,7 +173,7 @@ def _change(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> float:
     return float(max(shares))
 
 
-def _total(
+def total_softening(
     case: SelectionProblem, prepared: Prepared, fit: ModelFit
 ) -> Float[np.ndarray, " springs"]:
     """Return by how much compliances are other than prepared."""

@@ -56,21 +56,19 @@ def residual_test(case: SelectionProblem, fit: ModelFit) -> DetectionTest:
     Other shapes of what is named are no candidates: a law is searched along a line, and
     what that leaves of a strong one is not news.
     """
-    fold = case.normal_equations.fold
-    after = residual_after(case, fit)
-    known, own = after.known, after.normal_equations
-    count = own.gram.shape[1]
-    every = [*known, *case.library.jacobians]
-    side, score = cross_gram(after.data, known, every, fold)
-    gram = given_many(side, case.normal_equations.gram)
-    raw = np.concatenate([own.raw, case.normal_equations.raw])
-    joint = NormalEquations(gram, score, fold, raw)
-    named = {member.name for member in fit.members}
-    library = _with_offset_columns(case.library, count, named)
+    beyond = residual_equations(case, fit)
     mask = ~case.split.held_out
-    known = np.arange(count)
-    scatter = scatter_of(after.data, case.dispersion_limit)
-    return detect(library, joint, score, known, mask, case.seed + 1, scatter)
+    scatter = scatter_of(beyond.after.data, case.dispersion_limit)
+    equations = beyond.normal_equations
+    return detect(
+        beyond.library,
+        equations,
+        equations.score,
+        beyond.known,
+        mask,
+        case.seed + 1,
+        scatter,
+    )
 
 
 @dataclass(frozen=True)
@@ -99,6 +97,39 @@ def residual_after(case: SelectionProblem, fit: ModelFit) -> After:
     own = normal_equations_of(case.data, known, case.normal_equations.fold)
     beta = minimum_norm_fit(own.gram[1], own.score[~case.split.held_out].sum(axis=0))
     return After(known, own, case.data.subtract(known, beta))
+
+
+@dataclass(frozen=True)
+class ResidualEquations:
+    """Normal equations of all columns once a set is named.
+
+    Attributes:
+        after: The recording once the set is named.
+        library: Candidates without the names of the set, and the map.
+        normal_equations: Of the columns that the set explains with, then the library's.
+        known: Numbers of the columns that the set explains with.
+    """
+
+    after: After
+    library: Library
+    normal_equations: NormalEquations
+    known: Int[np.ndarray, " known"]
+
+
+def residual_equations(case: SelectionProblem, fit: ModelFit) -> ResidualEquations:
+    """Lay out what a set explains, in any accepted form, beside the library."""
+    fold = case.normal_equations.fold
+    after = residual_after(case, fit)
+    known, own = after.known, after.normal_equations
+    count = own.gram.shape[1]
+    every = [*known, *case.library.jacobians]
+    side, score = cross_gram(after.data, known, every, fold)
+    gram = given_many(side, case.normal_equations.gram)
+    raw = np.concatenate([own.raw, case.normal_equations.raw])
+    joint = NormalEquations(gram, score, fold, raw)
+    named = {member.name for member in fit.members}
+    library = _with_offset_columns(case.library, count, named)
+    return ResidualEquations(after, library, joint, np.arange(count))
 
 
 def _with_offset_columns(

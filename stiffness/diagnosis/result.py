@@ -7,9 +7,11 @@ from typing import Any, Literal
 import numpy as np
 from jaxtyping import Float
 
+from stiffness.regression.group_selection import Decision
 from stiffness.regression.intervals import Parameter
 
 __all__ = [
+    "Decision",
     "Detection",
     "Diagnosis",
     "Located",
@@ -19,6 +21,7 @@ __all__ = [
     "Parameter",
     "Rival",
     "Unexplained",
+    "UnexplainedPlace",
     "Warned",
 ]
 
@@ -124,6 +127,25 @@ class Unexplained:
 
 
 @dataclass(frozen=True)
+class UnexplainedPlace:
+    """A place where the residual is significant beside everything that was named.
+
+    Attributes:
+        where: The place.
+        p_value: Of nothing being there, for all places that were tested.
+        share: Of the mismatch.
+        depends_on: On what the residual depends.
+        law: How it looks, in words; empty where nothing holds at poses left out.
+    """
+
+    where: str
+    p_value: float
+    share: float
+    depends_on: tuple[str, ...]
+    law: str = ""
+
+
+@dataclass(frozen=True)
 class Warned:
     """A mistake of the set-up, or something that the reader should know."""
 
@@ -175,6 +197,11 @@ class Diagnosis:
         held_out: Ids of the poses that naming has not seen.
         downweighted: Readings that counted less: row, marker's name, size in sigma.
         seconds: How long it took.
+        shares: Of each name, where many were selected together: what the others would
+            not explain without it, as a share of the mismatch on poses left out.
+        unexplained_places: Where the residual of a set of many names is significant,
+            strongest first.
+        decisions: Of each gate on each candidate of a set of many names.
     """
 
     recording: str
@@ -190,3 +217,6 @@ class Diagnosis:
     held_out: tuple[int, ...] = ()
     downweighted: tuple[tuple[int, str, float], ...] = ()
     seconds: float = 0.0
+    shares: Mapping[Name, float] = field(default_factory=dict)
+    unexplained_places: tuple[UnexplainedPlace, ...] = ()
+    decisions: tuple[Decision, ...] = ()

@@ -281,11 +281,11 @@ def answer_of(
         located = tuple(sure_places + [one for one in mapped if one.where not in known])
     unexplained = None
     if verdict != "explained":
-        loose = _loose(case, found, last)
+        loose = loose_marker(case, found, last)
         if loose is not None:
             located = (*located, loose) if sure else (loose, *located)
         members = named.best.fit.members if sure else ()
-        unexplained = _unexplained(case, last, members, located, loose)
+        unexplained = unexplained_of(case, last, members, located, loose)
         words = [unexplained.signature] if unexplained.signature else []
         words += [f"what explains it best differs between {kind}" for kind in between]
         unexplained = replace(unexplained, signature="; ".join(dict.fromkeys(words)))
@@ -304,13 +304,22 @@ def answer_of(
     }
 
 
-def _unexplained(
+def unexplained_of(
     case: SelectionProblem,
     last: DetectionTest,
     known: Sequence[ModelTerm],
     located: tuple[Located, ...],
     loose: Located | None,
 ) -> Unexplained:
+    """Return the place where most is left, how it looks, and its law.
+
+    Args:
+        case: What was looked at.
+        last: The residual test.
+        known: The set that was named.
+        located: Places, with what they depend on.
+        loose: The marker that moves against its body, where one does.
+    """
     where = largest_residual_site(last)
     if loose is not None:
         where = loose.where
@@ -337,7 +346,7 @@ def _unexplained(
     return Unexplained(where, "; ".join(words), law)
 
 
-def _loose(
+def loose_marker(
     case: SelectionProblem, found: DetectionTest, last: DetectionTest
 ) -> Located | None:
     """Return the marker that moves against its body, where one does."""

@@ -451,6 +451,9 @@ def exchange_worths(
 ) -> tuple[dict[Name, float], float]:
     """Return what a set is worth with each other name, or none, in the place of one.
 
+    What another name would explain beside the whole set is no reason to exchange, and
+    is taken off.
+
     Args:
         problem: The normal equations.
         groups: The set.
@@ -461,15 +464,27 @@ def exchange_worths(
         among them, and worth of the rest alone.
     """
     here = FactorisedSet.of(problem, groups)
+    whole = _residual(problem, here)
     places = _places_of_names(problem, here.groups)
-    rest = _residual_without(problem, here, _residual(problem, here), places[name])
-    rise = _additions(problem, rest, len(problem.names))
-    found: dict[Name, float] = {}
-    for k, group in enumerate(problem.groups):
-        if group.name == name or group.name not in places:
-            worth = rest.worth + float(rise[k])
-            found[group.name] = max(found.get(group.name, -np.inf), worth)
+    rest = _residual_without(problem, here, whole, places[name])
+    beside = _best_of_names(problem, _additions(problem, whole, len(problem.names)))
+    instead = _best_of_names(problem, _additions(problem, rest, len(problem.names)))
+    found = {
+        other: rest.worth + rise - max(beside[other], 0.0)
+        for other, rise in instead.items()
+        if other not in places
+    }
+    found[name] = max(whole.worth, rest.worth + instead[name])
     return found, rest.worth
+
+
+def _best_of_names(
+    problem: GroupProblem, rise: Float[np.ndarray, " groups"]
+) -> dict[Name, float]:
+    """Return the largest value over the groups of each name."""
+    best = np.full(len(problem.names), -np.inf)
+    np.maximum.at(best, problem.number_of_name, rise)
+    return dict(zip(problem.names, (float(b) for b in best), strict=True))
 
 
 def _places_of_names(
@@ -491,9 +506,8 @@ def _decisions(
     for name, own in places.items():
         found[name] = worth - _worth_without(problem, here, own)
     rise = _additions(problem, _residual(problem, here), len(problem.names))
-    for k, group in enumerate(problem.groups):
-        if group.name not in places:
-            found[group.name] = max(found.get(group.name, -np.inf), float(rise[k]))
+    for name, best in _best_of_names(problem, rise).items():
+        found.setdefault(name, best)
     return tuple(
         Decision(
             name,
