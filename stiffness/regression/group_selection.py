@@ -295,7 +295,7 @@ class Residual:
     groups: tuple[int, ...]
     worth: float
     score: Float[np.ndarray, " columns"]
-    blocks: tuple[Float[np.ndarray, "groups width width"], ...]
+    blocks: tuple[Float[np.ndarray, "_ _ _"], ...]
 
 
 def select_groups(

@@ -81,7 +81,7 @@ class GatedNames:
 def gate_names(
     units: UnitStatistics,
     nominal: Int[np.ndarray, " nominal"],
-    terms: Sequence[tuple[Name, Int[np.ndarray, " columns"]]],
+    terms: Sequence[tuple[Name, Int[np.ndarray, " _"]]],
 ) -> GatedNames:
     """Let names through that predict units left out, the weakest of the others going.
 
@@ -122,7 +122,7 @@ def gate_names(
 def left_out_gain(
     units: UnitStatistics,
     nominal: Int[np.ndarray, " nominal"],
-    blocks: Sequence[Int[np.ndarray, " columns"]],
+    blocks: Sequence[Int[np.ndarray, " _"]],
 ) -> Float[np.ndarray, " units"]:
     """Return how much better each unit is predicted by shrunken fits to the others.
 

@@ -1,0 +1,148 @@
+"""An arm of many effects is named whole; what few effects explain is left to them."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from small_bench import arm, prepared, recording
+
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.model_evaluation import jackknife_covariance
+from stiffness.diagnosis.model_fit import (
+    ModelTerm,
+    SelectionProblem,
+    fit_model,
+)
+from stiffness.diagnosis.relinearisation import build_problem
+from stiffness.diagnosis.result import Diagnosis
+from stiffness.diagnosis.shape_fit import fit_shapes
+from stiffness.diagnosis.whole_arm import (
+    CoarseSelection,
+    mismatch_of_poses,
+    select_coarsely,
+)
+from stiffness.effects import HYPOTHESES
+from stiffness.effects.hardening import Hardening
+
+EIGHT = (
+    "hysteresis@a1",
+    "hysteresis@a2",
+    "hysteresis@a3",
+    "hardening@a2",
+    "hardening@a3",
+    "bearing_tilt@a3",
+    "bearing_tilt@a4",
+    "base_compliance@base",
+)
+TWO = ("hysteresis@a2,width_rad=1.2e-4", "bearing_tilt@a3")
+
+
+@cache
+def problem(*effects: str) -> SelectionProblem:
+    return build_problem(prepared(*effects), HYPOTHESES)
+
+
+@cache
+def coarse(*effects: str) -> CoarseSelection:
+    return select_coarsely(problem(*effects))
+
+
+@cache
+def answer() -> Diagnosis:
+    return diagnose(recording(*EIGHT), arm())
+
+
+def named(found: Diagnosis) -> set[str]:
+    return {f"{one.name.effect}@{one.name.where}" for one in found.named}
+
+
+def test_arm_of_eight_effects_is_named_whole():
+    assert named(answer()) == set(EIGHT)
+    assert answer().verdict in {"explained", "partly_explained"}
+
+
+def test_every_name_of_a_whole_arm_is_sure_and_has_a_share():
+    found = answer()
+    assert set(found.shares) == {one.name for one in found.named}
+    assert all(0.0 < share < 1.0 for share in found.shares.values())
+    assert all(one.probability >= 0.95 for one in found.named)
+    places = [place.share for place in found.located]
+    assert {"a1", "a2", "a3", "a4", "base"} <= {place.where for place in found.located}
+    assert_allclose(sum(places), 1.0, atol=0.05)
+
+
+def test_every_gate_of_a_whole_arm_leaves_its_decisions():
+    decided = answer().decisions
+    gates = {decision.gate for decision in decided}
+    assert {"log_evidence", "left_out", "posterior"} <= gates
+    assert all(decision.reason for decision in decided)
+    for one in answer().named:
+        own = [d for d in decided if d.candidate == (one.name.effect, one.name.where)]
+        assert own
+        assert all(d.accepted for d in own)
+
+
+def test_intervals_of_a_whole_arm_are_finite_and_hold_the_tilt():
+    (tilt,) = (
+        one.parameters
+        for one in answer().named
+        if (one.name.effect, one.name.where) == ("bearing_tilt", "a4")
+    )
+    for name in ("u_rad_per_nm", "v_rad_per_nm"):
+        assert np.isfinite([tilt[name].low, tilt[name].high]).all()
+        assert tilt[name].low > 0.0
+
+
+@pytest.mark.parametrize("effects", [(), TWO])
+def test_few_effects_are_left_to_sets_of_few(effects):
+    assert not coarse(*effects).is_plausible
+    assert not coarse(*effects).is_clear
+
+
+def test_many_effects_are_seen_before_sets_of_few_are_tried():
+    found = coarse(*EIGHT)
+    assert found.is_clear
+    assert found.share > 0.95
+    assert found.share_of_few < found.share
+
+
+def test_mismatch_of_nothing_is_noise_of_either_sign():
+    excess = mismatch_of_poses(problem().data)
+    free = problem().data.within.degrees_of_freedom.sum()
+    assert abs(excess.sum()) < 0.1 * free
+    assert mismatch_of_poses(problem(*EIGHT).data).sum() > 10.0 * abs(excess.sum())
+
+
+def test_shapes_fitted_together_explain_more_and_stay_on_the_grid():
+    case, law = problem(*EIGHT), Hardening()
+    terms = []
+    for where in ("a2", "a3"):
+        grid = law.shapes(case.situation, where)
+        terms.append(ModelTerm(law, where, grid[len(grid) // 2]))
+
+    def gain(some: tuple[ModelTerm, ...]) -> float:
+        members = (case.data, case.situation, case.nominal, some, case.split)
+        return fit_model(*members).gain
+
+    after = fit_shapes(case, terms)
+    assert gain(after) > gain(tuple(terms)) + 10.0
+    for term in after:
+        grid = law.shapes(case.situation, term.where)
+        assert np.all(term.shape >= grid.min(axis=0) - 1e-12)
+        assert np.all(term.shape <= grid.max(axis=0) + 1e-12)
+
+
+def test_jackknife_is_the_spread_of_fits_that_leave_a_pose_out():
+    rng = np.random.default_rng(0)
+    x, y = rng.standard_normal((12, 5, 3)), rng.standard_normal((12, 5))
+    own, asked = x.swapaxes(1, 2) @ x, np.einsum("pri,pr->pi", x, y)
+    whole = np.linalg.solve(own.sum(axis=0), asked.sum(axis=0))
+    score = asked - own @ whole
+    moved = []
+    for p in range(12):
+        rest = np.arange(12) != p
+        some = np.linalg.solve(own[rest].sum(axis=0), asked[rest].sum(axis=0))
+        moved.append(some - whole)
+    want = 11 / 12 * np.array(moved).T @ np.array(moved)
+    assert_allclose(jackknife_covariance(own, score), want, rtol=1e-6)
