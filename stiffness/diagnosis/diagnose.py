@@ -316,13 +316,13 @@ def _answer(
     """
     loaded = prepared.situation.recording.wrench is not None
     coarse = select_coarsely(case) if loaded else None
-    if coarse is not None and coarse.is_clear:
+    if coarse is not None and coarse.is_beyond_few:
         whole = select_whole_arm(case, prepared, hypotheses, coarse)
         if whole.is_sound:
             return answer_of_whole_arm(whole, prepared, found)
     few, named = relinearise_until_stable(case, prepared, hypotheses, found)
     answer = answer_of(few, prepared, found, named)
-    if answer["verdict"] == "explained" or coarse is None or coarse.is_clear:
+    if answer["verdict"] == "explained" or coarse is None or coarse.is_beyond_few:
         return answer
     if coarse.is_plausible:
         whole = select_whole_arm(case, prepared, hypotheses, coarse)

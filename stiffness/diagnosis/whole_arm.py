@@ -54,6 +54,7 @@ from stiffness.diagnosis.sufficient_statistics import (
     per_pose_scores,
 )
 from stiffness.effects.base import Hypothesis
+from stiffness.effects.jacobian import EffectJacobian
 from stiffness.regression.group_selection import (
     ColumnGroup,
     Decision,
@@ -164,7 +165,7 @@ class CoarseSelection:
         return self.names > MAX_EXHAUSTIVE_SIZE and self.share >= LEAST_SHARE
 
     @property
-    def is_clear(self) -> bool:
+    def is_beyond_few(self) -> bool:
         """Return whether sets of few names need not be tried."""
         return self.is_plausible and self.share - self.share_of_few >= CLEARLY_MORE
 
@@ -189,7 +190,8 @@ def select_coarsely(case: SelectionProblem) -> CoarseSelection:
     of_few = poses.share(
         left_out_gain(poses.units, poses.nominal, [poses.owned[place[k]] for k in few])
     )
-    terms = tuple(search.terms[some[t]] for t in gated.terms)
+    terms = [search.terms[k] for k in some]
+    terms = tuple(term for term in terms if term.name in gated.names)
     return CoarseSelection(terms, len(gated.names), explained, of_few)
 
 
@@ -205,6 +207,8 @@ class PoseStatistics:
         units: Statistics of each pose; nominal columns come first.
         nominal: Their numbers.
         owned: Columns of each term.
+        forms: Columns of the other accepted forms of each term's law; none where these
+            were not asked for.
         mismatch: Whitened square of each training pose beyond its degrees of freedom.
     """
 
@@ -212,11 +216,13 @@ class PoseStatistics:
     units: UnitStatistics
     nominal: Int[np.ndarray, " nominal"]
     owned: tuple[Int[np.ndarray, " _"], ...]
+    forms: tuple[Int[np.ndarray, " _"], ...]
     mismatch: Float[np.ndarray, " poses"]
 
     def gate(self, some: Sequence[int]) -> GatedNames:
-        """Gate some of the terms on poses left out."""
+        """Gate some of the terms on poses left out, each with its law's other forms."""
         own = [(self.terms[t].name, self.owned[t]) for t in some]
+        own += [(self.terms[t].name, self.forms[t]) for t in some if len(self.forms[t])]
         return gate_names(self.units, self.nominal, own)
 
     @cached_property
@@ -239,17 +245,24 @@ class PoseStatistics:
 
 
 def _pose_statistics(
-    case: SelectionProblem, terms: Sequence[ModelTerm]
+    case: SelectionProblem, terms: Sequence[ModelTerm], with_forms: bool = False
 ) -> PoseStatistics:
-    laws = [term.jacobian(case.situation) for term in terms]
-    found = per_pose_scores(case.data, [*case.nominal, *laws], training(case.split))
-    held_out = case.split.held_out
-    ends = np.cumsum([case.library.nominal, *(law.columns for law in laws)])
+    here, held_out = case.situation, case.split.held_out
+    laws = [term.jacobian(here) for term in terms]
+    forms = [EffectJacobian(0) for _ in terms]
+    if with_forms:
+        forms = [t.hypothesis.variants(here, t.where, t.shape) for t in terms]
+    every = [*laws, *(form for form in forms if form.columns)]
+    found = per_pose_scores(case.data, [*case.nominal, *every], training(case.split))
+    widths = [part.columns for part in (*laws, *forms)]
+    ends = np.cumsum([case.library.nominal, *widths])
+    blocks = tuple(np.arange(a, b) for a, b in pairwise(ends))
     return PoseStatistics(
         tuple(terms),
         UnitStatistics(found.own, found.score, np.where(held_out, -1, case.split.fold)),
         np.arange(case.library.nominal),
-        tuple(np.arange(a, b) for a, b in pairwise(ends)),
+        blocks[: len(laws)],
+        blocks[len(laws) :],
         mismatch_of_poses(case.data)[~held_out],
     )
 
@@ -324,10 +337,10 @@ def select_whole_arm(
     decisions = list(selected.decisions)
     terms = fit_shapes(case, _one_each(search, selected.groups))
     while True:
-        statistics = _pose_statistics(case, terms)
+        statistics = _pose_statistics(case, terms, with_forms=True)
         gated = statistics.gate(range(len(terms)))
         decisions += gated.decisions
-        terms = tuple(terms[t] for t in gated.terms)
+        terms = tuple(term for term in terms if term.name in gated.names)
         look = evaluate_model(
             case.data, case.situation, case.nominal, terms, (), case.split
         )
@@ -341,7 +354,6 @@ def select_whole_arm(
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
         decisions.append(weakest)
         terms = tuple(term for term in terms if term.name != weakest.candidate)
-    statistics = _pose_statistics(case, terms)
     return WholeArm(
         case,
         look.fit,

@@ -192,7 +192,8 @@ def _unexplained_places(
 ) -> tuple[UnexplainedPlace, ...]:
     """Return the places of the map where the residual is significant."""
     mask, given = ~whole.case.split.held_out, beyond.normal_equations
-    fitted = NormalEquations(given.gram[1:], given.score[mask], given.fold, given.raw)
+    fold = given.fold[mask] - 1
+    fitted = NormalEquations(given.gram[1:], given.score[mask], fold, given.raw)
     found = places_of_map(
         beyond.library, fitted, fitted.score, beyond.known, whole.case.seed + 2
     )
