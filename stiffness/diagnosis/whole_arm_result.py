@@ -97,7 +97,7 @@ def exchange_posteriors(whole: WholeArm) -> tuple[ExchangePosterior, ...]:
 def answer_of_whole_arm(
     whole: WholeArm, prepared: Prepared, found: DetectionTest
 ) -> dict:
-    """Return verdict, places, names and what is left, by the names in `Diagnosis`.
+    """Return verdict, places, names and residual, by the names in `Diagnosis`.
 
     Args:
         whole: The set.
