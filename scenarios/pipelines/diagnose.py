@@ -41,6 +41,7 @@ from scenarios.pipelines.schema import (
     Interval,
     Left,
     Next,
+    Open,
     Other,
     Placed,
     Proved,
@@ -235,7 +236,7 @@ def answer_of(
             for x in d.located
         ),
         explained_share=share,
-        named=tuple(map(_called, d.named)),
+        named=tuple(_called(n, d.shares.get(n.name)) for n in d.named),
         rivals=tuple(
             Other(float(r.probability), tuple(map(_at, r.effects))) for r in d.rivals
         ),
@@ -253,6 +254,10 @@ def answer_of(
         proof=entry,
         next_experiments=tuple(experiments),
         seconds=round(float(seconds), 3),
+        unexplained_places=tuple(
+            Open(p.where, float(p.share), tuple(p.depends_on), p.law)
+            for p in d.unexplained_places
+        ),
     )
 
 
@@ -310,7 +315,7 @@ def _of_channel(c: Channel, unit: float, name: str) -> dict[str, object]:
     }
 
 
-def _called(named: NamedEffect) -> Called:
+def _called(named: NamedEffect, share: float | None) -> Called:
     parameters = {
         name: Interval(number(p.estimate), number(p.low), number(p.high))
         for name, p in named.parameters.items()
@@ -328,6 +333,7 @@ def _called(named: NamedEffect) -> Called:
         float(np.clip(named.probability, 0.0, 1.0)),
         tuple(map(_at, named.equivalents)),
         parameters,
+        msgspec.UNSET if share is None else float(share),
     )
 
 

@@ -56,14 +56,24 @@ class Placed(msgspec.Struct, frozen=True):
     zone: str
 
 
-class Called(msgspec.Struct, frozen=True):
-    """A named effect with its probability, equivalents and parameters."""
+class Called(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A named effect with its probability, equivalents, parameters and share."""
 
     effect: str
     where: str
     probability: float
     equivalents: tuple[At, ...]
     parameters: dict[str, Interval]
+    share: float | msgspec.UnsetType = msgspec.UNSET
+
+
+class Open(msgspec.Struct, frozen=True):
+    """A place where something is left beside all that was named."""
+
+    where: str
+    share: float
+    depends_on: tuple[str, ...]
+    law: str
 
 
 class Other(msgspec.Struct, frozen=True):
@@ -132,6 +142,7 @@ class Answer(msgspec.Struct, frozen=True):
     proof: Proved | None
     next_experiments: tuple[Next, ...]
     seconds: float
+    unexplained_places: tuple[Open, ...] = ()
 
 
 # --- The verdict ----------------------------------------------------------------------

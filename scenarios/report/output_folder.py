@@ -18,8 +18,17 @@ FILES = (
     "patch.json", "controller.csv",
 )  # fmt: skip
 """Files of a diagnosis; its pictures are inside the report."""
+DECISIONS = "decisions.csv"
+"""Each gate's verdict on each candidate, where many effects were selected together."""
 ANSWERS = frozenset(
-    {*FILES, "report.md", "before_after.png", "gears.png", "residual_map.png"}
+    {
+        *FILES,
+        DECISIONS,
+        "report.md",
+        "before_after.png",
+        "gears.png",
+        "residual_map.png",
+    }
     | {"looks_like.png"}
 )
 """Files of an answer of any engine; all others in the folder are not touched."""

@@ -20,7 +20,7 @@ from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.recording_check import replicate_noise
 from scenarios.pipelines.schema import Answer
 from scenarios.report import playback
-from scenarios.report.output_folder import FILES, refuse_folder, write_folder
+from scenarios.report.output_folder import DECISIONS, FILES, refuse_folder, write_folder
 from scenarios.report.sections import calibration
 from scenarios.report.sections.diagnosis import write_answer, write_diagnosis
 from scenarios.report.sections.dual_encoder import write_outcome
@@ -82,9 +82,10 @@ def diagnose_to_folder(
     )
     noise = replicate_noise(recording) if recording.markers else None
     result = Result(recording, found, simulated, unproved, noise, told)
+    kept = (*FILES, DECISIONS)
     with console.status("writing"):
         try:
-            write_folder(out, lambda folder: write_diagnosis(folder, result), FILES)
+            write_folder(out, lambda folder: write_diagnosis(folder, result), kept)
         except BenchError:
             raise
         except Exception:

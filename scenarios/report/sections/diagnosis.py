@@ -17,8 +17,9 @@ from scenarios.pipelines import schema
 from scenarios.pipelines.diagnose import MICRO, Result, channel_of, curves_of
 from scenarios.pipelines.effect_parameters import chance, label, size, span
 from scenarios.pipelines.patching import write_patch
-from scenarios.report import figures, page, playback, summary
+from scenarios.report import data_files, figures, page, playback, summary
 from scenarios.report.figures import of_law
+from scenarios.report.output_folder import DECISIONS
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from stiffness.diagnosis.diagnose import SCATTER
 
@@ -322,6 +323,22 @@ def _pictures(finding: Result, folder: Path) -> Iterator[Block]:
 # --- The files ------------------------------------------------------------------------
 
 
+def decision_rows(finding: Result) -> list[dict[str, object]]:
+    """Return each gate's verdict on each candidate, with statistic and reason."""
+    return [
+        {
+            "effect": d.candidate[0],
+            "where": d.candidate[1],
+            "gate": d.gate,
+            "accepted": d.accepted,
+            "statistic": d.statistic,
+            "threshold": d.threshold,
+            "reason": d.reason,
+        }
+        for d in finding.diagnosis.decisions
+    ]
+
+
 def write_answer(folder: Path, answer: schema.Answer) -> None:
     """Write diagnosis.json into a folder."""
     text = schema.text_of(answer)
@@ -331,6 +348,8 @@ def write_answer(folder: Path, answer: schema.Answer) -> None:
 def write_diagnosis(folder: Path, finding: Result) -> None:
     """Write the answer, the patch, the report and the playback into a folder."""
     write_answer(folder, finding.answer)
+    if finding.diagnosis.decisions:
+        data_files.write_table(folder / DECISIONS, decision_rows(finding))
     simulated = finding.simulated
     if simulated is not None and (simulated.patch.effects or simulated.patch.laws):
         write_patch(folder, simulated.patch, simulated.patched.rig)

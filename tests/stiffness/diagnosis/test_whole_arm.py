@@ -7,6 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 from small_bench import arm, prepared, recording
 
+from scenarios.pipelines.diagnose import Result, answer_of
+from scenarios.report.data_files import read_table, write_table
+from scenarios.report.output_folder import DECISIONS
+from scenarios.report.sections.diagnosis import decision_rows
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_evaluation import jackknife_covariance
 from stiffness.diagnosis.model_fit import (
@@ -157,3 +161,18 @@ def test_jackknife_is_the_spread_of_fits_that_leave_a_pose_out():
         moved.append(some - whole)
     want = 11 / 12 * np.array(moved).T @ np.array(moved)
     assert_allclose(jackknife_covariance(own, score), want, rtol=1e-6)
+
+
+def test_answer_of_a_whole_arm_carries_shares_open_places_and_decisions(tmp_path):
+    found = answer()
+    told = answer_of(found, None, "", (), 1.0, False)
+    shares = [n.share for n in told.named if isinstance(n.share, float)]
+    assert len(shares) == len(told.named)
+    assert all(0.0 < share < 1.0 for share in shares)
+    assert len(told.unexplained_places) == len(found.unexplained_places)
+    result = Result(recording(*EIGHT), found, None, "", None, told)
+    write_table(tmp_path / DECISIONS, decision_rows(result))
+    rows = read_table(tmp_path / DECISIONS)
+    assert len(rows) == len(found.decisions)
+    assert all(row["reason"] for row in rows)
+    assert {f"{r['effect']}@{r['where']}" for r in rows} >= named(found)
