@@ -17,7 +17,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, reversing, sprung
-from stiffness.effects.jacobian import NOTHING, EffectJacobian, turn
+from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
 
 
@@ -36,12 +36,6 @@ class AsymmetricStiffness(Hypothesis):
         return tuple(a for a in reversing(situation) if a in soft)
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,
@@ -50,15 +44,6 @@ class AsymmetricStiffness(Hypothesis):
     ) -> EffectJacobian:
         k = situation.axis(where)
         return turn(k, np.abs(situation.torque[:, k]))
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(

@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from stiffness.effects.jacobian import EffectJacobian
+from stiffness.effects.jacobian import NOTHING, EffectJacobian
 from stiffness.experiment.static_state import StaticState
 
 # --- Hypothesis -----------------------------------------------------------------------
@@ -70,16 +70,16 @@ class Hypothesis(ABC):
         an axis without torque); each site returned must give a Jacobian.
         """
 
-    @abstractmethod
     def shapes(
         self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         """Return a coarse grid of shapes within their physical bounds, one a row.
 
         At most about eight: neighbours should have Jacobians with a cosine near 0.95.
-        The engine refines between the grid's outermost values. Without shape
-        parameters: one row with no entry, `np.zeros((1, 0))`.
+        The engine refines between the grid's outermost values. One row with no entry,
+        unless overridden: the law has no shape parameters.
         """
+        return np.zeros((1, 0))
 
     @abstractmethod
     def jacobian(
@@ -90,7 +90,6 @@ class Hypothesis(ABC):
     ) -> EffectJacobian:
         """Return the displacement per unit of each coefficient."""
 
-    @abstractmethod
     def variants(
         self,
         situation: StaticState,
@@ -102,8 +101,9 @@ class Hypothesis(ABC):
         A gear's hardening is tabled in three pieces or written with a tanh: both are
         hardening. The residual test after naming projects them out. They are used
         once the effect is named, never to find it, and must be too narrow to mimic
-        another one. Return `NOTHING` where the law has one form.
+        another one. Nothing, unless overridden: the law has one form.
         """
+        return NOTHING
 
     @abstractmethod
     def parameters(

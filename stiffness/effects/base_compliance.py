@@ -47,12 +47,6 @@ class BaseCompliance(Hypothesis):
         return ("base",)
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,

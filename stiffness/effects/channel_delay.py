@@ -19,7 +19,6 @@ from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, sprung
 from stiffness.effects.jacobian import (
-    NOTHING,
     EffectJacobian,
     EncoderError,
     JacobianBlock,
@@ -53,12 +52,6 @@ class ChannelDelay(Hypothesis):
         return tuple(found)
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,
@@ -78,15 +71,6 @@ class ChannelDelay(Hypothesis):
                 EncoderError(k, speed[:, k, None]),
             ]
         return EffectJacobian(1, tuple(parts))
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(

@@ -23,7 +23,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import NOTHING, EffectJacobian
+from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import encoder_offset_response
 from stiffness.experiment.static_state import StaticState
 
@@ -47,12 +47,6 @@ class EncoderOffset(Hypothesis):
         return situation.axes
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,
@@ -60,15 +54,6 @@ class EncoderOffset(Hypothesis):
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
         return encoder_offset_response(situation, situation.axis(where))
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(

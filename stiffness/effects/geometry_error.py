@@ -20,7 +20,6 @@ from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, axes_of
 from stiffness.effects.jacobian import (
-    NOTHING,
     BodyTwist,
     EffectJacobian,
     rotate,
@@ -49,12 +48,6 @@ class GeometryError(Hypothesis):
         return situation.links if absolute(situation) else ()
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,
@@ -68,15 +61,6 @@ class GeometryError(Hypothesis):
         return EffectJacobian(
             6, (BodyTwist(place, np.concatenate([shift, turned], axis=2)),)
         )
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, orders, sprung
-from stiffness.effects.jacobian import NOTHING, EffectJacobian, turn
+from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.effects.statics import encoder_offset_response
 from stiffness.experiment.static_state import StaticState
 
@@ -48,12 +48,6 @@ class GravityCompensator(Hypothesis):
         return tuple(a for a in sprung(situation) if turning[situation.axis(a)])
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,
@@ -65,15 +59,6 @@ class GravityCompensator(Hypothesis):
         if 1.0 not in orders(situation, k):
             return encoder_offset_response(situation, k)
         return turn(k, np.sin(angle), np.cos(angle))
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(

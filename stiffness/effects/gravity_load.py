@@ -66,12 +66,6 @@ class GravityLoad(Hypothesis):
         return tuple(b for b in bodies if seen(situation, torques(situation, b)))
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import NOTHING, EffectJacobian, turn
+from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
 
 
@@ -39,12 +39,6 @@ class JointCompliance(Hypothesis):
         return tuple(a for a, f in zip(situation.axes, found, strict=True) if f)
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,
@@ -53,15 +47,6 @@ class JointCompliance(Hypothesis):
     ) -> EffectJacobian:
         k = situation.axis(where)
         return turn(k, situation.torque[:, k])
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(

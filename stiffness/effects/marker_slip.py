@@ -18,7 +18,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, axes_of
-from stiffness.effects.jacobian import NOTHING, EffectJacobian, MarkerDisplacement
+from stiffness.effects.jacobian import EffectJacobian, MarkerDisplacement
 from stiffness.experiment.static_state import StaticState
 
 PREFIX = "marker:"
@@ -73,15 +73,6 @@ class MarkerSlip(Hypothesis):
     def grain(self, situation: StaticState) -> Mapping[str, float]:
         begins = np.sort(situation.recording.time[situation.steps[:, 0]])
         return {"time_s": float(np.max(np.diff(begins), initial=0.0))}
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, sprung
-from stiffness.effects.jacobian import NOTHING, EffectJacobian
+from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import wind_up
 from stiffness.experiment.static_state import StaticState
 
@@ -42,12 +42,6 @@ class PulleyFriction(Hypothesis):
         return ("rig",) if from_hook(situation) and sprung(situation) else ()
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,
@@ -56,15 +50,6 @@ class PulleyFriction(Hypothesis):
     ) -> EffectJacobian:
         missing = -direction(situation)[:, None] * situation.load_torque
         return wind_up(situation, missing[:, :, None])
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute
-from stiffness.effects.jacobian import NOTHING, BodyTwist, EffectJacobian
+from stiffness.effects.jacobian import BodyTwist, EffectJacobian
 from stiffness.experiment.static_state import StaticState
 
 NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
@@ -40,12 +40,6 @@ class TrackerMisalignment(Hypothesis):
         return ("tracker",) if stated and absolute(situation) else ()
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,
@@ -54,15 +48,6 @@ class TrackerMisalignment(Hypothesis):
     ) -> EffectJacobian:
         motion = np.broadcast_to(np.eye(6), (situation.rows, 6, 6))
         return EffectJacobian(6, (BodyTwist(0, motion),))
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, marked_point
-from stiffness.effects.jacobian import NOTHING, EffectJacobian, MarkerDisplacement
+from stiffness.effects.jacobian import EffectJacobian, MarkerDisplacement
 from stiffness.experiment.static_state import StaticState
 from stiffness.robot.tracker_frame import LARGEST_SCALE
 
@@ -42,12 +42,6 @@ class TrackerScale(Hypothesis):
         return ("tracker",) if seen else ()
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,
@@ -61,15 +55,6 @@ class TrackerScale(Hypothesis):
             away = marked_point(situation, m) - stand
             parts.append(MarkerDisplacement(m, away[:, :, None]))
         return EffectJacobian(1, tuple(parts))
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(

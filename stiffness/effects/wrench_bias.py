@@ -19,7 +19,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, sprung
-from stiffness.effects.jacobian import NOTHING, EffectJacobian
+from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import (
     along_sensor,
     felt,
@@ -50,12 +50,6 @@ class WrenchBias(Hypothesis):
         return ()
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,
@@ -64,15 +58,6 @@ class WrenchBias(Hypothesis):
     ) -> EffectJacobian:
         torque = torques(situation)
         return wind_up(situation, torque[:, :, felt(situation, torque)])
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(

@@ -49,12 +49,6 @@ class WrenchGain(Hypothesis):
         return ("wrench_sensor",) if felt(situation, torques(situation)) else ()
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
         self,
         situation: StaticState,

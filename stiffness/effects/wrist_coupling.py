@@ -18,7 +18,7 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, sprung
-from stiffness.effects.jacobian import NOTHING, EffectJacobian, JointRotation
+from stiffness.effects.jacobian import EffectJacobian, JointRotation
 from stiffness.experiment.static_state import StaticState
 
 WRIST = 3
@@ -66,15 +66,6 @@ class WristCoupling(Hypothesis):
             JointRotation(near, torque[:, far, None]),
         )
         return EffectJacobian(1, parts)
-
-    @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
 
     @override
     def parameters(
