@@ -9,25 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.effects import EFFECTS
-from bench.shared.effect_catalogue import CATALOGUE, EffectInfo, Parameter
+from bench.shared.effect_catalogue import CATALOGUE, EffectInfo, Parameter, si_unit
 
 README = Path(__file__).parents[1] / "bench" / "README.md"
 COMMAND = "python tests/effect_table.py"
 BEGIN, END = "<!-- effects: begin -->", "<!-- effects: end -->"
-UNITS = {
-    "rad_per_nm": "rad/(N m)",
-    "rad_per_h": "rad/h",
-    "m_per_n": "m/N",
-    "m_per_h": "m/h",
-    "nm2": "N m²",
-    "nm": "N m",
-    "rad": "rad",
-    "kg": "kg",
-    "m": "m",
-    "n": "N",
-    "s": "s",
-}
-"""By the end of a parameter's name; anything else has no unit."""
 EXAMPLE = {"axis": "a6", "link": "link_2", "marker": "marker:x"}
 """Where a mechanism is built to ask for its defaults."""
 SEEN = {"within_visit": "differences", "between_visits": "means"}
@@ -52,15 +38,7 @@ class Line:
     @property
     def alike(self) -> tuple:
         """What parameters that share a row have in common."""
-        return self.role, unit_of(self.names[0]), self.parameter.usual
-
-
-def unit_of(name: str) -> str:
-    """Return the unit of a parameter by the end of its name; empty: none."""
-    for ending in sorted(UNITS, key=len, reverse=True):
-        if name.endswith(f"_{ending}"):
-            return UNITS[ending]
-    return ""
+        return self.role, si_unit(self.names[0]), self.parameter.usual
 
 
 def number(value: float | str) -> str:
@@ -118,7 +96,7 @@ def parameter_rows() -> Iterator[tuple[str, ...]]:
             yield (
                 f"`{info.name}`",
                 ", ".join(f"`{name}`" for name in line.names),
-                unit_of(line.names[0]) or "1",
+                si_unit(line.names[0]) or "1",
                 line.role,
                 ", ".join(line.defaults) or "no mechanism",
                 span,

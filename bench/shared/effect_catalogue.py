@@ -428,6 +428,30 @@ CATALOGUE: Mapping[str, EffectInfo] = {info.name: info for info in _ALL}
 """All effects by name, in the order in which they are listed everywhere."""
 
 
+SI_UNITS = {
+    "rad_per_nm": "rad/(N m)",
+    "rad_per_h": "rad/h",
+    "m_per_n": "m/N",
+    "m_per_h": "m/h",
+    "nm2": "N m²",
+    "nm": "N m",
+    "rad": "rad",
+    "kg": "kg",
+    "m": "m",
+    "n": "N",
+    "s": "s",
+}
+"""SI unit of a parameter by the ending of its name; any other has none."""
+
+
+def si_unit(parameter: str) -> str:
+    """Return the SI unit of a parameter; empty where it has none."""
+    for ending in sorted(SI_UNITS, key=len, reverse=True):
+        if parameter.endswith(f"_{ending}"):
+            return SI_UNITS[ending]
+    return ""
+
+
 def usual(effect: str, parameter: str) -> Range | None:
     """Return the usual range of an effect's parameter; None where there is none."""
     return CATALOGUE[effect].usual(parameter) if effect in CATALOGUE else None

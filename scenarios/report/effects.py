@@ -13,26 +13,10 @@ from bench.effects import EFFECTS
 from bench.effects.effect import Effect
 from bench.instruments import Instruments
 from bench.kinematic_chain import Anatomy
-from bench.shared.effect_catalogue import CATALOGUE
+from bench.shared.effect_catalogue import CATALOGUE, si_unit
 from scenarios.pipelines.synthetic_recording import rms_noise
 
 # --- Effects that can be asked for ----------------------------------------------------
-
-SI = {
-    "rad": "rad",
-    "rad_per_nm": "rad/(N m)",
-    "m": "m",
-    "m_per_n": "m/N",
-    "m_per_h": "m/h",
-    "rad_per_h": "rad/h",
-    "nm": "N m",
-    "nm2": "N m²",
-    "kg": "kg",
-    "n": "N",
-    "s": "s",
-}
-"""Unit of a parameter as flags have it, by the end of its name."""
-
 
 USE = (
     "--effect NAME@WHERE,parameter=value,… in SI units. Parameters left out keep their "
@@ -60,14 +44,6 @@ def catalogue_tables(arm: Anatomy) -> Group:
     return Group(*parts)
 
 
-def unit_of(parameter: str) -> str:
-    """Return the SI unit of a parameter; empty where it has none."""
-    for ending in sorted(SI, key=len, reverse=True):
-        if parameter.endswith(f"_{ending}"):
-            return SI[ending]
-    return ""
-
-
 def _parameters(kind: type[Effect]) -> Iterator[tuple[str, str, str, str]]:
     """Yield name, default, unit and usual range of each of an effect's parameters."""
     for field in fields(kind):
@@ -77,7 +53,7 @@ def _parameters(kind: type[Effect]) -> Iterator[tuple[str, str, str, str]]:
         default, usual = field.default, CATALOGUE[kind.name].usual(name)
         text = default if isinstance(default, str) else f"{default:.4g}"
         span = f"{usual.low:.3g} to {usual.high:.3g} ({usual.source})" if usual else ""
-        yield f"    {name}", text, unit_of(name), span
+        yield f"    {name}", text, si_unit(name), span
 
 
 def _places(kind: str, arm: Anatomy) -> str:
