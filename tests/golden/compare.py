@@ -42,7 +42,11 @@ def lines_of(file: Path) -> list[str]:
     if kind == ".parquet":
         table = parquet.read_table(file)
         return [f"{name}: {table[name].to_pylist()}" for name in table.column_names]
-    text = file.read_text("utf-8")
+    content = file.read_bytes()
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError:  # a mesh
+        return [hashlib.sha256(content).hexdigest()]
     lines = text.splitlines()
     if kind == ".json":
         lines = list(leaves(json.loads(text)))
