@@ -39,12 +39,11 @@ from stiffness.diagnosis.detection import (
 )
 from stiffness.diagnosis.model_fit import SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
-from stiffness.diagnosis.relinearisation import build_problem, relinearise_until_stable
+from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Detection, Diagnosis, Unexplained, Warned
+from stiffness.diagnosis.selection import select_model
 from stiffness.diagnosis.setup_check import setup_errors
-from stiffness.diagnosis.verdict import answer_of, nominal_of
-from stiffness.diagnosis.whole_arm import select_coarsely, select_whole_arm
-from stiffness.diagnosis.whole_arm_result import answer_of_whole_arm
+from stiffness.diagnosis.verdict import answer_of, judge, nominal_of
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis
 from stiffness.experiment.residuals import shares_of
@@ -294,41 +293,9 @@ def diagnose(
             seconds=time.perf_counter() - started,
             **common,
         )
-    answer = _answer(case, prepared, hypotheses, found)
+    judged = judge(select_model(case, prepared, hypotheses))
+    answer = answer_of(judged, prepared, found)
     return Diagnosis(**common, **answer, seconds=time.perf_counter() - started)
-
-
-def _answer(
-    case: SelectionProblem,
-    prepared: Prepared,
-    hypotheses: Sequence[Hypothesis],
-    found: DetectionTest,
-) -> dict:
-    """Name a few effects, or, where these do not do, all that an arm has.
-
-    Positions without a load are left to calibration, which knows more of geometry.
-
-    Args:
-        case: As laid out where nothing is named.
-        prepared: The recording against its nominal model.
-        hypotheses: What may be named.
-        found: The test before anything is named.
-    """
-    loaded = prepared.situation.recording.wrench is not None
-    coarse = select_coarsely(case) if loaded else None
-    if coarse is not None and coarse.is_beyond_few:
-        whole = select_whole_arm(case, prepared, hypotheses, coarse)
-        if whole.is_sound:
-            return answer_of_whole_arm(whole, prepared, found)
-    few, named = relinearise_until_stable(case, prepared, hypotheses, found)
-    answer = answer_of(few, prepared, found, named)
-    if answer["verdict"] == "explained" or coarse is None or coarse.is_beyond_few:
-        return answer
-    if coarse.is_plausible:
-        whole = select_whole_arm(case, prepared, hypotheses, coarse)
-        if whole.is_sound:
-            return answer_of_whole_arm(whole, prepared, found)
-    return answer
 
 
 def _detection(

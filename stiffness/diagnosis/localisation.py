@@ -35,9 +35,10 @@ Ignores     what the law does beyond the torques seen
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bench.shared.effect_catalogue import CATALOGUE
 from stiffness.diagnosis.candidates import KNOTS, Library, hats
@@ -50,10 +51,14 @@ from stiffness.diagnosis.model_fit import (
     training,
 )
 from stiffness.diagnosis.result import Located, Name
-from stiffness.diagnosis.selection import WhitenedCandidates
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects.jacobian import EffectJacobian, JointRotation
 from stiffness.experiment.static_state import StaticState
+from stiffness.regression.elimination import (
+    projection_coefficients,
+    schur_complement,
+    whitening_transform,
+)
 from stiffness.regression.normal_equations import NormalEquations
 from stiffness.regression.testing import (
     SIGNIFICANCE,
@@ -177,6 +182,64 @@ def zone_of(situation: StaticState, member: ModelTerm) -> str:
 
 
 # --- Confounded effects ---------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class WhitenedCandidates:
+    """Candidates' columns at their best shapes, each candidate's own made white."""
+
+    product: Float[np.ndarray, "m m"]
+    score: Float[np.ndarray, " m"]
+    owned: tuple[Int[np.ndarray, " _"], ...]
+    shape: tuple[int, ...]
+    single_gains: Float[np.ndarray, " candidates"]
+
+
+def whiten_candidates(
+    library: Library, evidence: NormalEquations
+) -> WhitenedCandidates:
+    """Choose every candidate's best shape and make its columns white.
+
+    Args:
+        library: Nominal columns, candidates and map.
+        evidence: Over the poses that may be looked at.
+    """
+    gram, score = evidence.gram.sum(axis=0), evidence.score.sum(axis=0)
+    nominal = np.arange(library.nominal)
+    share = projection_coefficients(gram, nominal)
+    score = score - score[nominal] @ share
+    turns, owned, shape, alone, start = [], [], [], [], 0
+    used: list[np.ndarray] = []
+    for candidate in library.candidates:
+        best: tuple[float, int, np.ndarray] = (-1.0, 0, np.zeros((0, 0)))
+        for s, block in enumerate(candidate.columns):
+            left = schur_complement(gram, nominal, share, block)
+            turn = whitening_transform(left, evidence.raw[block])
+            gain = float(np.sum((turn.T @ score[block]) ** 2))
+            if gain > best[0]:
+                best = (gain, s, turn)
+        gain, s, turn = best
+        alone.append(gain)
+        shape.append(s)
+        used.append(candidate.columns[s])
+        turns.append(turn)
+        owned.append(np.arange(start, start + turn.shape[1]))
+        start += turn.shape[1]
+    columns = np.concatenate(used) if used else np.zeros(0, dtype=int)
+    mix = np.zeros((len(columns), start))
+    row = 0
+    for turn, own in zip(turns, owned, strict=True):
+        mix[row : row + len(turn), own] = turn
+        row += len(turn)
+    left = schur_complement(gram, nominal, share, columns)
+    return WhitenedCandidates(
+        mix.T @ left @ mix,
+        mix.T @ score[columns],
+        tuple(owned),
+        tuple(shape),
+        np.array(alone),
+    )
+
 
 TOO_ALIKE = 0.95
 """The rule of the answer's goals: pairs above this cosine are confounded."""

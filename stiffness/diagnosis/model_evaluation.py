@@ -1,50 +1,30 @@
-"""Evaluation of a model: marginal likelihood, held-out gain, parameter intervals.
-
-A set is looked at closely once: fit, prediction and intervals together.
-
-A parameter comes with the interval that the spread between poses allows it.
+"""Evaluation of a model: fit of coefficients, and intervals of parameters.
 
 ==========  ==========================================================================
-Equation    cov = H^-1 M H^-1, H = gram, M = sum_p s_p s_p', s_p a pose's score at the
-            fit; of this and of H^-1 the larger variance of each parameter;
-            parameters by the delta method, of the logarithm where an error is a
-            factor; 95 %: t quantile for poses - k freedoms; widened by what no reading
-            can tell (a slip's time between two visits); of many numbers M' instead of
-            H^-1 M H^-1: (P - 1) / P sum_p d_p d_p', d_p = (H - H_p)^-1 s_p
-Source      Huber 1967, White 1980 (sandwich); Cameron & Miller 2015 (by cluster); Bell
-            & McCaffrey 2002 (the jackknife)
+Equation    cov = (P - 1) / P sum_p d_p d_p', d_p = (H - H_p)^-1 s_p, H = gram, H_p and
+            s_p a pose's own gram and score at the fit; of this and of H^-1 the larger
+            variance of each parameter; parameters by the delta method, of the logarithm
+            where an error is a factor; 95 %: t quantile for P - 1 degrees of freedom;
+            widened by how far the fit beside other forms of the laws is from it, and by
+            what no reading can determine (a slip's time between two visits)
+Source      jackknife by clusters: Bell & McCaffrey 2002; Cameron & Miller 2015
 Valid       shapes inside their bounds, twenty poses or more
-Ignores     that the name was chosen with the same poses; other forms of the laws
-==========  ==========================================================================
-
-A set is worth what it explains, less its size, and what it predicts of unseen poses.
-
-==========  ==========================================================================
-Equation    log evidence = gain / 2 - k ln(poses) / 2 + log prior, the larger of without
-            and with other forms of the laws; a larger set earns its place where fewer
-            than 2.3 % of random signs of the poses' gains add up to as much
-Source      as `sets`; sign flips: Fisher 1935, "The Design of Experiments", section 21
-Valid       poses that gain independently
-Ignores     that folds of poses share what was fitted to the others
+Ignores     that the name was chosen with the same poses
 ==========  ==========================================================================
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.special import gammaln
-from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
-    SelectionProblem,
     fit_of,
-    gain_left_out,
-    other_forms,
     shape_columns,
     training,
 )
@@ -56,32 +36,26 @@ from stiffness.diagnosis.sufficient_statistics import (
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.elimination import projection_coefficients, schur_complement
 from stiffness.regression.intervals import Parameter
 from stiffness.regression.splits import Split
-from stiffness.regression.testing import MARGIN
 
 # --- Fit and prediction together ------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class ModelEvaluation:
-    """What poses say of nominal springs, members, their shapes' slopes, other forms.
+    """What poses say of nominal springs, members, and their shapes' slopes.
 
     Attributes:
         fit: Members fitted together with the nominal springs.
-        forms: How many other forms of the members' laws there are.
-        gain: Whitened square explained by members and these together.
-        predicted: Gain on each pose by fits that did not see it; with the other forms
-            where these help, for poses that span little make them go astray.
-        slopes: The same of springs, members and a little more of each shape.
+        slopes: Statistics of each pose of springs, members, a little more of each
+            shape, and other forms of the members' laws.
+        forms: Columns of each member's other forms, which come last.
     """
 
     fit: ModelFit
-    forms: int
-    gain: float
-    predicted: Float[np.ndarray, " poses"]
     slopes: PerPoseScores
+    forms: tuple[Int[np.ndarray, " _"], ...]
 
 
 def evaluate_model(
@@ -89,17 +63,15 @@ def evaluate_model(
     situation: StaticState,
     nominal: Sequence[EffectJacobian],
     members: Sequence[ModelTerm],
-    forms: Sequence[EffectJacobian],
     split: Split,
 ) -> ModelEvaluation:
-    """Look at members closely, in one pass over the readings.
+    """Fit members, and gather what poses say of them, in one pass over the readings.
 
     Args:
         data: The readings.
         situation: Where the arm stood.
         nominal: Columns of the springs.
         members: The set.
-        forms: Other accepted forms of the members' laws; they may help to predict.
         split: Which poses may be looked at.
     """
     own = [m.jacobian(situation) for m in members]
@@ -108,40 +80,28 @@ def evaluate_model(
         for m, one in zip(members, own, strict=True)
         for s in shape_columns(situation, m, np.eye(one.columns))
     ]
-    every = per_pose_scores(data, [*nominal, *own, *forms, *steps], training(split))
-    kinds = (nominal, own, forms, steps)
-    ends = np.cumsum([0, *(sum(s.columns for s in kind) for kind in kinds)])
-    first, with_forms = np.arange(ends[2]), np.arange(ends[3])
-    known = _some(every, first)
-    score = known.score[~split.held_out].sum(axis=0)
-    fit = fit_of(members, own, known.gram[1], score)
-    wider = _some(every, with_forms)
-    asked = wider.score[~split.held_out].sum(axis=0)
-    gain = fit_of((), [*own, *forms], wider.gram[1], asked).gain
-    predicted = max(
-        (gain_left_out(_some(every, some), split) for some in (first, with_forms)),
-        key=np.sum,
-    )
+    forms = [m.hypothesis.variants(situation, m.where, m.shape) for m in members]
+    some = [form for form in forms if form.columns]
+    every = per_pose_scores(data, [*nominal, *own, *steps, *some], training(split))
+    first = sum(s.columns for s in (*nominal, *own))
+    score = every.score[~split.held_out].sum(axis=0)
+    fit = fit_of(members, own, every.gram[1][:first, :first], score[:first])
     weight = [
         part
         for member, part in zip(members, fit.coefficients, strict=True)
         for _ in range(member.degrees_of_freedom)
     ]
-    mix = np.zeros((ends[4], len(first) + len(weight)))
-    mix[first, first] = 1.0
-    at = ends[3]
-    for column, part in enumerate(weight, start=len(first)):
+    known = first + len(weight)
+    ends = known + np.cumsum([0, *(form.columns for form in forms)])
+    mix = np.zeros((len(score), ends[-1]))
+    mix[:first, :first] = np.eye(first)
+    at = first
+    for column, part in enumerate(weight, start=first):
         mix[at : at + len(part), column] = part
         at += len(part)
-    count = sum(s.columns for s in forms)
-    return ModelEvaluation(fit, count, gain, predicted, every.mixed(mix))
-
-
-def _some(every: PerPoseScores, columns: Int[np.ndarray, " some"]) -> PerPoseScores:
-    inner = np.ix_(columns, columns)
-    gram = every.gram[:, inner[0], inner[1]]
-    own = every.own[:, inner[0], inner[1]]
-    return PerPoseScores(gram, own, every.score[:, columns])
+    mix[at:, known:] = np.eye(ends[-1] - known)
+    blocks = tuple(np.arange(a, b) for a, b in pairwise(ends))
+    return ModelEvaluation(fit, every.mixed(mix), blocks)
 
 
 # --- Intervals of parameters ----------------------------------------------------------
@@ -157,8 +117,8 @@ def parameters_of(
     springs: Sequence[int],
     look: ModelEvaluation,
     split: Split,
-    many: bool = False,
-) -> tuple[list[dict[str, Parameter]], list[float]]:
+    of_one_form: bool = False,
+) -> list[dict[str, Parameter]]:
     """Return every member's parameters of the vocabulary with 95 % intervals.
 
     Args:
@@ -166,53 +126,29 @@ def parameters_of(
         springs: Axes whose compliance is nominal.
         look: The fitted set.
         split: Which poses may be looked at.
-        many: Whether the set's numbers are not few beside the poses: the spread between
-            poses is then that of fits which leave one out.
-
-    Returns:
-        Parameters, and p-values of each member's coefficients being all zero, at its
-        shape, while the others' coefficients and shapes adapt (Wald): a member that
-        others could replace is not determined.
+        of_one_form: Whether the laws are true in the form in which they were fitted.
     """
     fit, found = look.fit, look.slopes
-    gram = found.gram[1]
+    known = found.gram.shape[1] - sum(len(block) for block in look.forms)
+    gram = found.gram[1][:known, :known]
     fitted = np.concatenate([fit.springs, *fit.coefficients])
     fitted = np.pad(fitted, (0, len(gram) - len(fitted)))
-    score = (found.score - found.own @ fitted)[~split.held_out]
+    own = found.own[~split.held_out][:, :known, :known]
+    score = found.score[~split.held_out][:, :known] - own @ fitted
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))  # zero: counts, has no slope
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
     inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
-    white = score * scale
-    poses = len(score)
-    if many:
-        own = found.own[~split.held_out] * scale * scale[:, None]
-        sandwich, free = jackknife_covariance(own, white), poses - 1
-    else:
-        free = poses - len(gram)
-        sandwich = inverse @ (white.T @ white) @ inverse * poses / max(1, free)
+    spread = jackknife_covariance(own * scale * scale[:, None], score * scale)
     grow = np.sqrt(
-        np.maximum(np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300), 1.0)
+        np.maximum(np.diag(spread) / np.maximum(np.diag(inverse), 1e-300), 1.0)
     )
     cov = inverse * grow * grow[:, None] * scale * scale[:, None]
-    quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, free)))
-    n = len(fit.springs)
-    answers, zero = [], []
-    at, shape_at = n, n + sum(len(c) for c in fit.coefficients)
-    for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
-        index = np.concatenate(
-            [
-                np.arange(n),
-                np.arange(at, at + len(coefficients)),
-                np.arange(shape_at, shape_at + member.degrees_of_freedom),
-            ]
-        )
-        own = np.arange(at, at + len(coefficients))
-        others = np.delete(
-            np.arange(len(cov)),
-            np.arange(shape_at, shape_at + member.degrees_of_freedom),
-        )
-        zero.append(_of_zero(coefficients, gram[np.ix_(others, others)], own))
-        at, shape_at = at + len(coefficients), shape_at + member.degrees_of_freedom
+    shift = 0.0 * fitted if of_one_form else shift_by_forms(look, split) - fitted
+    quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, len(score) - 1)))
+    answers = []
+    every = zip(fit.members, fit.coefficients, _columns_of_members(look), strict=True)
+    for member, coefficients, own in every:
+        index = np.concatenate([np.arange(len(fit.springs)), own])
         answers.append(
             _of_member(
                 situation,
@@ -220,10 +156,57 @@ def parameters_of(
                 member,
                 (fit.springs, coefficients),
                 cov[np.ix_(index, index)],
+                shift[index],
                 quantile,
             )
         )
-    return answers, zero
+    return answers
+
+
+def shift_by_forms(
+    look: ModelEvaluation, split: Split
+) -> Float[np.ndarray, " columns"]:
+    """Return the fit of springs, members and shapes beside other forms of the laws.
+
+    Each law's other forms together have a prior whose variance is their own mean
+    square beyond noise: which form is true is not known. What they do as the law and
+    its shapes would is counted with these.
+
+    Args:
+        look: The fitted set.
+        split: Which poses may be looked at.
+    """
+    gram, asked = look.slopes.gram[1], look.slopes.score[~split.held_out].sum(axis=0)
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
+    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    gram, asked = gram * scale * scale[:, None], asked * scale
+    inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
+    first, noise = inverse @ asked, np.diag(inverse)
+    prior = np.zeros(len(gram))
+    for block in look.forms:
+        square = float(np.sum(first[block] ** 2 - noise[block]))
+        prior[block] = len(block) / max(square, 1e-300)
+    inner = gram + np.diag(np.minimum(prior, 1e12))
+    fitted = np.linalg.lstsq(inner, asked, rcond=1e-14)[0]
+    known = len(gram) - sum(len(block) for block in look.forms)
+    moved = fitted[:known].copy()
+    for own, block in zip(_columns_of_members(look), look.forms, strict=True):
+        if len(block):
+            pulled = gram[np.ix_(own, block)] @ fitted[block]
+            moved[own] += np.linalg.lstsq(gram[np.ix_(own, own)], pulled, rcond=1e-9)[0]
+    return scale[:known] * moved
+
+
+def _columns_of_members(look: ModelEvaluation) -> list[Int[np.ndarray, " _"]]:
+    """Return the columns of each member's law and of its shapes."""
+    at = len(look.fit.springs)
+    shape_at = at + sum(len(c) for c in look.fit.coefficients)
+    found = []
+    for member, own in zip(look.fit.members, look.fit.coefficients, strict=True):
+        shapes = np.arange(shape_at, shape_at + member.degrees_of_freedom)
+        found.append(np.concatenate([np.arange(at, at + len(own)), shapes]))
+        at, shape_at = at + len(own), shape_at + member.degrees_of_freedom
+    return found
 
 
 def jackknife_covariance(
@@ -244,14 +227,7 @@ def jackknife_covariance(
     return (poses - 1) / poses * np.asarray(moved).T @ np.asarray(moved)
 
 
-def _of_zero(coefficients: np.ndarray, gram: np.ndarray, own: np.ndarray) -> float:
-    """Return the p-value of zero from a Gram matrix in which `own` are meant."""
-    rest = np.delete(np.arange(len(gram)), own)
-    left = schur_complement(gram, rest, projection_coefficients(gram, rest), own)
-    return float(chi2.sf(coefficients @ left @ coefficients, len(own)))
-
-
-def _of_member(situation, springs, member, fitted, cov, quantile):
+def _of_member(situation, springs, member, fitted, cov, shift, quantile):
     start = np.concatenate([*fitted, member.shape])
     n, m = len(fitted[0]), len(fitted[1])
 
@@ -280,10 +256,12 @@ def _of_member(situation, springs, member, fitted, cov, quantile):
         up, down = parameters(high), parameters(low)
         slope[:, i] = [(up[k] - down[k]) / (2 * step) for k in names]
     spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, cov, slope), 0.0))
+    moved = slope @ shift
     law, found = member.hypothesis, {}
     grain = law.grain(situation)
-    for name, s in zip(names, spread, strict=True):
-        value, half = float(here[name]), float(quantile * s + grain.get(name, 0.0))
+    for name, s, by in zip(names, spread, moved, strict=True):
+        half = float(quantile * np.hypot(s, by) + grain.get(name, 0.0))
+        value = float(here[name])
         if name in law.logarithmic and value > 0.0:
             factor = float(np.exp(min(half / value, 50.0)))
             found[name] = Parameter(value, value / factor, value * factor)
@@ -335,104 +313,3 @@ def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Parameter]) 
     """
     sizes = [p for name, p in parameters.items() if name in hypothesis.magnitudes]
     return bool(sizes) and all(p.low <= 0.0 <= p.high for p in sizes)
-
-
-# --- Exhaustive search ----------------------------------------------------------------
-
-PRIOR_OF_SIZE = (0.4, 0.35, 0.2, 0.05)
-"""Prior of none, one, two or three effects; chosen: few causes, each as likely."""
-ONE_MORE = 0.25
-"""Prior of each further effect; chosen: as three are to two."""
-
-
-def log_prior(size: int, candidates: int) -> float:
-    """Return the prior of one set of a size: the size's prior over the sets' number."""
-    if size > candidates:
-        return -np.inf
-    ways = gammaln(candidates + 1) - gammaln(size + 1) - gammaln(candidates - size + 1)
-    small = min(size, len(PRIOR_OF_SIZE) - 1)
-    of_size = np.log(PRIOR_OF_SIZE[small]) + (size - small) * np.log(ONE_MORE)
-    return float(of_size - ways)
-
-
-# --- Score of a model -----------------------------------------------------------------
-
-COMPARED = 2000
-"""Signs that a gain is compared with, its own among them; chosen: 45 are the margin."""
-
-
-@dataclass(frozen=True)
-class EvaluatedModel:
-    """A set of members, fitted and judged.
-
-    Attributes:
-        fit: Coefficients and gain.
-        log_evidence: With the prior of its size; with other forms of the laws where
-            these are worth their number.
-        predicted: Gain on each pose by fits that did not see it.
-        parameters: Of each member.
-        zero: p-value of each member's being nothing while the others adapt.
-    """
-
-    fit: ModelFit
-    log_evidence: float
-    predicted: Float[np.ndarray, " poses"]
-    parameters: tuple[dict[str, Parameter], ...]
-    zero: tuple[float, ...]
-
-    @property
-    def names(self) -> frozenset[tuple[str, str]]:
-        """Effects and places."""
-        return frozenset(m.name for m in self.fit.members)
-
-    @property
-    def insignificant(self) -> bool:
-        """Whether a member may be nothing, by the intervals of all its sizes."""
-        laws = (member.hypothesis for member in self.fit.members)
-        return any(map(may_be_nothing, laws, self.parameters))
-
-
-def evaluate(case: SelectionProblem, members: Sequence[ModelTerm]) -> EvaluatedModel:
-    """Fit a set and judge it.
-
-    Args:
-        case: What may be looked at.
-        members: The set.
-    """
-    forms = other_forms(case, members)
-    look = evaluate_model(
-        case.data, case.situation, case.nominal, members, forms, case.split
-    )
-    fit = look.fit
-    prior = log_prior(len(members), len(case.library.candidates))
-    prior += sum(member.hypothesis.log_prior for member in members)
-    evidence = max(
-        0.5 * gain - 0.5 * freedom * np.log(case.poses)
-        for gain, freedom in (
-            (fit.gain, fit.degrees_of_freedom),
-            (look.gain, fit.degrees_of_freedom + look.forms),
-        )
-    )
-    parameters, zero = parameters_of(case.situation, case.springs, look, case.split)
-    predicted = look.predicted
-    return EvaluatedModel(
-        fit, evidence + prior, predicted, tuple(parameters), tuple(zero)
-    )
-
-
-def improves_prediction(
-    before: EvaluatedModel, after: EvaluatedModel, seed: int
-) -> bool:
-    """Return whether a larger set predicts unseen poses clearly better.
-
-    By random signs of the poses' gains: a few poses may gain more than all others.
-    """
-    if after.log_evidence <= before.log_evidence:
-        return False
-    gain = after.predicted - before.predicted
-    gain = gain[gain != 0.0]
-    signs = np.random.default_rng(seed).choice([-1.0, 1.0], (COMPARED, len(gain)))
-    signs[0] = 1.0  # as it was: one of those that could have been
-    sums = signs @ gain
-    slack = 1e-9 * np.sum(np.abs(gain))
-    return bool(np.mean(sums >= sums[0] - slack) < norm.sf(MARGIN))

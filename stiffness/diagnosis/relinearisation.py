@@ -2,8 +2,8 @@
 
 ==========  ==========================================================================
 Equation    y = f(c0) + (c1 - c0) df/dc + (c - c1) df/dc' + sizes x columns'; df/dc as
-            prepared, what is dashed at the compliance c1 and under the masses that were
-            named, or the wrench that was found, in the round before
+            prepared, what is dashed at the compliance c1 and under the masses and the
+            hardening that were named, or the wrench that was found, in the round before
 Source      Gauss-Newton in springs, fixed point in loads: these turn what gives way,
             whose columns then hold the product of both
 Valid       lever arms held: they move by a thousandth
@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.diagnosis.candidates import library_of, springs_of
-from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest
+from stiffness.diagnosis.detection import MEASURED, MISSTATED
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -28,7 +28,6 @@ from stiffness.diagnosis.model_fit import (
     training,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
-from stiffness.diagnosis.selection import SelectedModel, name
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import JacobianBlock, values, with_values
@@ -39,8 +38,6 @@ MOVED = 0.03
 """Share by which a compliance or a load may change under names before all columns are
 laid out anew; chosen: what a load or a mass winds up goes with it, and sizes are said
 to some per cent."""
-AGAIN = 2
-"""How often; chosen: the second time moves a tenth of the first."""
 TINY = 1e-9
 """A load in N or N m that is none; chosen."""
 
@@ -88,38 +85,15 @@ def build_problem(
     )
 
 
-def relinearise_until_stable(
-    case: SelectionProblem,
-    prepared: Prepared,
-    hypotheses: Sequence[Hypothesis],
-    found: DetectionTest,
-) -> tuple[SelectionProblem, SelectedModel]:
-    """Name what there is, and lay out anew what that changes.
-
-    A load that is named no more once columns were laid out under it was none.
+def changes(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> bool:
+    """Return whether a set changes springs or loads so that columns change with them.
 
     Args:
-        case: As laid out where nothing is named.
+        case: As laid out.
         prepared: The recording against its nominal model.
-        hypotheses: What may be named.
-        found: The test before anything is named.
+        fit: The set.
     """
-    named, laid = name(case, found), 0
-    for _ in range(AGAIN):
-        fit = named.best.fit
-        if not _softened(case, fit) and _change(case, prepared, fit) < MOVED:
-            break
-        softer = total_softening(case, prepared, fit)
-        case, laid = (
-            build_problem(prepared, hypotheses, softer, fit),
-            _pulling(case, fit),
-        )
-        named = name(case, found)
-    fit = named.best.fit
-    if _pulling(case, fit) < laid:
-        case = build_problem(prepared, hypotheses, total_softening(case, prepared, fit))
-        named = name(case, found)
-    return case, named
+    return _softened(case, fit) or _change(case, prepared, fit) >= MOVED
 
 
 def _under(situation: StaticState, fit: ModelFit) -> StaticState:
@@ -147,13 +121,21 @@ def _giving(
     return parts
 
 
-def _pulling(case: SelectionProblem, fit: ModelFit) -> int:
-    """Return how many members of a set change what the others feel."""
+def loads_of(case: SelectionProblem, fit: ModelFit) -> frozenset[tuple[str, str]]:
+    """Return the names of a set that change what the others feel."""
     here = case.situation
-    felt = (
-        _acting(here, *one) for one in zip(fit.members, fit.coefficients, strict=True)
+    return frozenset(
+        member.name
+        for member, size in zip(fit.members, fit.coefficients, strict=True)
+        if _acting(here, member, size) is not here
     )
-    return sum(after is not here for after in felt)
+
+
+def changes_loads(case: SelectionProblem, member: ModelTerm) -> bool:
+    """Return whether a member changes forces on the arm, whatever its size."""
+    here = case.situation
+    size = np.ones(member.jacobian(here).columns)
+    return _acting(here, member, size).moment is not here.moment
 
 
 def _softened(case: SelectionProblem, fit: ModelFit) -> bool:
@@ -163,13 +145,17 @@ def _softened(case: SelectionProblem, fit: ModelFit) -> bool:
 
 
 def _change(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> float:
-    """Return the largest share by which loads are others than were laid out under."""
+    """Return the largest share by which loads or slopes of springs have changed."""
     now, then = _under(prepared.situation, fit), case.situation
     loads = [(now.moment, then.moment), (now.torque[..., None], then.torque[..., None])]
     shares = [0.0]
     for new, old in loads:
         change, size = (np.sqrt(np.mean(x**2, axis=(0, 2))) for x in (new - old, old))
         shares.extend(change / np.maximum(size, TINY))
+    if now.softness is not None or then.softness is not None:
+        every = range(len(now.axes))
+        new, old = (np.stack([x.softness_of(k) for k in every]) for x in (now, then))
+        shares.append(float(np.sqrt(np.max(np.mean((new - old) ** 2, axis=1)))))
     return float(max(shares))
 
 

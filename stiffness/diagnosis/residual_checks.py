@@ -2,8 +2,6 @@
 
 After a name is given, everything is asked once more whether something is left.
 
-What is left where a name stands may be its own law's, for laws are only so true.
-
 A law that holds is the same at all poses, loads, directions of pull and times.
 
 ==========  ==========================================================================
@@ -17,7 +15,7 @@ Ignores     what differs within groups
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -31,7 +29,6 @@ from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
     SelectionProblem,
-    fit_model,
     other_forms,
     shape_columns,
 )
@@ -45,30 +42,9 @@ from stiffness.effects.jacobian import EffectJacobian, values, with_values
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.elimination import minimum_norm_fit
 from stiffness.regression.normal_equations import NormalEquations
-from stiffness.regression.testing import SIGNIFICANCE, sign_flip_test, white_scores
+from stiffness.regression.testing import sign_flip_test, white_scores
 
 # --- Test of the residual -------------------------------------------------------------
-
-
-def residual_test(case: SelectionProblem, fit: ModelFit) -> DetectionTest:
-    """Test everything again after a set is named, other forms of its laws allowed.
-
-    Other shapes of what is named are no candidates: a law is searched along a line, and
-    what that leaves of a strong one is not news.
-    """
-    beyond = residual_equations(case, fit)
-    mask = ~case.split.held_out
-    scatter = scatter_of(beyond.after.data, case.dispersion_limit)
-    equations = beyond.normal_equations
-    return detect(
-        beyond.library,
-        equations,
-        equations.score,
-        beyond.known,
-        mask,
-        case.seed + 1,
-        scatter,
-    )
 
 
 @dataclass(frozen=True)
@@ -146,42 +122,25 @@ def _with_offset_columns(
     )
 
 
-# --- Residual along the same law ------------------------------------------------------
+def residual_test(case: SelectionProblem, beyond: ResidualEquations) -> DetectionTest:
+    """Test everything again after a set is named, other forms of its laws allowed.
 
-CONTRADICTS = 0.002
-"""Share of what a name explains that may be left over beside it, where the residual
-test rejects, before the name is taken back; nor does that little earn another name at
-its place. Chosen: rightly named effects leave nothing that the test rejects, wrong ones
-of the same place a hundredth and more."""
-
-
-def drop_one_gains(case: SelectionProblem, fit: ModelFit) -> list[float]:
-    """Return what each member explains that the others do not."""
-    gains = []
-    for k in range(len(fit.members)):
-        others = [m for i, m in enumerate(fit.members) if i != k]
-        less = fit_model(case.data, case.situation, case.nominal, others, case.split)
-        gains.append(max(fit.gain - less.gain, 0.0))
-    return gains
-
-
-def is_same_law_residual(
-    test: DetectionTest, fit: ModelFit, gains: Sequence[float]
-) -> bool:
-    """Return whether all that speaks is slight and stands where a member does.
+    Other shapes of what is named are no candidates: a law is searched along a line, and
+    what that leaves of a strong one is not news.
 
     Args:
-        test: The test of what is left.
-        fit: The set that was taken out.
-        gains: What each member explains that the others do not.
+        case: What may be looked at.
+        beyond: Normal equations once the set is named.
     """
-    allowed = {"": CONTRADICTS * max(gains, default=0.0)}  # of the whole map
-    for member, gain in zip(fit.members, gains, strict=True):
-        allowed[member.where] = max(allowed.get(member.where, 0.0), CONTRADICTS * gain)
-    loud = np.flatnonzero(test.tested.together < SIGNIFICANCE)
-    excess = test.tested.captured - test.tested.degrees_of_freedom
-    return len(loud) > 0 and all(
-        excess[at] <= allowed.get(test.where[at], -1.0) for at in loud
+    equations = beyond.normal_equations
+    return detect(
+        beyond.library,
+        equations,
+        equations.score,
+        beyond.known,
+        ~case.split.held_out,
+        case.seed + 1,
+        scatter_of(beyond.after.data, case.dispersion_limit),
     )
 
 

@@ -1,27 +1,37 @@
-"""Verdict: rejects contradicted effects, gives posteriors, and states what is left.
+"""Verdict: rejects contradicted effects, gives posteriors, and states the residual.
 
-A name stands while nothing at its place contradicts it; else it is taken back.
+A name of the selected set is withheld where the residual at its place is large beside
+what it explains, where its law differs between groups of rows, or where the generic
+terms of unexplained places explain as much. A residual of less than `SMALL_RESIDUAL` of
+the mismatch withholds nothing: it is of second order.
 
-The rules are those of the answer's format; what they leave open is decided here and
-stands as a constant with its reason.
-
-The answer says what was named, how surely, and what stays open.
+==========  ==========================================================================
+Equation    P(name) = sum of exp(w_j / phi) over the name and its first three
+            equivalents, over the same of all candidates and of none; w_j the worth of
+            the set with j in the name's place, phi the dispersion of poses
+Source      exchange probabilities of a sampler over sets (George and McCulloch 1997),
+            the others held; tempered by the dispersion: Cameron and Miller 2015
+Valid       a set that no single exchange makes worth more
+Ignores     exchanges of two names at once
+==========  ==========================================================================
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from bench.shared.effect_catalogue import INSTRUMENTS
 from stiffness.diagnosis.detection import DetectionTest
+from stiffness.diagnosis.gate import gate_terms, pose_statistics, site_number
 from stiffness.diagnosis.localisation import (
     confounded_with,
     law_of,
     places_of_map,
     places_of_names,
+    whiten_candidates,
 )
-from stiffness.diagnosis.model_evaluation import EvaluatedModel, as_held
+from stiffness.diagnosis.model_evaluation import as_held
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -30,55 +40,124 @@ from stiffness.diagnosis.model_fit import (
 )
 from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.residual_checks import (
-    CONTRADICTS,
     HomogeneityTest,
-    drop_one_gains,
+    ResidualEquations,
     homogeneity_tests,
+    residual_equations,
+    residual_test,
 )
 from stiffness.diagnosis.result import (
+    Decision,
     Located,
     Name,
     NamedEffect,
     Nominal,
     Rival,
     Unexplained,
+    UnexplainedPlace,
 )
-from stiffness.diagnosis.selection import ALIKE, SelectedModel, whiten_candidates
+from stiffness.diagnosis.selection import (
+    SelectedModel,
+    exchange_search,
+    last_of_each,
+)
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
-from stiffness.regression.testing import SIGNIFICANCE, is_significant
+from stiffness.effects.jacobian import EffectJacobian
+from stiffness.regression.group_selection import exchange_worths
+from stiffness.regression.normal_equations import NormalEquations
+from stiffness.regression.testing import SIGNIFICANCE
 
-# --- Rejection and posterior ----------------------------------------------------------
+# --- Rejection ------------------------------------------------------------------------
 
 SURE = 0.95
-"""Probability from which a set explains; the rule of the answer."""
+"""Probability from which a name is given; the rule of the answer."""
+SMALL_RESIDUAL = 0.05
+"""Share of the mismatch that may be left significantly without withholding a name; the
+lower bound of the share from which an answer explains, by the rule of the answer."""
 RESIDUAL_SHARE_LIMIT = 0.1
-"""The same, where what is left over is elsewhere or everywhere. Chosen: a name may
-stand beside a stranger that is ten times weaker; one that is not may be what feigns
-it."""
-
+"""Residual near a name over what the name explains from which it is withheld. Chosen: a
+name may stand beside an unknown effect that is ten times weaker; one that is not may be
+what imitates it."""
 INHOMOGENEITY_LIMIT = 0.01
 """Share of what a name explains by which its law may differ between groups of rows.
 Chosen: a tenth of its size, squared; laws are no truer than that."""
 
 
-def is_contradicted(
-    named: SelectedModel, gains: Sequence[float], uneven: Sequence[HomogeneityTest]
-) -> list[bool]:
-    """Return which members are contradicted.
+@dataclass(frozen=True, eq=False)
+class JudgedModel:
+    """A selected model with what contradicts its names.
 
-    By what is left at their own place, by much that is left anywhere, or by a law that
-    is another at other poses, loads or times. With a name that is taken back go all
-    weaker ones: they mended a wrong law.
+    Attributes:
+        model: The selected set.
+        chi_square_gains: What each member explains that the others do not.
+        beyond: Normal equations of all columns once the set is named.
+        residual: Test of the residual.
+        unexplained_places: Where the residual is significant.
+        withheld: Of each member, whether it is contradicted.
+        inhomogeneous: Kinds of groups between which laws differ.
+        decisions: Of all gates on all candidates.
     """
-    near = _rejected_by_residual(named, gains)
-    answer = [
-        gone or is_inhomogeneous(found, gain)
-        for gone, found, gain in zip(near, uneven, gains, strict=True)
+
+    model: SelectedModel
+    chi_square_gains: tuple[float, ...]
+    beyond: ResidualEquations
+    residual: DetectionTest
+    unexplained_places: tuple[UnexplainedPlace, ...]
+    withheld: tuple[bool, ...]
+    inhomogeneous: tuple[str, ...]
+    decisions: tuple[Decision, ...]
+
+    @property
+    def unexplained(self) -> bool:
+        """Return whether anything significant is left beside the set."""
+        left = self.residual.p_value < SIGNIFICANCE
+        return left or bool(self.inhomogeneous)
+
+
+def judge(model: SelectedModel) -> JudgedModel:
+    """Test the residual of a selected set, and withhold what it contradicts.
+
+    Args:
+        model: The set.
+    """
+    case, members = model.case, model.fit.members
+    gains = model.drop_one_gains
+    beyond = residual_equations(case, model.fit)
+    left = residual_test(case, beyond)
+    uneven = homogeneity_tests(case, model.fit)
+    places = _unexplained_places(model, beyond) if left.p_value < SIGNIFICANCE else ()
+    share = max(left.excess, 0.0) / max(left.excess + model.fit.gain, 1e-12)
+    large = left.p_value < SIGNIFICANCE and share > SMALL_RESIDUAL
+    found: dict[tuple[str, str], Decision] = {}
+    for member, gain, differs in zip(members, gains, uneven, strict=True):
+        near = _residual_near(member, left) / max(gain, 1e-12) if large else 0.0
+        if near > RESIDUAL_SHARE_LIMIT:
+            reason = "the residual at its place is large beside what it explains"
+            found[member.name] = Decision(
+                member.name, "residual", False, near, RESIDUAL_SHARE_LIMIT, reason
+            )
+        elif is_inhomogeneous(differs, gain):
+            reason = f"its law differs between {differs.grouping}"
+            ratio = differs.captured / max(gain, 1e-12)
+            found[member.name] = Decision(
+                member.name, "homogeneity", False, ratio, INHOMOGENEITY_LIMIT, reason
+            )
+    if large:
+        for weak in _replaced_by_generic(model, places, set(found)):
+            found[weak.candidate] = weak
+    kinds = [
+        d.grouping for d, g in zip(uneven, gains, strict=True) if is_inhomogeneous(d, g)
     ]
-    wrong = max(
-        (g for g, gone in zip(gains, answer, strict=True) if gone), default=-1.0
+    return JudgedModel(
+        model,
+        gains,
+        beyond,
+        left,
+        places,
+        tuple(member.name in found for member in members),
+        tuple(dict.fromkeys(kinds)),
+        last_of_each([*model.decisions, *found.values()]),
     )
-    return [gone or gain < wrong for gone, gain in zip(answer, gains, strict=True)]
 
 
 def is_inhomogeneous(found: HomogeneityTest, gain: float) -> bool:
@@ -86,22 +165,63 @@ def is_inhomogeneous(found: HomogeneityTest, gain: float) -> bool:
     return found.p_value < SIGNIFICANCE and found.captured > INHOMOGENEITY_LIMIT * gain
 
 
-def _rejected_by_residual(named: SelectedModel, gains: Sequence[float]) -> list[bool]:
-    left = named.residual_test
-    if left.p_value >= SIGNIFICANCE:
-        return [False] * len(gains)
+def _residual_near(member: ModelTerm, left: DetectionTest) -> float:
+    """Return the largest significant excess that may be a member's own."""
     excess = left.tested.captured - left.tested.degrees_of_freedom
-    dwarfed = [left.excess > RESIDUAL_SHARE_LIMIT * gain for gain in gains]
+    most = 0.0
+    for at in np.flatnonzero(left.tested.together < SIGNIFICANCE):
+        where = left.where[at] or largest_residual_site(left)
+        if _near(member, where):
+            most = max(most, float(excess[at]))
     if left.tested.p_value >= SIGNIFICANCE:  # poses differ, but not along any law
-        return dwarfed
-    at = left.most_significant
-    loudest = left.where[at] or largest_residual_site(left)
-    return [
-        gone
-        or float(excess[at])
-        > (CONTRADICTS if _near(m, loudest) else RESIDUAL_SHARE_LIMIT) * gain
-        for m, gain, gone in zip(named.best.fit.members, gains, dwarfed, strict=True)
+        most = max(most, left.excess)
+    return most
+
+
+def _replaced_by_generic(
+    model: SelectedModel,
+    places: Sequence[UnexplainedPlace],
+    contradicted: set[tuple[str, str]],
+) -> list[Decision]:
+    """Return the other names that predict nothing beside generic terms of open places.
+
+    A name that mends a wrong law elsewhere is needed no more once that place may do
+    anything.
+    """
+    case, where = model.case, {place.where for place in places}
+    terms = [t for t in model.fit.members if t.name not in contradicted]
+    of_map = case.library.jacobians[-len(case.library.map) :]
+    generic = [
+        law
+        for law, block in zip(of_map, case.library.map, strict=True)
+        if block.where in where and isinstance(law, EffectJacobian)
     ]
+    if not terms or not generic:
+        return []
+    gated, _ = gate_terms(pose_statistics(case, terms, generic))
+    reason = "generic terms of the unexplained places do as well"
+    return [
+        replace(d, gate="generic_terms", reason=reason)
+        for d in gated.decisions
+        if not d.accepted
+    ]
+
+
+def _unexplained_places(
+    model: SelectedModel, beyond: ResidualEquations
+) -> tuple[UnexplainedPlace, ...]:
+    """Return the places of the map where the residual is significant."""
+    mask, given = ~model.case.split.held_out, beyond.normal_equations
+    fold = given.fold[mask] - 1
+    fitted = NormalEquations(given.gram[1:], given.score[mask], fold, given.raw)
+    found = places_of_map(
+        beyond.library, fitted, fitted.score, beyond.known, model.case.seed + 2
+    )
+    total = model.statistics.whole
+    return tuple(
+        UnexplainedPlace(where, p, float(captured) / total, depends_on)
+        for where, p, captured, depends_on in found
+    )
 
 
 def _near(member: ModelTerm, loudest: str) -> bool:
@@ -116,192 +236,175 @@ def _near(member: ModelTerm, loudest: str) -> bool:
         return True
     if _weighs_on(member, loudest):
         return True
-    return abs(_site_number(member.where) - _site_number(loudest)) <= 1
-
-
-def _site_number(where: str) -> int:
-    """Return the place of the map where something shows: of a link, the axis after."""
-    return _number(where) + where.startswith("link_")
+    return abs(site_number(member.where) - site_number(loudest)) <= 1
 
 
 def _weighs_on(member: ModelTerm, place: str) -> bool:
     """Return whether a weight acts at a place of the map: at all before it."""
-    return member.name[0] == "gravity_load" and _number(place) <= _number(member.where)
-
-
-def _number(where: str) -> int:
-    """Return the number of an axis or a link; 0 for the base, far for a tool."""
-    digits = where.removeprefix("link_").removeprefix("a")
-    return int(digits) if digits.isdigit() else 0 if where == "base" else 99
-
-
-def posterior(
-    named: SelectedModel, inflation: float
-) -> tuple[list[float], list[EvaluatedModel]]:
-    """Return the probabilities of the refined sets of the winner's size."""
-    sets = list(named.rivals)
-    log = np.array([s.log_evidence for s in sets]) / inflation
-    weight = np.exp(log - log.max())
-    return list(weight / weight.sum()), sets
-
-
-def equivalents(
-    named: SelectedModel, k: int, weights: list[float], models: list[EvaluatedModel]
-) -> list[Name]:
-    """Return names that would do as well as a member: the other members staying.
-
-    What predicts unseen poses clearly worse is none, unless a name would not be
-    probable enough without it.
-    """
-    best = named.best
-    own = best.fit.members[k].name
-    others = best.names - {own}
-    close: list[Name] = []
-    apart: list[Name] = []
-    for rival in named.rivals:
-        changed = rival.names - others
-        if rival is best or not others <= rival.names or len(changed) != 1:
-            continue
-        if best.log_evidence - rival.log_evidence > ALIKE:
-            continue
-        name = next(iter(changed))
-        if name != own:
-            (apart if _predicts_worse(rival, best) else close).append(Name(*name))
-    alike = list(dict.fromkeys(close))
-    if probability_of(own, alike, weights, models) < SURE:
-        alike = list(dict.fromkeys([*close, *apart]))
-    return alike
-
-
-def _predicts_worse(rival: EvaluatedModel, best: EvaluatedModel) -> bool:
-    """Return whether a rival predicts poses left out clearly worse."""
-    gap = best.predicted - rival.predicted
-    return bool(np.sum(gap) > ALIKE) and is_significant(gap)
-
-
-def probability_of(
-    name: tuple[str, str],
-    alike: Sequence[Name],
-    weights: list[float],
-    models: list[EvaluatedModel],
-) -> float:
-    """Return the posterior of a name or one of its equivalents."""
-    wanted = {name, *((n.effect, n.where) for n in alike)}
-    return float(
-        min(
-            1.0,
-            sum(w for w, s in zip(weights, models, strict=True) if s.names & wanted),
-        )
-    )
-
-
-def rivals_of(
-    named: SelectedModel, weights: list[float], models: list[EvaluatedModel]
-) -> tuple[Rival, ...]:
-    """Return the other sets with their probabilities, the first five."""
-    listed = [
-        Rival(float(w), tuple(Name(*n) for n in sorted(s.names)))
-        for w, s in zip(weights, models, strict=True)
-        if s is not named.best and s.names
-    ]
-    return tuple(sorted(listed, key=lambda r: -r.probability)[:5])
+    of_load = site_number(member.where) - member.where.startswith("link_")
+    return member.name[0] == "gravity_load" and site_number(place) <= of_load
 
 
 def largest_residual_site(found: DetectionTest) -> str:
-    """Return the place of the map where most is left."""
+    """Return the place of the map where the residual is largest."""
     z = found.of_places(found.tested.z)
     return max(z, key=lambda place: z[place]) if z else ""
+
+
+# --- Posterior ------------------------------------------------------------------------
+
+ALIKE = 3.0
+"""Log Bayes factor within which names are equivalent; the rule of the answer."""
+MOST_EQUIVALENTS = 3
+"""Equivalents that are counted with a name; the rule of the answer."""
+MOST_RIVALS = 5
+
+
+@dataclass(frozen=True)
+class ExchangePosterior:
+    """How sure a name of a set is while the others stay.
+
+    Attributes:
+        probability: Of the name or one of its equivalents.
+        equivalents: Names that would do as well, most probable first.
+        rivals: Probability of each other name in its place, most probable first.
+    """
+
+    probability: float
+    equivalents: tuple[Name, ...]
+    rivals: tuple[tuple[float, Name], ...]
+
+
+def exchange_posteriors(model: SelectedModel) -> tuple[ExchangePosterior, ...]:
+    """Return how sure each name is.
+
+    Args:
+        model: The selected set.
+    """
+    search = exchange_search(model)
+    some = range(len(model.fit.members))
+    found = []
+    for member in model.fit.members:
+        worth, without = exchange_worths(search.problem, some, member.name)
+        names = list(worth)
+        own = names.index(member.name)
+        log = np.array([*worth.values(), without]) / model.dispersion
+        weight = np.exp(log - log.max())
+        weight /= weight.sum()
+        order = [int(k) for k in np.argsort(-weight[:-1], kind="stable") if k != own]
+        alike = [k for k in order if log[own] - log[k] < ALIKE][:MOST_EQUIVALENTS]
+        found.append(
+            ExchangePosterior(
+                float(min(1.0, weight[[own, *alike]].sum())),
+                tuple(Name(*names[k]) for k in alike),
+                tuple((float(weight[k]), Name(*names[k])) for k in order[:MOST_RIVALS]),
+            )
+        )
+    return tuple(found)
 
 
 # --- Assembly of the result -----------------------------------------------------------
 
 
-def answer_of(
-    case: SelectionProblem,
-    prepared: Prepared,
-    found: DetectionTest,
-    named: SelectedModel,
-) -> dict:
-    """Return verdict, places, names and what is left, by the names in `Diagnosis`.
+def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> dict:
+    """Return verdict, places, names and residual, by the names in `Diagnosis`.
 
     Args:
-        case: What was looked at.
+        judged: The selected set, judged.
         prepared: The recording against its nominal model.
         found: The test before anything was named.
-        named: What was named, and its rivals.
     """
-    gains = drop_one_gains(case, named.best.fit)
-    uneven = homogeneity_tests(case, named.best.fit)
-    taken_back = is_contradicted(named, gains, uneven)
-    kept = [k for k, gone in enumerate(taken_back) if not gone]
-    weights, sets = posterior(named, named.inflation)
-    effects = []
-    for k in kept:
-        member = named.best.fit.members[k]
-        alike = equivalents(named, k, weights, sets)
+    model = judged.model
+    case, members, last = model.case, model.fit.members, judged.residual
+    effects, rivals, decisions = [], [], list(judged.decisions)
+    shares: dict[Name, float] = {}
+    every = {member.name for member in members}
+    for k, (member, one) in enumerate(
+        zip(members, exchange_posteriors(model), strict=True)
+    ):
+        sure = one.probability >= SURE
+        reason = "probability of it or its equivalents, the other names held"
+        decisions.append(
+            Decision(member.name, "posterior", sure, one.probability, SURE, reason)
+        )
+        others = every - {member.name}
+        for probability, other in one.rivals:
+            names = sorted({*others, (other.effect, other.where)})
+            rivals.append(Rival(probability, tuple(Name(*n) for n in names)))
+        if not sure or judged.withheld[k]:
+            continue
+        name = Name(*member.name)
+        shares[name] = model.share_without(k)
         effects.append(
             NamedEffect(
-                name=Name(*member.name),
-                probability=probability_of(member.name, alike, weights, sets),
-                equivalents=tuple(alike),
-                parameters=as_held(case.situation, member, named.best.parameters[k]),
+                name=name,
+                probability=one.probability,
+                equivalents=one.equivalents,
+                parameters=as_held(case.situation, member, model.parameters[k]),
                 shape=tuple(float(v) for v in member.shape),
-                coefficients=tuple(float(v) for v in named.best.fit.coefficients[k]),
+                coefficients=tuple(float(v) for v in model.fit.coefficients[k]),
             )
         )
-    sure = [e for e in effects if e.probability >= SURE]
-    between = [
-        u.grouping
-        for u, gain in zip(uneven, gains, strict=True)
-        if is_inhomogeneous(u, gain)
-    ]
-    rejects = named.residual_test.p_value < SIGNIFICANCE or bool(between)
-    whole = bool(sure) and len(sure) == len(taken_back)
-    verdict = "unexplained"
-    if sure:
-        verdict = "explained" if whole and not rejects else "partly_explained"
-    last = named.residual_test if sure else found
-    nominal = np.arange(case.library.nominal)
-    white = whiten_candidates(case.library, case.normal_equations)
-    located = places_of_names(named.best.fit, gains, found.p_value, case.situation)
-    if not whole:
-        of_map = places_of_map(
-            case.library,
-            case.normal_equations,
-            case.normal_equations.score,
-            nominal,
-            case.seed,
-        )
-        total = max(sum(c for _, _, c, _ in of_map), 1e-12)
-        mapped = [Located(w, p, c / total, d, "") for w, p, c, d in of_map]
-        sure_places = [
-            one for one in located if one.where in {e.name.where for e in sure}
-        ]
-        known = {one.where for one in sure_places}
-        located = tuple(sure_places + [one for one in mapped if one.where not in known])
+    complete = bool(effects) and len(effects) == len(members)
+    explained = complete and not judged.unexplained
+    verdict = "explained" if explained else "partly_explained"
+    verdict = verdict if effects else "unexplained"
+    named = {(e.name.effect, e.name.where) for e in effects}
+    located = places_of_names(
+        model.fit, list(judged.chi_square_gains), found.p_value, case.situation
+    )
+    if not complete:
+        located = _with_places_of_map(case, located, {where for _, where in named})
     unexplained = None
-    if verdict != "explained":
-        loose = loose_marker(case, found, last)
+    if not explained:
+        loose = loose_marker(case, found, last if effects else found)
+        known = members if effects else ()
+        places = judged.unexplained_places if effects else ()
+        shown = (
+            *(Located(x.where, x.p_value, x.share, x.depends_on, "") for x in places),
+            *located,
+        )
+        last = last if effects else found
+        unexplained = unexplained_of(case, last, known, shown, loose)
         if loose is not None:
-            located = (*located, loose) if sure else (loose, *located)
-        members = named.best.fit.members if sure else ()
-        unexplained = unexplained_of(case, last, members, located, loose)
+            located = (*located, loose) if effects else (loose, *located)
         words = [unexplained.signature] if unexplained.signature else []
-        words += [f"what explains it best differs between {kind}" for kind in between]
+        words += [f"a law differs between {kind}" for kind in judged.inhomogeneous]
         unexplained = replace(unexplained, signature="; ".join(dict.fromkeys(words)))
         if not located and unexplained.where:
             located = (Located(unexplained.where, last.p_value, 1.0, (), ""),)
+    white = whiten_candidates(case.library, case.normal_equations)
     return {
         "verdict": verdict,
         "located": located,
-        "named": tuple(sorted(sure, key=lambda e: -e.probability)),
-        "rivals": rivals_of(named, weights, sets),
-        "unexplained": unexplained,
-        "confounded": confounded_with(
-            case.library, white, {(e.name.effect, e.name.where) for e in sure}
+        "named": tuple(
+            sorted(effects, key=lambda e: (-e.probability, -shares[e.name]))
         ),
-        "nominal": _nominal_beside(case, prepared, named.best.fit),
+        "rivals": tuple(sorted(rivals, key=lambda r: -r.probability)[:MOST_RIVALS]),
+        "unexplained": unexplained,
+        "confounded": confounded_with(case.library, white, named),
+        "nominal": _nominal_beside(case, prepared, model.fit),
+        "shares": shares,
+        "unexplained_places": judged.unexplained_places if effects else (),
+        "decisions": tuple(decisions),
     }
+
+
+def _with_places_of_map(
+    case: SelectionProblem, located: tuple[Located, ...], sure: set[str]
+) -> tuple[Located, ...]:
+    """Return places of sure names, then where the map shows the whole mismatch."""
+    of_map = places_of_map(
+        case.library,
+        case.normal_equations,
+        case.normal_equations.score,
+        np.arange(case.library.nominal),
+        case.seed,
+    )
+    total = max(sum(captured for _, _, captured, _ in of_map), 1e-12)
+    kept = [one for one in located if one.where in sure]
+    mapped = [Located(w, p, c / total, d, "") for w, p, c, d in of_map]
+    return (*kept, *(one for one in mapped if one.where not in sure))
 
 
 def unexplained_of(

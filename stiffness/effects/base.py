@@ -128,8 +128,9 @@ class Hypothesis(ABC):
     ) -> StaticState:
         """Return the static state that springs and other effects see with this effect.
 
-        Unchanged, unless overridden, as by masses and errors of the wrench: other
-        effects move the arm, or their change of its loads is neglected.
+        Unchanged, unless overridden, as by masses and errors of the wrench, or by a
+        hardening, which stiffens the axis for other effects: these move the arm, or
+        their change of its loads is neglected.
         """
         return situation
 

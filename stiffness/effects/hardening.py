@@ -12,7 +12,7 @@ Ignores     hysteresis; a stiffness that grows without a knee (its variants)
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -86,6 +86,27 @@ class Hardening(Hypothesis):
         return turn(k, *sharp, slow, *fast)
 
     @override
+    def acting(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> StaticState:
+        k, a = situation.axis(where), float(coefficients[0])
+        stiff = float(situation.compliance[k])
+        if stiff <= 0.0 or stiff + a <= 0.0:
+            return situation
+        torque, knee = situation.torque[:, k], shape[0]
+        lost = (1.0 - MIDDLE) * slope(torque, knee)
+        lost = lost + MIDDLE * slope(torque, SECOND * knee)
+        softness = np.ones((situation.rows, len(situation.axes)))
+        if situation.softness is not None:
+            softness = situation.softness.copy()
+        softness[:, k] *= (stiff + a * lost) / (stiff + a)
+        return replace(situation, softness=softness)
+
+    @override
     def parameters(
         self,
         situation: StaticState,
@@ -102,3 +123,12 @@ def bent(torque: Float[np.ndarray, " rows"], knee: float) -> Float[np.ndarray, "
     """Return a torque that saturates at a knee, both in N m."""
     width = ROUND * knee
     return 0.5 * (np.hypot(torque + knee, width) - np.hypot(torque - knee, width))
+
+
+def slope(
+    torque: Float[np.ndarray, " rows"], knee: float
+) -> Float[np.ndarray, " rows"]:
+    """Return the slope of `bent` at a torque; 1 far below the knee, 0 far beyond."""
+    width = ROUND * knee
+    above, below = torque + knee, torque - knee
+    return 0.5 * (above / np.hypot(above, width) - below / np.hypot(below, width))

@@ -1,8 +1,9 @@
 """Hysteresis of a gear: friction holds back part of the wind-up after a reversal.
 
 ==========  ==========================================================================
-Equation    θ = C τ - w/2 z(τ path); z in -1 … 1: the play operator's distance from
-            its middle, z = (τ - P[τ]) / r, P the play of half width r
+Equation    θ = C τ - s(τ) w/2 z(τ path), s the slope of the axis' wind-up over the
+            slope at no torque, 1 for a linear spring; z in -1 … 1: the play operator's
+            distance from its middle, z = (τ - P[τ]) / r, P the play of half width r
 Source      Visintin 1994, "Differential Models of Hysteresis", chapter III (play and
             stop); the stop z is one Maxwell-slip element as a function of torque
 Valid       slow loads; rate-independent; an arm whose torque grew from zero to its
@@ -57,7 +58,8 @@ class Hysteresis(Hypothesis):
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
         k = situation.axis(where)
-        return turn(k, -0.5 * stop(situation, k, shape[0], bool(shape[1])))
+        half = 0.5 * situation.softness_of(k)
+        return turn(k, -half * stop(situation, k, shape[0], bool(shape[1])))
 
     @override
     def variants(
@@ -71,7 +73,8 @@ class Hysteresis(Hypothesis):
         spread = [stop(situation, k, f * slip, settled) for f in (0.3, 0.6, 1.7, 3.0)]
         other = stop(situation, k, slip, not settled)
         soft = [rounded(situation, k, f * slip, settled) for f in (0.5, 1.0, 2.0)]
-        return turn(k, *spread, other, *soft)
+        slope = situation.softness_of(k)
+        return turn(k, *(slope * law for law in (*spread, other, *soft)))
 
     @override
     def parameters(

@@ -70,6 +70,8 @@ class StaticState:
             None: as stated.
         giving: Named effects that are linear in the loads: for each the blocks of its
             Jacobian in any static state.
+        softness: Of each axis under its torque: slope of its wind-up over the slope at
+            no torque, by named effects; None: as by linear springs, one everywhere.
     """
 
     recording: Recording
@@ -91,6 +93,7 @@ class StaticState:
     tracker: Float[np.ndarray, "4 4"] | None = None
     marker_positions: Float[np.ndarray, "markers 3"] | None = None
     giving: tuple[Callable[["StaticState"], tuple], ...] = ()
+    softness: Float[np.ndarray, "rows axes"] | None = None
 
     @property
     def rows(self) -> int:
@@ -158,6 +161,10 @@ class StaticState:
         """Return the same state with another compliance of the axes."""
         return replace(self, compliance=compliance)
 
+    def softness_of(self, axis: int) -> Float[np.ndarray, " rows"]:
+        """Return the slope of an axis' wind-up over the slope at no torque."""
+        return np.ones(self.rows) if self.softness is None else self.softness[:, axis]
+
     def some(self, rows: Int[np.ndarray, " some"]) -> "StaticState":
         """Return some rows of the same, for laws that act on each row separately."""
         per_row = (
@@ -165,6 +172,8 @@ class StaticState:
             "seat", "wrench", "sensor", "sensor_axes",
         )  # fmt: skip
         taken = {name: getattr(self, name)[rows] for name in per_row}
+        if self.softness is not None:
+            taken["softness"] = self.softness[rows]
         return replace(self, recording=self.recording.take(rows), **taken)
 
 

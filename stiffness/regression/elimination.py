@@ -44,7 +44,7 @@ def projection_coefficients(
     if not len(known):
         return np.zeros((0, gram.shape[1]))
     inner = gram[np.ix_(known, known)]
-    size = np.sqrt(np.diag(inner))
+    size = np.sqrt(np.maximum(np.diag(inner), 0.0))  # rounding may go below
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
     value, vector = np.linalg.eigh(inner * scale * scale[:, None])
     keep = value > SPANS * len(known)

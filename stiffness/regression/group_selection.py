@@ -44,6 +44,9 @@ SURVIVES = 1e-7
 thousand times above what rounding leaves of a hundred columns."""
 RISES = 1e-6
 """By how much the worth must rise for a change; chosen: rounding is below."""
+MANY_COLUMNS, AT_MOST_FOR_ONE = 3, 4
+"""Columns of a name from which several others are tried in its place, and how many;
+chosen: a length, a mass or a drift imitates two or three offsets."""
 ROUNDS = 50
 """Rounds of drops, exchanges and additions at most; a few do."""
 Name = tuple[str, str]
@@ -318,6 +321,7 @@ def select_groups(
         before = groups
         groups = _grown(problem, groups, most)
         groups = _with_exchanges(problem, _pruned(problem, groups), most)
+        groups = _with_several_for_one(problem, groups, most)
         if groups == before:
             break
     here = FactorisedSet.of(problem, groups)
@@ -444,6 +448,34 @@ def _with_exchanges(
             if not here.groups:
                 break
     return here.groups
+
+
+def _with_several_for_one(
+    problem: GroupProblem, groups: tuple[int, ...], most: int
+) -> tuple[int, ...]:
+    """Put several names in the place of one of many columns, where that is worth more.
+
+    What many columns imitate can be several names, none of which alone does as well.
+    """
+    worth = _worth(problem, FactorisedSet.of(problem, groups))
+    for k in groups:
+        if k not in groups or len(problem.groups[k].columns) < MANY_COLUMNS:
+            continue
+        name = problem.groups[k].name
+        tried = tuple(g for g in groups if problem.groups[g].name != name)
+        for _ in range(AT_MOST_FOR_ONE):
+            left = _residual(problem, FactorisedSet.of(problem, tried))
+            rise = _additions(problem, left, most)
+            rise[[len(g.columns) >= MANY_COLUMNS for g in problem.groups]] = -np.inf
+            best = int(np.argmax(rise))
+            if rise[best] <= RISES:
+                break
+            tried = (*tried, best)
+            after = left.worth + float(rise[best])
+            if after > worth + RISES:
+                groups, worth = tried, after
+                break
+    return groups
 
 
 def exchange_worths(

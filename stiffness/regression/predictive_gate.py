@@ -7,12 +7,12 @@ would condemn true names. The prior is held while names go.
 ==========  ==========================================================================
 Equation    beta_f = (A - A_f + L)^-1 (s - s_f), L = k / |b|^2 on the k columns of a
             term, b its coefficients by all units, in columns made white beside the
-            nominal ones; gain_p = s_p'beta - beta'A_p beta / 2; z = sum l / |l|, l the
-            units' gains that are lost without a name; kept where z >= 2, or z > 1 and
-            units that lose are more than those that gain by 2.6 standard errors
+            nominal ones; gain_p = s_p'beta - beta'A_p beta / 2; l the units' gains
+            that are lost without a name; kept where fewer than 2.3 % of random signs of
+            the units make as large a sum of l; z = sum l / |l| orders the names
 Source      ridge regression with a term's own mean square as its prior variance: MacKay
             1992, "Bayesian interpolation", one step; leave-groups-out validation;
-            sign test: Arbuthnott 1710, for one unit of great weight holds z near 1
+            sign flips: Fisher 1935, "The Design of Experiments", section 21
 Valid       units that err independently, ten of them or more
 Ignores     that the set was chosen with the same units
 ==========  ==========================================================================
@@ -23,6 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.stats import norm
 
 from stiffness.regression.elimination import (
     projection_coefficients,
@@ -30,14 +31,10 @@ from stiffness.regression.elimination import (
     whitening_transform,
 )
 from stiffness.regression.group_selection import Decision, Name
+from stiffness.regression.testing import MARGIN
 
-LEAST_Z = 2.0
-"""Standard errors by which a name must improve the prediction of units left out."""
-LEAST_SIGN_Z = 2.6
-"""The same of the number of units that gain, where one of them outweighs all others;
-chosen: half a per cent, one-sided."""
-LEAST_Z_BY_SIGN = 1.0
-"""What z must be where their number decides; chosen: one unit alone gives 1."""
+COMPARED = 2000
+"""Signs that a loss is compared with, its own among them; chosen: 45 are the margin."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +79,7 @@ def gate_names(
     units: UnitStatistics,
     nominal: Int[np.ndarray, " nominal"],
     terms: Sequence[tuple[Name, Int[np.ndarray, " _"]]],
+    beside: Sequence[Int[np.ndarray, " _"]] = (),
 ) -> GatedNames:
     """Let names through that predict units left out, the weakest of the others going.
 
@@ -89,32 +87,40 @@ def gate_names(
         units: What each unit says of the columns.
         nominal: Columns that explain for free.
         terms: Name and columns of each term; several may share a name.
+        beside: Columns of terms without a name, which are always fitted too.
     """
-    white = _WhiteUnits.of(units, nominal, [columns for _, columns in terms])
+    blocks = [*(columns for _, columns in terms), *beside]
+    white = _WhiteUnits.of(units, nominal, blocks)
+    always = range(len(terms), len(blocks))
     names = list(dict.fromkeys(name for name, _ in terms))
     terms_of = {n: [t for t, (name, _) in enumerate(terms) if name == n] for n in names}
     decided: dict[Name, Decision] = {}
     none = white.predict([], [])[0]
     while True:
         gain, without = white.predict(
-            [t for n in names for t in terms_of[n]], [terms_of[n] for n in names]
+            [*(t for n in names for t in terms_of[n]), *always],
+            [terms_of[n] for n in names],
         )
         lost = [gain - other for other in without]
-        found = {n: (_z(one), _sign_z(one)) for n, one in zip(names, lost, strict=True)}
-        weak = [n for n in names if not _passes(*found[n])]
+        z = {n: _z(one) for n, one in zip(names, lost, strict=True)}
+        found = {
+            n: _decision(n, sign_flip_p_value(one))
+            for n, one in zip(names, lost, strict=True)
+        }
+        weak = [n for n in names if not found[n].accepted]
         if not weak:
             break
-        weakest = min(weak, key=lambda n: found[n][0])
-        decided[weakest] = _decision(weakest, *found[weakest])
+        weakest = min(weak, key=z.__getitem__)
+        decided[weakest] = found[weakest]
         names.remove(weakest)
-    decided |= {n: _decision(n, *found[n]) for n in names}
+    decided |= found
     return GatedNames(
         tuple(names),
         tuple(sorted(t for n in names for t in terms_of[n])),
         gain,
         none,
         tuple(lost),
-        tuple(found[n][0] for n in names),
+        tuple(z[n] for n in names),
         tuple(decided[n] for n in terms_of),
     )
 
@@ -235,20 +241,20 @@ def _z(lost: Float[np.ndarray, " units"]) -> float:
     return float(np.sum(lost) / max(float(np.linalg.norm(lost)), 1e-300))
 
 
-def _sign_z(lost: Float[np.ndarray, " units"]) -> float:
+def sign_flip_p_value(lost: Float[np.ndarray, " units"]) -> float:
+    """Return the share of random signs of the units that make as large a sum."""
     some = lost[lost != 0.0]
-    return float(np.sum(np.sign(some)) / np.sqrt(max(len(some), 1)))
+    signs = np.random.default_rng(len(some)).choice([-1.0, 1.0], (COMPARED, len(some)))
+    signs[0] = 1.0  # as it was: one of those that could have been
+    sums = signs @ some
+    slack = 1e-9 * float(np.sum(np.abs(some)))
+    return float(np.mean(sums >= sums[0] - slack))
 
 
-def _passes(z: float, sign_z: float) -> bool:
-    return z >= LEAST_Z or (z > LEAST_Z_BY_SIGN and sign_z >= LEAST_SIGN_Z)
-
-
-def _decision(name: Name, z: float, sign_z: float) -> Decision:
-    if z >= LEAST_Z:
-        return Decision(name, "left_out", True, z, LEAST_Z, "predicts poses left out")
-    if _passes(z, sign_z):
-        reason = "predicts most poses left out, one of them by far more than the others"
-        return Decision(name, "left_out_signs", True, sign_z, LEAST_SIGN_Z, reason)
-    reason = "does not predict poses left out"
-    return Decision(name, "left_out", False, z, LEAST_Z, reason)
+def _decision(name: Name, p_value: float) -> Decision:
+    least = float(norm.sf(MARGIN))
+    accepted = p_value < least
+    reason = (
+        "predicts poses left out" if accepted else "does not predict poses left out"
+    )
+    return Decision(name, "left_out", accepted, p_value, least, reason)

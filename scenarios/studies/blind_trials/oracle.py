@@ -10,10 +10,13 @@ of the effect itself comes from `visibility`, without the diagnosis.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
+from scipy.special import gammaln
 
 from bench.effects.effect import Effect
 from bench.patch import Patch, can_build, named
@@ -24,20 +27,247 @@ from bench.shared.recording import Recording
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.studies.blind_trials.magnitudes import OutOfReach, as_large_as
 from scenarios.studies.blind_trials.visibility import Visibility
+from stiffness.diagnosis.candidates import Library
+from stiffness.diagnosis.localisation import WhitenedCandidates, whiten_candidates
 from stiffness.diagnosis.model_fit import (
+    WHOLE,
     ModelTerm,
     SelectionProblem,
     other_forms,
-    refined,
+    solve,
+    training,
 )
 from stiffness.diagnosis.nominal_fit import Prepared, blocks, prepare
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.selection import RankedModels, rank_models, whiten_candidates
-from stiffness.diagnosis.sufficient_statistics import normal_equations_of
+from stiffness.diagnosis.sufficient_statistics import (
+    SufficientStatistics,
+    normal_equations_of,
+)
 from stiffness.effects import HYPOTHESES
+from stiffness.effects.jacobian import EffectJacobian
+from stiffness.experiment.static_state import StaticState
 from stiffness.experiment.visits import visits_of
-from stiffness.regression.elimination import minimum_norm_fit
-from stiffness.regression.splits import split_of
+from stiffness.regression.elimination import minimum_norm_fit, projection_coefficients
+from stiffness.regression.splits import Split, split_of
+
+# --- Best sets of up to three effects -------------------------------------------------
+
+PRIOR_OF_SIZE = (0.4, 0.35, 0.2, 0.05)
+"""Prior of none, one, two or three effects; chosen: few causes, each as likely."""
+ONE_MORE = 0.25
+"""Prior of each further effect; chosen: as three are to two."""
+
+
+def log_prior(size: int, candidates: int) -> float:
+    """Return the prior of one set of a size: the size's prior over the sets' number."""
+    if size > candidates:
+        return -np.inf
+    ways = gammaln(candidates + 1) - gammaln(size + 1) - gammaln(candidates - size + 1)
+    small = min(size, len(PRIOR_OF_SIZE) - 1)
+    of_size = np.log(PRIOR_OF_SIZE[small]) + (size - small) * np.log(ONE_MORE)
+    return float(of_size - ways)
+
+
+SHORT_LIST = 30
+"""Candidates whose triples are all tried; pairs are tried of all. Chosen: 4060 sets."""
+RIDGE = 1e-8
+
+
+@dataclass(frozen=True)
+class RankedModels:
+    """Sets of candidates with what they explain.
+
+    Attributes:
+        models: Numbers of candidates; the empty set comes first.
+        shape: Which of each member's shapes is meant.
+        gain: Whitened square that each set explains beyond what is nominal.
+        log_evidence: With the prior of its size.
+    """
+
+    models: tuple[tuple[int, ...], ...]
+    shape: tuple[tuple[int, ...], ...]
+    gain: Float[np.ndarray, " models"]
+    log_evidence: Float[np.ndarray, " models"]
+
+
+def chi_square_gains(
+    white: WhitenedCandidates, models: Sequence[tuple[int, ...]]
+) -> Float[np.ndarray, " sets"]:
+    """Return what sets of candidates explain together, all sets of one size at once."""
+    if not models or not models[0]:
+        return np.zeros(len(models))
+    widest = max(len(own) for own in white.owned)
+    pad = np.full((len(white.owned), widest), -1)
+    for k, own in enumerate(white.owned):
+        pad[k, : len(own)] = own
+    total = np.empty(len(models))
+    members = np.array(models)
+    for at in range(0, len(models), 4096):
+        index = pad[members[at : at + 4096]].reshape(len(members[at : at + 4096]), -1)
+        real = index >= 0
+        inner = white.product[index[:, :, None], index[:, None, :]]
+        inner = np.where(real[:, :, None] & real[:, None, :], inner, 0.0)
+        inner[:, range(inner.shape[1]), range(inner.shape[1])] = np.where(
+            real, 1.0 + RIDGE, 1.0
+        )
+        ask = np.where(real, white.score[index], 0.0)
+        solved = np.linalg.solve(inner, ask[:, :, None])[:, :, 0]
+        total[at : at + 4096] = np.sum(ask * solved, axis=1)
+    return total
+
+
+def rank_models(
+    library: Library, white: WhitenedCandidates, poses: int, largest: int = 3
+) -> RankedModels:
+    """Try all sets up to a size and rank them by evidence, the empty set first.
+
+    Args:
+        library: The candidates.
+        white: Their white columns.
+        poses: How many units of information there are.
+        largest: Most members of a set.
+    """
+    count = len(library.candidates)
+    every: list[tuple[int, ...]] = [()]
+    total = [np.zeros(1)]
+    some = np.flatnonzero([len(own) > 0 for own in white.owned])
+    singles = [(int(k),) for k in some]
+    total.append(chi_square_gains(white, singles))
+    every += singles
+    if largest > 1:
+        pairs = list(combinations((int(k) for k in some), 2))
+        pairs = [p for p in pairs if _distinct(library, p)]
+        total.append(chi_square_gains(white, pairs))
+        every += pairs
+    if largest > 2 and len(some) > 2:
+        listed = _short_list(library, every, np.concatenate(total), poses)
+        triples = [t for t in combinations(listed, 3) if _distinct(library, t)]
+        total.append(chi_square_gains(white, triples))
+        every += triples
+    gain = np.concatenate(total)
+    freedom = np.array(
+        [sum(library.candidates[k].degrees_of_freedom for k in s) for s in every]
+    )
+    rarer = [c.hypothesis.log_prior for c in library.candidates]
+    prior = np.array(
+        [log_prior(len(s), count) + sum(rarer[k] for k in s) for s in every]
+    )
+    log_evidence = 0.5 * gain - 0.5 * freedom * np.log(poses) + prior
+    shape = tuple(tuple(white.shape[k] for k in s) for s in every)
+    return RankedModels(tuple(every), shape, gain, log_evidence)
+
+
+def _distinct(library: Library, members: Sequence[int]) -> bool:
+    """Return whether no name comes twice."""
+    names = {library.candidates[k].name for k in members}
+    return len(names) == len(members)
+
+
+def _short_list(
+    library: Library, models: list[tuple[int, ...]], gain: np.ndarray, poses: int
+) -> list[int]:
+    """Return the candidates that come up in the best sets so far."""
+    freedom = np.array(
+        [sum(library.candidates[k].degrees_of_freedom for k in s) for s in models]
+    )
+    order = np.argsort(-(gain - freedom * np.log(poses)))
+    listed: list[int] = []
+    for at in order:
+        listed.extend(k for k in models[at] if k not in listed)
+        if len(listed) >= SHORT_LIST:
+            break
+    return sorted(listed[:SHORT_LIST])
+
+
+# --- Refinement of their shapes -------------------------------------------------------
+
+TRIES = 9
+"""Values that are tried at once."""
+
+
+def refined(
+    data: SufficientStatistics,
+    situation: StaticState,
+    nominal: Sequence[EffectJacobian],
+    members: Sequence[ModelTerm],
+    split: Split,
+    passes: int = 2,
+) -> tuple[ModelTerm, ...]:
+    """Move each shape parameter to where the set explains most, in turn."""
+    members = list(members)
+    for sweep in range(passes if sum(m.degrees_of_freedom for m in members) else 0):
+        for k, member in enumerate(members):
+            grid = member.hypothesis.shapes(situation, member.where)
+            for j in range(member.degrees_of_freedom):
+                if member.hypothesis.shape_names[j] in WHOLE:
+                    continue
+                members[k] = _along(
+                    data, situation, nominal, (members, k, j, sweep), grid, split
+                )
+    return tuple(members)
+
+
+def _along(data, situation, nominal, at, grid, split) -> ModelTerm:
+    """Return a member with one shape parameter at its best between grid neighbours."""
+    members, k, j, sweep = at
+    member = members[k]
+    factor = member.hypothesis.shape_names[j] in member.hypothesis.logarithmic
+    tries = tried(float(member.shape[j]), np.unique(grid[:, j]), sweep, factor)
+    if tries[-1] - tries[0] < 1e-12 * max(1.0, abs(tries[0])):
+        return member
+    others = [m.jacobian(situation) for i, m in enumerate(members) if i != k]
+    shaped = []
+    for value in tries:
+        shape = member.shape.copy()
+        shape[j] = np.exp(value) if factor else value
+        shaped.append(ModelTerm(member.hypothesis, member.where, shape))
+    own = [m.jacobian(situation) for m in shaped]
+    evidence = normal_equations_of(data, [*nominal, *others, *own], training(split))
+    gram, score = evidence.gram[1], evidence.score[~split.held_out].sum(axis=0)
+    n = sum(s.columns for s in (*nominal, *others))
+    known = np.arange(n)
+    share = projection_coefficients(gram, known)
+    score = score - score[known] @ share
+    gram = gram - gram[:, known] @ share
+    width = own[0].columns
+    gains = []
+    for i in range(len(tries)):
+        block = np.arange(n + i * width, n + (i + 1) * width)
+        ask = score[block]
+        gains.append(float(ask @ solve(gram[np.ix_(block, block)], ask)))
+    best = int(np.argmax(gains))
+    value = tries[best]
+    if 0 < best < len(tries) - 1:
+        a, b, c = gains[best - 1 : best + 2]
+        bend = a - 2 * b + c
+        if bend < 0:
+            value += 0.5 * (a - c) / bend * (tries[1] - tries[0])
+    shape = member.shape.copy()
+    shape[j] = np.exp(value) if factor else value
+    return ModelTerm(member.hypothesis, member.where, shape)
+
+
+def tried(
+    here: float, grid: Float[np.ndarray, " points"], sweep: int, factor: bool
+) -> Float[np.ndarray, "9"]:
+    """Return values that are tried, or their logarithms where an error is a factor.
+
+    Args:
+        here: The best so far.
+        grid: Coarse values, in order.
+        sweep: 0: between the neighbours of the grid's nearest; later: a step of these
+            to either side.
+        factor: Whether an error is a factor.
+    """
+    if factor:
+        here, grid = float(np.log(here)), np.log(grid)
+    nearest = int(np.argmin(np.abs(grid - here)))
+    low, high = grid[max(nearest - 1, 0)], grid[min(nearest + 1, len(grid) - 1)]
+    if sweep:
+        step = (high - low) / (TRIES - 1)
+        low, high = max(low, here - step), min(high, here + step)
+    return np.linspace(low, high, TRIES)
+
 
 # --- Distance from the library --------------------------------------------------------
 

@@ -25,7 +25,7 @@ from scenarios.pipelines.patching import STIFFEST, patch_of_diagnosis, stiffenin
 from scenarios.pipelines.schema import Answer, Interval, text_of
 from scenarios.report import route, summary
 from scenarios.report.command_line import run
-from scenarios.report.output_folder import FILES, write_folder
+from scenarios.report.output_folder import DECISIONS, FILES, write_folder
 from scenarios.report.sections import diagnosis
 from stiffness.diagnosis.diagnose import scattered
 from stiffness.diagnosis.model_evaluation import is_held, may_be_nothing
@@ -75,7 +75,8 @@ def test_one_command_writes_the_whole_answer_and_nothing_else(answered):
     out, told = answered
     assert told.verdict != "no_mismatch"
     assert told.named
-    assert sorted(p.name for p in out.iterdir()) == sorted((*FILES, ASSETS))
+    wanted = sorted((*FILES, ASSETS, DECISIONS))
+    assert sorted(p.name for p in out.iterdir()) == wanted
     assert (out / "diagnosis.rrd").stat().st_size < 5_000_000
     assert [p for p in out.parent.iterdir() if p != out] == []
 

@@ -15,15 +15,11 @@ from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest, Scatter
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.diagnosis.model_evaluation import evaluate, improves_prediction
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.residual_checks import homogeneity_tests
-from stiffness.diagnosis.selection import RankedModels, SelectedModel, exchange_step
-from stiffness.diagnosis.verdict import equivalents, posterior
 from stiffness.effects.base_tilt import BaseTilt
-from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.regression.testing import SIGNIFICANCE, sign_flip_test
 
@@ -110,58 +106,6 @@ def test_more_than_three_effects_are_named_one_after_the_other():
     names = {f"{e.name.effect}@{e.name.where}" for e in found.named}
     assert names == {effect.partition(",")[0] for effect in effects}
     assert found.verdict == "explained"
-
-
-def test_member_that_stood_in_for_another_gives_way():
-    case = build_problem(prepared("hysteresis@a2", "bearing_tilt@a3"), FEW)
-    shapes = {h.effect: h.shapes(case.situation, "a2")[3:4] for h in FEW}
-    stand_in = ModelTerm(FEW[0], "a2", shapes["hardening"][0])
-    tilt = ModelTerm(FEW[2], "a3", np.zeros(1))
-    fit = fit_model(
-        case.data, case.situation, case.nominal, (stand_in, tilt), case.split
-    )
-    best = exchange_step(case, fit)[0][1]
-    assert {m.name for m in best} == {("hysteresis", "a2"), ("bearing_tilt", "a3")}
-
-
-def test_rival_that_predicts_worse_is_none_unless_a_name_would_go_with_it():
-    """Two laws of one axis; the other predicts every pose a little worse."""
-    case = build_problem(prepared("hysteresis@a2"), FEW)
-    best = evaluate(case, (ModelTerm(Hysteresis(), "a2", np.array([22.3, 0.0])),))
-    other = evaluate(case, (ModelTerm(Hardening(), "a2", np.array([50.0])),))
-
-    def alike(behind: float) -> list[str]:
-        rival = replace(
-            other,
-            log_evidence=best.log_evidence - behind,
-            predicted=best.predicted - 0.2,
-        )
-        named = SelectedModel(best, (best, rival), _none(), _nothing(), 1.0, ())
-        weights, sets = posterior(named, 1.0)
-        return [n.effect for n in equivalents(named, 0, weights, sets)]
-
-    assert alike(2.9) == ["hardening"]  # else the name is only 0.948 probable
-    assert alike(2.99) == []
-    assert alike(3.1) == []
-
-
-def _none() -> RankedModels:
-    return RankedModels((), (), np.zeros(0), np.zeros(0))
-
-
-def _nothing() -> DetectionTest:
-    tested = sign_flip_test([np.ones((60, 1)) / np.sqrt(60)], seed=1)
-    return DetectionTest(tested, 1, 0, (), ("a1",), 1.0, 60, CALM)
-
-
-def test_few_poses_that_all_gain_are_no_proof_and_eight_are():
-    """Five signs are alike once in 32, eight once in 256; 1 in 44 is asked."""
-    none = evaluate(build_problem(prepared(), FEW), ())
-    for many, enough in ((5, False), (8, True)):
-        gain = np.concatenate([np.ones(many), np.zeros(3)])
-        more = replace(none, predicted=gain, log_evidence=none.log_evidence + 1.0)
-        less = replace(none, predicted=0.0 * gain)
-        assert improves_prediction(less, more, 1) is enough
 
 
 def test_the_interval_holds_the_true_size():

@@ -18,6 +18,7 @@ from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_load import GravityLoad, seen, torques
 from stiffness.effects.hardening import Hardening
+from stiffness.effects.jacobian import EffectJacobian, JointRotation
 from stiffness.effects.wrench_misalignment import WrenchMisalignment as TurnedOrBeside
 from stiffness.experiment.static_state import StaticState
 
@@ -57,11 +58,43 @@ def test_mass_on_a_link_is_felt_by_what_carries_the_link_alone():
     assert_allclose(named.torque - nothing.torque, own, atol=1e-9)
 
 
+def turned(by: EffectJacobian) -> np.ndarray:
+    """Return the first law by which an axis turns, row by row."""
+    (part,) = by.parts
+    assert isinstance(part, JointRotation)
+    return part.law[:, 0]
+
+
+def test_hardening_that_was_named_narrows_the_loop_by_the_slope_of_its_law():
+    """A loop of friction turns an axis by the slope of its spring where it stands."""
+    situation, law = truth.showing("hardening"), truth.BY_NAME["hardening"]
+    knee, extra = np.array([4.0]), np.array([0.5 * situation.compliance[1]])
+    named = law.acting(situation, "a2", knee, extra)
+    assert_array_equal(named.torque, situation.torque)
+    step = 1e-4
+    softer = situation.torque + step
+
+    def wound(torque: np.ndarray) -> np.ndarray:
+        moved = law.jacobian(replace(situation, torque=torque), "a2", knee)
+        return situation.compliance[1] * torque[:, 1] + extra * turned(moved)
+
+    slope = (wound(softer) - wound(situation.torque)) / step
+    want = slope / (1.5 * situation.compliance[1])
+    assert_allclose(named.softness_of(1), want, rtol=1e-3)
+    assert_array_equal(named.softness_of(0), 1.0)
+    loop = truth.BY_NAME["hysteresis"]
+    before, after = (
+        turned(loop.jacobian(s, "a2", np.array([3.0, 0.0]))) for s in (situation, named)
+    )
+    assert_allclose(after, before * want, rtol=1e-3, atol=1e-12)
+
+
 PULLING = {"gravity_load", "wrench_bias", "wrench_gain", "wrench_misalignment"}
+STIFFENING = {"hardening"}
 
 
-@pytest.mark.parametrize("effect", sorted(set(truth.BY_NAME) - PULLING))
-def test_other_effects_pull_at_nothing(effect):
+@pytest.mark.parametrize("effect", sorted(set(truth.BY_NAME) - PULLING - STIFFENING))
+def test_other_effects_change_what_no_other_feels(effect):
     situation, hypothesis = truth.showing(effect), truth.BY_NAME[effect]
     where = hypothesis.places(situation)[0]
     shape = truth.middle(situation, hypothesis, where)

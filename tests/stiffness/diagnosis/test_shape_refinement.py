@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from small_bench import prepared
 
-from stiffness.diagnosis.model_fit import ModelTerm, fit_model, refined, tried
+from stiffness.diagnosis.model_fit import ModelTerm, fit_model, fit_shapes, tried
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.effects.creep import Creep
 
@@ -21,22 +21,17 @@ def test_a_creep_s_time_is_where_it_explains_most():
         return fit.gain
 
     law = ModelTerm(Creep(), "a3", coarse)
-    (best,) = refined(case.data, case.situation, case.nominal, (law,), case.split)
+    (best,) = fit_shapes(case, (law,))
     most = max(gain(time) for time in np.geomspace(10.0, 60.0, 40))
     assert gain(best.shape[0]) > most - 0.1
 
 
 @pytest.mark.parametrize("factor", [False, True])
-def test_a_second_look_is_at_both_sides_of_the_first_s_best(factor):
+def test_fine_values_lie_between_the_neighbours_of_the_nearest(factor):
     grid = np.array([5.0, 30.0, 180.0])
-    looked = tried(32.5, grid, 1, factor)
-    values = np.exp(looked) if factor else looked
-    assert values[0] < 30.0
-    assert values[-1] > 32.5
-
-
-def test_no_value_beyond_the_grid_is_tried():
-    grid = np.array([5.0, 30.0, 180.0])
-    for sweep in (0, 1):
-        values = tried(178.0, grid, sweep, False)
-        assert grid[0] <= values[0] and values[-1] <= grid[-1]
+    values = tried(32.5, grid, factor, 7)
+    values = np.exp(values) if factor else values
+    assert len(values) == 7
+    assert np.all(np.diff(values) > 0.0)
+    assert 5.0 < values[0] < 30.0 < values[-1] < 180.0
+    assert np.all(tried(178.0, grid, False, 3) > 30.0)

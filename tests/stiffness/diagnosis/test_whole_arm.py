@@ -1,5 +1,6 @@
-"""An arm of many effects is named whole; what few effects explain is left to them."""
+"""One search names one effect or many, and every gate leaves its decisions."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,20 +13,22 @@ from scenarios.report.data_files import read_table, write_table
 from scenarios.report.output_folder import DECISIONS
 from scenarios.report.sections.diagnosis import decision_rows
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.gate import (
+    gate_terms,
+    mismatch_of_poses,
+    pose_statistics,
+    second_order_name,
+)
 from stiffness.diagnosis.model_evaluation import jackknife_covariance
 from stiffness.diagnosis.model_fit import (
     ModelTerm,
     SelectionProblem,
     fit_model,
+    fit_shapes,
 )
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.result import Diagnosis
-from stiffness.diagnosis.shape_fit import fit_shapes
-from stiffness.diagnosis.whole_arm import (
-    CoarseSelection,
-    mismatch_of_poses,
-    select_coarsely,
-)
+from stiffness.diagnosis.result import Decision, Diagnosis
+from stiffness.diagnosis.selection import SelectedModel, select_model
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.hardening import Hardening
 
@@ -57,8 +60,8 @@ def problem(*effects: str) -> SelectionProblem:
 
 
 @cache
-def coarse(*effects: str) -> CoarseSelection:
-    return select_coarsely(problem(*effects))
+def selected(*effects: str) -> SelectedModel:
+    return select_model(problem(*effects), prepared(*effects), LIBRARY)
 
 
 @cache
@@ -109,17 +112,52 @@ def test_intervals_of_a_whole_arm_are_finite_and_hold_the_tilt():
         assert tilt[name].low > 0.0
 
 
-@pytest.mark.parametrize("effects", [(), TWO])
-def test_few_effects_are_left_to_sets_of_few(effects):
-    assert not coarse(*effects).is_plausible
-    assert not coarse(*effects).is_beyond_few
+def test_two_effects_are_two_names_by_the_same_search():
+    found = selected(*TWO)
+    names = {f"{effect}@{where}" for effect, where in map(name_of, found.fit.members)}
+    assert names == {effect.partition(",")[0] for effect in TWO}
+    assert found.share > 0.9
 
 
-def test_many_effects_are_seen_before_sets_of_few_are_tried():
-    found = coarse(*EIGHT)
-    assert found.is_beyond_few
-    assert found.share > 0.95
-    assert found.share_of_few < found.share
+def name_of(term: ModelTerm) -> tuple[str, str]:
+    return term.name
+
+
+def test_every_candidate_that_was_not_selected_has_a_reason():
+    decided = selected(*TWO).decisions
+    of_names = {d.candidate for d in decided if d.gate == "log_evidence"}
+    assert of_names == {c.name for c in problem(*TWO).library.candidates}
+    creep: list[Decision] = [d for d in decided if d.candidate == ("hardening", "a5")]
+    assert creep and all(d.reason for d in creep)
+
+
+def test_members_explain_beside_each_other_what_fits_without_them_lose():
+    found, case = selected(*TWO), selected(*TWO).case
+    members = found.fit.members
+    for k, gain in enumerate(found.drop_one_gains):
+        rest = [m for i, m in enumerate(members) if i != k]
+        less = fit_model(case.data, case.situation, case.nominal, rest, case.split)
+        assert_allclose(gain, found.fit.gain - less.gain, rtol=1e-3)
+
+
+@pytest.mark.parametrize("load", [True, False])
+def test_name_that_a_load_found_near_it_may_be_wrong_by_is_none(load):
+    """Without a load the same set keeps its slight name: its columns are exact."""
+    case = build_problem(prepared(), HYPOTHESES)
+    wanted = [("base_compliance", "base"), ("geometry_error", "link_1")]
+    wanted += [("gravity_load", "link_2")] if load else []
+    of_name = {c.name: c for c in case.library.candidates}
+    found = [of_name[name] for name in wanted]
+    terms = [ModelTerm(c.hypothesis, c.where, c.shapes[0]) for c in found]
+    first = gate_terms(pose_statistics(case, terms))[0]
+    lost = tuple(np.full_like(first.gain, size) for size in (1e3, 1.0, 1e2))
+    names = tuple(wanted)
+    gated = replace(first, names=names, lost=lost[: len(names)])
+    slight = second_order_name(case, terms, gated)
+    assert (slight is not None) == load
+    if slight is not None:
+        assert slight.candidate == names[1]
+        assert slight.statistic == pytest.approx(1e-3)
 
 
 def test_mismatch_of_nothing_is_noise_of_either_sign():

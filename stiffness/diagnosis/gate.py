@@ -1,0 +1,240 @@
+"""Gates on a set of effects: predictions of poses left out, and strong laws near by.
+
+What explains poses that were fitted must predict poses that were not. A name also goes
+where another accepted form of a stronger law at its place does as well, or where it is
+less than what a found load may be wrong by.
+
+==========  ==========================================================================
+Equation    share = 2 (g_S - g_0) / (sum_p (q_p - n_p) - 2 g_0), g_S, g_0 gains of the
+            set and of the nominal columns on poses left out, q_p a pose's whitened
+            square, n_p its degrees of freedom
+Source      the gate itself: `regression.predictive_gate`
+Valid       poses that err independently
+Ignores     that the set was chosen with the same poses
+==========  ==========================================================================
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem, training
+from stiffness.diagnosis.relinearisation import changes_loads
+from stiffness.diagnosis.sufficient_statistics import (
+    SufficientStatistics,
+    per_pose_scores,
+)
+from stiffness.effects.jacobian import EffectJacobian
+from stiffness.regression.group_selection import Decision
+from stiffness.regression.predictive_gate import (
+    GatedNames,
+    UnitStatistics,
+    gate_names,
+    left_out_gain,
+)
+
+# --- What poses say of a set ----------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PoseStatistics:
+    """What each training pose says of the terms of a set.
+
+    Attributes:
+        terms: The set.
+        units: Statistics of each pose; nominal columns come first.
+        nominal: Their numbers.
+        owned: Columns of each term.
+        forms: Columns of the other accepted forms of each term's law.
+        generic: Blocks of columns of places of the residual map.
+        mismatch: Whitened square of each training pose beyond its degrees of freedom.
+    """
+
+    terms: tuple[ModelTerm, ...]
+    units: UnitStatistics
+    nominal: Int[np.ndarray, " nominal"]
+    owned: tuple[Int[np.ndarray, " _"], ...]
+    forms: tuple[Int[np.ndarray, " _"], ...]
+    generic: tuple[Int[np.ndarray, " _"], ...]
+    mismatch: Float[np.ndarray, " poses"]
+
+    @cached_property
+    def nominal_gain(self) -> float:
+        """What the nominal columns alone gain on poses left out."""
+        return float(left_out_gain(self.units, self.nominal, []).sum())
+
+    @property
+    def whole(self) -> float:
+        """Whitened square of the mismatch that nominal columns do not explain."""
+        return max(float(self.mismatch.sum()) - 2.0 * self.nominal_gain, 1e-12)
+
+    def share(self, gain: Float[np.ndarray, " poses"]) -> float:
+        """Return the share of the mismatch that a gain on poses left out explains."""
+        return 2.0 * (float(gain.sum()) - self.nominal_gain) / self.whole
+
+    def share_of(self, lost: Float[np.ndarray, " poses"]) -> float:
+        """Return a loss of poses left out as a share of the same mismatch."""
+        return 2.0 * float(lost.sum()) / self.whole
+
+
+def pose_statistics(
+    case: SelectionProblem,
+    terms: Sequence[ModelTerm],
+    generic: Sequence[EffectJacobian] = (),
+) -> PoseStatistics:
+    """Return what each training pose says of terms and of other columns.
+
+    Args:
+        case: What may be looked at.
+        terms: The set.
+        generic: Columns of places of the residual map, block by block.
+    """
+    here, held_out = case.situation, case.split.held_out
+    laws = [term.jacobian(here) for term in terms]
+    forms = [t.hypothesis.variants(here, t.where, t.shape) for t in terms]
+    every = [part for part in (*laws, *forms, *generic) if part.columns]
+    found = per_pose_scores(
+        data := case.data, [*case.nominal, *every], training(case.split)
+    )
+    widths = [part.columns for part in (*laws, *forms, *generic)]
+    ends = np.cumsum([case.library.nominal, *widths])
+    blocks = tuple(np.arange(a, b) for a, b in pairwise(ends))
+    return PoseStatistics(
+        tuple(terms),
+        UnitStatistics(found.own, found.score, np.where(held_out, -1, case.split.fold)),
+        np.arange(case.library.nominal),
+        blocks[: len(laws)],
+        blocks[len(laws) : 2 * len(laws)],
+        blocks[2 * len(laws) :],
+        mismatch_of_poses(data)[~held_out],
+    )
+
+
+def mismatch_of_poses(data: SufficientStatistics) -> Float[np.ndarray, " poses"]:
+    """Return each pose's whitened square beyond its degrees of freedom."""
+    pose, within = data.visits.posture_index, data.within
+    excess = np.bincount(pose, within.square - within.degrees_of_freedom)
+    between = data.between
+    if between is None:
+        return excess
+    seen = np.any(between.whitening.half != 0.0, axis=(2, 3))  # (visits, markers)
+    square = np.sum(between.residual.reshape(*seen.shape, 3) ** 2, axis=(1, 2))
+    free = max(1.0 - data.nuisance_count / max(3.0 * seen.sum(), 1.0), 0.0)
+    return excess + np.bincount(pose, square - 3.0 * free * seen.sum(axis=1))
+
+
+# --- Gate on poses left out -----------------------------------------------------------
+
+SECOND_ORDER = 0.0025
+"""Share of what a name explains by which its columns may be wrong where a load was
+found beside it: a name near it that explains less is none. Chosen: a twentieth of its
+amplitude, squared."""
+
+
+def gate_terms(
+    statistics: PoseStatistics, some: Sequence[int] | None = None
+) -> tuple[GatedNames, tuple[Decision, ...]]:
+    """Gate terms on poses left out, weaker ones beside other forms of stronger laws.
+
+    Args:
+        statistics: What poses say of the terms; generic blocks are always fitted too.
+        some: Which terms; None: all.
+
+    Returns:
+        What passed, and the decisions on what did not pass the second time.
+    """
+    kept = list(range(len(statistics.terms)) if some is None else some)
+    slight: list[Decision] = []
+    while True:
+        own = [(statistics.terms[t].name, statistics.owned[t]) for t in kept]
+        gated = gate_names(
+            statistics.units, statistics.nominal, own, statistics.generic
+        )
+        kept = [kept[k] for k in gated.terms]
+        weak = _weak_beside_forms(statistics, kept, gated)
+        if weak is None:
+            return gated, tuple(slight)
+        slight.append(weak)
+        kept = [t for t in kept if statistics.terms[t].name != weak.candidate]
+
+
+def second_order_name(
+    case: SelectionProblem, terms: Sequence[ModelTerm], gated: GatedNames
+) -> Decision | None:
+    """Return the slightest name that is less than what a found load may be wrong by.
+
+    What a load and what gives way under it do to each other is in neither's columns.
+
+    Args:
+        case: What may be looked at.
+        terms: The set, as it was gated.
+        gated: What each name's leaving costs.
+    """
+    loads = [t for t in terms if changes_loads(case, t)]
+    strong = [t for t in terms if t.hypothesis.linear or t in loads] if loads else []
+    lost = dict(zip(gated.names, (float(x.sum()) for x in gated.lost), strict=True))
+    found = []
+    for term in terms:
+        near = [t for t in strong if _are_near(t.where, term.where)]
+        most = max((lost[t.name] for t in near), default=0.0)
+        share = lost[term.name] / max(most, 1e-300)
+        if share < SECOND_ORDER:
+            reason = "it explains less than what a found load near it may be wrong by"
+            found.append(
+                Decision(term.name, "second_order", False, share, SECOND_ORDER, reason)
+            )
+    return min(found, key=lambda d: d.statistic, default=None)
+
+
+def _are_near(one: str, other: str) -> bool:
+    """Return whether two sites are the same or neighbours."""
+    pairs = ((a, b) for a in _axes_at(one) for b in _axes_at(other))
+    return min(abs(a - b) for a, b in pairs) <= 1
+
+
+def _axes_at(where: str) -> tuple[int, ...]:
+    """Return the numbers of the axes at a site: both of a link, 0 for the base."""
+    last = site_number(where)
+    return (last - 1, last) if where.startswith("link_") else (last,)
+
+
+def site_number(where: str) -> int:
+    """Return the place of the map where something shows: of a link, the axis after.
+
+    0 for the base, far for a tool and for instruments.
+    """
+    digits = where.removeprefix("link_").removeprefix("a")
+    number = int(digits) if digits.isdigit() else 0 if where == "base" else 99
+    return number + where.startswith("link_")
+
+
+def _weak_beside_forms(
+    statistics: PoseStatistics, kept: Sequence[int], gated: GatedNames
+) -> Decision | None:
+    """Return the weakest name that other forms of a strong law at its place replace."""
+    terms = statistics.terms
+    lost = dict(zip(gated.names, (float(x.sum()) for x in gated.lost), strict=True))
+    found = []
+    for t in kept:
+        name = terms[t].name
+        stronger = [
+            o
+            for o in kept
+            if terms[o].where == terms[t].where
+            and lost[name] < lost[terms[o].name]
+            and len(statistics.forms[o])
+        ]
+        if not stronger:
+            continue
+        own = [(terms[o].name, statistics.owned[o]) for o in kept]
+        beside = [*statistics.generic, *(statistics.forms[o] for o in stronger)]
+        again = gate_names(statistics.units, statistics.nominal, own, beside)
+        decision = next(d for d in again.decisions if d.candidate == name)
+        if not decision.accepted:
+            reason = "another form of a stronger law at its place does as well"
+            found.append(replace(decision, gate="other_forms", reason=reason))
+    return max(found, key=lambda d: d.statistic, default=None)
