@@ -23,7 +23,7 @@ import tyro
 from scenarios.report.command_line import run
 
 if TYPE_CHECKING:
-    from scenarios.pipelines.calibrate import CalibrationOutcome
+    from scenarios.pipelines.calibration import CalibrationOutcome
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Settings:
 
 def main(settings: Settings) -> CalibrationOutcome:
     """Calibrate, prove and write."""
-    from scenarios.pipelines.calibrate import calibrate_and_prove
+    from scenarios.pipelines.calibration import calibrate_and_prove
     from scenarios.pipelines.inputs import arm_of, read_for
     from scenarios.report.output_folder import refuse_folder
     from scenarios.report.sections.calibration import show, write_calibration

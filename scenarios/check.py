@@ -44,7 +44,7 @@ def main(settings: Settings) -> Recording:
     from rich.console import Console
     from rich.markup import escape
 
-    from scenarios.pipelines.diagnose import setup_errors_of, springs_warning_of
+    from scenarios.pipelines.diagnosis import setup_errors_of, springs_warning_of
     from scenarios.pipelines.inputs import arm_of, read_for
     from scenarios.pipelines.recording_check import abilities, axis_views, contents_of
 

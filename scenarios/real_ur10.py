@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 from scenarios.report.command_line import progress_bar, run
 
 if TYPE_CHECKING:
-    from scenarios.pipelines.calibrate import CalibrationOutcome
+    from scenarios.pipelines.calibration import CalibrationOutcome
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Settings:
 def main(settings: Settings) -> CalibrationOutcome:
     """State the error of the nominal arm, then calibrate it."""
     from bench.shared.format.folder import write
-    from scenarios.pipelines.calibrate import calibrate_and_prove
+    from scenarios.pipelines.calibration import calibrate_and_prove
     from scenarios.pipelines.inputs import arm_of
     from scenarios.report import data_files
     from scenarios.report.page import Block

@@ -180,7 +180,7 @@ from bench.proof.proof import prove
 from bench.rig import Rig
 from bench.shared.plan import parse_path
 from bench.standard_plans import tour
-from scenarios.pipelines.diagnose import answer_of, proved
+from scenarios.pipelines.diagnosis import answer_of, proved
 from scenarios.pipelines.inputs import arm_of
 from stiffness.diagnosis.diagnose import diagnose
 

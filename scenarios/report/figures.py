@@ -21,7 +21,7 @@ from bench.proof.explained_share import Channel
 from bench.proof.proof import Proof
 from bench.proof.proof_checks import squares
 from scenarios.pipelines.calibration_proof import CalibrationProof, rms
-from scenarios.pipelines.diagnose import MICRO, Curves, courses_of
+from scenarios.pipelines.diagnosis import MICRO, Curves, courses_of
 from scenarios.pipelines.encoder_axes import Axis, whole_rms
 from scenarios.report.style import BLUE, GREY, ORANGE, plain_log, save
 from stiffness.calibration.model import CalibrationState

@@ -23,7 +23,7 @@ from bench.meshes import shapes
 from bench.proof.comparison import residual_of
 from bench.proof.proof import Proof
 from scenarios.pipelines.calibration_proof import CalibrationProof
-from scenarios.pipelines.diagnose import MICRO, Curves, Result, courses_of, curves_of
+from scenarios.pipelines.diagnosis import MICRO, Curves, Result, courses_of, curves_of
 from scenarios.pipelines.encoder_axes import Axis
 from scenarios.report import summary
 from stiffness.calibration.model import CalibrationState

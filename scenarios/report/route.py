@@ -15,7 +15,7 @@ from rich.console import Console
 from bench.shared.errors import BenchError
 from scenarios.pipelines import diagnose, next_experiments
 from scenarios.pipelines.compare_encoders import calls_for_comparison, compare_encoders
-from scenarios.pipelines.diagnose import Result, asked, proved
+from scenarios.pipelines.diagnosis import Result, asked, proved
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.recording_check import replicate_noise
 from scenarios.pipelines.schema import Answer

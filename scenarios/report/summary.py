@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from bench.proof.proof import Channel, Proof
-from scenarios.pipelines.diagnose import MICRO, Result, channel_of
+from scenarios.pipelines.diagnosis import MICRO, Result, channel_of
 from scenarios.pipelines.effect_parameters import chance, label, span
 from scenarios.pipelines.schema import Called, Placed
 from stiffness.diagnosis.diagnose import SCATTER

@@ -25,7 +25,7 @@ from bench.model_file import load, plain_mjcf
 from bench.rig import RIGID, Rig
 from bench.shared.errors import BenchError, Unusable
 from bench.standard_plans import tour
-from scenarios.pipelines.diagnose import answer_of, asked, proved
+from scenarios.pipelines.diagnosis import answer_of, asked, proved
 from scenarios.pipelines.inputs import arm_of
 
 CONCEALED = ("hysteresis", "bearing_tilt", "lost_motion", "hardening", "encoder_offset")

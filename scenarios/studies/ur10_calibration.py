@@ -25,7 +25,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from bench.shared.recording import Recording
-from scenarios.pipelines.calibrate import calibrate_and_prove
+from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.calibration_proof import rms
 from scenarios.pipelines.inputs import arm_of
 from scenarios.report.page import Block, Heading, Paragraph, Table

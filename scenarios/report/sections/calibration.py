@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from bench.patch import rig_of, with_arm
-from scenarios.pipelines import calibrate
+from scenarios.pipelines import calibration
 from scenarios.pipelines import schema as form
-from scenarios.pipelines.calibrate import MM, CalibrationOutcome
+from scenarios.pipelines.calibration import MM, CalibrationOutcome
 from scenarios.pipelines.calibration_proof import CalibrationProof, ResidualSummary
 from scenarios.pipelines.effect_parameters import label, size, span
 from scenarios.pipelines.patching import write_patch
@@ -170,7 +170,7 @@ def write_calibration(
 
     def make(waiting: Path) -> None:
         blocks = blocks_of(o.found, o.proof, o.residual, o.answer, waiting)
-        first = calibrate.first_sentence(o.answer, o.proof)
+        first = calibration.first_sentence(o.answer, o.proof)
         title = f"Calibration: {o.answer.recording}"
         page.write(waiting, title, first, [*blocks, *more])
         text = form.text_of(o.answer)
@@ -184,5 +184,5 @@ def write_calibration(
 
 def show(outcome: CalibrationOutcome) -> None:
     """Open the viewer with the playback of a calibration."""
-    first = calibrate.first_sentence(outcome.answer, outcome.proof)
+    first = calibration.first_sentence(outcome.answer, outcome.proof)
     playback.show_calibration(outcome.found, outcome.proof, first, None)

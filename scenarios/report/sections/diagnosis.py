@@ -14,7 +14,7 @@ import numpy as np
 from bench.proof.proof_checks import ProofCheck
 from bench.shared.effect_catalogue import usual
 from scenarios.pipelines import schema
-from scenarios.pipelines.diagnose import MICRO, Result, channel_of, curves_of
+from scenarios.pipelines.diagnosis import MICRO, Result, channel_of, curves_of
 from scenarios.pipelines.effect_parameters import chance, label, size, span
 from scenarios.pipelines.patching import write_patch
 from scenarios.report import data_files, figures, page, playback, summary

@@ -19,7 +19,7 @@ import msgspec
 import tyro
 
 from bench.shared.errors import BenchError, Unusable
-from scenarios.pipelines.diagnose import answer_of, proved
+from scenarios.pipelines.diagnosis import answer_of, proved
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.schema import text_of
 from scenarios.report.command_line import run

@@ -16,9 +16,9 @@ from bench.shared.errors import BenchError, LeftOut, Unusable
 from bench.shared.format import folder
 from bench.user_model import ASSETS
 from scenarios import diagnose, record
-from scenarios.pipelines import diagnose as steps
+from scenarios.pipelines import diagnosis as steps
 from scenarios.pipelines import next_experiments
-from scenarios.pipelines.diagnose import Result, answer_of, calls_for_calibration
+from scenarios.pipelines.diagnosis import Result, answer_of, calls_for_calibration
 from scenarios.pipelines.effect_parameters import chance, label, size, span
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.patching import STIFFEST, patch_of_diagnosis, stiffening

@@ -10,7 +10,7 @@ from bench.patch import Mounted, Patch, PatchEffect, rig_of
 from bench.shared.errors import Unusable
 from bench.shared.instrument_specs import TrackerSpec
 from bench.shared.recording import UNLOADED, Marker, Payload, Recording
-from scenarios.pipelines.calibrate import calibrate_and_prove
+from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.inputs import arm_of
 from scenarios.report.sections.calibration import show, write_calibration
 from scenarios.studies import ur10_calibration

@@ -8,7 +8,7 @@ from test_calibration import NOISE, PLACE, UR10, recorded
 from bench import patch
 from bench.patch import PatchEffect
 from bench.shared.recording import Marker, Recording
-from scenarios.pipelines.calibrate import calibrate_and_prove
+from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.calibration_proof import rms
 from scenarios.pipelines.inputs import arm_of
 from scenarios.report.sections.calibration import write_calibration

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from small_bench import arm, prepared, recording
 
-from scenarios.pipelines.diagnose import Result, answer_of
+from scenarios.pipelines.diagnosis import Result, answer_of
 from scenarios.report.data_files import read_table, write_table
 from scenarios.report.output_folder import DECISIONS
 from scenarios.report.sections.diagnosis import decision_rows

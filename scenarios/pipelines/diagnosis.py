@@ -29,7 +29,7 @@ from bench.proof.proof import Channel as ProofChannel
 from bench.proof.proof import Proof, prove
 from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
-from scenarios.pipelines.calibrate import CalibrationOutcome, calibrate_and_prove
+from scenarios.pipelines.calibration import CalibrationOutcome, calibrate_and_prove
 from scenarios.pipelines.patching import patch_of_diagnosis
 from scenarios.pipelines.schema import (
     DISAGREES,
