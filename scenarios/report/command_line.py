@@ -1,24 +1,29 @@
 """Runs a command: its flags, faults and progress bar, and its exit status.
 
+`stiffness-bench NAME` (`main`) is `python -m scenarios.NAME`; alone it lists them all.
+
 Every command ends with `run(main, Settings)`: flags are the fields of `Settings`, the
 module's docstring is its manual. The exit status is 0 when done, 2 after a user's
 mistake and 130 when interrupted, without a traceback. `at_least` reports all faults of
 the flags at once; `progress_bar` is shown on a terminal only and vanishes at the end.
 """
 
+import ast
 import os
 import re
 import sys
 import warnings
 from collections.abc import Callable
+from importlib import import_module
 from io import TextIOWrapper
+from pathlib import Path
 from typing import Any, TypeVar
 
 import tyro
 from rich.console import Console
 from rich.progress import Progress, ProgressColumn
 
-from bench.shared.errors import BenchError, LeftOut, Unusable
+from bench.shared.errors import BenchError, LeftOut, UnknownName, Unusable
 from bench.shared.format.faults import visible
 from scenarios import INTERRUPTED, SAYS
 
@@ -31,12 +36,47 @@ _said: set[str] = set()
 Settings = TypeVar("Settings")
 
 
-def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
+PROGRAM = "stiffness-bench"
+
+
+def commands() -> dict[str, str]:
+    """Return the names of all commands, each with the first line of its manual."""
+    files = sorted(Path(__file__).parents[1].glob("[a-z]*.py"))
+    trees = {file.stem: ast.parse(file.read_text("utf-8")) for file in files}
+    manuals = {name: ast.get_docstring(tree) or "" for name, tree in trees.items()}
+    return {name: text.partition("\n")[0] for name, text in manuals.items()}
+
+
+def main() -> None:
+    """Run the command that the first word names, or list all of them."""
+    name, known = next(iter(sys.argv[1:]), "--help"), commands()
+    if name in ("--help", "-h"):
+        wide = max(map(len, known))
+        lines = (f"  {word:{wide}}  {text}" for word, text in known.items())
+        use = f"{PROGRAM} NAME FLAGS, manuals by {PROGRAM} NAME --help"
+        print("\n".join((use, *lines)))
+        return
+    if name not in known:
+        print(UnknownName("command", name, known), file=sys.stderr)
+        sys.exit(USER_MISTAKE)
+    try:
+        command = import_module(f"scenarios.{name}")
+    except KeyboardInterrupt:
+        print(SAYS, file=sys.stderr)
+        sys.exit(INTERRUPTED)
+    sys.argv = [f"{PROGRAM} {name}", *sys.argv[2:]]
+    run(command.main, command.Settings, sys.argv[0])
+
+
+def run(
+    main: Callable[[Settings], object], settings: type[Settings], program: str = ""
+) -> None:
     """Read the command line, run a command, and exit with its status.
 
     Args:
         main: Function of the command; called with the settings.
         settings: A frozen dataclass; its fields are the flags.
+        program: How it was called; empty: as `python -m scenarios.NAME`.
     """
     module = sys.modules[main.__module__]
     warnings.showwarning = _noted
@@ -44,6 +84,7 @@ def run(main: Callable[[Settings], object], settings: type[Settings]) -> None:
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")
     name = f"python -m {module.__spec__.name}" if module.__spec__ else None
+    name = program or name
     manual = re.sub(r"\n(?=(Takes|Expect):)", "\n\n", module.__doc__ or "")
     try:
         main(tyro.cli(settings, prog=name, description=manual))

@@ -298,24 +298,39 @@ def test_an_interrupted_command_says_that_it_can_go_on(monkeypatch, folder):
     assert error.getvalue() == f"{SAYS}\n"
 
 
-def test_a_command_interrupted_while_it_loads_ends_with_130_and_no_trace():
-    """The interrupt comes when the first library asks for numpy."""
-    program = (
-        "import runpy, sys\n"
-        "class Interrupt:\n"
-        "    def find_spec(self, name, *_):\n"
-        "        if name == 'numpy': raise KeyboardInterrupt\n"
-        "sys.meta_path.insert(0, Interrupt())\n"
-        "runpy.run_module('scenarios.check', run_name='__main__')"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", program],
+INTERRUPT = """import sys
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == "numpy": raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupt())
+"""
+"""The interrupt comes when the first library asks for numpy."""
+
+
+def interrupted_while_loading(folder, *words):
+    """Run a fresh Python, whose import of numpy is interrupted."""
+    (folder / "sitecustomize.py").write_text(INTERRUPT)
+    return subprocess.run(
+        [sys.executable, *words],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join([str(folder), str(ROOT)])},
         capture_output=True,
         text=True,
         cwd=ROOT,
         check=False,
     )
+
+
+def test_a_command_interrupted_while_it_loads_ends_with_130_and_no_trace(tmp_path):
+    done = interrupted_while_loading(tmp_path, "-m", "scenarios.check", "x")
     assert (done.returncode, done.stderr) == (130, f"{SAYS}\n")
+
+
+def test_a_program_of_somebody_else_is_interrupted_as_usual(tmp_path):
+    """A notebook that imports these packages is none of their commands."""
+    program = "import scenarios; from bench.shared import recording"
+    done = interrupted_while_loading(tmp_path, "-c", program)
+    assert SAYS not in done.stderr
+    assert "KeyboardInterrupt" in done.stderr
 
 
 def test_a_recording_written_again_checks_alike(folder, tmp_path, arm):
