@@ -15,9 +15,9 @@ import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Literal
 
 from scenarios.report.command_line import run
-from scenarios.studies.diagnosis_cost import Kind
 
 CAPTION = (
     "What one run of scenarios.diagnose takes, reading and writing too. Loads: four "
@@ -35,7 +35,7 @@ class Settings:
     """Folder for the report and the table."""
     poses: tuple[int, ...] = (3000, 6000, 12000)
     """How many poses are diagnosed, smallest first."""
-    kinds: tuple[Kind, ...] = ("loads", "weight")
+    kinds: tuple[Literal["loads", "weight"], ...] = ("loads", "weight")
     """With loads and 28 marks; or one target and the arm's own weight alone."""
 
 

@@ -49,16 +49,17 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import nn
 from typing_extensions import override
 
 from bench.shared.errors import UnknownName, Unusable
 from stiffness.networks.features import Scaling, encoding
+
+if TYPE_CHECKING:  # who only states a shape, as a command's flags do, needs no torch
+    import torch
 
 # --- Single thread --------------------------------------------------------------------
 
@@ -66,6 +67,8 @@ from stiffness.networks.features import Scaling, encoding
 @contextmanager
 def one_thread() -> Iterator[None]:
     """Compute on one thread for a while; sums then run in one order."""
+    import torch
+
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
@@ -84,7 +87,7 @@ class Shape(ABC):
     """Architecture of a network, without weights."""
 
     @abstractmethod
-    def build(self, inputs: int, seed: int) -> nn.Module:
+    def build(self, inputs: int, seed: int) -> "torch.nn.Module":
         """Build the network with weights drawn by the seed.
 
         Args:
@@ -93,31 +96,35 @@ class Shape(ABC):
         """
 
     @abstractmethod
-    def layers(self, network: nn.Module) -> tuple[nn.Module, ...]:
+    def layers(self, network: "torch.nn.Module") -> "tuple[torch.nn.Module, ...]":
         """Return the layers that can be frozen, from inputs to the output layer."""
 
     @abstractmethod
-    def features(self, network: nn.Module, inputs: torch.Tensor) -> torch.Tensor:
+    def features(
+        self, network: "torch.nn.Module", inputs: "torch.Tensor"
+    ) -> "torch.Tensor":
         """Return the inputs of the output layer, a row of features per row."""
 
 
-def load(network: nn.Module, weights: Mapping[str, np.ndarray]) -> None:
+def load(network: "torch.nn.Module", weights: Mapping[str, np.ndarray]) -> None:
     """Load weights into a network, running statistics included."""
+    import torch
+
     state = {name: torch.from_numpy(np.array(w)) for name, w in weights.items()}
     network.load_state_dict(state)
 
 
-def weights_of(network: nn.Module) -> dict[str, np.ndarray]:
+def weights_of(network: "torch.nn.Module") -> dict[str, np.ndarray]:
     """Return a copy of a network's weights, running statistics included."""
     return {name: w.numpy().copy() for name, w in network.state_dict().items()}
 
 
 # --- Multilayer perceptron ------------------------------------------------------------
 
-ACTIVATIONS: Final[Mapping[str, type[nn.Module]]] = MappingProxyType(
-    {"relu": nn.ReLU, "tanh": nn.Tanh, "sigmoid": nn.Sigmoid}
+ACTIVATIONS: Final[Mapping[str, str]] = MappingProxyType(
+    {"relu": "ReLU", "tanh": "Tanh", "sigmoid": "Sigmoid"}
 )
-"""Activation functions of the paper's Table 7."""
+"""Activation functions of the paper's Table 7, with torch's names of their layers."""
 
 
 @dataclass(frozen=True)
@@ -151,37 +158,48 @@ class Mlp(Shape):
             raise UnknownName("activation", self.activation, ACTIVATIONS)
 
     @override
-    def build(self, inputs: int, seed: int) -> nn.Sequential:
+    def build(self, inputs: int, seed: int) -> "torch.nn.Sequential":
         """Build it with orthogonal weights in hidden layers and zeros in the output.
 
         Orthogonal weights preserve the size of signals through many layers (Saxe et al.
         2014, "Exact solutions to the nonlinear dynamics of learning").
         """
+        import torch
+        from torch import nn
+
         draw = torch.Generator().manual_seed(seed)
         gain = nn.init.calculate_gain(self.activation)  # pyright: ignore[reportArgumentType]
         parts: list[nn.Module] = []
         for layer in range(self.hidden):
             dense = _dense(inputs if layer == 0 else self.width, self.width)
             nn.init.orthogonal_(dense.weight, gain, draw)
-            parts += [dense, ACTIVATIONS[self.activation]()]
+            parts += [dense, getattr(nn, ACTIVATIONS[self.activation])()]
         last = _dense(self.width, OUTPUTS)
         nn.init.zeros_(last.weight)
         return nn.Sequential(*parts, last)
 
     @override
-    def layers(self, network: nn.Module) -> tuple[nn.Module, ...]:
+    def layers(self, network: "torch.nn.Module") -> "tuple[torch.nn.Module, ...]":
         """Return the hidden layers, then the output layer."""
+        from torch import nn
+
         return tuple(part for part in network.children() if isinstance(part, nn.Linear))
 
     @override
-    def features(self, network: nn.Module, inputs: torch.Tensor) -> torch.Tensor:
+    def features(
+        self, network: "torch.nn.Module", inputs: "torch.Tensor"
+    ) -> "torch.Tensor":
         """Return the last hidden layer."""
+        from torch import nn
+
         assert isinstance(network, nn.Sequential)
         return network[:-1](inputs)
 
 
-def _dense(before: int, after: int) -> nn.Linear:
+def _dense(before: int, after: int) -> "torch.nn.Linear":
     """Return a layer without bias yet, and without a draw from torch's generator."""
+    from torch import nn
+
     layer = nn.Linear(before, after, device="meta").to_empty(device="cpu")
     nn.init.zeros_(layer.bias)
     return layer
@@ -230,8 +248,11 @@ class Cnn(Shape):
             raise Unusable("The network", faults)
 
     @override
-    def build(self, inputs: int, seed: int) -> nn.Sequential:
+    def build(self, inputs: int, seed: int) -> "torch.nn.Sequential":
         """Build it, with torch's default weights."""
+        import torch
+        from torch import nn
+
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             one_by_one = self.inputs_are == "signal"
@@ -252,13 +273,17 @@ class Cnn(Shape):
             return nn.Sequential(*parts, nn.Linear(DENSE, OUTPUTS))
 
     @override
-    def layers(self, network: nn.Module) -> tuple[nn.Module, ...]:
+    def layers(self, network: "torch.nn.Module") -> "tuple[torch.nn.Module, ...]":
         """Return four convolutions with their normalisation, dense, output layer."""
         return tuple(network.children())[1:]
 
     @override
-    def features(self, network: nn.Module, inputs: torch.Tensor) -> torch.Tensor:
+    def features(
+        self, network: "torch.nn.Module", inputs: "torch.Tensor"
+    ) -> "torch.Tensor":
         """Return the dense layer."""
+        from torch import nn
+
         assert isinstance(network, nn.Sequential)
         return network[:-1](inputs)
 
@@ -291,7 +316,7 @@ class DeflectionNetwork:
     point_in_flange: Float[np.ndarray, "3"]
     origin_in_flange: Float[np.ndarray, "3"]
 
-    def build(self) -> nn.Module:
+    def build(self) -> "torch.nn.Module":
         """Return a network of torch with these weights, set to predict."""
         network = self.shape.build(len(self.inputs.mean), seed=0)
         load(network, self.weights)
@@ -330,6 +355,8 @@ class DeflectionNetwork:
         Raises:
             Unusable: Where the network has another number of axes.
         """
+        import torch
+
         network = self.build()
         seen = torch.from_numpy(self.encode(posture, wrench_in_base).astype(np.float32))
         with torch.no_grad(), one_thread():

@@ -25,15 +25,17 @@ from functools import partial
 from math import cos, pi
 from pathlib import Path
 from tempfile import NamedTemporaryFile
+from typing import TYPE_CHECKING
 from zipfile import BadZipFile
 
 import numpy as np
-import torch
 from jaxtyping import Float
-from torch import nn
 
 from bench.shared.errors import Unusable
 from stiffness.networks.model import load, one_thread, weights_of
+
+if TYPE_CHECKING:  # who only states steps and rates needs no torch
+    import torch
 
 # --- Progress -------------------------------------------------------------------------
 
@@ -90,7 +92,7 @@ def about(tell: Tell | None, phase: str) -> Watch | None:
 
 
 def taken_down(
-    optimizer: torch.optim.Optimizer, network: nn.Module, loss: np.ndarray
+    optimizer: "torch.optim.Optimizer", network: "torch.nn.Module", loss: np.ndarray
 ) -> Progress:
     """Return a copy of the state of a training."""
     moments = {
@@ -102,9 +104,11 @@ def taken_down(
 
 
 def take_up(
-    optimizer: torch.optim.Optimizer, network: nn.Module, begun: Progress
+    optimizer: "torch.optim.Optimizer", network: "torch.nn.Module", begun: Progress
 ) -> None:
     """Restore the state of a training."""
+    import torch
+
     load(network, begun.weights)
     for name, parameter in network.named_parameters():
         optimizer.state[parameter] = {
@@ -173,7 +177,7 @@ def begun_or_none(file: Path, key: str) -> Progress | None:
 
 # --- Training -------------------------------------------------------------------------
 
-Penalty = Callable[[nn.Module, torch.Tensor], torch.Tensor]
+Penalty = Callable[["torch.nn.Module", "torch.Tensor"], "torch.Tensor"]
 """Term added to the loss, given the network and the inputs of a mini-batch."""
 
 
@@ -223,7 +227,7 @@ class Training:
 
 
 def train(
-    network: nn.Module,
+    network: "torch.nn.Module",
     rows: tuple[Float[np.ndarray, "rows inputs"], Float[np.ndarray, "rows 3"]],
     settings: Training,
     seed: int,
@@ -245,6 +249,8 @@ def train(
     Returns:
         The training at its end.
     """
+    import torch
+
     tell = tell or Listeners()
     with one_thread(), torch.random.fork_rng(devices=[]):
         weights, betas = network.parameters(), (0.9, settings.forget)
@@ -264,7 +270,7 @@ def train(
             optimizer.param_groups[0]["lr"] = settings.rate_at(step)
             optimizer.zero_grad()
             some = x[batch]
-            loss = nn.functional.mse_loss(network(some), y[batch])
+            loss = torch.nn.functional.mse_loss(network(some), y[batch])
             if penalty is not None:
                 loss = loss + penalty(network, some)
             loss.backward()
