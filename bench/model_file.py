@@ -29,6 +29,7 @@ import numpy as np
 
 from bench.shared.errors import BenchError, LeftOut, Unusable
 from bench.shared.format.faults import quoted
+from bench.shared.models import ModelFacts
 
 # --- Check of the text ----------------------------------------------------------------
 
@@ -363,6 +364,25 @@ def _refuse_nonsense(path: Path, model: mujoco.MjModel) -> None:
         faults.append(f"body {name!r} has {count} joints; give each a body of its own.")
     if faults:
         raise Unusable(f"Model {str(path)!r}", faults)
+
+
+def facts_of(model: mujoco.MjModel) -> ModelFacts:
+    """Return names and limits of a compiled model; places have the format's names too.
+
+    Args:
+        model: A compiled model.
+    """
+    own = [model.body(b).name or f"body_{b}" for b in range(1, model.nbody)]
+    links = [f"link_{k + 1}" for k in range(model.njnt)]
+    bodies = [*own, "base", *links, "flange", "tool"]
+    limits = np.where(model.jnt_limited[:, None], model.jnt_range, [[-np.inf, np.inf]])
+    return ModelFacts(
+        joints=tuple(model.joint(j).name for j in range(model.njnt)),
+        slides=tuple(bool(kind == SLIDE) for kind in model.jnt_type),
+        lower=limits[:, 0],
+        upper=limits[:, 1],
+        bodies=tuple(dict.fromkeys(b for b in bodies if not b.startswith(PATCH))),
+    )
 
 
 def plain_mjcf(model: mujoco.MjModel) -> str:

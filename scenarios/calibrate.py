@@ -42,17 +42,20 @@ class Settings:
 
 def main(settings: Settings) -> CalibrationOutcome:
     """Calibrate, prove and write."""
+    from rich.console import Console
+
     from scenarios.pipelines.calibration import calibrate_and_prove
     from scenarios.pipelines.inputs import arm_of, read_for
     from scenarios.report.output_folder import refuse_folder
-    from scenarios.report.sections.calibration import show, write_calibration
+    from scenarios.report.sections.calibration import show, write_files
 
     refuse_folder(settings.out, settings.recording)
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
     for note in notes:
         print(note)
-    outcome = calibrate_and_prove(recording, arm, settings.robot)
-    write_calibration(settings.out, outcome)
+    said = Console().print
+    outcome = calibrate_and_prove(recording, arm, settings.robot, said=said)
+    write_files(settings.out, outcome)
     if settings.view:
         show(outcome)
     print(f"{settings.out / 'report.html'}")

@@ -44,15 +44,15 @@ def main(settings: Settings) -> Answer:
     """Compare the encoders, and write what was found."""
     from bench.shared.format.folder import write
     from scenarios.pipelines.compare_encoders import compare_encoders
-    from scenarios.report.sections.dual_encoder import write_outcome
+    from scenarios.report.sections.dual_encoder import headline, write_files
     from scenarios.studies.public_recordings import kr300_recording
 
     recording = kr300_recording(settings.data)
     if settings.recording is not None:
         write(settings.recording, recording)
     outcome = compare_encoders(recording, MODEL)
-    first = write_outcome(settings.out, outcome)
-    print(first)
+    write_files(settings.out, outcome)
+    print(headline(outcome))
     return outcome.answer
 
 

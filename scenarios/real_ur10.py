@@ -18,6 +18,7 @@ Expect: over all poses 3.01 mm rms with the tracker's frame fitted, 0.84 mm with
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,12 +45,14 @@ class Settings:
 
 def main(settings: Settings) -> CalibrationOutcome:
     """State the error of the nominal arm, then calibrate it."""
+    from rich.console import Console
+
     from bench.shared.format.folder import write
     from scenarios.pipelines.calibration import calibrate_and_prove
     from scenarios.pipelines.inputs import arm_of
     from scenarios.report import data_files
     from scenarios.report.page import Block
-    from scenarios.report.sections.calibration import write_calibration
+    from scenarios.report.sections.calibration import write_files
     from scenarios.studies import ur10_calibration
     from scenarios.studies.public_recordings import ur10_recording
     from scenarios.studies.ur10_calibration import MODEL, nominal
@@ -57,9 +60,9 @@ def main(settings: Settings) -> CalibrationOutcome:
     recording = ur10_recording(settings.data)
     if settings.recording is not None:
         write(settings.recording, recording)
-    nominal(recording, settings.out)
+    print(json.dumps(nominal(recording, settings.out), indent=2))
     arm = arm_of(MODEL).for_recording(recording)
-    outcome = calibrate_and_prove(recording, arm, MODEL)
+    outcome = calibrate_and_prove(recording, arm, MODEL, said=Console().print)
     more: list[Block] = []
     if settings.draws > 0:
         others = range(1, settings.draws + 1)
@@ -70,7 +73,7 @@ def main(settings: Settings) -> CalibrationOutcome:
             )
         data_files.write_table(settings.out / "draws.csv", drawn)
         more += ur10_calibration.blocks_of(drawn)
-    write_calibration(settings.out, outcome, more)
+    write_files(settings.out, outcome, more)
     return outcome
 
 

@@ -70,6 +70,12 @@ def within(name: str, parents: tuple[str, ...]) -> bool:
     return any(name == parent or name.startswith(f"{parent}.") for parent in parents)
 
 
+def names_called(source: str) -> set[str]:
+    """Return the names of all that a source calls."""
+    nodes = ast.walk(ast.parse(source))
+    return {ast.unparse(n.func) for n in nodes if isinstance(n, ast.Call)}
+
+
 RISKY_CALLS = {
     *("eval", "exec", "compile", "__import__", "os.system", "os.popen"),
     *("joblib.load", "joblib.dump", "torch.load", "torch.save"),

@@ -139,6 +139,14 @@ def test_quickstart_works_word_for_word(tmp_path, monkeypatch):
         assert Path("my-answer", file).is_file()
 
 
+def test_python_of_the_first_page_is_that_of_the_example():
+    """Which runs in a test of its own, with the same numbers."""
+    [code] = blocks("README.md", "python")
+    lines = [line.partition("  #")[0] for line in code.splitlines() if line]
+    example = text("scenarios/examples/first_diagnosis.py").splitlines()
+    assert [line for line in lines if line not in example] == []
+
+
 @pytest.mark.slow
 def test_experiment_of_the_benchs_document_runs(monkeypatch, capsys):
     """With fewer poses than the document's."""

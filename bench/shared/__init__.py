@@ -1,1 +1,26 @@
-"""Shared by both sides: recordings, their format, plans, errors; no physics."""
+"""Shared by both sides: recordings, their format, plans, errors; no physics.
+
+`lazy_names` lets a package offer public names that are imported when they are used
+first (PEP 562): `import bench` brings no simulator along, `--help` no library at all.
+"""
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+
+
+def lazy_names(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
+    """Return the `__getattr__` of a package.
+
+    Args:
+        package: Name of the package.
+        homes: The module in which each public name is defined; a name whose home is
+            the package with it appended is that module itself.
+    """
+
+    def imported(name: str) -> object:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        home = import_module(homes[name])
+        return home if homes[name] == f"{package}.{name}" else getattr(home, name)
+
+    return imported

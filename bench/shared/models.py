@@ -1,6 +1,7 @@
-"""Names and limits of a robot model that a recording is checked against."""
+"""Models of robots as both sides share them: plain text, names and limits of parts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -23,3 +24,23 @@ class ModelFacts:
     lower: Float[np.ndarray, " joints"]
     upper: Float[np.ndarray, " joints"]
     bodies: tuple[str, ...]
+
+
+@dataclass(frozen=True, repr=False)
+class RobotModel:
+    """A robot's model, read from its file.
+
+    Attributes:
+        file: MJCF or URDF.
+        mjcf: Its bodies, joints and masses as self-contained MJCF text, in m and rad.
+        facts: Names and limits that a recording is checked against.
+    """
+
+    file: Path
+    mjcf: str = field(repr=False)
+    facts: ModelFacts
+
+    def __repr__(self):
+        """Return the file's name and what moves."""
+        joints = ", ".join(self.facts.joints)
+        return f"RobotModel({self.file.name!r}, joints {joints})"

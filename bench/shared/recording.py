@@ -83,6 +83,7 @@ class Recording:
         robot: Informative name of the robot.
         rows: Whether a row is a plateau or an instant of a stream.
         displacement: `relative`: only differences within a visit mean anything.
+        notes: What was seen on reading it that is no fault.
 
     Raises:
         Unusable: Where arrays disagree in shape, naming each.
@@ -115,6 +116,7 @@ class Recording:
     robot: str = ""
     rows: Literal["plateaus", "stream"] = "plateaus"
     displacement: Literal["absolute", "relative"] = "absolute"
+    notes: tuple[str, ...] = field(default=(), compare=False)
 
     def __post_init__(self):
         """Check that all arrays have the same rows, axes and markers."""

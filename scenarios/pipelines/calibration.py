@@ -14,16 +14,19 @@ Ignores     that losses of confounded names overlap
 ==========  ==========================================================================
 """
 
+import math
 import time
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 from scipy.stats import norm
 
+from bench.patch import Patch
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
+from bench.shared.settings import SETTINGS
 from scenarios.pipelines.calibration_proof import (
     ALPHA,
     CalibrationProof,
@@ -43,10 +46,13 @@ from scenarios.pipelines.schema import (
     Placed,
     Proved,
     verdict_of,
+    why_not,
 )
 from stiffness.calibration.columns import Key
 from stiffness.calibration.model import readings_of, spatial_folds_of
 from stiffness.calibration.result import Calibrated, calibrated
+from stiffness.calibration.selection import BELIEVED, NO_GAIN
+from stiffness.diagnosis.result import Decision
 from stiffness.robot.arm import Arm
 
 # --- The entry in schema 1 ------------------------------------------------------------
@@ -54,6 +60,8 @@ from stiffness.robot.arm import Arm
 MM = 1e3
 LIKE = {"hysteresis": "lost_motion"}
 """Effects that cannot be told apart at rest: both depend on the side of approach."""
+IMPOSSIBLE_FIT = "the best fit is a size that the effect cannot have"
+NOT_MISSED = "fitted with the others, but taken out alone it is not missed"
 
 
 def answer_of(
@@ -118,6 +126,7 @@ def answer_of(
         proof=entry,
         next_experiments=(),
         seconds=round(seconds, 1),
+        settings=asdict(SETTINGS),
     )
 
 
@@ -200,7 +209,7 @@ def first_sentence(answer: Answer, proof: CalibrationProof) -> str:
     )
 
 
-# --- The files ------------------------------------------------------------------------
+# --- The outcome ----------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -213,13 +222,42 @@ class CalibrationOutcome:
     answer: Answer
     model: Path
 
+    @property
+    def patch(self) -> Patch:
+        """What the simulator was given."""
+        return self.proof.patch
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """The verdict on each effect that was tried, at each site."""
+        gate, least, nothing = "regions_left_out", SETTINGS.standard_errors, math.nan
+        tried = [
+            Decision(step.key, gate, True, z, least, "predicts regions left out")
+            if step.verdict == BELIEVED
+            else Decision(step.key, gate, False, z, least, "does not predict them")
+            if step.verdict == NO_GAIN
+            else Decision(step.key, "physical", False, nothing, nothing, IMPOSSIBLE_FIT)
+            for step in self.found.selected.steps
+            for z in [step.gain / max(step.error, 1e-30)]
+        ]
+        fitted = set(self.found.estimates) - set(self.found.named)
+        tried += [
+            Decision(key, "magnitude", False, nothing, nothing, NOT_MISSED)
+            for key in sorted(fitted)
+        ]
+        return tuple(tried)
+
+    def why_not(self, effect: str, where: str) -> str:
+        """Say why an effect was not named at a place; see `schema.why_not`."""
+        return why_not(self.answer, self.decisions, effect, where)
+
 
 def calibrate_and_prove(
     recording: Recording,
     arm: Arm,
     model: Path,
     draw: int = 0,
-    quiet: bool = False,
+    said: Callable[[str], object] = lambda _: None,
     rejected: float = 1.0,
 ) -> CalibrationOutcome:
     """Calibrate an arm on a recording and prove it in the simulator.
@@ -229,19 +267,18 @@ def calibrate_and_prove(
         arm: The nominal arm, with the recording's names.
         model: Its file, for the simulator.
         draw: Which regions are held out; see `spatial_folds_of`.
-        quiet: Whether to print no progress.
+        said: Callback that receives a line on each step.
         rejected: p-value of the nominal arm from a test made before; 1: none was made.
 
     Raises:
         Unusable: Where the recording does not allow a calibration.
     """
     started = time.perf_counter()
-    console = Console(quiet=quiet)
     readings = readings_of(recording, arm)
-    found = calibrated(readings, spatial_folds_of(readings, draw), console.print)
+    found = calibrated(readings, spatial_folds_of(readings, draw), said)
     proof = proved(found, recording, model)
     residual = summarise_residual(found, proof)
     seconds = time.perf_counter() - started
     answer = answer_of(recording.name, found, proof, residual, seconds, rejected)
-    console.print(first_sentence(answer, proof))
+    said(first_sentence(answer, proof))
     return CalibrationOutcome(found, proof, residual, answer, model)

@@ -20,8 +20,8 @@ from bench.proof.explained_share import Share, explained_share
 from bench.proof.setup import mounted_on, point_in_base
 from bench.proof.simulation import reading_of
 from bench.shared.recording import Recording
-from scenarios.pipelines.effect_parameters import label
 from scenarios.pipelines.patching import FROM_SIDES, patch_of_calibration
+from scenarios.pipelines.schema import label
 from stiffness.calibration.model import CalibrationState, Geometry
 from stiffness.calibration.result import Calibrated, drift_term
 from stiffness.robot.tracker_frame import kabsch

@@ -7,9 +7,10 @@ axis, what it is correlated with and how long it keeps its sign; `notices` are t
 warnings on torques, springs, orders and refused terms.
 """
 
+import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from bench.patch import Patch
 from bench.proof.explained_share import explained_share
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
+from bench.shared.settings import SETTINGS
 from scenarios.pipelines.encoder_axes import Axis, heldout_comparison, whole_rms
 from scenarios.pipelines.patching import patch_of_encoders
 from scenarios.pipelines.schema import (
@@ -34,7 +36,9 @@ from scenarios.pipelines.schema import (
     Proved,
     Remark,
     verdict_of,
+    why_not,
 )
+from stiffness.diagnosis.result import Decision
 from stiffness.dual_encoder.fit import SelectionStep
 from stiffness.dual_encoder.motions import axes_read_twice
 from stiffness.dual_encoder.residuals import SHOWS, followed, lasting
@@ -304,6 +308,7 @@ def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
         proof=entry,
         next_experiments=(),
         seconds=round(seconds, 1),
+        settings=asdict(SETTINGS),
     )
 
 
@@ -381,15 +386,6 @@ OFF = 0.2
 winds up by a fifth of its travel."""
 
 
-def calls_for_comparison(recording: Recording) -> bool:
-    """Return whether a stream has second encoders and no target that was tracked."""
-    return (
-        recording.rows == "stream"
-        and not recording.markers
-        and bool(axes_read_twice(recording))
-    )
-
-
 @dataclass(frozen=True)
 class ComparisonOutcome:
     """The axes, the answer and the patch of a comparison of encoders.
@@ -405,6 +401,20 @@ class ComparisonOutcome:
     answer: Answer
     patch: Patch | None
     model: Path | None = None
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """The verdict on each term that was tried and refused, at each axis."""
+        gate, nothing = "motions_left_out", math.nan
+        return tuple(
+            Decision((t.term.effect, a.name), gate, False, nothing, nothing, t.reason)
+            for a in self.axes
+            for t in a.found.refused
+        )
+
+    def why_not(self, effect: str, where: str) -> str:
+        """Say why an effect was not named at an axis; see `schema.why_not`."""
+        return why_not(self.answer, self.decisions, effect, where)
 
 
 def compare_encoders(recording: Recording, model: Path) -> ComparisonOutcome:
@@ -474,4 +484,5 @@ def _stopped(
         proof=None,
         next_experiments=(),
         seconds=round(seconds, 1),
+        settings=asdict(SETTINGS),
     )

@@ -13,15 +13,16 @@ Everything that the story, the report and the playback speak of, in one place.
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import numpy as np
 from jaxtyping import Float
-from rich.console import Console
 
+from bench.patch import Patch
 from bench.proof.comparison import residual_of
 from bench.proof.explained_share import Channel
 from bench.proof.nominal_fit import joint_rotation_estimates, torques_of
@@ -29,10 +30,9 @@ from bench.proof.proof import Channel as ProofChannel
 from bench.proof.proof import Proof, prove
 from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
-from scenarios.pipelines.calibration import CalibrationOutcome, calibrate_and_prove
+from bench.shared.settings import SETTINGS
 from scenarios.pipelines.patching import patch_of_diagnosis
 from scenarios.pipelines.schema import (
-    DISAGREES,
     Answer,
     At,
     Called,
@@ -58,6 +58,9 @@ from stiffness.diagnosis.nominal_fit import (
 from stiffness.diagnosis.result import Diagnosis, Name, NamedEffect, Warned
 from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.robot.arm import Arm
+
+if TYPE_CHECKING:
+    from scenarios.pipelines.calibration import CalibrationOutcome
 
 # --- Engine and simulator -------------------------------------------------------------
 
@@ -147,7 +150,18 @@ def _odd(recording: Recording, error: Exception) -> BenchError:
     )
 
 
-# --- Where calibration is called for --------------------------------------------------
+# --- Where another engine is called for -----------------------------------------------
+
+
+def calls_for_comparison(recording: Recording) -> bool:
+    """Return whether a stream has second encoders and no target that was tracked."""
+    from stiffness.dual_encoder.motions import axes_read_twice
+
+    return (
+        recording.rows == "stream"
+        and not recording.markers
+        and bool(axes_read_twice(recording))
+    )
 
 
 def calls_for_calibration(recording: Recording, found: Diagnosis) -> bool:
@@ -162,22 +176,28 @@ def calls_for_calibration(recording: Recording, found: Diagnosis) -> bool:
 
 
 def try_calibration(
-    recording: Recording, arm: Arm, robot: Path, console: Console, rejected: float
-) -> CalibrationOutcome | None:
+    recording: Recording,
+    arm: Arm,
+    robot: Path,
+    said: Callable[[str], object],
+    rejected: float,
+) -> "CalibrationOutcome | None":
     """Calibrate, or say why that cannot be and return None.
 
     Args:
         recording: Absolute positions without a load.
         arm: The nominal arm, with the recording's names.
         robot: Its model's file.
-        console: Where it is told.
+        said: Callback that receives a line on each step.
         rejected: p-value of the nominal arm in the test that found the difference.
     """
-    console.print("No few effects explain it: calibrating on positions.")
+    from scenarios.pipelines.calibration import calibrate_and_prove
+
+    said("No few effects explain it: calibrating on positions.")
     try:
-        return calibrate_and_prove(recording, arm, robot, rejected=rejected)
+        return calibrate_and_prove(recording, arm, robot, said=said, rejected=rejected)
     except (BenchError, *ODD_NUMBERS) as error:
-        console.print(f"It cannot be calibrated on: {error}", markup=False)
+        said(f"It cannot be calibrated on: {error}")
         return None
 
 
@@ -258,6 +278,7 @@ def answer_of(
             Open(p.where, float(p.share), tuple(p.depends_on), p.law)
             for p in d.unexplained_places
         ),
+        settings=asdict(SETTINGS),
     )
 
 
@@ -268,7 +289,7 @@ def disagreements(diagnosis: Diagnosis, simulated: Proof | None) -> Iterator[War
     found = diagnosis.detection
     fitted = found.held_out_rms if simulated.absolute else found.held_out_within_rms
     before = simulated.markers.before
-    if before > DISAGREES * fitted:
+    if before > SETTINGS.simulator_ratio * fitted:
         yield Warned(
             "simulator_disagrees",
             "arm",
@@ -395,6 +416,15 @@ class Result:
     def proof(self) -> Proof | None:
         """The proof, where something was put into the simulator."""
         return None if self.unproved else self.simulated
+
+    @property
+    def patch(self) -> Patch | None:
+        """What the simulator was given, as refined there; None: nothing was."""
+        return None if self.simulated is None else self.simulated.patch
+
+    def why_not(self, effect: str, where: str) -> str:
+        """Say why an effect was not named at a place; see `Diagnosis.why_not`."""
+        return self.diagnosis.why_not(effect, where)
 
 
 @dataclass(frozen=True)

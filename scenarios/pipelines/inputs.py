@@ -17,7 +17,6 @@ from bench.shared.format.folder import read
 from bench.shared.format.table import CSV_FILE, PARQUET_FILE
 from bench.shared.models import ModelFacts
 from bench.shared.recording import Recording
-from stiffness.dual_encoder.motions import FEWEST
 from stiffness.robot.arm import Arm
 
 # --- Streams of a single pose ---------------------------------------------------------
@@ -33,6 +32,8 @@ def said_of_one_pose(recording: Recording) -> tuple[str, ...]:
     least = np.where(np.resize(r.slides or (False,), way.shape), SLIDE, SAME_POSTURE)
     if r.rows != "stream" or len(np.unique(r.posture_id)) > 1 or np.all(way <= least):
         return ()
+    from stiffness.dual_encoder.motions import FEWEST
+
     encoders = r.link_posture is not None and not r.markers
     number = "give each motion a number of its own as its `pose`"
     if encoders:

@@ -15,10 +15,13 @@ What calibration found is put into the simulator as mechanisms.
 What was named between encoders goes into a patch, but for delays.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -43,13 +46,13 @@ from bench.proof.setup import in_model, mounted_on
 from bench.rig import Rig
 from bench.shared.recording import Recording
 from bench.user_model import ASSETS
-from scenarios.pipelines.encoder_axes import Axis, waves_of
-from stiffness.calibration.final_fit import Table
-from stiffness.calibration.model import entries_of
-from stiffness.calibration.result import Calibrated
 from stiffness.diagnosis.result import Diagnosis, NamedEffect
-from stiffness.dual_encoder.terms import WOUND
 from stiffness.robot.arm import Arm
+
+if TYPE_CHECKING:
+    from scenarios.pipelines.encoder_axes import Axis
+    from stiffness.calibration.final_fit import Table
+    from stiffness.calibration.result import Calibrated
 
 # --- From a diagnosis -----------------------------------------------------------------
 
@@ -143,6 +146,8 @@ FROM_SIDES = ("hysteresis",)
 
 def patch_of_calibration(found: Calibrated) -> Patch:
     """Return everything that was found; waves below a tenth of a µrad left away."""
+    from stiffness.calibration.model import entries_of
+
     effects: list[PatchEffect] = []
     drawing: dict[tuple[str, str], dict[str, float | str | None]] = {}
     values = found.corrected_geometry.values
@@ -193,6 +198,9 @@ def _triple(place: np.ndarray) -> tuple[float, float, float]:
 
 def patch_of_axes(axes: Sequence[Axis]) -> Patch:
     """Return the gears' mechanisms: springs, contacts, play and waves."""
+    from scenarios.pipelines.encoder_axes import waves_of
+    from stiffness.dual_encoder.terms import WOUND
+
     springs: dict[str, float | None] = {}
     effects: list[PatchEffect] = []
     for a in axes:

@@ -18,7 +18,6 @@ from jaxtyping import Float
 
 from bench.shared.errors import Unusable
 from bench.shared.recording import UNLOADING, Recording
-from stiffness.dual_encoder.motions import FEWEST, motions_of
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import ArmState
 from stiffness.robot.wrench import wrench_in_base
@@ -349,6 +348,8 @@ def abilities(
 
 
 def _between_encoders(r: Recording) -> Ability:
+    from stiffness.dual_encoder.motions import FEWEST, motions_of
+
     what, add = "what lies between an axis' encoders", f"a stream of {FEWEST} motions"
     try:
         motions_of(r)

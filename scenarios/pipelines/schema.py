@@ -9,10 +9,17 @@ explained.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import msgspec
+import numpy as np
+
+from bench.shared.effect_catalogue import CATALOGUE
+from bench.shared.errors import UnknownName
+from bench.shared.settings import SETTINGS
+from stiffness.diagnosis.result import Decision, Name, in_words, withheld
 
 # --- The form -------------------------------------------------------------------------
 
@@ -143,16 +150,10 @@ class Answer(msgspec.Struct, frozen=True):
     next_experiments: tuple[Next, ...]
     seconds: float
     unexplained_places: tuple[Open, ...] = ()
+    settings: dict[str, float] = {}
 
 
 # --- The verdict ----------------------------------------------------------------------
-
-ENOUGH, ENOUGH_LOW = 0.98, 0.95
-"""Explained share, and the low end of its interval, from which all is explained though
-the residual is still significant; the rule of the format."""
-DISAGREES = 1.5
-"""Rms of the simulator's nominal arm over that of the fitted one, on the same poses,
-above which the two are not the same arm; the rule of the format."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +209,8 @@ def _explains_enough(share: Interval | None) -> bool:
     estimate, low = share.estimate, share.low
     if not isinstance(estimate, float | int) or not isinstance(low, float | int):
         return False
-    return estimate >= ENOUGH and low >= ENOUGH_LOW
+    enough, enough_low = SETTINGS.explained_share, SETTINGS.explained_share_low
+    return estimate >= enough and low >= enough_low
 
 
 # --- The entry in schema 1 ------------------------------------------------------------
@@ -222,3 +224,133 @@ def text_of(answer: Answer) -> str:
 def number(value: float, unit: float = 1.0) -> Number:
     """Return a finite number times a unit's factor; None where it is not finite."""
     return float(value) * unit if math.isfinite(value) else None
+
+
+# --- Why a name was withheld ----------------------------------------------------------
+
+
+def why_not(
+    answer: Answer, decisions: Sequence[Decision], effect: str, where: str
+) -> str:
+    """Say why an effect was not named at a place.
+
+    Args:
+        answer: With the names that were given.
+        decisions: Of each gate on each candidate.
+        effect: In the vocabulary.
+        where: The place.
+
+    Raises:
+        UnknownName: Where there is no such effect.
+    """
+    if effect not in CATALOGUE:
+        raise UnknownName("effect", effect, CATALOGUE)
+    for one in answer.named:
+        if (one.effect, one.where) == (effect, where):
+            return f"It is named, with probability {one.probability:.3g}."
+        if At(effect, where) in one.equivalents:
+            return (
+                f"By these data it would do as well as {one.effect} at {one.where}, "
+                "which is named in its place."
+            )
+    refused = withheld(decisions, Name(effect, where))
+    if refused:
+        return " ".join(map(in_words, refused))
+    return f"No gate has decided on {effect} at {where}: it was not a candidate there."
+
+
+# --- Parameters for people ------------------------------------------------------------
+
+WORDS = {
+    "rad": ("µrad", 1e6),
+    "rad_per_nm": ("µrad/(N m)", 1e6),
+    "m": ("mm", 1e3),
+    "m_per_n": ("µm/N", 1e6),
+    "m_per_h": ("µm/h", 1e6),
+    "rad_per_h": ("µrad/h", 1e6),
+    "nm": ("N m", 1.0),
+    "nm2": ("kN m²", 1e-3),
+    "kg": ("kg", 1.0),
+    "n": ("N", 1.0),
+    "s": ("s", 1.0),
+    "kg_m": ("kg m", 1.0),
+}
+"""Display unit and its number per SI unit, by the ending of a parameter's name."""
+DEGREES = ("°", 180.0 / np.pi)
+"""Display unit of a phase."""
+MILLISECONDS = ("ms", 1e3)
+"""Display unit of a channel's delay."""
+COUNTS = ("order",)
+"""Parameters that are whole numbers in gears, such as the order of a harmonic."""
+
+
+NOT_HELD = "(not held by these data)"
+
+
+def size(name: str, value: float | str | None) -> str:
+    """Return a parameter's value in its display unit, with three digits."""
+    if value is None:
+        return "no bound"
+    if isinstance(value, str):
+        return value
+    unit, factor = unit_of(name)
+    return f"{_digits(value * factor)}{' ' + unit if unit else ''}"
+
+
+def _digits(value: float) -> str:
+    """Return three digits, without a power of ten below a million."""
+    small = f"{value:.3g}"
+    return f"{value:.0f}" if 1e3 <= abs(float(small)) < 1e6 else small
+
+
+def span(name: str, interval: Interval) -> str:
+    """Return a parameter's value and its interval in its display unit."""
+    text = size(name, interval.estimate)
+    if interval.low is None and interval.high is None:
+        return f"{text} {NOT_HELD}"
+    if whole := _whole(name, interval):
+        return whole
+    if isinstance(interval.estimate, str) or interval.low == interval.high:
+        return text
+    factor = unit_of(name)[1]
+    ends = [
+        _digits(x * factor) if isinstance(x, float) else "?"
+        for x in (interval.low, interval.high)
+    ]
+    return f"{text} ({ends[0]} to {ends[1]})"
+
+
+def _whole(name: str, interval: Interval) -> str:
+    """Return the only whole number in a count's interval; empty: none, or several."""
+    ends = interval.low, interval.estimate, interval.high
+    low, here, high = (x if isinstance(x, float) else np.nan for x in ends)
+    if name not in COUNTS or not low <= round(here) <= high or high - low >= 1.0:
+        return ""
+    return str(round(here))
+
+
+def chance(probability: float) -> str:
+    """Return a probability with three digits, bounded at 0.001 and 0.999."""
+    if probability < 1e-3:
+        return "below 0.001"
+    return f"{probability:.3f}" if probability <= 0.999 else "above 0.999"
+
+
+def unit_of(name: str) -> tuple[str, float]:
+    """Return a parameter's display unit and the factor from SI to it, by its name."""
+    if name.startswith("phase"):
+        return DEGREES
+    if name.startswith("delay"):
+        return MILLISECONDS
+    for ending in sorted(WORDS, key=len, reverse=True):
+        if name.endswith(f"_{ending}"):
+            return WORDS[ending]
+    return ("", 1.0)
+
+
+def label(name: str) -> str:
+    """Return a parameter's name without its unit."""
+    for ending in sorted(WORDS, key=len, reverse=True):
+        if name.endswith(f"_{ending}"):
+            return name.removesuffix(f"_{ending}").replace("_", " ")
+    return name.replace("_", " ")

@@ -6,8 +6,11 @@ gears, and maps of the residual. Of a comparison of encoders: their difference o
 time, torque and speed.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,13 +23,14 @@ from bench.proof.comparison import residual_of
 from bench.proof.explained_share import Channel
 from bench.proof.proof import Proof
 from bench.proof.proof_checks import squares
-from scenarios.pipelines.calibration_proof import CalibrationProof, rms
 from scenarios.pipelines.diagnosis import MICRO, Curves, courses_of
-from scenarios.pipelines.encoder_axes import Axis, whole_rms
 from scenarios.report.style import BLUE, GREY, ORANGE, plain_log, save
-from stiffness.calibration.model import CalibrationState
-from stiffness.calibration.result import Calibrated
-from stiffness.dual_encoder.motions import Motion
+
+if TYPE_CHECKING:
+    from scenarios.pipelines.calibration_proof import CalibrationProof
+    from scenarios.pipelines.encoder_axes import Axis
+    from stiffness.calibration.result import Calibrated
+    from stiffness.dual_encoder.motions import Motion
 
 # --- A diagnosis ----------------------------------------------------------------------
 
@@ -34,13 +38,13 @@ ACROSS = 3
 MOST_POINTS = 4000
 
 
-def of_axes(curves: Curves, named: frozenset[str], file: Path) -> None:
+def of_axes(curves: Curves, named: frozenset[str], file: Path | None = None) -> Figure:
     """Draw each axis' rotation beyond the nominal arm over its torque.
 
     Args:
         curves: Of all axes.
         named: Axes at which an effect was named.
-        file: Where the picture goes.
+        file: Where the picture goes; None: it is only returned.
     """
     count = len(curves.axes)
     down = -(-count // ACROSS)
@@ -60,7 +64,7 @@ def of_axes(curves: Curves, named: frozenset[str], file: Path) -> None:
     figure.legend(
         handles, labels, loc="outside upper center", ncols=len(labels), markerscale=3
     )
-    save(figure, file)
+    return save(figure, file)
 
 
 def of_poses(channel: Channel, unit: str, file: Path) -> None:
@@ -183,13 +187,13 @@ LOOPS = 3
 """Number of visits drawn as loading curves; chosen: more cannot be told apart."""
 
 
-def of_law(curves: Curves, name: str, file: Path) -> None:
+def of_law(curves: Curves, name: str, file: Path | None = None) -> Figure:
     """Draw an axis' rotation in a few visits, and measured over simulated of all rows.
 
     Args:
         curves: Of all axes.
         name: The axis.
-        file: Where the picture goes.
+        file: Where the picture goes; None: it is only returned.
     """
     k = curves.axes.index(name)
     unit, load = ("µm", "force [N]") if curves.slides[k] else ("µrad", "torque [N m]")
@@ -229,7 +233,7 @@ def of_law(curves: Curves, name: str, file: Path) -> None:
     right.set_ylabel(f"measured [{unit}]")
     right.set_title("all rows, each visit's mean taken off", loc="left")
     right.legend(markerscale=2)
-    save(figure, file)
+    return save(figure, file)
 
 
 # --- A calibration --------------------------------------------------------------------
@@ -239,9 +243,11 @@ NAMES = ("as drawn", "as calibrated")
 
 
 def calibration_before_after(
-    found: Calibrated, proof: CalibrationProof, file: Path
-) -> None:
+    found: Calibrated, proof: CalibrationProof, file: Path | None = None
+) -> Figure:
     """Draw where the held-out poses are and the simulator's error there."""
+    from stiffness.calibration.model import CalibrationState
+
     at = CalibrationState.of(found.readings, found.corrected_geometry).point[found.held]
     figure = Figure(figsize=(11, 4), layout="constrained")
     *places, shares = figure.subplots(1, 3, width_ratios=(1, 1, 1.15))
@@ -275,11 +281,13 @@ def calibration_before_after(
     plain_log(shares.xaxis)
     above = {"loc": "lower center", "bbox_to_anchor": (0.5, 1.0), "ncols": 3}
     shares.legend(**above, fontsize=8, columnspacing=1.2, handlelength=1.5)
-    save(figure, file)
+    return save(figure, file)
 
 
 def gears(found: Calibrated, file: Path) -> None:
     """Draw each gear's transmission error over the fitted angles, and the readings."""
+    from stiffness.calibration.model import CalibrationState
+
     count = len(found.error_tables)
     figure = Figure(figsize=(11, 1.9 * count), layout="constrained")
     plots = figure.subplots(count, 1, squeeze=False)[:, 0]
@@ -312,6 +320,8 @@ def residual_map(
     found: Calibrated, proof: CalibrationProof, new: np.ndarray, file: Path
 ) -> None:
     """Draw the residual over position, joint angles and time."""
+    from scenarios.pipelines.calibration_proof import rms
+
     held = found.held
     posture, hours = found.readings.posture[held], found.readings.hours
     hours = (hours - hours.min())[held]
@@ -344,8 +354,10 @@ def residual_map(
 URAD = 1e6
 
 
-def encoders_before_after(axes: Sequence[Axis], file: Path) -> None:
+def encoders_before_after(axes: Sequence[Axis], file: Path | None = None) -> Figure:
     """Draw the residual of the judged motion, nominal and patched, over time."""
+    from scenarios.pipelines.encoder_axes import whole_rms
+
     figure = Figure(figsize=(11, 2.1 * len(axes)), layout="constrained")
     plots = figure.subplots(len(axes), 1, squeeze=False, sharex=True)[:, 0]
     drawn = []
@@ -358,7 +370,7 @@ def encoders_before_after(axes: Sequence[Axis], file: Path) -> None:
         ax.set_title(f"{sizes[0]:.0f} → {sizes[1]:.0f} µrad rms", size=9, loc="right")
     plots[-1].set_xlabel("time [s]")
     _legend(figure, drawn, ("as modelled", "with what was named"))
-    save(figure, file)
+    return save(figure, file)
 
 
 def looks_like(axes: Sequence[Axis], file: Path) -> None:

@@ -11,8 +11,11 @@ simulator's error on the held-out poses before and after, magnified.
 Of a comparison of encoders: their difference over time, before and after.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import rerun as rr
@@ -22,12 +25,13 @@ from jaxtyping import Float
 from bench.meshes import shapes
 from bench.proof.comparison import residual_of
 from bench.proof.proof import Proof
-from scenarios.pipelines.calibration_proof import CalibrationProof
 from scenarios.pipelines.diagnosis import MICRO, Curves, Result, courses_of, curves_of
-from scenarios.pipelines.encoder_axes import Axis
 from scenarios.report import summary
-from stiffness.calibration.model import CalibrationState
-from stiffness.calibration.result import Calibrated
+
+if TYPE_CHECKING:
+    from scenarios.pipelines.calibration_proof import CalibrationProof
+    from scenarios.pipelines.encoder_axes import Axis
+    from stiffness.calibration.result import Calibrated
 
 # --- Curves of an axis ----------------------------------------------------------------
 
@@ -317,6 +321,8 @@ def show_calibration(
         words: The result in plain words.
         file: File to write; None: a viewer is opened.
     """
+    from stiffness.calibration.model import CalibrationState
+
     stream = rr.RecordingStream("stiffness_calibration", recording_id="calibration")
     _begin(stream, file, _calibration_blueprint())
     stance = CalibrationState.of(found.readings, found.corrected_geometry)

@@ -1,31 +1,173 @@
-"""Diagnoses a recording by the engine that fits it, and writes the answer to a folder.
+"""Diagnoses a recording by the engine that fits it; the result states and draws itself.
 
 A stream with second encoders and no tracked target goes to the comparison of encoders;
 unloaded positions whose mismatch few effects do not explain go to the calibration; all
 others are diagnosed, and proved in the simulator.
 """
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from __future__ import annotations
 
-from rich.console import Console
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING
 
 from bench.shared.errors import BenchError
-from scenarios.pipelines import diagnose, next_experiments
-from scenarios.pipelines.compare_encoders import calls_for_comparison, compare_encoders
+from bench.shared.models import RobotModel
+from bench.shared.recording import Recording
+from scenarios.pipelines import diagnosis as pipeline
+from scenarios.pipelines import next_experiments, schema
 from scenarios.pipelines.diagnosis import Result, asked, proved
-from scenarios.pipelines.inputs import arm_of, read_for
+from scenarios.pipelines.inputs import arm_of, read_for, said_of_one_pose
 from scenarios.pipelines.recording_check import replicate_noise
-from scenarios.pipelines.schema import Answer
-from scenarios.report import playback
-from scenarios.report.output_folder import DECISIONS, FILES, refuse_folder, write_folder
-from scenarios.report.sections import calibration
-from scenarios.report.sections.diagnosis import write_answer, write_diagnosis
-from scenarios.report.sections.dual_encoder import write_outcome
-from scenarios.report.summary import tell
+from scenarios.pipelines.schema import Answer, Called
+from scenarios.report import summary
+from scenarios.report.output_folder import refuse_folder, write_folder
+from scenarios.report.sections import diagnosis
 from stiffness.regression.splits import subsample_poses
+from stiffness.robot.arm import Arm
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from rich.console import Console
+
+    from bench.patch import Patch
+    from scenarios.pipelines.calibration import CalibrationOutcome
+    from scenarios.pipelines.compare_encoders import ComparisonOutcome
+
+# --- The result -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True, repr=False)
+class PipelineResult:
+    """What was found and proved, by whichever engine the recording calls for.
+
+    It states itself in about five lines, gives a name as `result["creep", "a3"]`, and
+    explains, draws and writes itself.
+
+    Attributes:
+        answer: Content of diagnosis.json.
+        found: What the engine found, with its proof.
+        notes: On the recording.
+        section: The section of the report that draws and writes this outcome.
+    """
+
+    answer: Answer
+    found: Result | CalibrationOutcome | ComparisonOutcome
+    notes: tuple[str, ...]
+    section: ModuleType
+
+    def __repr__(self):
+        """Return the story in about five lines."""
+        return "\n".join(summary.narrative(self.answer))
+
+    def __getitem__(self, name: tuple[str, str]) -> Called:
+        """Return what was named, by effect and place.
+
+        Raises:
+            KeyError: Where it was not named, saying why.
+        """
+        for one in self.answer.named:
+            if (one.effect, one.where) == name:
+                return one
+        raise KeyError(self.why_not(*name))
+
+    @property
+    def patch(self) -> Patch | None:
+        """What the simulator was given, as refined there; None: nothing was."""
+        return self.found.patch
+
+    def why_not(self, effect: str, where: str) -> str:
+        """Say why an effect was not named at a place.
+
+        Args:
+            effect: In the vocabulary.
+            where: The place.
+
+        Raises:
+            UnknownName: Where there is no such effect.
+        """
+        return self.found.why_not(effect, where)
+
+    def figure(self, where: str = "") -> Figure:
+        """Draw what was found.
+
+        Args:
+            where: An axis of a diagnosis, whose law is drawn; empty: turn over torque
+                of all axes, or the error before and after, by what was measured.
+
+        Raises:
+            BenchError: Where nothing was simulated that could be drawn.
+            UnknownName: Where there is no such axis.
+        """
+        return self.section.figure(self.found, where)
+
+    def to_json(self) -> str:
+        """Return the text of diagnosis.json."""
+        return schema.text_of(self.answer)
+
+    def report(self, folder: Path | str) -> Path:
+        """Write what `python -m scenarios.diagnose` writes, and return the report.
+
+        Args:
+            folder: Made if it is not there; files of an earlier answer are replaced.
+
+        Raises:
+            Unusable: Where nothing can be written; then nothing is.
+            Exception: A defect of this tool, after diagnosis.json was written.
+        """
+        folder = Path(folder)
+        try:
+            self.section.write_files(folder, self.found)
+        except BenchError:
+            raise
+        except Exception:
+            write_folder(folder, lambda f: diagnosis.write_answer(f, self.answer))
+            raise
+        return folder / "report.html"
+
+    def show(self) -> None:
+        """Open the viewer on it, where there is something to see."""
+        self.section.show(self.found)
+
+
+# --- From a recording -----------------------------------------------------------------
+
+
+def diagnose(
+    recording: Recording | Path | str,
+    model: RobotModel | Path | str,
+    said: Callable[[str], object] = lambda _: None,
+) -> PipelineResult:
+    """Find where and why a recording and a model differ, and prove it in the simulator.
+
+    Args:
+        recording: As `bench.read` returns it, or its folder.
+        model: As `bench.load_model` returns it, or its file, MJCF or URDF.
+        said: Callback that receives a line on each step of a calibration.
+
+    Raises:
+        BenchError: Where recording or model cannot be used, with all reasons.
+    """
+    started = time.perf_counter()
+    if isinstance(model, RobotModel):
+        file, arm = model.file, Arm.from_model(model)
+    else:
+        file, arm = Path(model), arm_of(Path(model))
+    if isinstance(recording, Recording):
+        notes = (*recording.notes, *said_of_one_pose(recording))
+        arm = arm.for_recording(recording)
+    else:
+        recording, arm, notes = read_for(Path(recording), arm)
+    defects: list[Exception] = []
+    result = _Run(recording, arm, file, notes, started).result(said, _quiet, defects)
+    for defect in defects:
+        raise defect
+    return result
 
 
 def diagnose_to_folder(
@@ -48,55 +190,93 @@ def diagnose_to_folder(
     refuse_folder(out, recording_folder)
     with console.status("reading"):
         recording, arm, notes = read_for(recording_folder, arm_of(robot))
-    if calls_for_comparison(recording):
-        compared = compare_encoders(recording, robot)
-        first = write_outcome(out, compared)
-        if view and compared.axes:
-            playback.show_comparison(compared.axes, None)
-        for line in (first, *notes, out / "report.html"):
-            console.print(f"{line}", markup=False, highlight=False)
-        return compared.answer
-    with console.status("comparing with the model"):
-        whole = recording
-        recording, sampled = subsample_poses(whole)
-        notes = (*notes, sampled) if sampled else notes
-        found = asked(recording, arm)
+    said = partial(console.print, markup=False, highlight=False)
     defects: list[Exception] = []
-    if diagnose.calls_for_calibration(recording, found):
-        rejected = found.detection.p_value
-        with _kept(defects):
-            outcome = diagnose.try_calibration(whole, arm, robot, console, rejected)
-            if outcome is not None:
-                calibration.write_calibration(out, outcome)
-                if view:
-                    calibration.show(outcome)
-                console.print(f"{out / 'report.html'}", markup=False)
-                return outcome.answer
-    simulated, unproved, steps = None, "", ()
-    with console.status("proving it in the simulator"), _kept(defects):
-        unproved = "this tool has a defect, which is told at the end."
-        simulated, unproved = proved(found, recording, arm, robot)
-        steps = next_experiments.proposed(found, None if unproved else simulated)
-    told = diagnose.answer_of(
-        found, simulated, unproved, steps, time.perf_counter() - started
-    )
-    noise = replicate_noise(recording) if recording.markers else None
-    result = Result(recording, found, simulated, unproved, noise, told)
-    kept = (*FILES, DECISIONS)
+    run = _Run(recording, arm, robot, notes, started)
+    result = run.result(said, console.status, defects)
     with console.status("writing"):
-        try:
-            write_folder(out, lambda folder: write_diagnosis(folder, result), kept)
-        except BenchError:
-            raise
-        except Exception:
-            write_folder(out, lambda folder: write_answer(folder, told))
-            raise
-    tell(console, result, notes, out)
+        report = result.report(out)
+    if isinstance(result.found, Result):
+        summary.tell(console, result.found, result.notes, out)
+    else:
+        for line in (*result.notes, report):
+            said(f"{line}")
     if view:
-        playback.show_diagnosis(result, None)
+        result.show()
     for defect in defects:
         raise defect
-    return told
+    return result.answer
+
+
+@dataclass(frozen=True)
+class _Run:
+    """A recording, its nominal arm and the arm's file; when it began."""
+
+    recording: Recording
+    arm: Arm
+    robot: Path
+    notes: tuple[str, ...]
+    started: float
+
+    def result(
+        self,
+        said: Callable[[str], object],
+        status: Callable[[str], AbstractContextManager],
+        defects: list[Exception],
+    ) -> PipelineResult:
+        """Ask the engine that the recording calls for.
+
+        Args:
+            said: Callback that receives lines of comparison and calibration.
+            status: Shows what is being done.
+            defects: Receives defects of this tool after which something was found.
+        """
+        if pipeline.calls_for_comparison(self.recording):
+            return self._compare(said)
+        arm, notes = self.arm, self.notes
+        with status("comparing with the model"):
+            recording, sampled = subsample_poses(self.recording)
+            notes = (*notes, sampled) if sampled else notes
+            found = asked(recording, arm)
+        if pipeline.calls_for_calibration(recording, found):
+            with _kept(defects):
+                rejected = found.detection.p_value
+                if (calibrated := self._calibrate(said, rejected)) is not None:
+                    return calibrated
+        simulated, unproved, steps = None, "", ()
+        with status("proving it in the simulator"), _kept(defects):
+            unproved = "this tool has a defect, which is told at the end."
+            simulated, unproved = proved(found, recording, arm, self.robot)
+            steps = next_experiments.proposed(found, None if unproved else simulated)
+        seconds = time.perf_counter() - self.started
+        answer = pipeline.answer_of(found, simulated, unproved, steps, seconds)
+        noise = replicate_noise(recording) if recording.markers else None
+        result = Result(recording, found, simulated, unproved, noise, answer)
+        return PipelineResult(answer, result, notes, diagnosis)
+
+    def _compare(self, said: Callable[[str], object]) -> PipelineResult:
+        from scenarios.pipelines.compare_encoders import compare_encoders
+        from scenarios.report.sections import dual_encoder
+
+        compared = compare_encoders(self.recording, self.robot)
+        said(dual_encoder.headline(compared))
+        return PipelineResult(compared.answer, compared, self.notes, dual_encoder)
+
+    def _calibrate(
+        self, said: Callable[[str], object], rejected: float
+    ) -> PipelineResult | None:
+        outcome = pipeline.try_calibration(
+            self.recording, self.arm, self.robot, said, rejected
+        )
+        if outcome is None:
+            return None
+        from scenarios.report.sections import calibration
+
+        return PipelineResult(outcome.answer, outcome, self.notes, calibration)
+
+
+def _quiet(_: str) -> AbstractContextManager:
+    return nullcontext()
 
 
 @contextmanager

@@ -8,8 +8,6 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-mpl.use("Agg")
-
 ORANGE, GREY, BLUE, GREEN, RED = "#f06400", "#8a8a8a", "#1f6fb4", "#3a923a", "#c03d3e"
 """Orange is this tool, grey the paper or reference, others in order of appearance."""
 
@@ -29,10 +27,17 @@ mpl.rcParams.update(
 )
 
 
-def save(figure: Figure, file: Path) -> None:
-    """Write a figure as png without a time stamp: equal data give equal bytes."""
-    figure.savefig(file, metadata={"Software": None})
-    figure.clear()
+def save(figure: Figure, file: Path | None) -> Figure:
+    """Write a figure as png without a time stamp: equal data give equal bytes.
+
+    Args:
+        figure: Empty afterwards, where it is written.
+        file: Where it goes; None: it stays as it is.
+    """
+    if file is not None:
+        figure.savefig(file, metadata={"Software": None})
+        figure.clear()
+    return figure
 
 
 def plain_log(axis: Axis) -> None:

@@ -1,8 +1,9 @@
 """A diagnosis in sentences, for the terminal, the report and the playback.
 
 `sentences` states detection, sites, named effects, their proof and what stays open;
-`sentence` and `rows` give the springs that were fitted as nuisance parameters and
-differ from the model's; `tell` prints all of it, with a table of the named effects.
+`narrative` is its five lines, of any engine's answer; `sentence` and `rows` give the
+springs that were fitted as nuisance parameters and differ from the model's; `tell`
+prints all of it, with a table of the named effects.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,8 +15,16 @@ from rich.table import Table
 
 from bench.proof.proof import Channel, Proof
 from scenarios.pipelines.diagnosis import MICRO, Result, channel_of
-from scenarios.pipelines.effect_parameters import chance, label, span
-from scenarios.pipelines.schema import Called, Placed
+from scenarios.pipelines.schema import (
+    Answer,
+    Called,
+    Interval,
+    Left,
+    Placed,
+    chance,
+    label,
+    span,
+)
 from stiffness.diagnosis.diagnose import SCATTER
 from stiffness.diagnosis.result import Nominal
 
@@ -77,7 +86,7 @@ def sentences(finding: Result) -> Iterator[str]:
         yield _unproved(finding)
     for warning in a.warnings:
         yield f"Note ({warning.where}): {warning.text}"
-    yield _detected(finding)
+    yield _detected(a)
     if d.nominal is not None and (told := sentence(d.nominal)):
         yield told
     if a.verdict == "no_mismatch":
@@ -89,7 +98,7 @@ def sentences(finding: Result) -> Iterator[str]:
     if not a.named:
         yield "What: no name of the list explains it; none is given."
     if a.unexplained is not None:
-        yield _open(finding)
+        yield _open(a.unexplained)
     if a.confounded:
         pairs = [f"{x.effect} at {x.where} with {y.effect} at {y.where}"
                  for x, y in a.confounded[:3]]  # fmt: skip
@@ -115,8 +124,8 @@ def _where(located: Sequence[Placed]) -> str:
     return f"Where: {first.where} ({first.share:.0%} of what differs){on}{zone}.{also}"
 
 
-def _detected(finding: Result) -> str:
-    found = finding.answer.detection
+def _detected(answer: Answer) -> str:
+    found = answer.detection
     p = f"p = {found.p_value:.2g}"
     if found.residual_rms_mm is None or found.noise_rms_mm is None:
         return "The set-up does not fit the model; nothing further was tried."
@@ -125,8 +134,8 @@ def _detected(finding: Result) -> str:
         f"readings miss the fitted nominal arm by {missed:.1f} µm, noise alone leaves "
         f"{noise:.1f} µm"
     )
-    if finding.answer.verdict == "no_mismatch":
-        if any(warning.code == SCATTER for warning in finding.answer.warnings):
+    if answer.verdict == "no_mismatch":
+        if any(warning.code == SCATTER for warning in answer.warnings):
             return f"No law was found in what differs ({p}): {sizes}."
         least = found.smallest_effect_that_would_show_mm
         shown = "" if least is None else (
@@ -150,9 +159,7 @@ def _named(called: Called) -> str:
     return text
 
 
-def _open(finding: Result) -> str:
-    left = finding.answer.unexplained
-    assert left is not None
+def _open(left: Left) -> str:
     if left.residual_rms_mm is None:
         return f"Open: {left.signature}"
     law = "A law was learnt as a table." if left.law else "No law holds elsewhere."
@@ -214,6 +221,64 @@ def _list(words) -> str:
     if len(words) < 2:
         return "".join(words)
     return ", ".join(words[:-1]) + " and " + words[-1]
+
+
+# --- The narrative in five lines ------------------------------------------------------
+
+MOST_SHOWN = 3
+"""Names of which the story gives the parameters."""
+
+
+def narrative(answer: Answer) -> Iterator[str]:
+    """Yield verdict, mismatch, places, names with proof, and what stays open.
+
+    Args:
+        answer: Of any engine.
+    """
+    verdict = answer.verdict.replace("_", " ")
+    yield f"Diagnosis of {answer.recording!r}: {verdict}."
+    yield _detected(answer)
+    if answer.located:
+        yield _where(answer.located)
+    for called in answer.named[:MOST_SHOWN]:
+        yield _named(called)
+    if more := [f"{n.effect} at {n.where}" for n in answer.named[MOST_SHOWN:]]:
+        yield f"And {_list(more)}."
+    if answer.proof is not None:
+        yield _proof_line(answer)
+    if answer.unexplained is not None:
+        yield _open(answer.unexplained)
+    elif answer.warnings and not answer.named:
+        yield f"Note ({answer.warnings[0].where}): {answer.warnings[0].text}"
+
+
+def _proof_line(answer: Answer) -> str:
+    proof = answer.proof
+    assert proof is not None
+    unit, values = "µm", [proof.before_rms_mm, proof.after_rms_mm, proof.noise_rms_mm]
+    factor, gain = 1e3, proof.gain_mm
+    if not isinstance(gain, Interval):
+        unit, factor, gain = "µrad", 1.0, proof.gain_urad
+        values = [proof.before_rms_urad, proof.after_rms_urad, proof.noise_rms_urad]
+    before, after, noise = (_in_unit(v, factor) for v in values)
+    said = (
+        f"Proof: on {proof.held_out_poses} poses kept back the simulator misses by "
+        f"{after} {unit} instead of {before}; noise alone leaves {noise}."
+    )
+    if isinstance(gain, Interval):
+        ends = [_in_unit(v, factor) for v in (gain.estimate, gain.low, gain.high)]
+        said += f" Gain {ends[0]} ({ends[1]} to {ends[2]})."
+    share = answer.explained_share
+    if share is not None:
+        ends = [f"{v:.1%}" for v in (share.estimate, share.low, share.high)
+                if isinstance(v, float)]  # fmt: skip
+        said += f" Of what noise does not explain, {ends[0]} are explained"
+        said += f" ({ends[1]} to {ends[2]})." if len(ends) == 3 else "."
+    return said
+
+
+def _in_unit(value: object, factor: float) -> str:
+    return f"{factor * value:.1f}" if isinstance(value, float) else "?"
 
 
 # --- The terminal ---------------------------------------------------------------------

@@ -58,7 +58,6 @@ def nominal(recording: Recording, out: Path) -> dict[str, object]:
     partial = out / ".nominal.json"
     partial.write_text(text + "\n", encoding="utf-8")
     partial.replace(out / "nominal.json")
-    print(text)
     return scores
 
 
@@ -101,7 +100,7 @@ def rows(
 ) -> Iterator[Row]:
     """Calibrate with other regions held out; yield a row of the table for each."""
     for draw in draws:
-        o = calibrate_and_prove(recording, arm, model, draw, quiet=True)
+        o = calibrate_and_prove(recording, arm, model, draw)
         new, after = o.residual.new_angle, o.proof.after
         here, there = after[~new], after[new]
         yield {

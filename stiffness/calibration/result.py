@@ -37,6 +37,7 @@ from scipy.stats import f as fisher
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from bench.shared.recording import Recording
 from stiffness.calibration.columns import (
     ORDERS,
     SILENT,
@@ -63,6 +64,8 @@ from stiffness.calibration.model import (
     Readings,
     SpatialFolds,
     entries_of,
+    readings_of,
+    spatial_folds_of,
 )
 from stiffness.calibration.rigid_fit import RigidFit, fitted
 from stiffness.calibration.selection import MARGIN, Judge, Selected, selected
@@ -225,7 +228,7 @@ class Calibrated:
 def calibrated(
     readings: Readings,
     spatial_folds: SpatialFolds,
-    said: Callable[[str], None] = lambda _: None,
+    said: Callable[[str], object] = lambda _: None,
     highest: int = ORDERS[-1],
 ) -> Calibrated:
     """Calibrate an arm on the regions that are not kept back.
@@ -293,6 +296,27 @@ def calibrated(
         at_first=agreement(before.residual, readings.posture),
         at_last=agreement(after.residual[~keep], readings.posture[~keep]),
     )
+
+
+def calibrate(
+    recording: Recording,
+    arm: Arm,
+    draw: int = 0,
+    said: Callable[[str], object] = lambda _: None,
+) -> Calibrated:
+    """Calibrate an arm on absolute positions without a load.
+
+    Args:
+        recording: Only its unloaded rows are used.
+        arm: The nominal arm.
+        draw: Which regions are held out; see `spatial_folds_of`.
+        said: Callback that receives a line on each effect that is believed.
+
+    Raises:
+        Unusable: Where the recording does not allow a calibration.
+    """
+    readings = readings_of(recording, arm.for_recording(recording))
+    return calibrated(readings, spatial_folds_of(readings, draw), said)
 
 
 def _sprung(arm: Arm) -> set[Key]:

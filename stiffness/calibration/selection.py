@@ -389,7 +389,7 @@ class Selected:
     equivalents: dict[Key, tuple[Key, ...]]
 
 
-def selected(judge: Judge, said: Callable[[str], None] = lambda _: None) -> Selected:
+def selected(judge: Judge, said: Callable[[str], object] = lambda _: None) -> Selected:
     """Select effects forward, then remove those that do not improve the prediction.
 
     Args:

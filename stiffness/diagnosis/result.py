@@ -1,12 +1,20 @@
-"""Result of a diagnosis: verdict, named effects with intervals, sites, warnings."""
+"""Result of a diagnosis: verdict, named effects with intervals, sites, warnings.
 
-from collections.abc import Mapping
+A `Diagnosis` states itself in five lines, gives a name's parameters as
+`found["hysteresis", "a2"]`, and says by `found.why_not("creep", "a3")` which gate
+withheld a name.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float
 
+from bench.shared.effect_catalogue import CATALOGUE
+from bench.shared.errors import UnknownName
+from bench.shared.settings import SETTINGS
 from stiffness.regression.group_selection import Decision
 from stiffness.regression.intervals import Parameter
 
@@ -34,6 +42,10 @@ class Name:
 
     effect: str
     where: str
+
+    def __str__(self):
+        """Return it as people say it."""
+        return f"{self.effect} at {self.where}"
 
 
 @dataclass(frozen=True)
@@ -179,7 +191,7 @@ class Nominal:
     pose_repeatability: Float[np.ndarray, " axes"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosis:
     """The whole answer but the proof.
 
@@ -220,3 +232,138 @@ class Diagnosis:
     shares: Mapping[Name, float] = field(default_factory=dict)
     unexplained_places: tuple[UnexplainedPlace, ...] = ()
     decisions: tuple[Decision, ...] = ()
+
+    def __getitem__(self, name: tuple[str, str]) -> NamedEffect:
+        """Return what was named, by effect and place.
+
+        Raises:
+            KeyError: Where it was not named, saying why.
+        """
+        for one in self.named:
+            if (one.name.effect, one.name.where) == name:
+                return one
+        raise KeyError(self.why_not(*name))
+
+    def __repr__(self):
+        """Return the story in five lines."""
+        return "\n".join(_narrative(self))
+
+    def why_not(self, effect: str, where: str) -> str:
+        """Say why an effect was not named at a place, in a sentence or a few.
+
+        Args:
+            effect: In the vocabulary.
+            where: The place.
+
+        Raises:
+            UnknownName: Where there is no such effect.
+        """
+        if effect not in CATALOGUE:
+            raise UnknownName("effect", effect, CATALOGUE)
+        return " ".join(_why_not(self, Name(effect, where)))
+
+
+# --- The story ------------------------------------------------------------------------
+
+MICRO = 1e6
+MOST_SHOWN = 3
+"""Names of which the story gives the parameters, and places that it lists."""
+
+
+def _narrative(found: Diagnosis) -> Iterator[str]:
+    word = found.verdict.replace("_", " ")
+    yield f"Diagnosis of {found.recording!r}: {word}, by the readings alone."
+    d = found.detection
+    sizes = ""
+    if np.isfinite(d.residual_rms):
+        sizes = (
+            f" readings miss the fitted nominal arm by {MICRO * d.residual_rms:.1f} µm,"
+            f" noise alone leaves {MICRO * d.noise_rms:.1f} µm."
+        )
+    yield f"Mismatch: p = {d.p_value:.2g};{sizes or ' the set-up is wrong.'}"
+    shown = [f"{x.where} ({x.share:.0%})" for x in found.located[:MOST_SHOWN]]
+    yield f"Where: {', '.join(shown) or 'nowhere in particular'}."
+    names = [_stated(n) for n in found.named[:MOST_SHOWN]]
+    names += [str(n.name) for n in found.named[MOST_SHOWN:]]
+    yield f"What: {'; '.join(names) or 'nothing is named'}."
+    left = found.unexplained
+    rest = "nothing that is significant" if left is None else (
+        f"{left.where or 'no one place'}: {left.signature or 'no law holds'}"
+    )  # fmt: skip
+    said = "".join(f" Note ({w.where}): {w.text}" for w in found.warnings[:1])
+    yield f"Left: {rest}.{said}"
+
+
+def _stated(named: NamedEffect) -> str:
+    sizes = [
+        f"{name} {p.estimate:.3g} ({p.low:.3g} to {p.high:.3g})"
+        for name, p in named.parameters.items()
+    ]
+    probable = f"{named.name}, probability {named.probability:.3f}"
+    return f"{probable}: {', '.join(sizes)}" if sizes else probable
+
+
+# --- Why a name was withheld ----------------------------------------------------------
+
+STATISTICS = {
+    "log_evidence": "log evidence gained is {0:.3g}, more than {1:.3g} is needed",
+    "regions_left_out": "gain there is {0:.2g} standard errors, {1:.2g} are needed",
+    "left_out": "gain on poses left out is {0:.2g} standard errors, {1:.2g} are needed",
+    "posterior": "probability is {0:.2g}, {1:.2g} is needed",
+}
+"""What a gate compares, in words; of other gates the numbers are given as they are."""
+
+
+def in_words(decision: Decision) -> str:
+    """Return a gate's verdict with its reason and, where it has any, its numbers."""
+    d, reason = decision, decision.reason
+    first = reason[:1].upper() + reason[1:]
+    if not np.isfinite([d.statistic, d.threshold]).all() or d.statistic == d.threshold:
+        return f"{first}."
+    usual = f"{d.gate.replace('_', ' ')}: {{0:.3g}} against {{1:.3g}}"
+    numbers = STATISTICS.get(d.gate, usual).format(d.statistic, d.threshold)
+    return f"{first}: {numbers}."
+
+
+def withheld(decisions: Sequence[Decision], name: Name) -> list[Decision]:
+    """Return the gates that a candidate did not pass, the last first."""
+    own = [d for d in decisions if tuple(d.candidate) == (name.effect, name.where)]
+    return [d for d in reversed(own) if not d.accepted]
+
+
+def _why_not(found: Diagnosis, name: Name) -> Iterator[str]:
+    for one in found.named:
+        if one.name == name:
+            yield f"It is named: {_stated(one)}."
+            return
+        if name in one.equivalents:
+            yield (
+                f"By these data it would do as well as {one.name}, which is the more "
+                "probable of the two and is named in its place."
+            )
+            return
+    if found.nominal is None and found.warnings:
+        yield f"No name was looked for while this stands: {found.warnings[0].text}"
+        return
+    if found.verdict == "no_mismatch":
+        yield (
+            "No name was looked for: recording and fitted model do not differ "
+            f"significantly (p = {found.detection.p_value:.2g}, below "
+            f"{SETTINGS.significance:g} is needed)."
+        )
+        return
+    refused = [in_words(d) for d in withheld(found.decisions, name)]
+    yield from refused
+    best = max((r.probability for r in found.rivals if name in r.effects), default=None)
+    if best is not None:
+        yield (
+            f"It is in a rival set of names whose probability is {best:.2g}; "
+            f"{SETTINGS.name_probability:g} is needed."
+        )
+    elif not refused:
+        sites = ", ".join(CATALOGUE[name.effect].sites)
+        yield (
+            f"No gate has decided on {name}: it was not among the candidates that came "
+            "close to a name, these readings cannot show it, or it cannot be at that "
+            f"place ({name.effect} belongs to: {sites})."
+        )

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from bench.shared.errors import UnknownName, Unusable
+from bench.shared.models import RobotModel
 from bench.shared.recording import Payload, Recording
 from stiffness.robot.chain import Chain, Place, chain_of
 from stiffness.robot.kinematics import ArmState
@@ -69,6 +70,11 @@ class Arm:
     def from_mjcf_text(cls, text: str) -> "Arm":
         """Read an arm from self-contained MJCF text; see `from_mjcf`."""
         return cls.of(read_text(text))
+
+    @classmethod
+    def from_model(cls, model: RobotModel) -> "Arm":
+        """Read an arm from a robot's model; see `from_mjcf`."""
+        return cls.from_mjcf_text(model.mjcf)
 
     @classmethod
     def of(

@@ -4,15 +4,16 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure as Picture
 
 from bench.patch import rig_of, with_arm
+from bench.shared.errors import BenchError
 from scenarios.pipelines import calibration
 from scenarios.pipelines import schema as form
 from scenarios.pipelines.calibration import MM, CalibrationOutcome
 from scenarios.pipelines.calibration_proof import CalibrationProof, ResidualSummary
-from scenarios.pipelines.effect_parameters import label, size, span
 from scenarios.pipelines.patching import write_patch
-from scenarios.pipelines.schema import Answer
+from scenarios.pipelines.schema import Answer, label, size, span
 from scenarios.report import figures, page, playback
 from scenarios.report.output_folder import write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
@@ -153,7 +154,7 @@ def _z(found: Calibrated, effect: str, where: str) -> float:
 # --- The files ------------------------------------------------------------------------
 
 
-def write_calibration(
+def write_files(
     folder: Path, outcome: CalibrationOutcome, more: Sequence[Block] = ()
 ) -> None:
     """Write diagnosis.json, the patch, model.xml, pictures and the report.
@@ -180,6 +181,17 @@ def write_calibration(
         playback.show_calibration(o.found, o.proof, first, waiting / "diagnosis.rrd")
 
     write_folder(folder, make)
+
+
+def figure(outcome: CalibrationOutcome, where: str = "") -> Picture:
+    """Draw the error on the regions kept back, before and after.
+
+    Raises:
+        BenchError: Where a single axis is asked for: positions show all together.
+    """
+    if where:
+        raise BenchError("Positions show all axes together: ask for no single one.")
+    return figures.calibration_before_after(outcome.found, outcome.proof)
 
 
 def show(outcome: CalibrationOutcome) -> None:

@@ -10,16 +10,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure as Picture
 
 from bench.proof.proof_checks import ProofCheck
 from bench.shared.effect_catalogue import usual
+from bench.shared.errors import BenchError, UnknownName
 from scenarios.pipelines import schema
 from scenarios.pipelines.diagnosis import MICRO, Result, channel_of, curves_of
-from scenarios.pipelines.effect_parameters import chance, label, size, span
 from scenarios.pipelines.patching import write_patch
+from scenarios.pipelines.schema import chance, label, size, span
 from scenarios.report import data_files, figures, page, playback, summary
 from scenarios.report.figures import of_law
-from scenarios.report.output_folder import DECISIONS
+from scenarios.report.output_folder import DECISIONS, FILES, write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from stiffness.diagnosis.diagnose import SCATTER
 
@@ -361,3 +363,36 @@ def write_diagnosis(folder: Path, finding: Result) -> None:
             shutil.copy(picture, folder / "picture.png")
             break
     playback.show_diagnosis(finding, folder / "diagnosis.rrd")
+
+
+def write_files(folder: Path, finding: Result) -> None:
+    """Write the answer, the patch, the report and the playback; a folder whole.
+
+    Raises:
+        Unusable: Where nothing can be written; then nothing is.
+    """
+    kept = (*FILES, DECISIONS)
+    write_folder(folder, lambda waiting: write_diagnosis(waiting, finding), kept)
+
+
+def figure(finding: Result, where: str = "") -> Picture:
+    """Draw the turn of all axes beyond the nominal arm, or the law at one axis.
+
+    Raises:
+        BenchError: Where nothing was simulated that could be drawn.
+        UnknownName: Where there is no such axis.
+    """
+    if finding.simulated is None or not finding.recording.markers:
+        raise BenchError("Nothing was simulated that could be drawn.")
+    curves = curves_of(finding.simulated)
+    if not where:
+        named = frozenset(n.where for n in finding.answer.named)
+        return figures.of_axes(curves, named)
+    if where not in curves.axes:
+        raise UnknownName("axis", where, curves.axes)
+    return figures.of_law(curves, where)
+
+
+def show(finding: Result) -> None:
+    """Open the viewer with the playback of a diagnosis."""
+    playback.show_diagnosis(finding, None)

@@ -1,21 +1,22 @@
 """The report of a comparison of encoders: rejected terms, tables, and its files.
 
 `rejected_terms` lists the terms that were tried and refused, with the reason;
-`blocks_of` is the report; `write_outcome` writes the folder whole, report or refusal.
+`blocks_of` is the report; `write_files` writes the folder whole, report or refusal.
 """
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure as Picture
 
 from bench.patch import Patch
+from bench.shared.errors import BenchError, UnknownName
 from scenarios.pipelines import schema as form
 from scenarios.pipelines.compare_encoders import ComparisonOutcome
-from scenarios.pipelines.effect_parameters import label, size, span
 from scenarios.pipelines.encoder_axes import WINDOW, Axis, rms, whole_rms
 from scenarios.pipelines.patching import write_patch_of_axes
-from scenarios.pipelines.schema import Answer
+from scenarios.pipelines.schema import Answer, label, size, span
 from scenarios.report import page
 from scenarios.report.figures import encoders_before_after, followed, looks_like
 from scenarios.report.output_folder import write_folder
@@ -199,14 +200,40 @@ def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]
 # --- The files ------------------------------------------------------------------------
 
 
-def write_outcome(folder: Path, outcome: ComparisonOutcome) -> str:
-    """Write the answer to a folder and return the result in one sentence."""
-    answer = outcome.answer
+def headline(outcome: ComparisonOutcome) -> str:
+    """Return the result in one sentence, or what has to be corrected."""
     if not outcome.axes:
-        write_refusal(folder, answer)
-        return " ".join(w.text for w in answer.warnings)
-    write_comparison(folder, outcome.axes, answer, outcome.patch, outcome.model)
-    return first_sentence(outcome.axes, answer)
+        return " ".join(w.text for w in outcome.answer.warnings)
+    return first_sentence(outcome.axes, outcome.answer)
+
+
+def figure(outcome: ComparisonOutcome, where: str) -> Picture:
+    """Draw the difference of the encoders of one axis, or of all, before and after.
+
+    Raises:
+        BenchError: Where nothing was compared.
+        UnknownName: Where there is no such axis.
+    """
+    if not outcome.axes:
+        raise BenchError("Nothing was compared: the set-up is wrong.")
+    axes = {axis.name: axis for axis in outcome.axes}
+    if where and where not in axes:
+        raise UnknownName("axis with two encoders", where, axes)
+    return encoders_before_after([axes[where]] if where else outcome.axes)
+
+
+def write_files(folder: Path, outcome: ComparisonOutcome) -> None:
+    """Write the answer to a folder, or what has to be corrected."""
+    if not outcome.axes:
+        write_refusal(folder, outcome.answer)
+        return
+    write_comparison(folder, outcome.axes, outcome.answer, outcome.patch, outcome.model)
+
+
+def show(outcome: ComparisonOutcome) -> None:
+    """Open the viewer, where encoders were compared."""
+    if outcome.axes:
+        show_comparison(outcome.axes, None)
 
 
 def write_comparison(

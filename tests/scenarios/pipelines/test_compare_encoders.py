@@ -7,15 +7,19 @@ import numpy as np
 import pytest
 from saved_view import entities, viewer_into
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import UnknownName, Unusable
 from bench.shared.format.folder import write
 from bench.shared.recording import UNLOADED, Recording
-from scenarios import diagnose, real_kr300
+from scenarios import diagnose, pipelines, real_kr300
 from scenarios.pipelines.compare_encoders import answer_of, compare_encoders
 from scenarios.pipelines.encoder_axes import heldout_comparison, rms, whole_rms
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.recording_check import abilities
-from scenarios.report.sections.dual_encoder import write_comparison, write_outcome
+from scenarios.report.sections.dual_encoder import (
+    headline,
+    write_comparison,
+    write_files,
+)
 from scenarios.studies.public_recordings import kr300_recording
 from stiffness.dual_encoder.motions import SHORTEST
 from stiffness.regression.testing import SMALLEST
@@ -69,7 +73,8 @@ def stream(friction: float = 15.0, **true: float) -> Recording:
 
 def compare_and_write(recording, model, folder):
     outcome = compare_encoders(recording, model)
-    return outcome.answer, write_outcome(folder, outcome)
+    write_files(folder, outcome)
+    return outcome.answer, headline(outcome)
 
 
 def test_the_first_sentence_says_which_axis_is_left_with_how_much(tmp_path):
@@ -84,6 +89,23 @@ def test_the_first_sentence_says_which_axis_is_left_with_how_much(tmp_path):
     report = (tmp_path / "answer" / "report.md").read_text()
     assert said in report
     assert "delay_s" not in report and "_rad" not in report
+
+
+def test_from_python_a_comparison_states_explains_and_draws_itself(tmp_path):
+    """`diagnose` chooses it by what the recording holds, and says its sentence."""
+    said: list[str] = []
+    result = pipelines.diagnose(stream(delay=0.004), real_kr300.MODEL, said.append)
+    assert said == [headline(result.found)]
+    assert "What: channel_delay at a2" in repr(result)
+    assert "µrad instead of" in repr(result)
+    gate = [d for d in result.found.decisions if d.candidate[0] == "joint_compliance"]
+    for refused in gate:
+        assert refused.reason[1:] in result.why_not("joint_compliance", "a2")
+    assert "No gate has decided" in result.why_not("drift", "base")
+    assert len(result.figure("a2").axes) == 1
+    with pytest.raises(UnknownName, match="a1"):
+        result.figure("a1")
+    assert result.report(tmp_path / "o").is_file()
 
 
 def named(recording: Recording) -> dict[str, dict]:

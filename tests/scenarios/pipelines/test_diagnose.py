@@ -19,10 +19,17 @@ from scenarios import diagnose, record
 from scenarios.pipelines import diagnosis as steps
 from scenarios.pipelines import next_experiments
 from scenarios.pipelines.diagnosis import Result, answer_of, calls_for_calibration
-from scenarios.pipelines.effect_parameters import chance, label, size, span
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.patching import STIFFEST, patch_of_diagnosis, stiffening
-from scenarios.pipelines.schema import Answer, Interval, text_of
+from scenarios.pipelines.schema import (
+    Answer,
+    Interval,
+    chance,
+    label,
+    size,
+    span,
+    text_of,
+)
 from scenarios.report import route, summary
 from scenarios.report.command_line import run
 from scenarios.report.output_folder import DECISIONS, FILES, write_folder
@@ -200,7 +207,8 @@ def test_a_defect_of_ours_is_raised_once_what_was_found_is_written(
     def broken(*_):
         raise TypeError("ours")
 
-    monkeypatch.setattr(route, where, broken)
+    home = route if where == "proved" else diagnosis
+    monkeypatch.setattr(home, where, broken)
     settings = diagnose.Settings(recording, kr10, tmp_path / "o")
     with pytest.raises(TypeError, match="ours"):
         diagnose.main(settings)

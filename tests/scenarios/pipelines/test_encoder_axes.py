@@ -13,7 +13,7 @@ from scenarios import real_kr300
 from scenarios.pipelines.compare_encoders import answer_of, compare_encoders
 from scenarios.pipelines.encoder_axes import heldout_comparison, whole_rms
 from scenarios.pipelines.schema import Answer
-from scenarios.report.sections.dual_encoder import write_outcome
+from scenarios.report.sections.dual_encoder import write_files
 
 NOISE = 5e-6
 MASS, OUT, INERTIA = 20.0, 0.3, 0.01
@@ -284,7 +284,7 @@ def test_a_spring_of_the_model_that_is_not_there_is_a_mismatch(tmp_path):
 
 def compare_and_write(recording, model, folder):
     outcome = compare_encoders(recording, model)
-    write_outcome(folder, outcome)
+    write_files(folder, outcome)
 
 
 def test_what_was_named_is_left_as_a_patch_that_the_bench_loads(tmp_path):

@@ -12,7 +12,7 @@ from bench.shared.instrument_specs import TrackerSpec
 from bench.shared.recording import UNLOADED, Marker, Payload, Recording
 from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.inputs import arm_of
-from scenarios.report.sections.calibration import show, write_calibration
+from scenarios.report.sections.calibration import figure, show, write_files
 from scenarios.studies import ur10_calibration
 from stiffness.calibration import model as geometry
 from stiffness.calibration.model import CalibrationState, readings_of, spatial_folds_of
@@ -81,7 +81,7 @@ def recording() -> Recording:
 
 @pytest.fixture(scope="module")
 def outcome(recording):
-    return calibrate_and_prove(recording, arm_of(UR10), UR10, quiet=True)
+    return calibrate_and_prove(recording, arm_of(UR10), UR10)
 
 
 def test_what_was_left_out_is_named_and_nothing_else_of_its_size(outcome):
@@ -131,13 +131,27 @@ def test_nothing_kept_back_is_fitted_or_shares_a_region_with_what_is(outcome):
     assert 0.15 < regions.kept_back.mean() < 0.45
 
 
+def test_every_effect_that_was_tried_has_a_reason_and_the_result_a_figure(outcome):
+    """Believed, refused for its gain, or for a size that it cannot have."""
+    tried = {step.key for step in outcome.found.selected.steps}
+    assert {d.candidate for d in outcome.decisions} >= tried
+    refused = [d for d in outcome.decisions if not d.accepted]
+    z = min(
+        (d for d in refused if d.gate == "regions_left_out"), key=lambda d: d.statistic
+    )
+    said = outcome.why_not(*z.candidate)
+    assert f"{z.statistic:.2g} standard errors, 2 are needed" in said
+    assert "It is named" in outcome.why_not("transmission_error", "a2")
+    assert len(figure(outcome).axes) >= 3
+
+
 def test_an_arm_as_drawn_is_said_to_be_as_drawn(tmp_path):
     """Nor has its report a picture of gears or an empty table."""
     plain = recorded(UR10, (), 100, 4)
-    outcome = calibrate_and_prove(plain, arm_of(UR10), UR10, quiet=True)
+    outcome = calibrate_and_prove(plain, arm_of(UR10), UR10)
     assert outcome.answer.verdict == "no_mismatch"
     assert outcome.answer.named == ()
-    write_calibration(tmp_path / "out", outcome)
+    write_files(tmp_path / "out", outcome)
     assert not (tmp_path / "out" / "gears.png").exists()
     report = (tmp_path / "out" / "report.md").read_text()
     assert "no effect earned a name" in report
@@ -148,7 +162,7 @@ def test_an_arm_as_drawn_is_said_to_be_as_drawn(tmp_path):
 def test_tables_of_a_calibration_name_parameters_and_units_as_people_do(
     outcome, tmp_path
 ):
-    write_calibration(tmp_path / "out", outcome)
+    write_files(tmp_path / "out", outcome)
     report = (tmp_path / "out" / "report.md").read_text()
     assert "_rad" not in report
     assert "| encoder_offset | a2 | offset -11.3 µrad |" in report
@@ -158,12 +172,12 @@ def test_springs_that_the_model_has_are_no_finding(kr10):
     there = recorded(
         kr10, (PatchEffect("encoder_offset", "a3", {"offset_rad": OFFSET}),), 200, 5
     )
-    answer = calibrate_and_prove(there, arm_of(kr10), kr10, quiet=True).answer
+    answer = calibrate_and_prove(there, arm_of(kr10), kr10).answer
     assert "joint_compliance" not in {n.effect for n in answer.named}
 
 
 def test_an_answer_is_written_whole_with_its_pictures(outcome, tmp_path):
-    write_calibration(tmp_path / "out", outcome)
+    write_files(tmp_path / "out", outcome)
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert names == {
         *("diagnosis.json", "patch.json", "model.xml", "diagnosis.rrd"),
@@ -254,7 +268,7 @@ def test_another_draw_keeps_back_other_poses(recording):
 def test_the_weight_of_a_stated_tool_is_nothing_that_was_left_out():
     tool = Payload(3.0, np.array([0.02, -0.01, 0.08]))
     bent = recorded(KR10, (), 151, 5, tool=tool)
-    o = calibrate_and_prove(bent, arm_of(KR10), KR10, quiet=True)
+    o = calibrate_and_prove(bent, arm_of(KR10), KR10)
     truth = arm_of(KR10).stiffness
     assert not o.answer.named
     for axis, tolerance in (("a2", 0.02), ("a3", 0.02), ("a5", 0.05)):

@@ -11,7 +11,7 @@ from bench.shared.recording import Marker, Recording
 from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.calibration_proof import rms
 from scenarios.pipelines.inputs import arm_of
-from scenarios.report.sections.calibration import write_calibration
+from scenarios.report.sections.calibration import write_files
 from stiffness.calibration import model
 from stiffness.calibration.model import readings_of
 from stiffness.calibration.rigid_fit import fitted
@@ -60,14 +60,14 @@ def wrist(tmp_path_factory) -> Path:
 def soft(wrist):
     effects = [PatchEffect("joint_compliance", a, dict(SOFT)) for a in ("a2", "a3")]
     recording = recorded(wrist, effects, 150, 8)
-    return calibrate_and_prove(recording, arm_of(wrist), wrist, quiet=True)
+    return calibrate_and_prove(recording, arm_of(wrist), wrist)
 
 
 @pytest.fixture(scope="module")
 def crooked():
     """An arm whose links are all a little wrong, and nothing else."""
     recording = recorded(UR10, GEOMETRY, 120, 9)
-    return calibrate_and_prove(recording, arm_of(UR10), UR10, quiet=True)
+    return calibrate_and_prove(recording, arm_of(UR10), UR10)
 
 
 def longer(factor: float) -> Recording:
@@ -109,14 +109,14 @@ def test_every_name_has_a_number_that_is_clearly_not_zero(soft, crooked):
 
 def test_a_tracker_is_not_off_by_more_than_any_tracker_is():
     """Everything 2 per mille longer is an arm that was drawn too short."""
-    outcome = calibrate_and_prove(longer(1.002), arm_of(UR10), UR10, quiet=True)
+    outcome = calibrate_and_prove(longer(1.002), arm_of(UR10), UR10)
     names = {(n.effect, n.where) for n in outcome.answer.named}
     assert "tracker_scale" not in {effect for effect, _ in names}
     assert ("geometry_error", "link_2") in names
 
 
 def test_a_tracker_s_scale_is_said_to_be_as_well_the_links_lengths():
-    outcome = calibrate_and_prove(longer(1.0002), arm_of(UR10), UR10, quiet=True)
+    outcome = calibrate_and_prove(longer(1.0002), arm_of(UR10), UR10)
     for called in outcome.answer.named:
         if called.effect == "tracker_scale":
             assert "geometry_error" in {e.effect for e in called.equivalents}
@@ -144,7 +144,7 @@ def test_springs_that_the_model_has_are_fitted_for_both_sides_of_the_proof(kr10)
     softer = arm_of(kr10).stiffness / 2.0
     wanted = {f"a{k + 1}": float(s) for k, s in enumerate(softer)}
     recording = recorded(kr10, (), 120, 12, springs=wanted)
-    outcome = calibrate_and_prove(recording, arm_of(kr10), kr10, quiet=True)
+    outcome = calibrate_and_prove(recording, arm_of(kr10), kr10)
     assert outcome.answer.verdict == "no_mismatch"
     assert rms(outcome.proof.before) < 1.3 * NOISE * np.sqrt(3.0)
 
@@ -157,7 +157,7 @@ def test_a_link_that_grows_while_it_warms_is_left_open_with_its_place():
     share = 1.0 - np.exp(-quiet.time / 1500.0)[:, None, None]
     first, last = np.asarray(quiet.points), np.asarray(warm.points)
     seen = replace(quiet, points=first + share * (last - first))
-    answer = calibrate_and_prove(seen, arm_of(UR10), UR10, quiet=True).answer
+    answer = calibrate_and_prove(seen, arm_of(UR10), UR10).answer
     assert answer.verdict in ("unexplained", "partly_explained")
     assert answer.unexplained is not None
     assert answer.unexplained.where == "link_2"
@@ -165,7 +165,7 @@ def test_a_link_that_grows_while_it_warms_is_left_open_with_its_place():
 
 
 def test_the_patched_simulator_is_written_and_can_be_loaded(soft, wrist, tmp_path):
-    write_calibration(tmp_path / "out", soft)
+    write_files(tmp_path / "out", soft)
     assert (tmp_path / "out" / patch.MODEL_FILE).exists()
     rig = patch.load(tmp_path / "out")
     assert {e.where for e in rig.effects if e.name == "joint_compliance"} >= {

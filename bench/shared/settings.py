@@ -1,0 +1,52 @@
+"""Thresholds of the answers: those that more than one file uses, each with its reason.
+
+They were set before any result was looked at, and stand in every answer.
+"""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Thresholds that decide what an answer says.
+
+    Attributes:
+        significance: p-value below which there is a mismatch, and a residual counts as
+            one; the rule of the format.
+        confidence: Of all intervals; the rule of the format.
+        name_probability: Least probability of a name with its equivalents; the rule of
+            the format.
+        equivalent_log_bayes: Log Bayes factor within which a name would do as well; the
+            rule of the format.
+        standard_errors: By which a gain on data left out has to exceed zero; chosen: a
+            gain by chance is that large once in forty.
+        explained_share: Of what noise does not explain, from which all is explained
+            though the residual is significant; the rule of the format.
+        explained_share_low: The same for the low end of its interval.
+        exhaustive_names: Most names of a set that is found by trying all sets; chosen:
+            there are a hundred times as many sets of one more.
+        whole_arm_share: Share of the mismatch on poses left out that a set of many
+            names explains at least; chosen: where the library holds what is true, sets
+            explain 0.98 and more; a mechanism outside it is imitated by many names
+            together, but only up to 0.7.
+        simulator_ratio: Rms of the simulator's nominal arm over that of the fitted one,
+            above which they are not the same arm; the rule of the format.
+        resamples: Draws of a bootstrap; chosen: the ends of the interval move by less
+            than 2 % of it.
+    """
+
+    significance: float = 0.005
+    confidence: float = 0.95
+    name_probability: float = 0.95
+    equivalent_log_bayes: float = 3.0
+    standard_errors: float = 2.0
+    explained_share: float = 0.98
+    explained_share_low: float = 0.95
+    exhaustive_names: int = 3
+    whole_arm_share: float = 0.9
+    simulator_ratio: float = 1.5
+    resamples: int = 1999
+
+
+SETTINGS = Settings()
+"""Of this version."""
