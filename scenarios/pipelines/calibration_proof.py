@@ -20,6 +20,7 @@ from bench.proof.explained_share import Share, explained_share
 from bench.proof.setup import mounted_on, point_in_base
 from bench.proof.simulation import reading_of
 from bench.shared.recording import Recording
+from bench.shared.settings import SETTINGS
 from scenarios.pipelines.patching import FROM_SIDES, patch_of_calibration
 from scenarios.pipelines.schema import label
 from stiffness.calibration.model import CalibrationState, Geometry
@@ -29,7 +30,7 @@ from stiffness.robot.tracker_frame import kabsch
 # --- Proof on held-out poses ----------------------------------------------------------
 
 HOUR = 3600.0
-RESAMPLES = 1999
+RESAMPLES = SETTINGS.resamples
 SETTLED = 1e-3
 """Duration of a simulated plateau, in s; short, since nothing creeps here."""
 AT_ONCE = 2000
@@ -158,8 +159,7 @@ def _gain(before, after, region) -> tuple[tuple[float, float, float], float]:
 FAR = np.radians(1.0)
 """An angle further than this from every fitted one lies outside an error table, in rad;
 chosen: a quarter of the shortest wave that matters."""
-ALPHA = 0.005
-"""p-value below which the residual is significant."""
+ALPHA = SETTINGS.significance
 
 
 @dataclass(frozen=True)

@@ -48,8 +48,7 @@ from stiffness.regression.testing import SMALLEST
 
 # --- Names and parameters -------------------------------------------------------------
 
-ALPHA = 0.005
-"""p-value below which the nominal simulation is rejected."""
+ALPHA = SETTINGS.significance
 SUREST = 0.9999
 
 
@@ -372,7 +371,9 @@ def _squares(axes: Sequence[Axis]) -> tuple[np.ndarray, np.ndarray]:
 def _gain(axes: Sequence[Axis]) -> Interval:
     """Return the gain in µrad and its interval by a bootstrap over blocks of time."""
     both, rows = _squares(axes)
-    drawn = np.random.default_rng(0).integers(len(rows), size=(1999, len(rows)))
+    drawn = np.random.default_rng(0).integers(
+        len(rows), size=(SETTINGS.resamples, len(rows))
+    )
     size = np.sqrt(both[:, drawn].sum(axis=2) / rows[drawn].sum(axis=1))
     low, high = np.quantile(size[0] - size[1], [0.025, 0.975])
     gain = np.sqrt(both.sum(axis=1) / rows.sum()) @ [1.0, -1.0]

@@ -33,6 +33,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import t as student
 
+from bench.shared.settings import SETTINGS
 from stiffness.calibration.columns import SILENT, Blocks, Key, candidates_of, normals_of
 from stiffness.calibration.model import CalibrationState, Geometry, Readings
 from stiffness.calibration.rigid_fit import RigidFit
@@ -46,7 +47,7 @@ from stiffness.regression.intervals import Estimate
 
 # --- Intervals ------------------------------------------------------------------------
 
-LEVEL = 0.95
+LEVEL = SETTINGS.confidence
 
 
 def spread(

@@ -51,6 +51,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
+from bench.shared.settings import SETTINGS
 from stiffness.calibration.columns import SILENT, Blocks, Key
 from stiffness.regression.elimination import ColumnIndices, Eliminated
 from stiffness.regression.empirical_bayes import VarianceComponents, precision_of
@@ -171,7 +172,7 @@ def residual_squares_of(folds: Sequence[Normal], solutions) -> Tried:
 
 # --- Confounded effects ---------------------------------------------------------------
 
-MARGIN, SLIGHT = 2.0, 0.01
+MARGIN, SLIGHT = SETTINGS.standard_errors, 0.01
 """Standard errors of a loss, and share of the effect's gain, that count as none;
 chosen: laws are no truer than a tenth of their size, squared."""
 NEAR = 0.8

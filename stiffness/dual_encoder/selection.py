@@ -31,6 +31,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from bench.shared.settings import SETTINGS
 from stiffness.dual_encoder.fit import (
     EncoderComparison,
     SelectionStep,
@@ -59,7 +60,7 @@ from stiffness.regression.testing import gain_of
 
 # --- Gain and impossible values -------------------------------------------------------
 
-MARGIN = 2.0
+MARGIN = SETTINGS.standard_errors
 LEAST = 0.02
 """Minimum gain of a term that is believed; chosen: much is tried, and less changes
 nothing."""
