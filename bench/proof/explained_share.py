@@ -29,6 +29,7 @@ from bench.proof.nominal_fit import turned_by
 from bench.proof.proof_checks import squares
 from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.rig import RIGID
+from bench.shared.settings import SETTINGS
 
 # --- Noise floor ----------------------------------------------------------------------
 
@@ -91,8 +92,7 @@ def _through_the_wrench(
 
 # --- Explained share ------------------------------------------------------------------
 
-RESAMPLES = 1999
-"""Of the bootstrap; chosen: the ends of the interval move by less than 2 % of it."""
+RESAMPLES = SETTINGS.resamples
 
 
 @dataclass(frozen=True)

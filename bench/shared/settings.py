@@ -23,12 +23,8 @@ class Settings:
         explained_share: Of what noise does not explain, from which all is explained
             though the residual is significant; the rule of the format.
         explained_share_low: The same for the low end of its interval.
-        exhaustive_names: Most names of a set that is found by trying all sets; chosen:
-            there are a hundred times as many sets of one more.
-        whole_arm_share: Share of the mismatch on poses left out that a set of many
-            names explains at least; chosen: where the library holds what is true, sets
-            explain 0.98 and more; a mechanism outside it is imitated by many names
-            together, but only up to 0.7.
+        small_residual: Share of the mismatch that may be left significantly without
+            withholding a name; chosen: what `explained_share_low` leaves.
         simulator_ratio: Rms of the simulator's nominal arm over that of the fitted one,
             above which they are not the same arm; the rule of the format.
         resamples: Draws of a bootstrap; chosen: the ends of the interval move by less
@@ -42,8 +38,7 @@ class Settings:
     standard_errors: float = 2.0
     explained_share: float = 0.98
     explained_share_low: float = 0.95
-    exhaustive_names: int = 3
-    whole_arm_share: float = 0.9
+    small_residual: float = 0.05
     simulator_ratio: float = 1.5
     resamples: int = 1999
 

@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import t as student
 
+from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -106,7 +107,7 @@ def evaluate_model(
 
 # --- Intervals of parameters ----------------------------------------------------------
 
-LEVEL = 0.95
+LEVEL = SETTINGS.confidence
 SLIGHT = 0.01
 """Share of an interval that an estimate is nothing beside, and share of what is
 physical from which on an interval is wide; chosen."""

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.shared.effect_catalogue import INSTRUMENTS
+from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.detection import DetectionTest
 from stiffness.diagnosis.gate import gate_terms, pose_statistics, site_number
 from stiffness.diagnosis.localisation import (
@@ -69,11 +70,8 @@ from stiffness.regression.testing import SIGNIFICANCE
 
 # --- Rejection ------------------------------------------------------------------------
 
-SURE = 0.95
-"""Probability from which a name is given; the rule of the answer."""
-SMALL_RESIDUAL = 0.05
-"""Share of the mismatch that may be left significantly without withholding a name; the
-lower bound of the share from which an answer explains, by the rule of the answer."""
+SURE = SETTINGS.name_probability
+SMALL_RESIDUAL = SETTINGS.small_residual
 RESIDUAL_SHARE_LIMIT = 0.1
 """Residual near a name over what the name explains from which it is withheld. Chosen: a
 name may stand beside an unknown effect that is ten times weaker; one that is not may be
@@ -253,8 +251,7 @@ def largest_residual_site(found: DetectionTest) -> str:
 
 # --- Posterior ------------------------------------------------------------------------
 
-ALIKE = 3.0
-"""Log Bayes factor within which names are equivalent; the rule of the answer."""
+ALIKE = SETTINGS.equivalent_log_bayes
 MOST_EQUIVALENTS = 3
 """Equivalents that are counted with a name; the rule of the answer."""
 MOST_RIVALS = 5

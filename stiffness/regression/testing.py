@@ -33,6 +33,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 from scipy.stats import norm
 
+from bench.shared.settings import SETTINGS
 from stiffness.regression.elimination import (
     projection_coefficients,
     schur_complement,
@@ -41,8 +42,7 @@ from stiffness.regression.elimination import (
 
 # --- Detection ------------------------------------------------------------------------
 
-SIGNIFICANCE = 0.005
-"""p-value below which there is a mismatch; the rule of the answer."""
+SIGNIFICANCE = SETTINGS.significance
 
 
 # --- Max-T sign-flip test -------------------------------------------------------------
@@ -172,7 +172,7 @@ def _normal(square: np.ndarray, degrees_of_freedom: np.ndarray) -> np.ndarray:
 
 # --- Score of a model -----------------------------------------------------------------
 
-MARGIN = 2.0
+MARGIN = SETTINGS.standard_errors
 """Standard errors by which a term must improve the prediction of poses left out."""
 
 
@@ -213,7 +213,7 @@ def gain_of(
 # --- Spatial correlation of residuals -------------------------------------------------
 
 FLIPS = 1999
-ALPHA = 0.005
+ALPHA = SETTINGS.significance
 POWER = 0.9
 
 
