@@ -27,6 +27,7 @@ from stiffness.diagnosis.result import (
     Parameter,
     Rival,
     Warned,
+    strongest_withheld,
 )
 
 KR10 = "mjcf/kr10_r1100_2/kr10_r1100_2.xml"
@@ -151,6 +152,13 @@ def test_a_name_gives_its_parameters_and_one_that_is_not_there_its_reason(found)
 )
 def test_why_a_name_was_withheld_is_said_with_its_numbers(found, effect, where, reason):
     assert reason in found.why_not(effect, where)
+
+
+def test_names_that_came_furthest_are_the_strongest_that_were_withheld(found):
+    stopped = strongest_withheld(found)
+    assert [d.candidate[0] for d in stopped] == ["creep", "drift"]
+    assert [d.gate for d in stopped] == ["left_out", "magnitude"]
+    assert strongest_withheld(found, 1) == stopped[:1]
 
 
 def test_why_nothing_was_looked_for_is_said(found):

@@ -55,7 +55,7 @@ from stiffness.diagnosis.nominal_fit import (
     states_no_springs,
     with_load_springs,
 )
-from stiffness.diagnosis.result import Diagnosis, Name, NamedEffect, Warned
+from stiffness.diagnosis.result import Decision, Diagnosis, Name, NamedEffect, Warned
 from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.robot.arm import Arm
 
@@ -421,6 +421,11 @@ class Result:
     def patch(self) -> Patch | None:
         """What the simulator was given, as refined there; None: nothing was."""
         return None if self.simulated is None else self.simulated.patch
+
+    @property
+    def decisions(self) -> tuple[Decision, ...]:
+        """The verdict of each gate on each candidate."""
+        return self.diagnosis.decisions
 
     def why_not(self, effect: str, where: str) -> str:
         """Say why an effect was not named at a place; see `Diagnosis.why_not`."""

@@ -4,6 +4,8 @@ A tidy table has one number a row; its other columns say what the number is. run
 holds the command, settings and versions that make a result again.
 """
 
+from __future__ import annotations
+
 import csv
 import json
 import math
@@ -13,7 +15,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from stiffness.diagnosis.result import Decision
 
 # --- Tidy tables ----------------------------------------------------------------------
 
@@ -31,6 +36,24 @@ def read_table(file: Path) -> list[dict[str, str]]:
     """Read a table that `write_table` wrote; all cells are text."""
     with file.open(newline="", encoding="utf-8") as source:
         return list(csv.DictReader(source))
+
+
+def write_decisions(file: Path, decisions: Sequence[Decision]) -> None:
+    """Write each gate's verdict on each candidate; no file where there is none."""
+    rows = [
+        {
+            "effect": d.candidate[0],
+            "where": d.candidate[1],
+            "gate": d.gate,
+            "accepted": d.accepted,
+            "statistic": d.statistic,
+            "threshold": d.threshold,
+            "reason": d.reason,
+        }
+        for d in decisions
+    ]
+    if rows:
+        write_table(file, rows)
 
 
 def _cell(value: object) -> object:

@@ -19,7 +19,7 @@ FILES = (
 )  # fmt: skip
 """Files of a diagnosis; its pictures are inside the report."""
 DECISIONS = "decisions.csv"
-"""Each gate's verdict on each candidate, where many effects were selected together."""
+"""Each gate's verdict on each candidate, where the gates have left any."""
 ANSWERS = frozenset(
     {
         *FILES,

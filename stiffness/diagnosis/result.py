@@ -5,6 +5,7 @@ A `Diagnosis` states itself in five lines, gives a name's parameters as
 withheld a name.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -329,6 +330,30 @@ def withheld(decisions: Sequence[Decision], name: Name) -> list[Decision]:
     """Return the gates that a candidate did not pass, the last first."""
     own = [d for d in decisions if tuple(d.candidate) == (name.effect, name.where)]
     return [d for d in reversed(own) if not d.accepted]
+
+
+def strongest_withheld(found: Diagnosis, count: int = 5) -> list[Decision]:
+    """Return the gate at which each name was stopped, those first that came furthest.
+
+    Furthest: past most gates, then nearest to the threshold. Names that were given,
+    and their equivalents, are not among them.
+    """
+    given = {name for n in found.named for name in (n.name, *n.equivalents)}
+    last: dict[Name, Decision] = {}
+    passed: Counter[Name] = Counter()
+    for d in found.decisions:
+        name = Name(*d.candidate)
+        if d.accepted:
+            passed[name] += 1
+        else:
+            last[name] = d
+    short = {
+        name: d.threshold - d.statistic if np.isfinite(d.statistic) else np.inf
+        for name, d in last.items()
+        if name not in given
+    }
+    order = sorted(short, key=lambda name: (-passed[name], short[name]))
+    return [last[name] for name in order[:count]]
 
 
 def _why_not(found: Diagnosis, name: Name) -> Iterator[str]:

@@ -14,8 +14,8 @@ from scenarios.pipelines.calibration import MM, CalibrationOutcome
 from scenarios.pipelines.calibration_proof import CalibrationProof, ResidualSummary
 from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import Answer, label, size, span
-from scenarios.report import figures, page, playback
-from scenarios.report.output_folder import write_folder
+from scenarios.report import data_files, figures, page, playback
+from scenarios.report.output_folder import DECISIONS, write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from stiffness.calibration.result import Calibrated
 
@@ -176,6 +176,7 @@ def write_files(
         page.write(waiting, title, first, [*blocks, *more])
         text = form.text_of(o.answer)
         (waiting / "diagnosis.json").write_text(text, encoding="utf-8")
+        data_files.write_decisions(waiting / DECISIONS, o.decisions)
         rig = rig_of(o.proof.patch, o.model)
         write_patch(waiting, with_arm(o.proof.patch, rig), rig)
         playback.show_calibration(o.found, o.proof, first, waiting / "diagnosis.rrd")

@@ -24,6 +24,7 @@ from scenarios.report.figures import of_law
 from scenarios.report.output_folder import DECISIONS, FILES, write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from stiffness.diagnosis.diagnose import SCATTER
+from stiffness.diagnosis.result import in_words, strongest_withheld
 
 # --- The data -------------------------------------------------------------------------
 
@@ -241,8 +242,19 @@ def _what(finding: Result) -> Iterator[Block]:
             "strongest",
         ]
         yield Table("Where arm and model differ, strongest first.", header, rows)
-    if not answer.named:
-        return
+    if answer.named:
+        yield from _how_sure(answer)
+    if stopped := strongest_withheld(finding.diagnosis):
+        yield Heading("What was withheld, and why")
+        yield Table(
+            "Names that came furthest without being given; all others, gate by gate, "
+            f"are in {DECISIONS}.",
+            ["effect", "where", "why not"],
+            [[*d.candidate, in_words(d)] for d in stopped],
+        )
+
+
+def _how_sure(answer: schema.Answer) -> Iterator[Block]:
     yield Heading("What, and how sure")
     header = [
         "effect",
@@ -325,22 +337,6 @@ def _pictures(finding: Result, folder: Path) -> Iterator[Block]:
 # --- The files ------------------------------------------------------------------------
 
 
-def decision_rows(finding: Result) -> list[dict[str, object]]:
-    """Return each gate's verdict on each candidate, with statistic and reason."""
-    return [
-        {
-            "effect": d.candidate[0],
-            "where": d.candidate[1],
-            "gate": d.gate,
-            "accepted": d.accepted,
-            "statistic": d.statistic,
-            "threshold": d.threshold,
-            "reason": d.reason,
-        }
-        for d in finding.diagnosis.decisions
-    ]
-
-
 def write_answer(folder: Path, answer: schema.Answer) -> None:
     """Write diagnosis.json into a folder."""
     text = schema.text_of(answer)
@@ -350,8 +346,7 @@ def write_answer(folder: Path, answer: schema.Answer) -> None:
 def write_diagnosis(folder: Path, finding: Result) -> None:
     """Write the answer, the patch, the report and the playback into a folder."""
     write_answer(folder, finding.answer)
-    if finding.diagnosis.decisions:
-        data_files.write_table(folder / DECISIONS, decision_rows(finding))
+    data_files.write_decisions(folder / DECISIONS, finding.diagnosis.decisions)
     simulated = finding.simulated
     if simulated is not None and (simulated.patch.effects or simulated.patch.laws):
         write_patch(folder, simulated.patch, simulated.patched.rig)

@@ -4,22 +4,21 @@
 `blocks_of` is the report; `write_files` writes the folder whole, report or refusal.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure as Picture
 
-from bench.patch import Patch
 from bench.shared.errors import BenchError, UnknownName
 from scenarios.pipelines import schema as form
 from scenarios.pipelines.compare_encoders import ComparisonOutcome
 from scenarios.pipelines.encoder_axes import WINDOW, Axis, rms, whole_rms
 from scenarios.pipelines.patching import write_patch_of_axes
 from scenarios.pipelines.schema import Answer, label, size, span
-from scenarios.report import page
+from scenarios.report import data_files, page
 from scenarios.report.figures import encoders_before_after, followed, looks_like
-from scenarios.report.output_folder import write_folder
+from scenarios.report.output_folder import DECISIONS, write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.report.playback import PLAYBACK, show_comparison
 from stiffness.dual_encoder.fit import SelectionStep, columns, fitted
@@ -223,53 +222,35 @@ def figure(outcome: ComparisonOutcome, where: str) -> Picture:
 
 
 def write_files(folder: Path, outcome: ComparisonOutcome) -> None:
-    """Write the answer to a folder, or what has to be corrected."""
-    if not outcome.axes:
-        write_refusal(folder, outcome.answer)
-        return
-    write_comparison(folder, outcome.axes, outcome.answer, outcome.patch, outcome.model)
+    """Write diagnosis.json, pictures, the report, a playback and the patch, if any.
+
+    Where the set-up is wrong, the report says what has to be corrected.
+
+    Raises:
+        Unusable: Where nothing can be written; then nothing is.
+    """
+    o = outcome
+
+    def make(waiting: Path) -> None:
+        first = "Nothing is named: the set-up is wrong."
+        blocks: list[Block] = [Paragraph(w.text) for w in o.answer.warnings]
+        if o.axes:
+            first = first_sentence(o.axes, o.answer)
+            blocks = blocks_of(o.axes, o.answer, waiting)
+            show_comparison(o.axes, waiting / PLAYBACK)
+        if o.patch is not None:
+            write_patch_of_axes(waiting, o.patch, o.model)
+        page.write(
+            waiting, f"Two encoders an axis: {o.answer.recording}", first, blocks
+        )
+        text = form.text_of(o.answer)
+        (waiting / "diagnosis.json").write_text(text, encoding="utf-8")
+        data_files.write_decisions(waiting / DECISIONS, o.decisions)
+
+    write_folder(folder, make)
 
 
 def show(outcome: ComparisonOutcome) -> None:
     """Open the viewer, where encoders were compared."""
     if outcome.axes:
         show_comparison(outcome.axes, None)
-
-
-def write_comparison(
-    folder: Path,
-    axes: Sequence[Axis],
-    answer: Answer,
-    patch: Patch | None = None,
-    model: Path | None = None,
-) -> None:
-    """Write diagnosis.json, pictures, the report, a playback and the patch, if any."""
-
-    def blocks(waiting: Path) -> list[Block]:
-        if patch is not None:
-            write_patch_of_axes(waiting, patch, model)
-        show_comparison(axes, waiting / PLAYBACK)
-        return blocks_of(axes, answer, waiting)
-
-    _whole(folder, answer, first_sentence(axes, answer), blocks)
-
-
-def write_refusal(folder: Path, answer: Answer) -> None:
-    """Write diagnosis.json and a report that says what has to be corrected."""
-    mistakes = [Paragraph(w.text) for w in answer.warnings]
-    _whole(folder, answer, "Nothing is named: the set-up is wrong.", lambda _: mistakes)
-
-
-def _whole(
-    folder: Path,
-    answer: Answer,
-    first: str,
-    blocks: Callable[[Path], Sequence[Block]],
-) -> None:
-    def make(waiting: Path) -> None:
-        title = f"Two encoders an axis: {answer.recording}"
-        page.write(waiting, title, first, blocks(waiting))
-        text = form.text_of(answer)
-        (waiting / "diagnosis.json").write_text(text, encoding="utf-8")
-
-    write_folder(folder, make)

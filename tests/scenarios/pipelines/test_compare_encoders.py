@@ -11,13 +11,18 @@ from bench.shared.errors import UnknownName, Unusable
 from bench.shared.format.folder import write
 from bench.shared.recording import UNLOADED, Recording
 from scenarios import diagnose, pipelines, real_kr300
-from scenarios.pipelines.compare_encoders import answer_of, compare_encoders
+from scenarios.pipelines.compare_encoders import (
+    ComparisonOutcome,
+    answer_of,
+    compare_encoders,
+)
 from scenarios.pipelines.encoder_axes import heldout_comparison, rms, whole_rms
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.recording_check import abilities
+from scenarios.report.data_files import read_table
+from scenarios.report.output_folder import DECISIONS
 from scenarios.report.sections.dual_encoder import (
     headline,
-    write_comparison,
     write_files,
 )
 from scenarios.studies.public_recordings import kr300_recording
@@ -95,6 +100,7 @@ def test_from_python_a_comparison_states_explains_and_draws_itself(tmp_path):
     """`diagnose` chooses it by what the recording holds, and says its sentence."""
     said: list[str] = []
     result = pipelines.diagnose(stream(delay=0.004), real_kr300.MODEL, said.append)
+    assert isinstance(result.found, ComparisonOutcome)
     assert said == [headline(result.found)]
     assert "What: channel_delay at a2" in repr(result)
     assert "µrad instead of" in repr(result)
@@ -106,6 +112,9 @@ def test_from_python_a_comparison_states_explains_and_draws_itself(tmp_path):
     with pytest.raises(UnknownName, match="a1"):
         result.figure("a1")
     assert result.report(tmp_path / "o").is_file()
+    rows = read_table(tmp_path / "o" / DECISIONS)
+    assert len(rows) == len(result.found.decisions) > 0
+    assert all(row["reason"] for row in rows)
 
 
 def named(recording: Recording) -> dict[str, dict]:
@@ -162,11 +171,15 @@ def test_nothing_between_the_encoders_is_no_finding():
     assert named(stream()) == {}
 
 
+def compared(axes) -> ComparisonOutcome:
+    return ComparisonOutcome(tuple(axes), answer_of("a gear", axes, 1.0), None)
+
+
 def test_a_motion_that_was_not_fitted_is_predicted_to_the_noise(tmp_path):
     axes = heldout_comparison(stream(delay=0.004, wave=6e-5), real_kr300.MODEL)
     assert whole_rms(axes[0].before) > 2e-4
     assert whole_rms(axes[0].after) < 1e-5
-    write_comparison(tmp_path / "out", axes, answer_of("a gear", axes, 1.0))
+    write_files(tmp_path / "out", compared(axes))
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert {"diagnosis.json", "report.html", "before_after.png"} <= names
 
@@ -186,7 +199,7 @@ def test_the_report_says_of_wind_up_what_the_data_say(torque, tmp_path):
     if not torque:
         recording = replace(recording, axis_torque=None)
     axes = heldout_comparison(recording, real_kr300.MODEL)
-    write_comparison(tmp_path / "out", axes, answer_of("a gear", axes, 1.0))
+    write_files(tmp_path / "out", compared(axes))
     text = (tmp_path / "out" / "report.md").read_text()
     told = re.search(r"Correlation with a2: (torque -(\S+), )?speed [+-]\d", text)
     assert told is not None and (told[1] is not None) == torque

@@ -12,6 +12,8 @@ from bench.shared.instrument_specs import TrackerSpec
 from bench.shared.recording import UNLOADED, Marker, Payload, Recording
 from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.inputs import arm_of
+from scenarios.report.data_files import read_table, write_decisions
+from scenarios.report.output_folder import DECISIONS
 from scenarios.report.sections.calibration import figure, show, write_files
 from scenarios.studies import ur10_calibration
 from stiffness.calibration import model as geometry
@@ -131,7 +133,9 @@ def test_nothing_kept_back_is_fitted_or_shares_a_region_with_what_is(outcome):
     assert 0.15 < regions.kept_back.mean() < 0.45
 
 
-def test_every_effect_that_was_tried_has_a_reason_and_the_result_a_figure(outcome):
+def test_every_effect_that_was_tried_has_a_reason_and_the_result_a_figure(
+    outcome, tmp_path
+):
     """Believed, refused for its gain, or for a size that it cannot have."""
     tried = {step.key for step in outcome.found.selected.steps}
     assert {d.candidate for d in outcome.decisions} >= tried
@@ -143,6 +147,8 @@ def test_every_effect_that_was_tried_has_a_reason_and_the_result_a_figure(outcom
     assert f"{z.statistic:.2g} standard errors, 2 are needed" in said
     assert "It is named" in outcome.why_not("transmission_error", "a2")
     assert len(figure(outcome).axes) >= 3
+    write_decisions(tmp_path / DECISIONS, outcome.decisions)
+    assert len(read_table(tmp_path / DECISIONS)) == len(outcome.decisions)
 
 
 def test_an_arm_as_drawn_is_said_to_be_as_drawn(tmp_path):
@@ -181,7 +187,7 @@ def test_an_answer_is_written_whole_with_its_pictures(outcome, tmp_path):
     names = {file.name for file in (tmp_path / "out").iterdir()}
     assert names == {
         *("diagnosis.json", "patch.json", "model.xml", "diagnosis.rrd"),
-        "controller.csv",
+        *("controller.csv", DECISIONS),
         *("report.html", "report.md"),
         *("before_after.png", "gears.png", "residual_map.png"),
     }

@@ -8,10 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from small_bench import arm, prepared, recording
 
-from scenarios.pipelines.diagnosis import Result, answer_of
-from scenarios.report.data_files import read_table, write_table
+from scenarios.pipelines.diagnosis import answer_of
+from scenarios.report.data_files import read_table, write_decisions
 from scenarios.report.output_folder import DECISIONS
-from scenarios.report.sections.diagnosis import decision_rows
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import (
     gate_terms,
@@ -208,8 +207,7 @@ def test_answer_of_a_whole_arm_carries_shares_open_places_and_decisions(tmp_path
     assert len(shares) == len(told.named)
     assert all(0.0 < share < 1.0 for share in shares)
     assert len(told.unexplained_places) == len(found.unexplained_places)
-    result = Result(recording(*EIGHT), found, None, "", None, told)
-    write_table(tmp_path / DECISIONS, decision_rows(result))
+    write_decisions(tmp_path / DECISIONS, found.decisions)
     rows = read_table(tmp_path / DECISIONS)
     assert len(rows) == len(found.decisions)
     assert all(row["reason"] for row in rows)
