@@ -119,7 +119,7 @@ def found():
         ),
         decisions=(
             Decision(("creep", "a3"), "log_evidence", True, 9.0, 0.0, "worth more"),
-            Decision(("creep", "a3"), "left_out", False, 1.4, 2.0, "does not predict"),
+            Decision(("creep", "a3"), "left_out", False, 0.14, 0.02, "does not predict"),
             Decision(("drift", "base"), "magnitude", False, 0.0, 0.0, "may be nothing"),
         ),
     )
@@ -135,14 +135,14 @@ def test_a_diagnosis_states_itself_in_five_lines(found):
 
 def test_a_name_gives_its_parameters_and_one_that_is_not_there_its_reason(found):
     assert found["hysteresis", "a2"].parameters["width_rad"].low == 1.3e-4
-    with pytest.raises(KeyError, match=r"gain on poses left out is 1\.4"):
+    with pytest.raises(KeyError, match=r"do as well in 0\.14"):
         _ = found["creep", "a3"]
 
 
 @pytest.mark.parametrize(
     ("effect", "where", "reason"),
     [
-        ("creep", "a3", "gain on poses left out is 1.4 standard errors, 2 are needed"),
+        ("creep", "a3", "do as well in 0.14, less than 0.02 is needed"),
         ("drift", "base", "May be nothing."),
         ("lost_motion", "a2", "do as well as hysteresis at a2"),
         ("hysteresis", "a2", "It is named: hysteresis at a2, probability 0.980"),

@@ -306,10 +306,16 @@ def _stated(named: NamedEffect) -> str:
 
 # --- Why a name was withheld ----------------------------------------------------------
 
+SIGNS = "random signs of the poses do as well in {0:.2g}, less than {1:.2g} is needed"
 STATISTICS = {
     "log_evidence": "log evidence gained is {0:.3g}, more than {1:.3g} is needed",
     "regions_left_out": "gain there is {0:.2g} standard errors, {1:.2g} are needed",
-    "left_out": "gain on poses left out is {0:.2g} standard errors, {1:.2g} are needed",
+    "left_out": SIGNS,
+    "other_forms": SIGNS,
+    "generic_terms": SIGNS,
+    "second_order": "it is {0:.2g} of what that explains, {1:.2g} is needed",
+    "residual": "the residual is {0:.2g} of what it explains, {1:.2g} may be",
+    "homogeneity": "they differ by {0:.2g} of what it explains, {1:.2g} may be",
     "posterior": "probability is {0:.2g}, {1:.2g} is needed",
 }
 """What a gate compares, in words; of other gates the numbers are given as they are."""
@@ -348,7 +354,7 @@ def strongest_withheld(found: Diagnosis, count: int = 5) -> list[Decision]:
         else:
             last[name] = d
     short = {
-        name: d.threshold - d.statistic if np.isfinite(d.statistic) else np.inf
+        name: abs(d.threshold - d.statistic) if np.isfinite(d.statistic) else np.inf
         for name, d in last.items()
         if name not in given
     }
