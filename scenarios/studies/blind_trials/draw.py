@@ -18,14 +18,12 @@ from jaxtyping import Float
 
 from bench.effects import EFFECTS, OTHER_LAWS
 from bench.effects.effect import Effect
-from bench.effects.joint_compliance import JointCompliance
 from bench.effects.out_of_library import OUT_OF_LIBRARY_EFFECTS
-from bench.effects.pulley_friction import PulleyFriction
 from bench.instruments import Encoders, ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.encoders import ARRIVAL
 from bench.instruments.force_sensor import SIZE, TURN
 from scenarios.studies.blind_trials.arms import THE_KR10, Arm
-from scenarios.studies.blind_trials.strata import MEMORY, STRATA, Stratum
+from scenarios.studies.blind_trials.strata import STRATA, Stratum
 
 # --- Instruments ----------------------------------------------------------------------
 
@@ -67,8 +65,6 @@ def instruments_of(stratum: Stratum, number: int) -> Instruments:
 
 SPREAD = 3.0
 """True stiffness over the model's: up to this factor either way, by the bars' rule."""
-ALONE = (JointCompliance, PulleyFriction)
-"""Effects that need a model or a sensor of their own: never combined or removed."""
 
 
 @dataclass(frozen=True)
@@ -154,23 +150,23 @@ def kinds_of(
         draw: Random numbers, for the second effect.
         attempt: Counts from 0; every fourth goes on to the next kind.
     """
-    name, number = trial.stratum.name, trial.number
-    turn = number + attempt // 4
     if not trial.stratum.least:
         return []
-    if name == "two_400":
-        known = [kind for kind in EFFECTS if kind not in ALONE]
-        first = known[turn % len(known)]
-        others = [kind for kind in known if kind is not first]
-        return [first, others[int(draw.integers(len(others)))]]
-    pool: tuple[type[Effect], ...] = EFFECTS
-    if name == "outside":
-        pool = OUT_OF_LIBRARY_EFFECTS
-    elif name == "second_law":
-        pool = OTHER_LAWS
-    elif name.startswith("memory"):
-        kinds = {kind.name: kind for kind in EFFECTS}
-        pool = tuple(kinds[name] for name in MEMORY)
-    elif name == "removed":
-        pool = tuple(kind for kind in EFFECTS if kind not in ALONE)
-    return [pool[turn % len(pool)]]
+    pool = pool_of(trial.stratum)
+    turn = trial.number + attempt // 4
+    first = pool[turn % len(pool)]
+    if len(trial.stratum.least) == 1:
+        return [first]
+    others = [kind for kind in pool if kind is not first]
+    return [first, others[int(draw.integers(len(others)))]]
+
+
+def pool_of(stratum: Stratum) -> list[type[Effect]]:
+    """Return the mechanisms that the trials of a stratum conceal, in turn."""
+    mechanisms = {
+        "vocabulary": EFFECTS,
+        "other_laws": OTHER_LAWS,
+        "outside": OUT_OF_LIBRARY_EFFECTS,
+    }[stratum.mechanisms]
+    by_name = {kind.name: kind for kind in mechanisms}
+    return [by_name[name] for name in stratum.pool]

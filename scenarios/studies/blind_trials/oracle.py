@@ -1,8 +1,9 @@
 """Oracles: how far an effect is from the library, and the gain of knowing the truth.
 
 `explained` fits an effect by the best set of up to three names of the library; what
-these do not explain makes it an effect outside the library. The library is the
-diagnosis' own, for its names are those that must not be given. The fit is made on an
+these do not explain makes it an effect outside the library. The library has the
+diagnosis' own hypotheses, for their names are those that must not be given, as far as
+`strata.LIBRARY` lists them: a new hypothesis changes no trial. The fit is made on an
 effect so large that the χ² by chance, some fifty at most, is small beside it. The size
 of the effect itself comes from `visibility`, without the diagnosis.
 
@@ -26,6 +27,7 @@ from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.studies.blind_trials.magnitudes import OutOfReach, as_large_as
+from scenarios.studies.blind_trials.strata import LIBRARY
 from scenarios.studies.blind_trials.visibility import Visibility
 from stiffness.diagnosis.candidates import Library
 from stiffness.diagnosis.localisation import WhitenedCandidates, whiten_candidates
@@ -44,6 +46,7 @@ from stiffness.diagnosis.sufficient_statistics import (
     normal_equations_of,
 )
 from stiffness.effects import HYPOTHESES
+from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.static_state import StaticState
 from stiffness.experiment.visits import visits_of
@@ -294,13 +297,18 @@ def explained(recording: Recording, model: Path, without: Sequence[str]) -> floa
         without: Names that are taken out of the library.
     """
     arm = arm_of(model).for_recording(recording)
-    names = [h for h in HYPOTHESES if h.effect not in without]
-    case = build_problem(_returning(prepare(recording, arm)), names)
+    case = build_problem(_returning(prepare(recording, arm)), library(without))
     white = whiten_candidates(case.library, case.normal_equations)
     sets = rank_models(case.library, white, len(np.unique(recording.posture_id)))
     size = np.array([len(members) for members in sets.models])
     best = [np.flatnonzero(size == s)[np.argsort(-sets.gain[size == s])] for s in SIZES]
     return max(_at_its_best(case, sets, int(k)) for of in best for k in of[:FRONT])
+
+
+def library(without: Sequence[str]) -> list[Hypothesis]:
+    """Return the hypotheses that `strata.LIBRARY` lists, without some names."""
+    names = set(LIBRARY) - set(without)
+    return [hypothesis for hypothesis in HYPOTHESES if hypothesis.effect in names]
 
 
 def _at_its_best(case: SelectionProblem, sets: RankedModels, number: int) -> float:

@@ -5,8 +5,65 @@ it tests the smallest effect that the diagnosis says would have shown.
 """
 
 from dataclasses import dataclass
+from typing import Literal
 
-__all__ = ["BARS", "MEMORY", "STRATA", "Bar", "Stratum"]
+__all__ = ["BARS", "LIBRARY", "MEMORY", "STRATA", "Bar", "Stratum"]
+
+# --- Pools ----------------------------------------------------------------------------
+
+MEMORY = ("lost_motion", "hysteresis", "creep")
+"""Effects that only a reversal or a dwell of the load discriminates."""
+SINGLE = (
+    "joint_compliance",
+    "hardening",
+    "asymmetric_stiffness",
+    "lost_motion",
+    "hysteresis",
+    "creep",
+    "angle_dependent_stiffness",
+    "wrist_coupling",
+    "bearing_tilt",
+    "link_bending",
+    "base_compliance",
+    "gravity_load",
+    "gravity_compensator",
+    "transmission_error",
+    "encoder_offset",
+    "geometry_error",
+    "pulley_friction",
+    "wrench_bias",
+    "wrench_gain",
+    "wrench_misalignment",
+    "tracker_scale",
+    "tracker_misalignment",
+    "drift",
+    "marker_slip",
+)
+"""Effects that a recording at rest can show."""
+ALONE = ("joint_compliance", "pulley_friction")
+"""Effects that need a model or a sensor of their own: never combined or removed."""
+TOGETHER = tuple(name for name in SINGLE if name not in ALONE)
+"""Effects that can be combined with others, and whose names can be taken out."""
+OUTSIDE = (
+    "softening",
+    "thrust_turn",
+    "loose_bearing",
+    "foot_lift_off",
+    "axis_crosstalk",
+    "warming_gear",
+)
+"""Mechanisms without a name in the vocabulary."""
+OTHER_FORMS = ("hardening", "lost_motion", "hysteresis")
+"""Effects that a mechanism with another law exists of."""
+LIBRARY = (*SINGLE, "channel_delay")
+"""Names whose hypotheses say what of a mechanism is outside the vocabulary.
+
+Pools and library are fixed, and so is their order: kind, place, form and size of every
+trial follow from them. An effect that is registered later changes no trial of these
+strata; new strata with a pool of their own conceal it.
+"""
+
+# --- Strata ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -21,6 +78,9 @@ class Stratum:
         path: Load on the hook, as `bench.shared.plan.parse_path` reads it; empty:
             the default path, with a dwell and a reversal.
         known: Whether the vocabulary has its effects.
+        pool: Names of the effects that its trials conceal, in turn.
+        mechanisms: Which mechanisms have these names: those of the vocabulary, other
+            laws under the same names, or mechanisms outside the vocabulary.
     """
 
     name: str
@@ -29,6 +89,8 @@ class Stratum:
     targets: str = "all"
     path: str = ""
     known: bool = True
+    pool: tuple[str, ...] = SINGLE
+    mechanisms: Literal["vocabulary", "other_laws", "outside"] = "vocabulary"
 
     @property
     def said(self) -> str:
@@ -45,21 +107,49 @@ STRATA = {
         Stratum("one_100", "one effect, barely to be seen", (100.0,)),
         Stratum("one_400", "one effect", (400.0,)),
         Stratum("flange_400", "one effect, a flange target alone", (400.0,), "flange"),
-        Stratum("two_400", "two effects", (400.0, 400.0)),
-        Stratum("outside", "a mechanism without a name", (100.0,), known=False),
-        Stratum("removed", "an effect whose name was taken out", (100.0,), known=False),
-        Stratum("memory", "play, hysteresis or creep, dwell and reversal", (400.0,)),
+        Stratum("two_400", "two effects", (400.0, 400.0), pool=TOGETHER),
+        Stratum(
+            "outside",
+            "a mechanism without a name",
+            (100.0,),
+            known=False,
+            pool=OUTSIDE,
+            mechanisms="outside",
+        ),
+        Stratum(
+            "removed",
+            "an effect whose name was taken out",
+            (100.0,),
+            known=False,
+            pool=TOGETHER,
+        ),
+        Stratum(
+            "memory",
+            "play, hysteresis or creep, dwell and reversal",
+            (400.0,),
+            pool=MEMORY,
+        ),
         Stratum(
             "memory_blind",
             "the same, loaded once without a dwell or a reversal",
             (400.0,),
             path="0,2.5,5,7.5,10",
+            pool=MEMORY,
         ),
-        Stratum("second_law", "a name in the form of another law", (400.0,)),
+        Stratum(
+            "second_law",
+            "a name in the form of another law",
+            (400.0,),
+            pool=OTHER_FORMS,
+            mechanisms="other_laws",
+        ),
         Stratum("one_45", "one effect that should just show", (45.0,)),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""
+
+
+# --- Bars -----------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -100,6 +190,3 @@ BARS = (
     Bar(("one_45",), "detected", 0.90),
 )
 """Limits on shares of trials; those on coverage, gain and time are in `rates`."""
-
-MEMORY = ("lost_motion", "hysteresis", "creep")
-"""Effects that only a reversal or a dwell of the load discriminates."""

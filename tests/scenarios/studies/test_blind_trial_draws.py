@@ -1,0 +1,146 @@
+"""Published trials are drawn again, whatever was registered since."""
+
+import hashlib
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from bench.effects import EFFECTS
+from bench.effects.encoder_offset import EncoderOffset
+from bench.instruments import Markers
+from bench.instruments.random_streams import streams
+from bench.rig import Rig
+from bench.shared.plan import DEFAULT_PATH
+from bench.standard_plans import tour
+from scenarios.studies.blind_trials import draw, oracle
+from scenarios.studies.blind_trials.arms import BUILDS, arm_text
+from scenarios.studies.blind_trials.draw import kinds_of, pool_of, trial_of
+from scenarios.studies.blind_trials.effects import (
+    Ground,
+    draw_site_and_form,
+    knees_of,
+    turning,
+)
+from scenarios.studies.blind_trials.strata import LIBRARY, STRATA
+from stiffness.effects import HYPOTHESES
+
+TRIALS, ATTEMPTS = 10, 5
+"""Trials of each stratum, and draws of each: the fifth goes on to the next kind."""
+PUBLISHED = {
+    "null": "cb5c5bbe3a836d72",
+    "null_nuisance": "0efd71658cf94502",
+    "one_100": "6831e58f3046eb68",
+    "one_400": "4983f797fc93d68f",
+    "flange_400": "8c9dfa192f5807b3",
+    "two_400": "57d2b8bd7fff0516",
+    "outside": "d0b54b972cade575",
+    "removed": "83c56fd5e83db7f8",
+    "memory": "0f1cd3f2930c4ee3",
+    "memory_blind": "e282eb03616176dc",
+    "second_law": "9524a7eef64e821f",
+    "one_45": "4dffa589b4203ed0",
+}
+"""Hash of what trials 0 to 9 of seed 0 draw, as published; never to be changed."""
+
+
+@dataclass(frozen=True)
+class Registered(EncoderOffset):
+    """An effect that is registered after the trials were published."""
+
+    name: ClassVar[str] = "registered_later"
+
+
+@pytest.fixture(scope="module")
+def ground(kr10):
+    """Sites and forms of the KR10 by the bodies that carry markers."""
+    rig = Rig(kr10)
+    covered = turning(rig.anatomy, tour(rig, 30, DEFAULT_PATH, 12, 0).posture)
+
+    def of(targets):
+        stuck = Markers(targets).stick(rig.nominal, rig.anatomy, streams(0))
+        marks = [one.marker.name for one in stuck]
+        return Ground(rig.anatomy, marks, 3600.0, knees_of(rig), covered)
+
+    return {targets: of(targets) for targets in ("all", "flange")}
+
+
+def number(value):
+    return value if isinstance(value, str) else f"{value:.9g}"
+
+
+def drawing(trial, ground):
+    """Return in words all that a trial draws before any simulation."""
+    chance = np.random.default_rng(trial.chance)
+    lines = [trial.name, str(trial.seed), *map(number, trial.stiffness)]
+    tracker, sensor = trial.instruments.tracker, trial.instruments.force_sensor
+    lines += [repr(v) for v in (tracker.repeatability, tracker.field)]
+    lines += [repr(v) for v in (tracker.occlusions, sensor.turn, sensor.size)]
+    markers = trial.instruments.markers
+    lines += [repr(v) for v in (trial.instruments.encoders.arrival, markers.targets)]
+    lines.append(repr(markers.placement))
+    for attempt in range(ATTEMPTS):
+        for kind in kinds_of(trial, chance, attempt):
+            effect = draw_site_and_form(kind, chance, ground[markers.targets])
+            sizes = sorted(effect.parameters().items())
+            said = " ".join(f"{name}={number(value)}" for name, value in sizes)
+            lines.append(f"{type(effect).__name__}@{effect.where} {said}")
+    return "\n".join(lines)
+
+
+def drawn_again(stratum, ground):
+    trials = [drawing(trial_of(0, stratum, k), ground) for k in range(TRIALS)]
+    return hashlib.sha256("\n".join(trials).encode()).hexdigest()[:16]
+
+
+@pytest.mark.parametrize("stratum", PUBLISHED)
+def test_first_trials_of_a_stratum_are_the_published_ones(stratum, ground):
+    assert drawn_again(stratum, ground) == PUBLISHED[stratum]
+
+
+def test_strata_keep_their_order_and_new_ones_come_last():
+    assert tuple(STRATA)[: len(PUBLISHED)] == tuple(PUBLISHED)
+
+
+def test_effect_that_is_registered_later_changes_no_published_trial(
+    ground, monkeypatch
+):
+    for registry in ("EFFECTS", "OTHER_LAWS", "OUT_OF_LIBRARY_EFFECTS"):
+        monkeypatch.setattr(draw, registry, (Registered, *getattr(draw, registry)))
+    assert {s: drawn_again(s, ground) for s in PUBLISHED} == PUBLISHED
+
+
+def test_hypothesis_that_is_registered_later_changes_no_size_outside_the_library(
+    monkeypatch,
+):
+    """Sizes there follow from what the library's hypotheses leave unexplained."""
+    later = SimpleNamespace(effect="registered_later")
+    monkeypatch.setattr(oracle, "HYPOTHESES", (later, *HYPOTHESES))
+    others = [h for h in HYPOTHESES if h.effect != "creep"]
+    assert oracle.library(("creep",)) == others
+
+
+def test_every_name_of_a_pool_has_a_mechanism_and_its_turn():
+    known = {h.effect for h in HYPOTHESES}
+    assert set(LIBRARY) <= known
+    for stratum in STRATA.values():
+        if stratum.least:
+            assert [kind.name for kind in pool_of(stratum)] == list(stratum.pool)
+    trials = [trial_of(0, "one_100", k) for k in range(len(EFFECTS))]
+    turns = [kinds_of(t, np.random.default_rng(0), 0)[0].name for t in trials]
+    assert set(turns) == set(STRATA["one_100"].pool)
+
+
+@pytest.mark.parametrize(
+    ("build", "published"),
+    [
+        ("six", "ae9fd5c6401f9a72"),
+        ("seven", "6c422b1b077049c4"),
+        ("column", "65ae4874f555817f"),
+    ],
+)
+def test_arm_of_a_seed_is_the_published_one(build, published):
+    text = arm_text(BUILDS[build], build, 0)
+    assert hashlib.sha256(text.encode()).hexdigest()[:16] == published
