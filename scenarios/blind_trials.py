@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal
 
 from bench.shared.errors import UnknownName, Unusable
 from scenarios.report.command_line import progress_bar, run
-from scenarios.studies.blind_trials.strata import STRATA
+from scenarios.studies.blind_trials.strata import STRATA, USUAL
 
 if TYPE_CHECKING:
     from scenarios.studies.blind_trials.score import TrialScore
@@ -37,8 +37,9 @@ class Settings:
     """Trials of each kind."""
     seed: int = 0
     """Of everything that is drawn."""
-    strata: tuple[str, ...] = tuple(STRATA)
-    """Kinds of trials; see scenarios/studies/blind_trials/strata.py."""
+    strata: tuple[str, ...] = USUAL
+    """Kinds of trials, those of whole arms and of twins only where they are asked for;
+    see scenarios/studies/blind_trials/strata.py."""
     proof: bool = False
     """Prove names in the simulator too, against what the truth would gain."""
     keep: bool = False
@@ -92,7 +93,7 @@ def main(settings: Settings) -> list[TrialScore]:
     command = f"python -m scenarios.blind_trials --trials {s.trials} --seed {s.seed}"
     if s.arm != "kr10":
         command += f" --arm {s.arm}"
-    if s.strata != tuple(STRATA):
+    if s.strata != USUAL:
         command += f" --strata {' '.join(s.strata)}"
     data_files.write_run_file(s.out, f"{command} --out {s.out.as_posix()}", asdict(s))
     print_summary(scores, s.out)

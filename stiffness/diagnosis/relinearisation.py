@@ -28,11 +28,14 @@ from stiffness.diagnosis.model_fit import (
     training,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
-from stiffness.diagnosis.sufficient_statistics import normal_equations_of
+from stiffness.diagnosis.sufficient_statistics import (
+    SufficientStatistics,
+    normal_equations_of,
+)
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import JacobianBlock, values, with_values
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.splits import seed_of, split_of
+from stiffness.regression.splits import Split, seed_of, split_of
 
 MOVED = 0.03
 """Share by which a compliance or a load may change under names before all columns are
@@ -59,18 +62,7 @@ def build_problem(
     """
     recording = prepared.situation.recording
     split = split_of(recording)
-    data, situation = prepared.data, prepared.situation
-    springs = springs_of(situation, prepared.springs)
-    if springs:
-        own, moved = list(prepared.springs), situation.compliance.copy()
-        if softer is None:
-            evidence = normal_equations_of(data, springs, training(split))
-            softer = solve(evidence.gram.sum(axis=0), evidence.score.sum(axis=0))
-        change = _within_a_decade(softer, moved[own])
-        data = data.subtract(springs, change)
-        moved[own] += change
-        situation = situation.with_compliance(moved)
-    situation = situation if named is None else _under(situation, named)
+    data, situation = linearised(prepared, split, softer, named)
     library = library_of(situation, prepared.springs, hypotheses)
     evidence = normal_equations_of(data, library.jacobians, training(split))
     return SelectionProblem(
@@ -83,6 +75,34 @@ def build_problem(
         seed_of(recording),
         MEASURED if prepared.degrees_of_freedom else MISSTATED,
     )
+
+
+def linearised(
+    prepared: Prepared,
+    split: Split,
+    softer: Float[np.ndarray, " springs"] | None = None,
+    named: ModelFit | None = None,
+) -> tuple[SufficientStatistics, StaticState]:
+    """Return readings and static state under the springs and loads that were found.
+
+    Args:
+        prepared: The recording against its nominal model.
+        split: Which poses may be looked at.
+        softer: As in `build_problem`.
+        named: As in `build_problem`.
+    """
+    data, situation = prepared.data, prepared.situation
+    springs = springs_of(situation, prepared.springs)
+    if springs:
+        own, moved = list(prepared.springs), situation.compliance.copy()
+        if softer is None:
+            evidence = normal_equations_of(data, springs, training(split))
+            softer = solve(evidence.gram.sum(axis=0), evidence.score.sum(axis=0))
+        change = _within_a_decade(softer, moved[own])
+        data = data.subtract(springs, change)
+        moved[own] += change
+        situation = situation.with_compliance(moved)
+    return data, situation if named is None else _under(situation, named)
 
 
 def changes(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> bool:

@@ -1,7 +1,8 @@
 """Draws blind trials and the errors of their instruments from seeds.
 
 A trial follows from the sweep's seed, its stratum and its number alone, so trial 7 of a
-stratum is the same however many are asked for, and whatever was run before.
+stratum is the same however many are asked for, and whatever was run before. Trials with
+a mechanism outside the vocabulary in a whole arm have the arms of the stratum without.
 
 Every trial has the usual nuisance: an unknown tracker frame, markers beside their
 nominal positions, noise and hidden readings. The stratum `null_nuisance` has the worst
@@ -123,7 +124,7 @@ def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> Blind
         number: Number within its stratum.
         arm: Arm of the trial.
     """
-    kind = list(STRATA).index(stratum)
+    kind = list(STRATA).index(STRATA[stratum].arm_of or stratum)
     chance = np.random.SeedSequence(seed, spawn_key=(kind, number))
     nuisance, further = chance.spawn(2)
     draw = np.random.default_rng(nuisance)

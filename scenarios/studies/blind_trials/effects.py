@@ -211,7 +211,7 @@ period of the slowest."""
 
 
 def draw_site_and_form(
-    kind: type[Effect], draw: np.random.Generator, ground: Ground
+    kind: type[Effect], draw: np.random.Generator, ground: Ground, where: str = ""
 ) -> Effect:
     """Draw a site and a form for an effect of about a catalogue's size.
 
@@ -219,6 +219,7 @@ def draw_site_and_form(
         kind: Kind of effect.
         draw: Random numbers.
         ground: The arm and plan of the trial.
+        where: Its site; empty: to be drawn.
     """
     arm = ground.arm
     every = places_for(kind.places, arm)
@@ -231,7 +232,7 @@ def draw_site_and_form(
     if kind in PERIODIC:
         known = [place for place in known if place in ground.turning]
     partners = partners_of(kind, hinges)
-    effect = kind(where=str(draw.choice(list(partners or known))))
+    effect = kind(where=where or str(draw.choice(list(partners or known))))
     if partners:
         return coupled(effect, draw, partners[effect.where])
     if kind in KNEED:

@@ -2,11 +2,12 @@
 
 `generate_trial` draws sites and forms until one set can reach the χ² that the stratum
 asks for; `calibrate_magnitude` finds the magnitudes by recordings on error-free
-instruments, where the effect alone makes the difference.
+instruments, where the effect alone makes the difference. `whole_arm` takes them as they
+were drawn, and finds out how large each is beside the others.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 
 from bench.effects.effect import Effect
 from bench.effects.joint_compliance import JointCompliance
+from bench.effects.out_of_library import OUT_OF_LIBRARY_EFFECTS
 from bench.effects.pulley_friction import PulleyFriction
 from bench.effects.tracker_misalignment import TrackerMisalignment
 from bench.experiment import record
@@ -38,7 +40,13 @@ from scenarios.studies.blind_trials.effects import (
 )
 from scenarios.studies.blind_trials.magnitudes import OutOfReach, as_large_as
 from scenarios.studies.blind_trials.oracle import as_strange_as, explained
+from scenarios.studies.blind_trials.strata import STRATA
 from scenarios.studies.blind_trials.visibility import Visibility, scale_of
+from scenarios.studies.blind_trials.whole_arm import draw_twins, draw_whole_arm
+from scenarios.studies.blind_trials.whole_arm_oracle import (
+    arm_oracle,
+    log_bayes_factor,
+)
 
 # --- Magnitudes on ideal instruments --------------------------------------------------
 
@@ -63,6 +71,20 @@ class Bench:
         weight = record(self.rig, self.plan, quiet, self.trial.seed).wrench
         return replace(seen, wrench=weight)  # computed from the hook's load
 
+    def quiet(self, effects: tuple[Effect, ...]) -> Recording:
+        """Return a recording of the arm with effects, by error-free instruments."""
+        return self.seen(effects, error_free_instruments(self.trial.instruments))
+
+    def weighing(self) -> Callable[[Effect], Visibility]:
+        """Return a function that simulates an effect alone and weighs it."""
+        scale = scale_of(
+            self.rig,
+            self.quiet(()),
+            self.trial.instruments.tracker.repeatability,
+            self.stated,
+        )
+        return lambda effect: scale.visibility(self.quiet((effect,)))
+
 
 def calibrate_magnitude(
     bench: Bench, effects: Sequence[Effect], draw: np.random.Generator
@@ -70,18 +92,7 @@ def calibrate_magnitude(
     """Return every effect scaled to the χ² of its stratum, and its visibility."""
     if not effects:
         return (), ()
-    trial = bench.trial
-    quiet = error_free_instruments(trial.instruments)
-    scale = scale_of(
-        bench.rig,
-        bench.seen((), quiet),
-        trial.instruments.tracker.repeatability,
-        bench.stated,
-    )
-
-    def weigh(effect: Effect) -> Visibility:
-        return scale.visibility(bench.seen((effect,), quiet))
-
+    trial, weigh = bench.trial, bench.weighing()
     watching = replace(trial.instruments.tracker, occlusions=0.0)  # as in `visibility`
 
     def captured(effect: Effect) -> float:
@@ -89,7 +100,10 @@ def calibrate_magnitude(
         return explained(seen, Path(bench.rig.arm_file), (effect.name,))
 
     found, weights = [], []
-    for effect, least in zip(effects, trial.stratum.least, strict=True):
+    for effect, smallest in zip(effects, trial.stratum.least, strict=True):
+        least = smallest
+        if trial.stratum.most:
+            least *= (trial.stratum.most / smallest) ** draw.uniform(0.0, 1.0)
         if trial.stratum.known:
             larger, weight = as_large_as(effect, least, weigh)
         else:
@@ -113,6 +127,69 @@ def error_free_instruments(instruments: Instruments) -> Instruments:
     )
     encoders = Encoders(link_side=True, noise=0.0)
     return replace(instruments, tracker=tracker, force_sensor=sensor, encoders=encoders)
+
+
+# --- Whole arms -----------------------------------------------------------------------
+
+OUTSIDE_CHI2 = (4e3, 4e4)
+"""Projected χ² of a mechanism outside the vocabulary in a whole arm; chosen: as large
+as effects of such arms are."""
+LEAST_LEFT = 400.0
+"""Least χ² of it that all true names together do not explain; chosen: one effect of
+that size is named."""
+REDRAWN = 12
+"""Draws of it before the arm is given up; chosen: two of each mechanism."""
+
+
+def whole_arm(
+    bench: Bench, effects: tuple[Effect, ...], ground: Ground
+) -> tuple[tuple[Effect, ...], Recording, dict[str, Any]]:
+    """Return the effects of a whole arm, its recording, and what can be known of it.
+
+    Args:
+        bench: The arm without effects.
+        effects: Those of the vocabulary.
+        ground: The arm and plan of the trial.
+
+    Raises:
+        OutOfReach: Where no mechanism outside the vocabulary can be added.
+    """
+    trial, model = bench.trial, Path(bench.rig.arm_file)
+    clean = bench.quiet(effects)
+    if not trial.stratum.arm_of:
+        recording = bench.seen(effects, trial.instruments)
+        oracle = arm_oracle(recording, clean, model, effects)
+        facts = {"own_chi2": oracle.own, "oracle_share": oracle.share}
+        return effects, recording, facts
+    chance = trial.chance
+    more = np.random.SeedSequence(chance.entropy, spawn_key=(*chance.spawn_key, 1))
+    draw, weigh, fault = np.random.default_rng(more), bench.weighing(), ""
+    pool = STRATA["outside"].pool
+    kinds = {kind.name: kind for kind in OUT_OF_LIBRARY_EFFECTS}
+    without = None
+    for again in range(REDRAWN):
+        kind = kinds[pool[(trial.number + again // 2) % len(pool)]]
+        low, high = OUTSIDE_CHI2
+        try:
+            stranger = draw_site_and_form(kind, draw, ground)
+            asked = low * (high / low) ** draw.uniform(0.0, 1.0)
+            stranger, weight = as_large_as(stranger, asked, weigh)
+            every = (*effects, stranger)
+            quiet, recording = bench.quiet(every), bench.seen(every, trial.instruments)
+        except BenchError as error:
+            fault = str(error).partition("\n")[0]
+            continue
+        oracle = arm_oracle(recording, quiet, model, effects)
+        without = without or arm_oracle(recording, clean, model, effects)
+        left = oracle.left - without.left
+        if left >= LEAST_LEFT:
+            return every, recording, {
+                "own_chi2": (*without.own, left),
+                "oracle_share": oracle.share,
+                "outside": {"where": stranger.where, "chi2": weight.chi2, "left": left},
+            }  # fmt: skip
+        fault = f"The names explain {stranger.name} at {stranger.where}."
+    raise OutOfReach(fault)
 
 
 # --- Recording and truth --------------------------------------------------------------
@@ -185,7 +262,14 @@ def _simulate(
         knees_of(nominal),
         turning(arm, plan.posture),
     )
-    effects = [draw_site_and_form(kind, draw, ground) for kind in kinds]
+    twin = ""
+    if trial.stratum.effects:
+        effects = draw_whole_arm(trial.stratum, draw, ground)
+    elif trial.stratum.alike:
+        effect, twin = draw_twins(kinds[0], draw, ground)
+        effects = [effect]
+    else:
+        effects = [draw_site_and_form(kind, draw, ground) for kind in kinds]
     if len({(e.name, e.where) for e in effects}) < len(effects):
         raise OutOfReach("The same effect was drawn twice.")
     rigid = [e.where for e in effects if isinstance(e, JointCompliance)]
@@ -199,16 +283,27 @@ def _simulate(
         stated=any(isinstance(e, TrackerMisalignment) for e in effects),
         hook=any(isinstance(e, PulleyFriction) for e in effects),
     )
-    effects, weights = calibrate_magnitude(bench, effects, draw)
+    if trial.stratum.effects:
+        effects, recording, facts = whole_arm(bench, tuple(effects), ground)
+        facts["chi2"] = facts["own_chi2"]
+    else:
+        effects, weights = calibrate_magnitude(bench, effects, draw)
+        recording = bench.seen(effects, trial.instruments)
+        facts = {
+            "chi2": [w.chi2 for w in weights],
+            "weights": [asdict(w) for w in weights],
+        }
+    if twin:
+        quiet = bench.quiet(effects)
+        factor = log_bayes_factor(recording, quiet, given, effects[0], twin)
+        facts |= {"twin": twin, "log_bayes_factor": factor}
     without = tuple(e.name for e in effects) if trial.stratum.name == "removed" else ()
-    recording = bench.seen(effects, trial.instruments)
     true = replace(rig, effects=effects)
     text = truth_text(true, trial.name, trial.seed, trial.instruments)
     truth = json.loads(text) | {
         "stratum": trial.stratum.name,
         "number": trial.number,
-        "chi2": [w.chi2 for w in weights],
-        "weights": [asdict(w) for w in weights],
+        **facts,
         "stiffness_over_model": trial.stiffness.tolist(),
         "path": trial.stratum.path,
         "without": list(without),

@@ -9,6 +9,7 @@ Takes:  5 to 20 s for each recording of 151 poses
 Expect: one answer for each question, where the question says
 """
 
+import json
 import sys
 import time
 from dataclasses import dataclass
@@ -16,15 +17,26 @@ from pathlib import Path
 from typing import Annotated
 
 import msgspec
+import numpy as np
 import tyro
 
 from bench.shared.errors import BenchError, Unusable
+from bench.shared.recording import Recording
 from scenarios.pipelines.diagnosis import answer_of, proved
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.schema import text_of
 from scenarios.report.command_line import run
+from scenarios.studies.blind_trials.linear_model import (
+    explained_share,
+    linear_model_of,
+)
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.model_fit import ModelTerm
+from stiffness.diagnosis.nominal_fit import prepare
+from stiffness.diagnosis.result import Diagnosis
 from stiffness.effects import HYPOTHESES
+from stiffness.experiment.sensor_noise import average_encoders
+from stiffness.robot.arm import Arm
 
 
 class Question(msgspec.Struct, frozen=True):
@@ -36,6 +48,8 @@ class Question(msgspec.Struct, frozen=True):
         answer: File of the answer.
         without: Names that are taken out of the library.
         proof: Whether named effects are proved in the simulator.
+        share: Whether the answer also says what share of the mismatch on the poses kept
+            back its names explain in the linear model, as `linear_share`.
     """
 
     recording: str
@@ -43,6 +57,7 @@ class Question(msgspec.Struct, frozen=True):
     answer: str
     without: tuple[str, ...] = ()
     proof: bool = False
+    share: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,7 +97,23 @@ def answered(question: Question) -> str:
         told = {"failed": f"{type(error).__name__}: {error}"}
         return msgspec.json.encode(told).decode() + "\n"
     seconds = time.perf_counter() - started if question.proof else found.seconds
-    return text_of(answer_of(found, simulated, why, (), seconds, question.proof))
+    text = text_of(answer_of(found, simulated, why, (), seconds, question.proof))
+    if not question.share:
+        return text
+    share = linear_share_of(found, recording, arm)
+    return json.dumps(json.loads(text) | {"linear_share": share}, indent=2) + "\n"
+
+
+def linear_share_of(found: Diagnosis, recording: Recording, arm: Arm) -> float:
+    """Return the share that an answer's names explain on the poses kept back."""
+    choices = []
+    for one in found.named:
+        laws = [h for h in HYPOTHESES if h.effect == one.name.effect]
+        choices.append([ModelTerm(h, one.name.where, np.array(one.shape)) for h in laws
+                        if len(h.shape_names) == len(one.shape)])  # fmt: skip
+    arm = arm.for_recording(recording)
+    prepared = prepare(average_encoders(recording), arm)
+    return explained_share(linear_model_of(prepared, choices))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
 """Rates over blind trials with their intervals, confusions, and calibration.
 
-`bars` compares shares of marks with the bars of `strata`; `confusion` counts answers by
-true effect; `calibration` gives how often statements of a probability were true.
+`bars` compares shares of marks with the bars of `strata`, and names of whole arms with
+`ARM_BARS`; `by_arm` counts names, places and shares of whole arms; `confusion` counts
+answers by true effect; `calibration` gives how often statements of a probability were
+true.
 
 Interval of a share:
 
@@ -21,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.studies.blind_trials.score import TrialScore
+from scenarios.studies.blind_trials.score import VISIBLE, TrialScore
 from scenarios.studies.blind_trials.strata import BARS, STRATA, Bar
 from stiffness.regression.intervals import share
 
@@ -92,9 +94,9 @@ def bars(scores: Sequence[TrialScore]) -> list[Rate]:
     gains = [s.gain >= GAIN for s in scores if s.gain is not None]
     said = "proofs that gain 90 % of what the truth gains"
     rates.append(rate(said, gains, least=0.5))
-    quick = [s.seconds <= SECONDS for s in scores if not s.failed]
+    quick = [s.seconds <= SECONDS for s in scores if not s.failed and s.arm is None]
     rates.append(rate(f"answers within {SECONDS:g} s", quick, least=0.5))
-    return rates
+    return [*rates, *arm_bars(scores), *twin_bars(scores)]
 
 
 def by_stratum(scores: Sequence[TrialScore]) -> list[dict[str, object]]:
@@ -127,7 +129,27 @@ def wrong(score: TrialScore) -> tuple[str, ...]:
         if score.stratum in bar.strata and counts:
             if getattr(score, bar.mark) == bar.at_most:
                 found.append(("" if bar.at_most else "not ") + bar.mark)
-    return tuple(found)
+    return (*found, *_wrong_of_arm(score))
+
+
+def _wrong_of_arm(score: TrialScore) -> list[str]:
+    """Return what speaks against a whole arm, or against a twin."""
+    found, arm, twin = [], score.arm, score.twin
+    if arm is not None:
+        false = [name for name, hit in arm.names if not hit]
+        missed = [name for name, hit in arm.visible if not hit]
+        found += [f"false: {', '.join(false)}"] if false else []
+        found += [f"not named: {', '.join(missed)}"] if missed else []
+        if arm.outside is None and (arm.share or 0.0) < EXPLAINED:
+            found.append(f"explained {arm.share or 0.0:.1%}")
+        if arm.outside is False:
+            found.append("place outside not said")
+    if twin is not None:
+        if twin.log_bayes_factor < ALIKE and not twin.declared:
+            found.append("twin not declared")
+        if twin.log_bayes_factor > APART and twin.declared:
+            found.append("twin declared")
+    return found
 
 
 def _of_bar(bar: Bar, scores: Sequence[TrialScore]) -> Rate:
@@ -139,6 +161,172 @@ def _of_bar(bar: Bar, scores: Sequence[TrialScore]) -> Rate:
     if bar.at_most:
         return rate(what, marks, most=bar.share)
     return rate(what, marks, least=bar.share)
+
+
+# --- Whole arms and twins -------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ArmBar:
+    """Bars of whole arms, counted over some strata together.
+
+    Attributes:
+        what: The arms, in words.
+        strata: Their strata.
+        named: Required share of visible effects that are named.
+        false: Largest share of names that are false.
+        place_first: Whether the first place is counted; by a flange target alone places
+            follow from laws.
+        outside: Required share of places outside the vocabulary that are said; None
+            where the vocabulary has all.
+    """
+
+    what: str
+    strata: tuple[str, ...]
+    named: float
+    false: float
+    place_first: bool = True
+    outside: float | None = None
+
+
+def _arms(start: str, end: str = "") -> tuple[str, ...]:
+    return tuple(f"{start}_{many}{end}" for many in ("6", "12", "all"))
+
+
+ARM_BARS = (
+    ArmBar("whole arms", _arms("arm"), 0.92, 0.03),
+    ArmBar("whole arms by the flange", _arms("flange_arm"), 0.70, 0.04, False),
+    ArmBar(
+        "whole arms with a mechanism outside",
+        _arms("arm", "_outside"),
+        0.0,
+        0.05,
+        outside=0.80,
+    ),
+    ArmBar(
+        "whole arms with a mechanism outside by the flange",
+        _arms("flange_arm", "_outside"),
+        0.0,
+        0.05,
+        False,
+        outside=0.80,
+    ),
+)
+EXPLAINED, EXPLAINED_TRIALS = 0.97, 0.95
+"""Explained share, and the share of whole arms that have it."""
+ARM_COVERAGE = (0.92, 0.98)
+FIRST_PLACE, LOST = 0.95, 0.10
+ALIKE, APART, DECLARED = 3.0, 10.0, 0.95
+"""Log Bayes factors below which twins are to be declared, above which they are not, and
+the share of trials in which it is so."""
+
+
+def arm_bars(scores: Sequence[TrialScore]) -> list[Rate]:
+    """Return the rates of whole arms; none where none were tried."""
+    rates = []
+    for bar in ARM_BARS:
+        own = [s for s in scores if s.stratum in bar.strata and s.arm is not None]
+        if not own:
+            continue
+        arms = [s.arm for s in own if s.arm is not None]
+        visible = [hit for arm in arms for _, hit in arm.visible]
+        wrong_names = [not hit for arm in arms for _, hit in arm.names]
+        held = [i.holds for s in own for i in s.intervals]
+        first = [arm.place_first for arm in arms]
+        rates.append(
+            rate(f"names that are false: {bar.what}", wrong_names, most=bar.false)
+        )
+        if bar.outside is None:
+            said = f"effects with an own χ² of {VISIBLE:g} or more named: {bar.what}"
+            rates.append(rate(said, visible, least=bar.named))
+            explained = [(arm.share or 0.0) >= EXPLAINED for arm in arms]
+            said = f"arms of which {EXPLAINED:.0%} are explained: {bar.what}"
+            rates.append(rate(said, explained, least=EXPLAINED_TRIALS))
+            if bar.place_first:
+                said = f"largest place first: {bar.what}"
+                rates.append(rate(said, first, least=FIRST_PLACE))
+            said = f"intervals that hold their parameter: {bar.what}"
+            rates.append(rate(said, held, *ARM_COVERAGE))
+        else:
+            said = f"places outside the vocabulary said: {bar.what}"
+            seen = [bool(arm.outside) for arm in arms]
+            rates.append(rate(said, seen, least=bar.outside))
+            said = f"right names lost by it: {bar.what}"
+            rates.append(rate(said, lost_names(scores, own), most=LOST))
+    return rates
+
+
+def lost_names(
+    scores: Sequence[TrialScore], outside: Sequence[TrialScore]
+) -> list[bool]:
+    """Return which right names of arms are not given with a mechanism outside.
+
+    Args:
+        scores: All scores, with those of the same arms without that mechanism.
+        outside: Those with it.
+    """
+    by_label = {s.label: s for s in scores}
+    lost = []
+    for one in outside:
+        name, _, number = one.label.partition(" ")
+        same = by_label.get(f"{STRATA[name].arm_of} {number}")
+        if same is None or same.arm is None or one.arm is None:
+            continue
+        if same.truth == one.truth:
+            now = dict(one.arm.visible)
+            lost += [not now.get(k, False) for k, hit in same.arm.visible if hit]
+    return lost
+
+
+def by_arm(scores: Sequence[TrialScore]) -> list[dict[str, Any]]:
+    """Return one row for each stratum of whole arms."""
+    rows = []
+    for name in STRATA:
+        own = [s for s in scores if s.stratum == name and s.arm is not None]
+        arms = [s.arm for s in own if s.arm is not None]
+        if not arms:
+            continue
+        visible = [hit for arm in arms for _, hit in arm.visible]
+        names = [hit for arm in arms for _, hit in arm.names]
+        held = [i.holds for s in own for i in s.intervals]
+        strangers = [arm.outside for arm in arms if arm.outside is not None]
+        shares = [arm.share or 0.0 for arm in arms]
+        rows.append(
+            {
+                "stratum": name,
+                "trials": len(own),
+                "effects": sum(len(s.truth) for s in own),
+                "visible": len(visible),
+                "visible_named": sum(visible),
+                "names_true": sum(names),
+                "names_false": len(names) - sum(names),
+                "explained_median": float(np.median(shares)),
+                "explained_least": float(np.min(shares)),
+                "oracle_median": float(np.median([arm.oracle for arm in arms])),
+                "place_first": sum(arm.place_first for arm in arms),
+                "outside_said": sum(strangers) if strangers else None,
+                "names_lost": sum(lost_names(scores, own)) if strangers else None,
+                "intervals": len(held),
+                "intervals_hold": sum(held),
+                "median_seconds": float(np.median([s.seconds for s in own])),
+            }
+        )
+    return rows
+
+
+def twin_bars(scores: Sequence[TrialScore]) -> list[Rate]:
+    """Return how often twins are declared where they are alike; none without any."""
+    rates = []
+    for name in STRATA:
+        twins = [s.twin for s in scores if s.stratum == name and s.twin is not None]
+        if twins:
+            alike = [t.declared for t in twins if t.log_bayes_factor < ALIKE]
+            apart = [not t.declared for t in twins if t.log_bayes_factor > APART]
+            said = f"{name}: declared where the log Bayes factor is below {ALIKE:g}"
+            rates.append(rate(said, alike, least=DECLARED))
+            said = f"{name}: not declared where it is above {APART:g}"
+            rates.append(rate(said, apart, least=DECLARED))
+    return rates
 
 
 # --- Confusion and calibration --------------------------------------------------------

@@ -154,6 +154,7 @@ def tried(sweep: Sweep, trials: Sequence[BlindTrial]) -> int:
                 answer=str(answer.resolve()),
                 without=made.left_out,
                 proof=sweep.proof,
+                share=bool(trial.stratum.effects),
             )
         )
     _asked(sweep, questions, trials[0].name)

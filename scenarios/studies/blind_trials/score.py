@@ -134,6 +134,8 @@ class TrialScore:
         intervals: Coverage of the parameters of true names that were given.
         gain: Held-out gain over that of the true effect; None without a proof.
         seconds: How long the answer took.
+        arm: Marks of a whole arm; None for other trials.
+        twin: Marks of an effect with a twin; None for other trials.
     """
 
     stratum: str
@@ -157,6 +159,8 @@ class TrialScore:
     intervals: tuple[Covered, ...]
     gain: float | None
     seconds: float
+    arm: "ArmScore | None" = None
+    twin: "TwinScore | None" = None
 
 
 def score_answer(label: str, name: str, answer: Mapping, truth: Mapping) -> TrialScore:
@@ -168,7 +172,9 @@ def score_answer(label: str, name: str, answer: Mapping, truth: Mapping) -> Tria
         answer: diagnosis.json, or `{"failed": …}`.
         truth: The truth file of the trial.
     """
-    true = {_name(effect) for effect in truth["effects"]}
+    outside = truth.get("outside", {}).get("where")
+    effects = truth["effects"] if outside is None else truth["effects"][:-1]
+    true = {_name(effect) for effect in effects}
     places = {effect["where"] for effect in truth["effects"]}
     given = answer.get("named", [])
     names = [_name(one) for one in given]
@@ -205,6 +211,8 @@ def score_answer(label: str, name: str, answer: Mapping, truth: Mapping) -> Tria
         ),
         gain=_gain(answer, truth),
         seconds=float(answer.get("seconds", 0.0)),
+        arm=_arm_score(answer, truth, effects) if "own_chi2" in truth else None,
+        twin=_twin_score(answer, truth) if "twin" in truth else None,
     )
 
 
@@ -249,3 +257,91 @@ def _gain(answer: Mapping, truth: Mapping) -> float | None:
     if not proof or "gain_mm" not in proof or not oracle:
         return None
     return float(proof["gain_mm"]["estimate"]) / float(oracle)
+
+
+# --- Whole arms -----------------------------------------------------------------------
+
+VISIBLE = 100.0
+"""Own χ² from which an effect of a whole arm is to be named; the rule of the bars."""
+
+
+@dataclass(frozen=True)
+class ArmScore:
+    """Marks of a whole arm.
+
+    Attributes:
+        names: Names that were given; of each whether it or one of the equivalents that
+            count is true.
+        visible: True names with an own χ² of `VISIBLE` or more; of each whether it was
+            given or declared.
+        share: Of the mismatch on poses kept back that the names explain; in the linear
+            model, or by the proof where there is one. None without an answer.
+        oracle: The same of the true names, in the linear model.
+        place_first: Whether the place with the largest true share, by own χ², is the
+            first that was said.
+        outside: Whether the place of the mechanism outside the vocabulary is among
+            those that were said to be unexplained; None where there is none.
+    """
+
+    names: tuple[tuple[str, bool], ...]
+    visible: tuple[tuple[str, bool], ...]
+    share: float | None
+    oracle: float
+    place_first: bool
+    outside: bool | None
+
+
+def _arm_score(answer: Mapping, truth: Mapping, effects: Sequence[Mapping]) -> ArmScore:
+    """Return the marks of a whole arm.
+
+    Args:
+        answer: The answer, with `linear_share`.
+        truth: The truth file of the trial.
+        effects: The true effects of the vocabulary.
+    """
+    given = answer.get("named", [])
+    true = {_name(effect) for effect in effects}
+    declared = [_declared(one) for one in given]
+    by_place: dict[str, float] = {}
+    for effect, own in zip(truth["effects"], truth["own_chi2"], strict=True):
+        where = effect["where"]
+        by_place[where] = by_place.get(where, 0.0) + own
+    located = [place["where"] for place in answer.get("located", [])]
+    stranger = truth.get("outside", {}).get("where")
+    left = [place["where"] for place in answer.get("unexplained_places", [])]
+    proved = answer.get("explained_share")
+    return ArmScore(
+        names=tuple(
+            (_name(one), bool(true & options))
+            for one, options in zip(given, declared, strict=True)
+        ),
+        visible=tuple(
+            (_name(effect), any(_name(effect) in options for options in declared))
+            for effect, own in zip(effects, truth["own_chi2"], strict=False)
+            if own >= VISIBLE
+        ),
+        share=proved["estimate"] if proved else answer.get("linear_share"),
+        oracle=truth["oracle_share"],
+        place_first=located[:1] == [max(by_place, key=lambda w: by_place[w])],
+        outside=None if stranger is None else stranger in left,
+    )
+
+
+@dataclass(frozen=True)
+class TwinScore:
+    """Marks of an effect with a twin.
+
+    Attributes:
+        log_bayes_factor: For the effect against its twin, of noise-free readings.
+        declared: Whether both are declared as equivalents of each other.
+    """
+
+    log_bayes_factor: float
+    declared: bool
+
+
+def _twin_score(answer: Mapping, truth: Mapping) -> TwinScore:
+    (effect,) = truth["effects"]
+    both = {_name(effect), f"{effect['effect']}@{truth['twin']}"}
+    declared = any(both <= _declared(one) for one in answer.get("named", []))
+    return TwinScore(truth["log_bayes_factor"], declared)

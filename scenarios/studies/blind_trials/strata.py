@@ -4,10 +4,21 @@ The bars are shares of trials, fixed by the project's plan. The last is added to
 it tests the smallest effect that the diagnosis says would have shown.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
-__all__ = ["BARS", "LIBRARY", "MEMORY", "STRATA", "Bar", "Stratum"]
+__all__ = [
+    "ALL",
+    "BARS",
+    "EVERY_AXIS",
+    "LIBRARY",
+    "MEMORY",
+    "STRATA",
+    "USUAL",
+    "WHOLE_ARM",
+    "Bar",
+    "Stratum",
+]
 
 # --- Pools ----------------------------------------------------------------------------
 
@@ -55,6 +66,17 @@ OUTSIDE = (
 """Mechanisms without a name in the vocabulary."""
 OTHER_FORMS = ("hardening", "lost_motion", "hysteresis")
 """Effects that a mechanism with another law exists of."""
+WHOLE_ARM = tuple(name for name in TOGETHER if name != "tracker_misalignment")
+"""Effects of whole arms; the one that is left out needs a frame that is stated."""
+EVERY_AXIS = (
+    "hardening",
+    "hysteresis",
+    "creep",
+    "angle_dependent_stiffness",
+    "bearing_tilt",
+)
+"""Effects that every rotary axis has where an arm has all; its links bend and its foot
+gives way besides. These are those of the study's arm."""
 LIBRARY = (*SINGLE, "channel_delay")
 """Names whose hypotheses say what of a mechanism is outside the vocabulary.
 
@@ -81,6 +103,13 @@ class Stratum:
         pool: Names of the effects that its trials conceal, in turn.
         mechanisms: Which mechanisms have these names: those of the vocabulary, other
             laws under the same names, or mechanisms outside the vocabulary.
+        effects: How many effects a whole arm has, `ALL` for every one that arms have
+            everywhere; 0: the trial is none of a whole arm.
+        arm_of: Stratum whose trials have the same arms, without the one mechanism
+            outside the vocabulary that is here added to each; empty: none is.
+        most: Largest projected χ², drawn log-uniformly from the least; 0: the least.
+        alike: Whether the answer is asked for the twin of its effect: the same at
+            another place, `whole_arm.twin_of`.
     """
 
     name: str
@@ -91,12 +120,48 @@ class Stratum:
     known: bool = True
     pool: tuple[str, ...] = SINGLE
     mechanisms: Literal["vocabulary", "other_laws", "outside"] = "vocabulary"
+    effects: int = 0
+    arm_of: str = ""
+    most: float = 0.0
+    alike: bool = False
 
     @property
     def said(self) -> str:
         """Description with the least χ²."""
         least = " and ".join(f"{size:.0f}" for size in self.least)
         return f"{self.what}, χ² {least} or more" if least else self.what
+
+
+ALL = 1000
+"""Number of effects of an arm that has all of them."""
+
+
+def _whole_arms() -> tuple[Stratum, ...]:
+    """Return strata of whole arms, each with and without a mechanism outside."""
+    found = []
+    for targets in ("all", "flange"):
+        start = "flange_arm" if targets == "flange" else "arm"
+        for effects in (6, 12, ALL):
+            many = "all" if effects == ALL else str(effects)
+            what = f"a whole arm, {many} effects"
+            what += ", a flange target alone" if targets == "flange" else ""
+            name = f"{start}_{many}"
+            inside = Stratum(
+                name, what, targets=targets, pool=WHOLE_ARM, effects=effects
+            )
+            outside = replace(
+                inside,
+                name=f"{name}_outside",
+                what=f"{what}, and a mechanism without a name",
+                known=False,
+                arm_of=name,
+            )
+            found += [inside, outside]
+    return tuple(found)
+
+
+def _alike(name: str, what: str, effect: str) -> Stratum:
+    return Stratum(name, what, (400.0,), pool=(effect,), most=40_000.0, alike=True)
 
 
 STRATA = {
@@ -144,9 +209,15 @@ STRATA = {
             mechanisms="other_laws",
         ),
         Stratum("one_45", "one effect that should just show", (45.0,)),
+        *_whole_arms(),
+        _alike("alike_drift", "drift of the base or of the tracker", "drift"),
+        _alike("alike_mass", "mass on link 3 or on link 4", "gravity_load"),
+        _alike("alike_tilt", "a tilt, and that of the next axis", "bearing_tilt"),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""
+USUAL = tuple(name for name, s in STRATA.items() if not (s.effects or s.alike))
+"""Strata that are tried unless others are asked for."""
 
 
 # --- Bars -----------------------------------------------------------------------------

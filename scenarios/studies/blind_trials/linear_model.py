@@ -1,0 +1,198 @@
+"""Linear model of a set of names: what it explains of poses kept back, name by name.
+
+`linear_model_of` takes the diagnosis' own columns of given names, never its selection.
+What an answer explains (`explained_share`) and what the truth would explain are so
+computed alike.
+
+==========  ==========================================================================
+Equation    share = (g - g_0) / (e - g_0) on the poses kept back, g = 2 b's - b'G b with
+            b fitted to the others, g_0 the same of the nominal columns alone, e the
+            whitened square beyond its degrees of freedom; loss of a name = b_i' C_ii^-1
+            b_i, b = C s and C = G^-1 with all columns
+Source      leave-groups-out validation; the Wald statistic of a block of columns
+Valid       columns laid out under all names; shapes moved along their slopes
+Ignores     noise that is not stated: the share errs with it
+==========  ==========================================================================
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+from stiffness.diagnosis.whole_arm import mismatch_of_poses
+
+from stiffness.diagnosis.candidates import springs_of
+from stiffness.diagnosis.model_fit import (
+    ModelFit,
+    ModelTerm,
+    fit_of,
+    shape_columns,
+    solve,
+    training,
+)
+from stiffness.diagnosis.nominal_fit import Prepared
+from stiffness.diagnosis.relinearisation import linearised
+from stiffness.diagnosis.sufficient_statistics import (
+    SufficientStatistics,
+    normal_equations_of,
+)
+from stiffness.effects.jacobian import EffectJacobian
+from stiffness.experiment.static_state import StaticState
+from stiffness.regression.splits import Split, split_of
+
+SWEEPS = 2
+"""How often the shape of each name is chosen beside the others; chosen: the second time
+changes next to nothing."""
+RIDGE = 1e-9
+"""Added to the diagonal of scaled normal equations: columns may be multiples."""
+
+
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """Readings and static state, without any library.
+
+    Attributes:
+        data: Readings without what the nominal fit explains.
+        situation: Static state of the arm.
+        nominal: Columns of the springs that are fitted silently.
+        split: Which poses are kept back.
+    """
+
+    data: SufficientStatistics
+    situation: StaticState
+    nominal: tuple[EffectJacobian, ...]
+    split: Split
+
+    @classmethod
+    def of(
+        cls,
+        prepared: Prepared,
+        softer: Float[np.ndarray, " springs"] | None = None,
+        fit: ModelFit | None = None,
+    ) -> "Laid":
+        """Lay out nominal columns under what was found, as `build_problem` does."""
+        split = split_of(prepared.situation.recording)
+        data, situation = linearised(prepared, split, softer, fit)
+        nominal = springs_of(situation, prepared.springs)
+        return cls(data, situation, nominal, split)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearModel:
+    """Names with one shape each, laid out under all that they do.
+
+    Attributes:
+        case: The readings, and the nominal columns.
+        fit: The names, fitted to the poses that are not kept back.
+    """
+
+    case: Laid
+    fit: ModelFit
+
+
+def linear_model_of(
+    prepared: Prepared, choices: Sequence[Sequence[ModelTerm]]
+) -> LinearModel:
+    """Choose one shape of each name, and lay out anew under all of them.
+
+    Args:
+        prepared: The recording against its nominal model.
+        choices: Of each name, the shapes that it may have.
+    """
+    case = Laid.of(prepared)
+    fit = _chosen(case, choices)
+    if fit.members:
+        own = list(prepared.springs)
+        moved = case.situation.compliance - prepared.situation.compliance
+        case = Laid.of(prepared, moved[own] + fit.springs, fit)
+        fit = _chosen(case, choices)
+    return LinearModel(case, fit)
+
+
+def _chosen(case: Laid, choices: Sequence[Sequence[ModelTerm]]) -> ModelFit:
+    """Return the fit of one shape of each name, each the best beside the others."""
+    terms = [term for own in choices for term in own]
+    laws = [term.jacobian(case.situation) for term in terms]
+    found = normal_equations_of(case.data, [*case.nominal, *laws], training(case.split))
+    gram, score = found.gram[1], found.score[~case.split.held_out].sum(axis=0)
+    known = len(case.nominal)
+    ends = np.cumsum([known, *(law.columns for law in laws)])
+    owned = [np.arange(a, b) for a, b in pairwise(ends)]
+    first = np.cumsum([0, *(len(own) for own in choices)])
+    best = [int(start) for start in first[:-1]]
+
+    def columns(some: Sequence[int]) -> np.ndarray:
+        return np.concatenate([np.arange(known), *(owned[k] for k in some)]).astype(int)
+
+    def gain(some: Sequence[int]) -> float:
+        at = columns(some)
+        return float(score[at] @ solve(gram[np.ix_(at, at)], score[at]))
+
+    for _ in range(SWEEPS):
+        for k, (start, end) in enumerate(pairwise(first)):
+            if end - start > 1:
+                rest = [best[:k], best[k + 1 :]]
+                tried = [gain([*rest[0], t, *rest[1]]) for t in range(start, end)]
+                best[k] = int(start + np.argmax(tried))
+    at = columns(best)
+    chosen, own = [terms[k] for k in best], [laws[k] for k in best]
+    return fit_of(chosen, own, gram[np.ix_(at, at)], score[at])
+
+
+def explained_share(model: LinearModel) -> float:
+    """Return the share of the mismatch that names explain on the poses kept back."""
+    case = model.case
+    held_out = case.split.held_out
+    laws = [term.jacobian(case.situation) for term in model.fit.members]
+    found = normal_equations_of(case.data, [*case.nominal, *laws], training(case.split))
+    score = found.score[~held_out].sum(axis=0)
+
+    def gain(columns: int) -> float:
+        kept_back = found.score[held_out].sum(axis=0)[:columns]
+        beta = solve(found.gram[1][:columns, :columns], score[:columns])
+        curve = found.gram[0][:columns, :columns]
+        return float(2.0 * beta @ kept_back - beta @ curve @ beta)
+
+    nominal = gain(len(case.nominal))
+    whole = float(mismatch_of_poses(case.data)[held_out].sum()) - nominal
+    return (gain(len(score)) - nominal) / max(whole, 1e-12)
+
+
+def whitened_square(model: LinearModel) -> float:
+    """Return the whitened square of all readings less the fitted nominal model."""
+    data = model.case.data
+    square = float(data.within.square.sum())
+    if data.between is not None:
+        square += float(np.sum(data.between.residual**2))
+    return square
+
+
+def losses_of(model: LinearModel) -> tuple[Float[np.ndarray, " names"], float]:
+    """Return what leaving each name costs while all others move, and what is left.
+
+    Each name has the slopes of its shapes beside its own columns; all poses count.
+
+    Returns:
+        The whitened square that is lost without each name, and what all leave.
+    """
+    case, blocks = model.case, []
+    for term, size in zip(model.fit.members, model.fit.coefficients, strict=True):
+        law = term.jacobian(case.situation)
+        slopes = shape_columns(case.situation, term, size)
+        blocks.append([law, *(slope for slope in slopes if slope.parts)])
+    laws = [part for block in blocks for part in block]
+    fold = np.zeros(len(case.split.fold), dtype=int)
+    found = normal_equations_of(case.data, [*case.nominal, *laws], fold)
+    gram, score = found.gram[0], found.score.sum(axis=0)
+    widths = [sum(part.columns for part in block) for block in blocks]
+    ends = np.cumsum([len(case.nominal), *widths])
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.inv(gram * scale * scale[:, None] + RIDGE * np.eye(len(gram)))
+    beta = inverse @ (scale * score)
+    lost = [
+        float(beta[a:b] @ np.linalg.solve(inverse[a:b, a:b], beta[a:b]))
+        for a, b in pairwise(ends)
+    ]
+    return np.array(lost), whitened_square(model) - float(scale * score @ beta)
