@@ -38,7 +38,7 @@ from scenarios.studies.blind_trials.effects import (
     knees_of,
     turning,
 )
-from scenarios.studies.blind_trials.magnitudes import OutOfReach, as_large_as
+from scenarios.studies.blind_trials.magnitudes import FEWEST, OutOfReach, as_large_as
 from scenarios.studies.blind_trials.oracle import as_strange_as, explained
 from scenarios.studies.blind_trials.strata import STRATA
 from scenarios.studies.blind_trials.visibility import Visibility, scale_of
@@ -131,18 +131,18 @@ def error_free_instruments(instruments: Instruments) -> Instruments:
 
 # --- Whole arms -----------------------------------------------------------------------
 
-OUTSIDE_CHI2 = (4e3, 4e4)
+OUTSIDE_CHI2 = (2e3, 2e4)
 """Projected χ² of a mechanism outside the vocabulary in a whole arm; chosen: as large
-as effects of such arms are."""
+as the larger effects of such arms are."""
 LEAST_LEFT = 400.0
 """Least χ² of it that all true names together do not explain; chosen: one effect of
 that size is named."""
-REDRAWN = 12
-"""Draws of it before the arm is given up; chosen: two of each mechanism."""
+REDRAWN = 24
+"""Draws of it before the arm is given up; chosen: four of each mechanism."""
 
 
 def whole_arm(
-    bench: Bench, effects: tuple[Effect, ...], ground: Ground
+    bench: Bench, effects: tuple[Effect, ...], ground: Ground, attempt: int
 ) -> tuple[tuple[Effect, ...], Recording, dict[str, Any]]:
     """Return the effects of a whole arm, its recording, and what can be known of it.
 
@@ -150,6 +150,7 @@ def whole_arm(
         bench: The arm without effects.
         effects: Those of the vocabulary.
         ground: The arm and plan of the trial.
+        attempt: How many arms were given up before.
 
     Raises:
         OutOfReach: Where no mechanism outside the vocabulary can be added.
@@ -161,18 +162,20 @@ def whole_arm(
         oracle = arm_oracle(recording, clean, model, effects)
         facts = {"own_chi2": oracle.own, "oracle_share": oracle.share}
         return effects, recording, facts
-    chance = trial.chance
-    more = np.random.SeedSequence(chance.entropy, spawn_key=(*chance.spawn_key, 1))
+    key = (*trial.chance.spawn_key, 1, attempt)
+    more = np.random.SeedSequence(trial.chance.entropy, spawn_key=key)
     draw, weigh, fault = np.random.default_rng(more), bench.weighing(), ""
     pool = STRATA["outside"].pool
     kinds = {kind.name: kind for kind in OUT_OF_LIBRARY_EFFECTS}
     without = None
     for again in range(REDRAWN):
-        kind = kinds[pool[(trial.number + again // 2) % len(pool)]]
+        kind = kinds[pool[(trial.number + again) % len(pool)]]
+        stranger = draw_site_and_form(kind, draw, ground)
         low, high = OUTSIDE_CHI2
+        asked = low * (high / low) ** draw.uniform(0.0, 1.0)
         try:
-            stranger = draw_site_and_form(kind, draw, ground)
-            asked = low * (high / low) ** draw.uniform(0.0, 1.0)
+            if weigh(stranger).poses < FEWEST:
+                continue  # at no size more of them show it
             stranger, weight = as_large_as(stranger, asked, weigh)
             every = (*effects, stranger)
             quiet, recording = bench.quiet(every), bench.seen(every, trial.instruments)
@@ -189,7 +192,7 @@ def whole_arm(
                 "outside": {"where": stranger.where, "chi2": weight.chi2, "left": left},
             }  # fmt: skip
         fault = f"The names explain {stranger.name} at {stranger.where}."
-    raise OutOfReach(fault)
+    raise OutOfReach(fault or "Too few poses show a mechanism outside.")
 
 
 # --- Recording and truth --------------------------------------------------------------
@@ -284,7 +287,7 @@ def _simulate(
         hook=any(isinstance(e, PulleyFriction) for e in effects),
     )
     if trial.stratum.effects:
-        effects, recording, facts = whole_arm(bench, tuple(effects), ground)
+        effects, recording, facts = whole_arm(bench, tuple(effects), ground, attempt)
         facts["chi2"] = facts["own_chi2"]
     else:
         effects, weights = calibrate_magnitude(bench, effects, draw)

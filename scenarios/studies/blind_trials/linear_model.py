@@ -1,6 +1,6 @@
 """Linear model of a set of names: what it explains of poses kept back, name by name.
 
-`linear_model_of` takes the diagnosis' own columns of given names, never its selection.
+`linear_model_of` lays out the diagnosis' own columns of given names; none is selected.
 What an answer explains (`explained_share`) and what the truth would explain are so
 computed alike.
 
@@ -21,26 +21,25 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
-from stiffness.diagnosis.whole_arm import mismatch_of_poses
 
-from stiffness.diagnosis.candidates import springs_of
+from stiffness.diagnosis.candidates import Library, springs_of
+from stiffness.diagnosis.detection import MISSTATED
+from stiffness.diagnosis.gate import mismatch_of_poses
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
+    SelectionProblem,
+    fit_model,
     fit_of,
+    fit_shapes,
     shape_columns,
     solve,
     training,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
-from stiffness.diagnosis.relinearisation import linearised
-from stiffness.diagnosis.sufficient_statistics import (
-    SufficientStatistics,
-    normal_equations_of,
-)
-from stiffness.effects.jacobian import EffectJacobian
-from stiffness.experiment.static_state import StaticState
-from stiffness.regression.splits import Split, split_of
+from stiffness.diagnosis.relinearisation import linearised, total_softening
+from stiffness.diagnosis.sufficient_statistics import normal_equations_of
+from stiffness.regression.splits import seed_of, split_of
 
 SWEEPS = 2
 """How often the shape of each name is chosen beside the others; chosen: the second time
@@ -50,74 +49,69 @@ RIDGE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
-    """Readings and static state, without any library.
-
-    Attributes:
-        data: Readings without what the nominal fit explains.
-        situation: Static state of the arm.
-        nominal: Columns of the springs that are fitted silently.
-        split: Which poses are kept back.
-    """
-
-    data: SufficientStatistics
-    situation: StaticState
-    nominal: tuple[EffectJacobian, ...]
-    split: Split
-
-    @classmethod
-    def of(
-        cls,
-        prepared: Prepared,
-        softer: Float[np.ndarray, " springs"] | None = None,
-        fit: ModelFit | None = None,
-    ) -> "Laid":
-        """Lay out nominal columns under what was found, as `build_problem` does."""
-        split = split_of(prepared.situation.recording)
-        data, situation = linearised(prepared, split, softer, fit)
-        nominal = springs_of(situation, prepared.springs)
-        return cls(data, situation, nominal, split)
-
-
-@dataclass(frozen=True, eq=False)
 class LinearModel:
     """Names with one shape each, laid out under all that they do.
 
     Attributes:
-        case: The readings, and the nominal columns.
+        case: The readings, and the nominal columns; its library has nothing else.
         fit: The names, fitted to the poses that are not kept back.
     """
 
-    case: Laid
+    case: SelectionProblem
     fit: ModelFit
 
 
 def linear_model_of(
-    prepared: Prepared, choices: Sequence[Sequence[ModelTerm]]
+    prepared: Prepared, choices: Sequence[Sequence[ModelTerm]], with_shapes: bool
 ) -> LinearModel:
     """Choose one shape of each name, and lay out anew under all of them.
 
     Args:
         prepared: The recording against its nominal model.
         choices: Of each name, the shapes that it may have.
+        with_shapes: Whether shapes are fitted too, from those that were chosen.
     """
-    case = Laid.of(prepared)
+    case = _laid_out(prepared)
     fit = _chosen(case, choices)
     if fit.members:
-        own = list(prepared.springs)
-        moved = case.situation.compliance - prepared.situation.compliance
-        case = Laid.of(prepared, moved[own] + fit.springs, fit)
+        softer = total_softening(case, prepared, fit)
+        case = _laid_out(prepared, softer, fit)
         fit = _chosen(case, choices)
+    if with_shapes:
+        terms = fit_shapes(case, fit.members)
+        fit = fit_model(case.data, case.situation, case.nominal, terms, case.split)
     return LinearModel(case, fit)
 
 
-def _chosen(case: Laid, choices: Sequence[Sequence[ModelTerm]]) -> ModelFit:
+def _laid_out(
+    prepared: Prepared,
+    softer: Float[np.ndarray, " springs"] | None = None,
+    fit: ModelFit | None = None,
+) -> SelectionProblem:
+    """Lay out the nominal columns under what was found, as `build_problem` does."""
+    recording = prepared.situation.recording
+    split = split_of(recording)
+    data, situation = linearised(prepared, split, softer, fit)
+    nominal = springs_of(situation, prepared.springs)
+    return SelectionProblem(
+        data,
+        situation,
+        prepared.springs,
+        Library(nominal, len(nominal), (), ()),
+        normal_equations_of(data, nominal, training(split)),
+        split,
+        seed_of(recording),
+        MISSTATED,
+    )
+
+
+def _chosen(case: SelectionProblem, choices: Sequence[Sequence[ModelTerm]]) -> ModelFit:
     """Return the fit of one shape of each name, each the best beside the others."""
     terms = [term for own in choices for term in own]
     laws = [term.jacobian(case.situation) for term in terms]
     found = normal_equations_of(case.data, [*case.nominal, *laws], training(case.split))
     gram, score = found.gram[1], found.score[~case.split.held_out].sum(axis=0)
-    known = len(case.nominal)
+    known = case.library.nominal
     ends = np.cumsum([known, *(law.columns for law in laws)])
     owned = [np.arange(a, b) for a, b in pairwise(ends)]
     first = np.cumsum([0, *(len(own) for own in choices)])
@@ -155,7 +149,7 @@ def explained_share(model: LinearModel) -> float:
         curve = found.gram[0][:columns, :columns]
         return float(2.0 * beta @ kept_back - beta @ curve @ beta)
 
-    nominal = gain(len(case.nominal))
+    nominal = gain(case.library.nominal)
     whole = float(mismatch_of_poses(case.data)[held_out].sum()) - nominal
     return (gain(len(score)) - nominal) / max(whole, 1e-12)
 
@@ -187,7 +181,7 @@ def losses_of(model: LinearModel) -> tuple[Float[np.ndarray, " names"], float]:
     found = normal_equations_of(case.data, [*case.nominal, *laws], fold)
     gram, score = found.gram[0], found.score.sum(axis=0)
     widths = [sum(part.columns for part in block) for block in blocks]
-    ends = np.cumsum([len(case.nominal), *widths])
+    ends = np.cumsum([case.library.nominal, *widths])
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     inverse = np.linalg.inv(gram * scale * scale[:, None] + RIDGE * np.eye(len(gram)))
     beta = inverse @ (scale * score)

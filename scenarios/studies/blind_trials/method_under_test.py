@@ -113,7 +113,7 @@ def linear_share_of(found: Diagnosis, recording: Recording, arm: Arm) -> float:
                         if len(h.shape_names) == len(one.shape)])  # fmt: skip
     arm = arm.for_recording(recording)
     prepared = prepare(average_encoders(recording), arm)
-    return explained_share(linear_model_of(prepared, choices))
+    return explained_share(linear_model_of(prepared, choices, with_shapes=False))
 
 
 if __name__ == "__main__":

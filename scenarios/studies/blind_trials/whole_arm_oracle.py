@@ -72,8 +72,9 @@ def arm_oracle(
     prepared = prepare(recording, arm)
     choices = [true_terms(effect, prepared.situation) for effect in effects]
     known = [own for own in choices if own]
-    share = explained_share(linear_model_of(prepared, known))
-    lost, left = losses_of(linear_model_of(noise_free(prepared, quiet), known))
+    share = explained_share(linear_model_of(prepared, known, with_shapes=True))
+    clean = linear_model_of(noise_free(prepared, quiet), known, with_shapes=True)
+    lost, left = losses_of(clean)
     each = iter(lost)
     own = tuple(float(next(each)) if choice else 0.0 for choice in choices)
     return ArmOracle(own, share, left)
@@ -99,7 +100,8 @@ def log_bayes_factor(
     left = []
     for one in (effect, replace(effect, where=twin)):
         terms = true_terms(one, clean.situation)
-        left.append(losses_of(linear_model_of(clean, [terms] if terms else []))[1])
+        model_of_one = linear_model_of(clean, [terms] if terms else [], True)
+        left.append(losses_of(model_of_one)[1])
     return 0.5 * (left[1] - left[0])
 
 
