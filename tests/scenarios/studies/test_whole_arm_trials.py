@@ -10,6 +10,7 @@ from bench import standard_plans
 from bench.effects.bearing_tilt import BearingTilt
 from bench.effects.encoder_offset import EncoderOffset
 from bench.effects.hysteresis import Hysteresis
+from bench.effects.out_of_library.softening import Softening
 from bench.experiment import record
 from bench.instruments import Instruments, Markers
 from bench.instruments.random_streams import streams
@@ -18,7 +19,7 @@ from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.plan import DEFAULT_PATH
 from bench.standard_plans import tour
 from scenarios.pipelines.inputs import arm_of
-from scenarios.studies.blind_trials import report
+from scenarios.studies.blind_trials import generation, magnitudes, report
 from scenarios.studies.blind_trials.draw import trial_of
 from scenarios.studies.blind_trials.effects import Ground, knees_of, turning
 from scenarios.studies.blind_trials.generation import (
@@ -39,6 +40,7 @@ from scenarios.studies.blind_trials.strata import ALL, EVERY_AXIS, STRATA
 from scenarios.studies.blind_trials.visibility import scale_of
 from scenarios.studies.blind_trials.whole_arm import BY_NAME, draw_twins, draw_whole_arm
 from scenarios.studies.blind_trials.whole_arm_oracle import (
+    ArmOracle,
     arm_oracle,
     log_bayes_factor,
 )
@@ -177,13 +179,33 @@ def test_share_of_an_answer_is_that_of_its_names_on_poses_kept_back(kr10, record
     assert 0.6 < shares[2] < 1.1  # the loop's shape is a guess
 
 
-def test_mechanism_outside_leaves_what_the_true_names_cannot_explain(tmp_path):
-    made = generate_trial(trial_of(0, "arm_6_outside", 0), tmp_path, 50)
-    truth = made.truth
-    assert len(truth["effects"]) == len(truth["own_chi2"]) == 7
-    assert truth["effects"][-1]["where"] == truth["outside"]["where"]
-    assert truth["outside"]["left"] == truth["own_chi2"][-1] >= LEAST_LEFT
-    assert truth["oracle_share"] < 0.97
+def test_true_names_leave_what_a_mechanism_outside_does(kr10, recorded):
+    effects = (Hysteresis("a2", 2e-4),)
+    alone = arm_oracle(*recorded(*effects), kr10, effects)
+    outside = arm_oracle(*recorded(*effects, Softening("a3")), kr10, effects)
+    assert outside.left > alone.left + 1000.0
+    assert outside.share < alone.share - 0.1
+
+
+def test_mechanism_is_drawn_again_until_the_names_leave_enough_of_it(
+    tmp_path, monkeypatch
+):
+    left = iter([0.0, LEAST_LEFT / 2, 0.0, LEAST_LEFT])  # alone, tried, alone, tried
+
+    def oracle(recording, quiet, model, effects):
+        return ArmOracle(tuple(1.0 for _ in effects), 0.9, next(left))
+
+    monkeypatch.setattr(generation, "arm_oracle", oracle)
+    monkeypatch.setattr(generation, "FEWEST", 5.0)
+    monkeypatch.setattr(magnitudes, "FEWEST", 5.0)
+    without, outside = (
+        generate_trial(trial_of(0, name, 2), tmp_path, 20).truth
+        for name in ("arm_6", "arm_6_outside")
+    )
+    assert outside["effects"][:-1] == without["effects"]
+    assert outside["effects"][-1]["where"] == outside["outside"]["where"]
+    assert outside["own_chi2"] == (*without["own_chi2"], LEAST_LEFT)
+    assert next(left, None) is None
 
 
 # --- Marking --------------------------------------------------------------------------
