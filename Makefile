@@ -26,7 +26,8 @@ help:
 	@echo '              CASES=all: every case, ten minutes'
 	@echo 'make install  install into .venv and nothing else'
 	@echo 'make view     open the recording of the study'
-	@echo 'make diagnosis conceal two effects, find them, write results/diagnosis'
+	@echo 'make diagnosis conceal two effects, then all that an arm has, find them,'
+	@echo '              write results/diagnosis'
 	@echo 'make lint     style, layout, types'
 	@echo 'make format   mend style and layout'
 	@echo 'make clean    remove the environment and caches; results stay'
@@ -52,11 +53,14 @@ study: $(STAMP)
 	@echo 'Recording:  $(STUDY)/study.rrd, opened by: make view'
 
 diagnosis: $(STAMP)
-	@rm -rf '$(CONCEALED)'
+	@rm -rf '$(CONCEALED)' '$(CONCEALED)-whole-arm'
 	'$(BIN)/python' -m scenarios.record --effect hysteresis@a2,width_rad=1.2e-4 \
 		--effect bearing_tilt@a3 --out '$(CONCEALED)'
 	'$(BIN)/python' -m scenarios.diagnose '$(CONCEALED)' \
 		--robot mjcf/kr10_r1100_2/kr10_r1100_2.xml --out results/diagnosis
+	'$(BIN)/python' -m scenarios.record --truth default --out '$(CONCEALED)-whole-arm'
+	'$(BIN)/python' -m scenarios.diagnose '$(CONCEALED)-whole-arm' \
+		--robot mjcf/kr10_r1100_2/kr10_r1100_2.xml --out results/diagnosis/whole_arm
 
 test: $(STAMP)
 	'$(BIN)/python' -m pytest -q --numprocesses $(WORKERS) --maxprocesses 4 --dist loadfile

@@ -5,10 +5,12 @@ the truth is sealed by its hash and written to another once the answers are hash
 they come from a process that was given recordings and the robot's model alone.
 
 Every kind of trial is tried N times; trial k of a kind is the same whatever N is. What
-is finished is kept: the same command goes on, and a larger N adds to it.
+is finished is kept: the same command goes on, and a larger N adds to it. Whole arms of
+6, 12 or all effects, with or without a mechanism outside the vocabulary, and effects
+that have a twin are tried where `--strata` asks for them: `arm_12 arm_12_outside`.
 
 Run:    python -m scenarios.blind_trials --trials 4 --seed 0 --out results/blind_trials
-Takes:  about 15 s of one core a trial: 10 min for 44 trials on two
+Takes:  about 15 s of one core a trial: 10 min for 48 trials on two; of a whole arm 40 s
 Expect: summary.json and report.html in the folder, failures first; exit status 0
         however the trials went
 """
