@@ -278,7 +278,7 @@ class ArmScore:
             model, or by the proof where there is one. None without an answer.
         oracle: The same of the true names, in the linear model.
         place_first: Whether the place with the largest true share, by own χ², is the
-            first that was said.
+            first that was said, or that of an equivalent of a name there.
         outside: Whether the place of the mechanism outside the vocabulary is among
             those that were said to be unexplained; None where there is none.
     """
@@ -322,9 +322,17 @@ def _arm_score(answer: Mapping, truth: Mapping, effects: Sequence[Mapping]) -> A
         ),
         share=proved["estimate"] if proved else answer.get("linear_share"),
         oracle=truth["oracle_share"],
-        place_first=located[:1] == [max(by_place, key=lambda w: by_place[w])],
+        place_first=max(by_place, key=lambda w: by_place[w])
+        in _places_said(located[:1], given),
         outside=None if stranger is None else stranger in left,
     )
+
+
+def _places_said(first: Sequence[str], given: Sequence[Mapping]) -> set[str]:
+    """Return some places, with those of equivalents of the names there."""
+    there = [one for one in given if one["where"] in first]
+    alike = {e["where"] for one in there for e in one["equivalents"][:COUNTED]}
+    return {*first, *alike}
 
 
 @dataclass(frozen=True)

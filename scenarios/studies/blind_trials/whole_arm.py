@@ -7,8 +7,9 @@ hardens, holds back wind-up, creeps, ripples and tilts, links bend, the foot giv
 
 ==========  ==========================================================================
 Equation    size log-uniform in the catalogue's usual range, uniform where that reaches
-            zero; a bearing's compliance that of its axis' spring over 6 to 33; sizes
-            without a range within a factor of two of their default
+            zero; a bearing's compliance that of its axis' spring over 6 to 33; a
+            compensator's torque within a factor of two of that at which its gear
+            hardens; other sizes without a range within that factor of their default
 Source      `bench.shared.effect_catalogue`; ratios of tilt to spring: `bench.study_arm`
 Valid       arms whose springs wind up by some milliradians
 Ignores     that sizes of one arm go together: bearings of one maker, links of one tube
@@ -23,6 +24,7 @@ import numpy as np
 from bench.effects import EFFECTS
 from bench.effects.bearing_tilt import BearingTilt
 from bench.effects.effect import Effect
+from bench.effects.gravity_compensator import GravityCompensator
 from bench.shared.effect_catalogue import CATALOGUE, Range
 from scenarios.studies.blind_trials.effects import (
     BETWEEN_AXES,
@@ -64,6 +66,9 @@ def of_catalogue_size(
             spring = WOUND_UP / ground.knees[effect.where]
             over = _log_uniform(draw, *OVER_SPRING)
             sizes[parameter.name] = float(_within(spring / over, usual))
+        elif isinstance(effect, GravityCompensator):
+            about = ground.knees[effect.where]
+            sizes[parameter.name] = about * _log_uniform(draw, 1 / UNKNOWN, UNKNOWN)
         elif usual is None:
             sizes[parameter.name] = value * _log_uniform(draw, 1 / UNKNOWN, UNKNOWN)
         elif value != 0.0 and usual.low > 0.0:

@@ -267,7 +267,14 @@ def test_names_count_with_their_equivalents_and_effects_by_their_own_chi2():
 
 def test_first_place_is_that_with_the_largest_share_of_own_chi2():
     assert marked(GIVEN, truth_of(OWN)).arm.place_first
-    assert not marked(GIVEN, truth_of([400.0, 5000.0, 20.0])).arm.place_first
+    assert not marked(GIVEN, truth_of([40.0, 50.0, 2000.0])).arm.place_first
+
+
+def test_first_place_may_be_that_of_an_equivalent_of_a_name_there():
+    """The tilt at a2 has that at a3 as an equivalent."""
+    assert marked(GIVEN, truth_of([400.0, 5000.0, 20.0])).arm.place_first
+    other = GIVEN | {"located": [{"where": "a1"}]}
+    assert not marked(other, truth_of([400.0, 5000.0, 20.0])).arm.place_first
 
 
 def test_proof_counts_before_the_linear_model():
