@@ -58,6 +58,9 @@ if TYPE_CHECKING:
 
 SOFTEST, STIFFEST = 0.05, 10.0
 """Bounds of a stiffening's first guess; chosen."""
+MOST_UNEVEN = 0.9
+"""Largest ratio of an angle-dependent stiffness that its spring is corrected for;
+chosen."""
 
 
 def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> Patch:
@@ -72,10 +75,11 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
     if nominal is None:
         return Patch()
     axes = [f"a{k + 1}" for k in range(len(arm.axes))]
-    springs = {
+    fitted = {
         axis: None if c <= 0.0 else float(1.0 / c)
         for axis, c in zip(axes, nominal.compliance, strict=True)
     }
+    springs = springs_of_mechanisms(fitted, diagnosis.named)
     frame = np.asarray(nominal.base_from_tracker, float)
     return Patch(
         stiffness_nm_per_rad=springs,
@@ -91,6 +95,39 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
             for marker, (x, y, z) in zip(recording.markers, nominal.places, strict=True)
         },
     )
+
+
+def springs_of_mechanisms(
+    springs: dict[str, float | None], named: Sequence[NamedEffect]
+) -> dict[str, float | None]:
+    """Return the stiffness from which mechanisms start where laws have another base.
+
+    A law adds to one compliance C of its axis; the mechanism changes one stiffness K:
+
+    - hardening: C is 1/K3, at large torques, and K is K1, at small ones;
+    - asymmetric stiffness: C is the mean of both ways, and K is the softer one;
+    - angle-dependent stiffness: C is the mean of 1/K(q), and K is the mean of K(q).
+
+    Args:
+        springs: 1/C of each axis, in N m/rad; None is rigid.
+        named: What was named.
+    """
+    found = dict(springs)
+    for effect in named:
+        own, where = effect.parameters, effect.name.where
+        stiffness = found.get(where)
+        if stiffness is None:
+            continue
+        if effect.name.effect == "hardening":
+            stiffness /= float(np.clip(own["stiffness_ratio"].estimate, 1.0, STIFFEST))
+        elif effect.name.effect == "asymmetric_stiffness":
+            ratio = max(own["ratio"].estimate, 1.0 / STIFFEST)
+            stiffness *= (1.0 + min(ratio, 1.0 / ratio)) / 2.0
+        elif effect.name.effect == "angle_dependent_stiffness":
+            ratio = float(np.clip(own["ratio"].estimate, 0.0, MOST_UNEVEN))
+            stiffness /= math.sqrt(1.0 - ratio**2)
+        found[where] = stiffness
+    return found
 
 
 def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> PatchEffect:
