@@ -241,20 +241,23 @@ def solved(
     residual: Float[np.ndarray, "rows readings"],
     world: ReplaySimulation,
     gauge: ComparisonMode,
+    moved: Float[np.ndarray, " parameters"] | None = None,
 ) -> Float[np.ndarray, " parameters"]:
     """Return the step of parameters that makes residuals smallest.
 
     Args:
         matrix: What one unit of each parameter does.
-        prior: One sigma of each about where it stands.
+        prior: One sigma of each about its prior mean.
         residual: Residuals, NaN where nothing was read.
         world: The recording.
         gauge: Which rows count, and how.
+        moved: How far each stands from its prior mean already; None: all stand there.
     """
     if not gauge.absolute:
         matrix = centred(matrix, world.replay.visit, gauge.keep)
     rows = gauge.keep
-    return least_squares(matrix[rows], prior, residual[rows], sigma_of(world, gauge))
+    sigma = sigma_of(world, gauge)
+    return least_squares(matrix[rows], prior, residual[rows], sigma, moved)
 
 
 def least_squares(
@@ -262,6 +265,7 @@ def least_squares(
     prior: Float[np.ndarray, " parameters"],
     residual: Float[np.ndarray, "rows readings"],
     sigma: Float[np.ndarray, " readings"] | float,
+    moved: Float[np.ndarray, " parameters"] | None = None,
 ) -> Float[np.ndarray, " parameters"]:
     """Return the most probable step of parameters; far readings count less."""
     good = np.isfinite(residual) & np.isfinite(matrix).all(axis=2)
@@ -272,8 +276,10 @@ def least_squares(
         heavy = shown * weight[:, None]
         gram = heavy.T @ shown + np.diag(prior**-2.0)
         scale = 1.0 / np.sqrt(np.diag(gram))
-        ask = scale * (heavy.T @ white)
-        step = scale * np.linalg.solve(gram * scale * scale[:, None], ask)
+        ask = heavy.T @ white
+        if moved is not None:
+            ask -= moved * prior**-2.0
+        step = scale * np.linalg.solve(gram * scale * scale[:, None], scale * ask)
         rest = np.abs(white - shown @ step)
         spread = 1.4826 * np.median(rest) if len(rest) else 1.0
         weight = np.minimum(1.0, SEVERE * max(spread, 1e-9) / np.maximum(rest, 1e-12))

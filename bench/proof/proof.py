@@ -6,7 +6,7 @@ What is nominal is fitted on the other poses, for both. Both are simulations: co
 that found an effect are never its proof.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from bench.proof.comparison import ComparisonMode, comparison_mode_of, means_cou
 from bench.proof.explained_share import Channel, channels_of
 from bench.proof.nominal_fit import fitted
 from bench.proof.proof_checks import ProofCheck, left_outs, placebos
-from bench.proof.refinement import refined
+from bench.proof.refinement import Place, Sensitivity, refined
 from bench.proof.setup import in_model, mounted_on, replay_simulation_of
 from bench.proof.simulation import NominalState, ReplaySimulation
 from bench.rig import RIGID
@@ -48,6 +48,7 @@ class Proof:
         patched: The arm with it.
         simulation: The recording, for whoever wants to simulate more.
         mode: How readings were compared, and which rows were fitted.
+        sensitivity: What the patch's parameters do; None where there are none.
     """
 
     held_out: tuple[int, ...]
@@ -61,6 +62,7 @@ class Proof:
     patched: NominalState
     simulation: ReplaySimulation
     mode: ComparisonMode
+    sensitivity: Sensitivity | None = None
 
 
 def prove(
@@ -69,6 +71,7 @@ def prove(
     patch: Patch,
     held_out: Sequence[int],
     thorough: bool = True,
+    fixed: Collection[Place] = (),
 ) -> Proof:
     """Prove a patch in the simulator.
 
@@ -79,6 +82,7 @@ def prove(
             without effects or laws is the nominal arm, and nothing is proved.
         held_out: Ids of the poses that nothing may be fitted to.
         thorough: Whether placebos and what is left out are tried too.
+        fixed: Parameters of the patch that are not refined: effect, where and name.
 
     Raises:
         BenchError: Where the patch cannot be built or finds no rest.
@@ -86,8 +90,11 @@ def prove(
     recording = _thinned(recording)
     patch = replace(patch, axes=moving(recording, arm_file))
     model = rig_of(Patch(axes=patch.axes), arm_file)
-    patch = in_model(recording, patch, model.anatomy)
-    patch = replace(patch, mounted=mounted_on(recording, model))
+    placed = in_model(recording, patch, model.anatomy)
+    pairs = zip(patch.effects, placed.effects, strict=True)
+    now = {(old.effect, old.where): new.where for old, new in pairs}
+    fixed = {(e, now.get((e, where), where), name) for e, where, name in fixed}
+    patch = replace(placed, mounted=mounted_on(recording, model))
     rig = rig_of(patch, arm_file)
     own = effects_of(patch)
     bare = rig_of(replace(patch, effects=(), laws=()), arm_file)
@@ -97,17 +104,17 @@ def prove(
     unpatched = replace(start, rig=bare)
     gauge = comparison_mode_of(world, means_count(world, unpatched, start), ~held)
     nominal = fitted(world, unpatched, gauge, FIRST_ROUNDS + 2)
-    patched, slope = nominal, np.zeros((world.replay.rows, 0, 0))
+    patched, sensitivity = nominal, None
     if own:
         patched = fitted(world, start, gauge, FIRST_ROUNDS)
-        patched, slope, _ = refined(world, patched, gauge)
-    now = tuple(e for e in patched.rig.effects if e not in bare.effects)
+        patched, sensitivity = refined(world, patched, gauge, fixed)
+    tried = tuple(e for e in patched.rig.effects if e not in bare.effects)
     markers, angles = channels_of(world, nominal, patched, gauge, held)
     trials: list[ProofCheck] = []
-    if thorough and own:
-        trials += placebos(world, patched, now, gauge, held)
+    if thorough and sensitivity is not None:
+        trials += placebos(world, patched, tried, gauge, held)
         used = replace(gauge, keep=np.ones(len(held), dtype=bool))
-        trials += left_outs(world, nominal, patched, slope, used)
+        trials += left_outs(world, nominal, patched, sensitivity.matrix, used)
     return Proof(
         held_out=tuple(int(p) for p in held_out),
         absolute=gauge.absolute,
@@ -115,11 +122,12 @@ def prove(
         angles=angles,
         trials=tuple(trials),
         budget=_budget(trials, markers or angles),
-        patch=_as_fitted(patch, patched, now, world),
+        patch=_as_fitted(patch, patched, tried, world),
         nominal=nominal,
         patched=patched,
         simulation=world,
         mode=gauge,
+        sensitivity=sensitivity,
     )
 
 

@@ -17,9 +17,8 @@ from bench.effects.effect import Effect
 from bench.effects.places import places_for
 from bench.proof.comparison import ComparisonMode
 from bench.proof.nominal_fit import simulated_jacobian
-from bench.proof.refinement import predicted, with_effects
-from bench.proof.simulation import NominalState, ReplaySimulation
-from bench.shared.errors import BenchError
+from bench.proof.refinement import Change, predicted, simulate_changes
+from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.shared.recording import Recording
 
 HEAVY = 0.95
@@ -68,21 +67,24 @@ def left_outs(
         slope: What the patch's own parameters do.
         gauge: How readings are compared; all rows that are used.
     """
+    laid = []
+    for assumed, own in ((nominal, None), (patched, slope)):
+        seen = world.see(assumed)
+        columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
+        matrix, prior = columns.matrix, columns.prior
+        if own is not None and own.shape[2]:
+            matrix = np.concatenate([matrix, own], axis=2)
+            prior = np.concatenate([prior, np.ones(own.shape[2])])
+        laid.append((matrix, prior, seen))
     for what, out in groups(world.recording):
         used = gauge.keep & out
         kept = replace(gauge, keep=gauge.keep & ~out)
         if used.sum() < LEAST or kept.keep.sum() < LEAST:
             continue
-        sizes = []
-        for assumed, own in ((nominal, None), (patched, slope)):
-            seen = world.see(assumed)
-            columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
-            matrix, prior = columns.matrix, columns.prior
-            if own is not None and own.shape[2]:
-                matrix = np.concatenate([matrix, own], axis=2)
-                prior = np.concatenate([prior, np.ones(own.shape[2])])
-            after = predicted(matrix, prior, seen, world, kept)
-            sizes.append(rms(world, after, used))
+        sizes = [
+            rms(world, predicted(matrix, prior, seen, world, kept), used)
+            for matrix, prior, seen in laid
+        ]
         poses = len(np.unique(world.recording.posture_id[used]))
         yield ProofCheck("left_out", what, sizes[0], sizes[1], poses)
 
@@ -128,21 +130,28 @@ def placebos(
     some = some_of(world, held)
     world, held = world.part(some), held[some]
     gauge = replace(gauge, keep=gauge.keep[some])
-    after = refitted(world, patched, gauge, held)
+    after = refitted(world, patched, world.see(patched), gauge, held)
     poses = len(np.unique(world.recording.posture_id[held]))
+    tried: list[tuple[Effect, Effect | None]] = []
     for effect in own:
-        others = [e for e in patched.rig.effects if e is not effect]
-        size = refitted(world, with_effects(patched, others), gauge, held)
+        elsewhere = _at_adjacent_sites(world, patched, effect)
+        tried += [(effect, None), *((effect, neighbour) for neighbour in elsewhere)]
+    changes = [Change((e,), () if n is None else (n,)) for e, n in tried]
+    sizes = {
+        i: refitted(world, assumed, seen, gauge, held)
+        for i, assumed, seen in simulate_changes(world, patched, changes)
+    }
+    without = {id(e): sizes.get(i) for i, (e, n) in enumerate(tried) if n is None}
+    for i, (effect, neighbour) in enumerate(tried):
+        size = without[id(effect)]
+        if i not in sizes or size is None:
+            continue
         word = f"{effect.name} at {effect.where}"
-        yield ProofCheck("taken_out", f"without {word}", size, after, poses)
-        for neighbour in _at_adjacent_sites(world, patched, effect):
-            try:
-                moved = with_effects(patched, [*others, neighbour])
-                size_there = refitted(world, moved, gauge, held)
-            except BenchError:
-                continue
-            what = f"{effect.name} at {neighbour.where} instead of {effect.where}"
-            yield ProofCheck("placebo", what, size, size_there, poses)
+        if neighbour is None:
+            yield ProofCheck("taken_out", f"without {word}", size, after, poses)
+            continue
+        what = f"{effect.name} at {neighbour.where} instead of {effect.where}"
+        yield ProofCheck("placebo", what, size, sizes[i], poses)
 
 
 def some_of(world: ReplaySimulation, held: np.ndarray) -> Bool[np.ndarray, " rows"]:
@@ -155,11 +164,11 @@ def some_of(world: ReplaySimulation, held: np.ndarray) -> Bool[np.ndarray, " row
 def refitted(
     world: ReplaySimulation,
     assumed: NominalState,
+    seen: SimulatedReadings,
     gauge: ComparisonMode,
     held: np.ndarray,
 ) -> float:
     """Return the rms on held rows once what is nominal is fitted again."""
-    seen = world.see(assumed)
     columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
     after = predicted(columns.matrix, columns.prior, seen, world, gauge)
     return rms(world, after, held)

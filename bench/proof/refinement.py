@@ -1,4 +1,4 @@
-"""Refinement of an effect's parameters in the simulator by Gauss-Newton steps.
+"""Refinement of effects' parameters in the simulator by Gauss-Newton steps.
 
 ==========  ==========================================================================
 Equation    Gauss-Newton on silent parameters and the effects' own together; what a
@@ -7,27 +7,178 @@ Source      finite differences, 2 % of each parameter
 Valid       parameters that are near their best already
 Ignores     numbers of elements, orders of a name: what is no size
 ==========  ==========================================================================
+
+What an axis winds up follows from the torque on it and its own effects alone. Changes
+on different axes may therefore share a run, and the pose of each link, seen from the
+link before, tells them apart again.
+
+==========  ==========================================================================
+Equation    T'_L = T_P R', all that L carries moved along; T_P where the link P before
+            stands without any change, R' the pose of L seen from P in the shared run
+Source      Curtis, Powell, Reid 1974, "On the estimation of sparse Jacobian matrices"
+Valid       serial arms under known loads: these are statically determinate
+Ignores     how far a wind-up turns the levers of loads at other axes: a share of about
+            1e-3, the wind-up itself in rad
+==========  ==========================================================================
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from bench.effects.effect import Effect
+from bench.effects.effect import CommandEffect, Effect, ModelEffect
 from bench.effects.gravity_load import GravityLoad
 from bench.effects.tabled_law import TabledLaw
+from bench.kinematic_chain import Anatomy
 from bench.proof.comparison import ComparisonMode, centred, residual_of, sigma_of
-from bench.proof.nominal_fit import framed, simulated_jacobian, solved, stepped
+from bench.proof.nominal_fit import (
+    carried,
+    framed,
+    simulated_jacobian,
+    solved,
+    stepped,
+)
 from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
+from bench.rig import States
 from bench.shared.errors import BenchError
+
+# --- Changes that share a run ---------------------------------------------------------
+
+FEW = 12
+"""Up to so many changes have a run each; chosen: one or two effects with all their
+parameters, whose proof then ignores nothing."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """Effects that go, and others that come.
+
+    Attributes:
+        taken: Of the rig's effects, the very objects.
+        added: New ones.
+    """
+
+    taken: tuple[Effect, ...] = ()
+    added: tuple[Effect, ...] = ()
+
+
+def with_change(assumed: NominalState, *changes: Change) -> NominalState:
+    """Return the assumption with some changes of its effects."""
+    gone = {id(effect) for change in changes for effect in change.taken}
+    kept = [effect for effect in assumed.rig.effects if id(effect) not in gone]
+    added = [effect for change in changes for effect in change.added]
+    return replace(assumed, rig=replace(assumed.rig, effects=(*kept, *added)))
+
+
+def simulate_changes(
+    world: ReplaySimulation, assumed: NominalState, changes: Sequence[Change]
+) -> Iterator[tuple[int, NominalState, SimulatedReadings]]:
+    """Simulate an arm with each of many changes by itself.
+
+    Args:
+        world: The recording.
+        assumed: What is taken to be so, to which each change is made.
+        changes: Which; those that cannot be built or find no rest are left out.
+
+    Yields:
+        The change's index, the arm with it alone, and what it reads; not in order.
+    """
+    arm = assumed.rig.anatomy
+    sites = [_axes_of(change, arm) for change in changes]
+    alone = len(changes) <= FEW
+    for group in _groups([frozenset() if alone else s for s in sites]):
+        together = with_change(assumed, *(changes[i] for i in group))
+        run = _run(world, together) if len(group) > 1 else None
+        for i in group:
+            try:
+                one = with_change(assumed, changes[i])
+                if run is None:
+                    states = world.states(one.rig, keep=False)
+                else:
+                    base = world.states(assumed.rig)
+                    states = _moved_at(base, run, together, sites[i])
+                yield i, one, world.read(one, states)
+            except BenchError:
+                continue
+
+
+def _run(world: ReplaySimulation, together: NominalState) -> States | None:
+    """Simulate; None where it cannot be, so that each change shows whether it can."""
+    try:
+        return world.states(together.rig, keep=False)
+    except BenchError:
+        return None
+
+
+def _axes_of(change: Change, arm: Anatomy) -> frozenset[int]:
+    """Return the axes, from 0, whose relative pose a change alters; empty: unknown."""
+    found: set[int] = set()
+    for effect in (*change.taken, *change.added):
+        places = [effect.where, effect.parameters().get("with", effect.where)]
+        axes = [arm.axis(str(place)) for place in places]
+        if not isinstance(effect, (ModelEffect, CommandEffect)):
+            return frozenset()
+        if not all(axis in arm.axes for axis in axes):
+            return frozenset()
+        found |= {arm.axes.index(axis) for axis in axes}
+    return frozenset(found)
+
+
+def _groups(sites: Sequence[frozenset[int]]) -> list[list[int]]:
+    """Return which changes share a run: those on different axes, first come first."""
+    groups: list[list[int]] = []
+    taken: list[frozenset[int]] = []
+    for i, own in enumerate(sites):
+        free = (g for g, others in enumerate(taken) if others and not own & others)
+        place = next(free, None) if own else None
+        if place is None:
+            groups.append([i])
+            taken.append(own)
+        else:
+            groups[place].append(i)
+            taken[place] |= own
+    return groups
+
+
+def _moved_at(
+    base: States, run: States, assumed: NominalState, axes: frozenset[int]
+) -> States:
+    """Return where everything is when only some axes do what they did in a run."""
+    rig = assumed.rig
+    arm, names = rig.anatomy, base.bodies
+    position, rotation = base.position.copy(), base.rotation.copy()
+    angle = base.axis_angle.copy()
+    for k in sorted(axes, reverse=True):  # what is carried first: poses are the base's
+        link = names.index(arm.links[k])
+        before = names.index(arm.links[k - 1] if k else arm.base)
+        back = run.rotation[:, before].swapaxes(1, 2)
+        away = _turned(back, run.position[:, link] - run.position[:, before])
+        at = base.position[:, before] + _turned(base.rotation[:, before], away)
+        turn = base.rotation[:, before] @ back @ run.rotation[:, link]
+        turn = turn @ base.rotation[:, link].swapaxes(1, 2)
+        shift = at - _turned(turn, base.position[:, link])
+        for b in np.flatnonzero(carried(rig.model, arm.links[k], names)):
+            position[:, b] = _turned(turn, position[:, b]) + shift
+            rotation[:, b] = turn @ rotation[:, b]
+        angle[:, k] = run.axis_angle[:, k]
+    return replace(base, position=position, rotation=rotation, axis_angle=angle)
+
+
+def _turned(turn: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    return (turn @ vector[..., None])[..., 0]
+
+
+# --- Refinement -----------------------------------------------------------------------
 
 STEP = 0.02
 """Share of a parameter over which its effect is simulated; chosen: above a solver's
 rounding, below a kink's reach."""
 MAX_STEP = 0.5
 """Share by which a parameter may move in one step; chosen."""
+ROUNDS = 4
+"""Steps at most; chosen."""
 ENOUGH = 2e-4
 """Share of the misfit below which another step gains nothing; chosen."""
 BENT_BY = {"hysteresis": ("stiffening",), "lost_motion": ("closing_nm",)}
@@ -49,15 +200,57 @@ class RefinedParameter:
     size: float
 
 
-def refined_parameters(effects: Sequence[Effect]) -> tuple[RefinedParameter, ...]:
-    """Return what may be moved: all sizes that are neither zero nor without end."""
+Place = tuple[str, str, str]
+"""An effect's name, where it sits, and one of its parameters."""
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """What a whole size more of each parameter does to the readings.
+
+    Attributes:
+        parameters: The columns, in order.
+        places: Whose they are, likewise.
+        matrix: In m (rad for encoders) for each size.
+    """
+
+    parameters: tuple[RefinedParameter, ...]
+    places: tuple[Place, ...]
+    matrix: Float[np.ndarray, "rows readings parameters"]
+
+    def column(
+        self, place: Place, size: float
+    ) -> Float[np.ndarray, "rows readings"] | None:
+        """Return what another size of a parameter does; None where it is not known."""
+        if self.places.count(place) != 1:
+            return None
+        i = self.places.index(place)
+        return self.matrix[..., i] * (size / self.parameters[i].size)
+
+    def part(self, rows: Bool[np.ndarray, " rows"]) -> "Sensitivity":
+        """Return the same of some rows."""
+        return replace(self, matrix=self.matrix[rows])
+
+
+def refined_parameters(
+    effects: Sequence[Effect], fixed: Collection[Place] = ()
+) -> tuple[RefinedParameter, ...]:
+    """Return what may be moved: all sizes that are neither zero nor without end.
+
+    Args:
+        effects: Of the rig.
+        fixed: What stays as it is; where all of an effect does, so does its form.
+    """
     found = []
     for e, effect in enumerate(effects):
         if isinstance(effect, TabledLaw) or _is_mounted(effect):
             continue
         known = {f.name for f in fields(effect)} - {"where"}
         names = [name for name in effect.parameters() if name in known]
-        for name in (*names, *BENT_BY.get(effect.name, ())):
+        free = [n for n in names if (effect.name, effect.where, n) not in fixed]
+        if names and not free:
+            continue
+        for name in (*free, *BENT_BY.get(effect.name, ())):
             value = getattr(effect, name, None)
             if isinstance(value, float) and np.isfinite(value) and value != 0.0:
                 found.append(RefinedParameter(e, name, abs(value)))
@@ -69,13 +262,19 @@ def with_changed_parameters(
     parameters: Sequence[RefinedParameter],
     step: Float[np.ndarray, " knobs"],
 ) -> tuple[Effect, ...]:
-    """Return effects whose knobs are turned by shares of their sizes."""
+    """Return effects whose knobs are turned by shares of their sizes.
+
+    What cannot be negative, such as a stiffness or a width, grows by factors.
+    """
     changed = list(effects)
     for knob, share in zip(parameters, step, strict=True):
         effect = changed[knob.effect]
-        value = getattr(effect, knob.name) + float(share) * knob.size
-        least = effect.at_least.get(knob.name, -np.inf)
-        changed[knob.effect] = replace(effect, **{knob.name: max(value, least)})
+        value, least = getattr(effect, knob.name), effect.at_least.get(knob.name)
+        if least is not None and least >= 0.0:
+            value = max(value * float(np.exp(share)), least)
+        else:
+            value += float(share) * knob.size
+        changed[knob.effect] = replace(effect, **{knob.name: value})
     return tuple(changed)
 
 
@@ -83,50 +282,81 @@ def sensitivity(
     world: ReplaySimulation,
     assumed: NominalState,
     parameters: Sequence[RefinedParameter],
-) -> Float[np.ndarray, "rows readings knobs"]:
-    """Return what a whole size more of each knob does, by small steps."""
+    known: Sensitivity | None = None,
+) -> Sensitivity:
+    """Return what a whole size more of each parameter does, by small steps.
+
+    Args:
+        world: The recording.
+        assumed: What is taken to be so.
+        parameters: Of its effects.
+        known: What was simulated of some before; None: of none.
+    """
     everything = ComparisonMode(True, 1.0, 1.0, np.ones(world.replay.rows, dtype=bool))
     before = residual_of(world, world.see(assumed), everything)
     found = np.zeros((*before.shape, len(parameters)))
-    for i in range(len(parameters)):
+    places, possible, changes = [], [], []
+    for i, parameter in enumerate(parameters):
+        own = assumed.rig.effects[parameter.effect]
+        place = (own.name, own.where, parameter.name)
+        places.append(place)
+        column = None if known is None else known.column(place, parameter.size)
+        if column is not None:
+            found[..., i] = column
+            continue
         step = np.zeros(len(parameters))
         step[i] = STEP
         try:
-            rig = with_effects(
-                assumed, with_changed_parameters(assumed.rig.effects, parameters, step)
-            )
-            after = residual_of(world, world.see(rig), everything)
+            effects = with_changed_parameters(assumed.rig.effects, parameters, step)
         except BenchError:  # at the edge of what can be built: left where it is
             continue
-        found[..., i] = (before - after) / STEP
-    return found
+        possible.append(i)
+        changes.append(Change((own,), (effects[parameter.effect],)))
+    for i, _, seen in simulate_changes(world, assumed, changes):
+        after = residual_of(world, seen, everything)
+        found[..., possible[i]] = (before - after) / STEP
+    return Sensitivity(tuple(parameters), tuple(places), found)
 
 
 def refined(
     world: ReplaySimulation,
     assumed: NominalState,
     gauge: ComparisonMode,
-    rounds: int = 4,
-) -> tuple[NominalState, np.ndarray, tuple[RefinedParameter, ...]]:
+    fixed: Collection[Place] = (),
+    known: Sensitivity | None = None,
+) -> tuple[NominalState, Sensitivity]:
     """Move springs, frames and effects to where the simulator agrees best.
 
-    A step that makes the agreement worse is halved once, then given up. What a knob
-    does is simulated once: laws hardly change as their parameters do.
+    Each parameter of an effect has a prior about where it starts, its own size wide:
+    what the readings do not hold stays at its first estimate. A step that makes the
+    agreement worse is halved once, then given up. What a knob does is simulated once:
+    laws hardly change as their parameters do.
+
+    Args:
+        world: The recording.
+        assumed: Where to begin.
+        gauge: Which rows are looked at, and how.
+        fixed: Parameters that stay as they are.
+        known: What was simulated of some parameters before; None: of none.
 
     Returns:
-        What is assumed now, what each knob does, and the knobs.
+        What is assumed now, and what each parameter does.
     """
-    knobs = refined_parameters(assumed.rig.effects)
-    slope = sensitivity(world, assumed, knobs)
+    knobs = refined_parameters(assumed.rig.effects, fixed)
+    sensitive = sensitivity(world, assumed, knobs, known)
+    slope = sensitive.matrix
+    moved = np.zeros(len(knobs))
     cost = robust_chi_square(world, assumed, gauge)
-    for _ in range(rounds):
+    readings = np.isfinite(residual_of(world, world.see(assumed), gauge)[gauge.keep])
+    for _ in range(ROUNDS):
         seen = world.see(assumed)
         columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
         matrix = np.concatenate([columns.matrix, slope], axis=2)
         prior = np.concatenate([columns.prior, np.ones(len(knobs))])
-        left = residual_of(world, seen, gauge)
-        step = solved(matrix, prior, left, world, gauge)
         n = columns.matrix.shape[2]
+        since = np.concatenate([np.zeros(n), moved])
+        left = residual_of(world, seen, gauge)
+        step = solved(matrix, prior, left, world, gauge, since)
         for share in (1.0, 0.5):
             own = np.clip(share * step[n:], -MAX_STEP, MAX_STEP)
             try:
@@ -138,14 +368,15 @@ def refined(
                 after = robust_chi_square(world, trial, gauge)
             except BenchError:
                 continue
+            after += np.sum((moved + own) ** 2) / max(readings.sum(), 1)
             if after < cost:
                 break
         else:
             break
-        gained, assumed, cost = cost - after, trial, after
+        gained, assumed, cost, moved = cost - after, trial, after, moved + own
         if gained < ENOUGH * cost:
             break
-    return assumed, slope, knobs
+    return assumed, sensitive
 
 
 def robust_chi_square(

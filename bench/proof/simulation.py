@@ -256,8 +256,11 @@ class ReplaySimulation:
 
     def see(self, assumed: NominalState) -> SimulatedReadings:
         """Simulate and compare."""
+        return self.read(assumed, self.states(assumed.rig))
+
+    def read(self, assumed: NominalState, states: States) -> SimulatedReadings:
+        """Compare the readings with states that were simulated."""
         rig, recording = assumed.rig, self.recording
-        states = self.states(rig)
         faults = faulty(_perfect(), rig)
         point = self.points(states, assumed.marker_positions, faults.markers)
         angle = None
@@ -274,14 +277,22 @@ class ReplaySimulation:
                 residual = recording.points @ assumed.turn.T - (point - point[first])
         return SimulatedReadings(states, point, residual, angle)
 
-    def states(self, rig: Rig) -> States:
-        """Simulate; what was asked last time is remembered."""
+    def states(self, rig: Rig, keep: bool = True) -> States:
+        """Simulate; what was asked the last few times is remembered.
+
+        Args:
+            rig: The arm.
+            keep: Whether to remember it too.
+        """
         key = _mechanical(rig)
-        if key not in self._known:
+        if key in self._known:
+            return self._known[key]
+        states = self._simulated(rig)
+        if keep:
             if len(self._known) > 4:
-                self._known.clear()
-            self._known[key] = self._simulated(rig)
-        return self._known[key]
+                del self._known[next(iter(self._known))]
+            self._known[key] = states
+        return states
 
     def points(
         self,

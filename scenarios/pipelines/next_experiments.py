@@ -69,7 +69,9 @@ def _between(proof: Proof, own: Name, rival: Name) -> list[Next]:
     effects = proof.patched.rig.effects
     others = [e for e in effects if (e.name, e.where) != (own.effect, own.where)]
     start = effect_of(PatchEffect(rival.effect, rival.where, usual_size(rival)))
-    other, _, _ = refined(world, with_effects(proof.patched, [*others, start]), gauge)
+    rival_arm = with_effects(proof.patched, [*others, start])
+    known = None if proof.sensitivity is None else proof.sensitivity.part(some)
+    other, _ = refined(world, rival_arm, gauge, known=known)
     experiments = candidates(world, proof.patched)
     factor = expected(world, proof.patched, other, experiments, gauge.sigma)
     why = f"tells {own.effect} from {rival.effect} on {own.where}"
