@@ -31,7 +31,7 @@ from bench.proof.proof import Proof, prove
 from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
 from bench.shared.settings import SETTINGS
-from scenarios.pipelines.patching import patch_of_diagnosis
+from scenarios.pipelines.patching import fixed_of, neutral_sizes, patch_of_diagnosis
 from scenarios.pipelines.schema import (
     Answer,
     At,
@@ -133,7 +133,8 @@ def proved(
     elif not found.held_out:
         why = "too few poses to keep any back."
     try:
-        return prove(recording, robot, patch, found.held_out), why
+        fixed = fixed_of(found)
+        return prove(recording, robot, patch, found.held_out, fixed=fixed), why
     except (BenchError, *ODD_NUMBERS) as error:
         why = why or f"the simulator cannot do it ({error})."
     try:  # pictures need the nominal arm alone
@@ -232,6 +233,7 @@ def answer_of(
     proof = None if unproved else simulated
     entry, share = proof_entry(proof), explained_share_of(proof)
     remarks = (*d.warnings, *disagreements(d, simulated))
+    remarks += () if proof is None else tuple(left_neutral(d))
     return Answer(
         schema=1,
         recording=d.recording,
@@ -298,6 +300,20 @@ def disagreements(diagnosis: Diagnosis, simulated: Proof | None) -> Iterator[War
             f"{UM * fitted:.1f} µm. They are not the same arm: look at frames, tool "
             "and springs of the model, and do not rely on the proof or on model.xml.",
         )
+
+
+def left_neutral(diagnosis: Diagnosis) -> Iterator[Warned]:
+    """Say which sizes of what was named the readings do not hold."""
+    for effect in diagnosis.named:
+        names = tuple(neutral_sizes(effect))
+        if names:
+            called, where = effect.name.effect, effect.name.where
+            yield Warned(
+                "size_not_held",
+                where,
+                f"{called} on {where}: these data do not hold {' and '.join(names)}; "
+                "the patch is without.",
+            )
 
 
 def explained_share_of(proof: Proof | None) -> Interval | None:

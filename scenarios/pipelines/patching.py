@@ -37,13 +37,17 @@ from bench.patch import (
     Value,
     WrittenRig,
     can_build,
+    effect_of,
+    named,
     rig_of,
     text_of,
     with_arm,
 )
 from bench.patched_model import patched_model
+from bench.proof.refinement import Place
 from bench.proof.setup import in_model, mounted_on
 from bench.rig import Rig
+from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from bench.user_model import ASSETS
 from stiffness.diagnosis.result import Diagnosis, NamedEffect
@@ -137,6 +141,7 @@ def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> PatchE
         for name, p in effect.parameters.items()
     }
     where, settings = effect.name.where, {}
+    parameters |= neutral_sizes(effect)
     if "with" in parameters and isinstance(parameters["with"], float):
         parameters["with"] = f"a{round(parameters['with'])}"
     if effect.name.effect == "hysteresis" and effect.shape:
@@ -146,6 +151,42 @@ def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> PatchE
     if effect.name.effect == "lost_motion" and effect.shape:
         settings["closing_nm"] = max(float(effect.shape[0]), 1e-6)
     return PatchEffect(effect.name.effect, where, parameters, settings)
+
+
+def not_held(effect: NamedEffect) -> frozenset[str]:
+    """Return parameters without an interval: all of them where no size has one."""
+    own = effect.parameters
+    loose = {n for n, p in own.items() if not np.isfinite([p.low, p.high]).all()}
+    sizes = _sizes(effect)
+    return frozenset(own if sizes and sizes <= loose else loose)
+
+
+def neutral_sizes(effect: NamedEffect) -> dict[str, Value]:
+    """Return the sizes that do nothing in the patch, for the readings hold others only.
+
+    An effect of which they hold no size at all keeps the sizes that were estimated
+    together: it was named, and there is no better guess.
+    """
+    loose, sizes = not_held(effect), _sizes(effect)
+    if sizes <= loose or not can_build(effect.name.effect):
+        return {}
+    neutral = named(effect_of(PatchEffect(effect.name.effect, effect.name.where)))
+    return {n: neutral.parameters[n] for n in sorted(sizes & loose)}
+
+
+def fixed_of(diagnosis: Diagnosis) -> frozenset[Place]:
+    """Return the parameters that the simulator is not to refine."""
+    return frozenset(
+        (effect.name.effect, effect.name.where, parameter)
+        for effect in diagnosis.named
+        for parameter in not_held(effect)
+    )
+
+
+def _sizes(effect: NamedEffect) -> set[str]:
+    info = CATALOGUE[effect.name.effect]
+    sizes = {p.name for p in info.parameters if p.role == "magnitude"}
+    return sizes & set(effect.parameters)
 
 
 def stiffening(width_rad: float, stiffness: float | None, slip_nm: float) -> float:
