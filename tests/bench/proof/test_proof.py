@@ -6,8 +6,10 @@ import unstated_springs
 from numpy.testing import assert_allclose
 
 from bench.effects.bearing_tilt import BearingTilt
+from bench.effects.gravity_load import GravityLoad
 from bench.effects.hardening import Hardening
 from bench.effects.hysteresis import Hysteresis
+from bench.effects.link_bending import LinkBending
 from bench.effects.lost_motion import LostMotion
 from bench.effects.transmission_error import TransmissionError
 from bench.experiment import record
@@ -15,6 +17,7 @@ from bench.instruments import ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.random_streams import streams
 from bench.instruments.tracker import standpoint
 from bench.patch import Law, Patch, named, rig_of
+from bench.proof import refinement
 from bench.proof.comparison import centred, comparison_mode_of
 from bench.proof.explained_share import Channel
 from bench.proof.model_discrimination import candidates, expected, paths
@@ -25,7 +28,14 @@ from bench.proof.nominal_fit import (
     turned_by,
 )
 from bench.proof.proof import Proof, prove
-from bench.proof.refinement import with_effects
+from bench.proof.refinement import (
+    Change,
+    refined_parameters,
+    simulate_changes,
+    with_change,
+    with_changed_parameters,
+    with_effects,
+)
 from bench.proof.setup import mounted_on, replay_simulation_of
 from bench.proof.simulation import (
     NominalState,
@@ -117,6 +127,57 @@ def test_placebos_do_not_help_and_what_is_taken_out_comes_back(proof):
     (without,) = [t for t in proof.trials if t.kind == "taken_out"]
     assert without.before > 1.2 * without.after
     assert proof.budget["hysteresis at a2"] > marks.noise / 2
+
+
+def test_changes_on_different_axes_read_alike_alone_and_in_one_run(proof, monkeypatch):
+    """But for levers that turn with a wind-up; a load, felt on every axis, is alone."""
+    world, arm = proof.simulation, proof.patched
+    (own,) = (e for e in arm.rig.effects if e.name == "hysteresis")
+    changes = [
+        Change((own,)),
+        Change(added=(Hardening("a3", torque_nm=5.0),)),
+        Change(added=(BearingTilt("a4", 1e-5, 2e-5),)),
+        Change((own,), (replace(own, where="a1"),)),
+        Change(added=(GravityLoad("link_3", 1.0),)),
+    ]
+    runs = []
+    simulate = type(world)._simulated
+
+    def counted(self, rig):
+        runs.append(rig)
+        return simulate(self, rig)
+
+    monkeypatch.setattr(type(world), "_simulated", counted)
+    monkeypatch.setattr(refinement, "FEW", 1)
+    together = {i: seen for i, _, seen in simulate_changes(world, arm, changes)}
+    assert len(runs) <= 4  # the arm as it is, two that share, the load
+    before = world.see(arm)
+    for i, change in enumerate(changes):
+        alone = world.see(with_change(arm, change))
+        moves = np.abs(alone.point - before.point).max()
+        assert moves > 1e-6
+        assert_allclose(together[i].point, alone.point, atol=3e-3 * moves)
+        assert_allclose(together[i].residual, alone.residual, atol=3e-3 * moves)
+    turn = together[1].states.axis_angle - before.states.axis_angle
+    assert np.abs(turn[:, 2]).max() > 1e-6
+    assert_allclose(np.delete(turn, 2, axis=1), 0.0)
+
+
+def test_what_is_held_fixed_stays_and_only_the_rest_is_refined(recording, kr10, held):
+    made = patch(Hysteresis("a2", width_rad=2e-4), BearingTilt("a3", 1e-7, 1e-7))
+    fixed = {("hysteresis", "a2", "width_rad"), ("bearing_tilt", "a3", "u_rad_per_nm")}
+    found = prove(recording, kr10, made, held, thorough=False, fixed=fixed)
+    loop, tilt = (effect.parameters for effect in found.patch.effects)
+    assert loop["width_rad"] == 2e-4
+    assert tilt["u_rad_per_nm"] == 1e-7 != tilt["v_rad_per_nm"]
+
+
+def test_a_stiffness_is_refined_by_factors_and_never_gives_way_altogether():
+    beam = (LinkBending("link_2", 6e5, 4e5),)
+    for _ in range(8):
+        knobs = refined_parameters(beam)
+        beam = with_changed_parameters(beam, knobs, np.full(2, -0.5))
+    assert beam[0].parameters()["torsion_nm2"] == pytest.approx(4e5 * np.exp(-4.0))
 
 
 def test_the_proof_holds_on_the_heaviest_load_and_on_regions_left_out(proof):

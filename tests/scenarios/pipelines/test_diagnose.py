@@ -20,7 +20,14 @@ from scenarios.pipelines import diagnosis as steps
 from scenarios.pipelines import next_experiments
 from scenarios.pipelines.diagnosis import Result, answer_of, calls_for_calibration
 from scenarios.pipelines.inputs import arm_of
-from scenarios.pipelines.patching import STIFFEST, patch_of_diagnosis, stiffening
+from scenarios.pipelines.patching import (
+    STIFFEST,
+    fixed_of,
+    patch_entry,
+    patch_of_diagnosis,
+    springs_of_mechanisms,
+    stiffening,
+)
 from scenarios.pipelines.schema import (
     Answer,
     Interval,
@@ -344,6 +351,56 @@ def test_what_was_named_becomes_mechanisms_and_a_table(found, recording, kr10):
     assert made.stiffness_nm_per_rad["a5"] == pytest.approx(1e4)
     assert made.laws[0].where == "a3"
     assert len(patch.effects_of(made)) == 3
+
+
+def beam(torsion: Parameter, bending: Parameter) -> NamedEffect:
+    parameters = {"bending_nm2": bending, "torsion_nm2": torsion}
+    return NamedEffect(Name("link_bending", "link_2"), 1.0, (), parameters)
+
+
+HELD, LOOSE = Parameter(6e5, 5e5, 7e5), Parameter(-8e5, -np.inf, np.inf)
+
+
+def test_a_size_without_an_interval_does_nothing_in_the_patch_and_it_is_said(found):
+    named = replace(found, named=(beam(LOOSE, HELD),))
+    (effect,) = named.named
+    entry = patch_entry(effect, {})
+    assert entry.parameters == {"bending_nm2": 6e5, "torsion_nm2": None}
+    assert fixed_of(named) == {("link_bending", "link_2", "torsion_nm2")}
+    (said,) = steps.left_neutral(named)
+    assert said.where == "link_2"
+    assert "torsion_nm2" in said.text
+    assert "bending_nm2" not in said.text
+
+
+def test_sizes_of_which_none_has_an_interval_stay_together_as_estimated(found):
+    named = replace(found, named=(beam(Parameter(4e5, -np.inf, np.inf), LOOSE),))
+    entry = patch_entry(named.named[0], {})
+    assert entry.parameters == {"bending_nm2": -8e5, "torsion_nm2": 4e5}
+    assert len(fixed_of(named)) == 2
+    assert not list(steps.left_neutral(named))
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameters", "share"),
+    [
+        ("hardening", {"stiffness_ratio": 1.6, "torque_nm": 20.0}, 1 / 1.6),
+        ("asymmetric_stiffness", {"ratio": 0.8}, 0.9),
+        ("asymmetric_stiffness", {"ratio": 1.25}, 0.9),
+        ("angle_dependent_stiffness", {"ratio": 0.6, "order": 2.0}, 1 / 0.8),
+        ("hysteresis", {"width_rad": 1e-4}, 1.0),
+    ],
+)
+def test_a_mechanism_starts_from_the_stiffness_that_its_own_law_calls_the_spring(
+    effect, parameters, share
+):
+    """K1 of K3, the softer of two sides, the mean of K where 1/K has the mean 1/C."""
+    sized = {name: Parameter(v, 0.9 * v, 1.1 * v) for name, v in parameters.items()}
+    named = (NamedEffect(Name(effect, "a2"), 1.0, (), sized),)
+    springs = springs_of_mechanisms({"a1": 3e4, "a2": 5e4, "a3": None}, named)
+    assert springs["a2"] == pytest.approx(5e4 * share)
+    assert springs["a1"] == 3e4
+    assert springs["a3"] is None
 
 
 def test_a_stop_and_slipping_springs_are_equally_stiff_before_they_slip():
