@@ -153,21 +153,13 @@ def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> PatchE
     return PatchEffect(effect.name.effect, where, parameters, settings)
 
 
-def not_held(effect: NamedEffect) -> frozenset[str]:
-    """Return parameters without an interval: all of them where no size has one."""
-    own = effect.parameters
-    loose = {n for n, p in own.items() if not np.isfinite([p.low, p.high]).all()}
-    sizes = _sizes(effect)
-    return frozenset(own if sizes and sizes <= loose else loose)
-
-
 def neutral_sizes(effect: NamedEffect) -> dict[str, Value]:
     """Return the sizes that do nothing in the patch, for the readings hold others only.
 
     An effect of which they hold no size at all keeps the sizes that were estimated
     together: it was named, and there is no better guess.
     """
-    loose, sizes = not_held(effect), _sizes(effect)
+    loose, sizes = _not_held(effect), _sizes(effect)
     if sizes <= loose or not can_build(effect.name.effect):
         return {}
     neutral = named(effect_of(PatchEffect(effect.name.effect, effect.name.where)))
@@ -175,12 +167,24 @@ def neutral_sizes(effect: NamedEffect) -> dict[str, Value]:
 
 
 def fixed_of(diagnosis: Diagnosis) -> frozenset[Place]:
-    """Return the parameters that the simulator is not to refine."""
-    return frozenset(
-        (effect.name.effect, effect.name.where, parameter)
-        for effect in diagnosis.named
-        for parameter in not_held(effect)
-    )
+    """Return the parameters that the simulator is not to refine.
+
+    These are what the readings do not hold, and the whole form of an effect of which
+    they hold no size: its sizes alone may follow the springs that they belong to.
+    """
+    found: set[Place] = set()
+    for effect in diagnosis.named:
+        fixed, sizes = _not_held(effect), _sizes(effect)
+        if sizes <= fixed:
+            fixed = set(effect.parameters) - sizes
+        found |= {(effect.name.effect, effect.name.where, name) for name in fixed}
+    return frozenset(found)
+
+
+def _not_held(effect: NamedEffect) -> set[str]:
+    """Return the parameters without an interval."""
+    own = effect.parameters.items()
+    return {name for name, p in own if not np.isfinite([p.low, p.high]).all()}
 
 
 def _sizes(effect: NamedEffect) -> set[str]:

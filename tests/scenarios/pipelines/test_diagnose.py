@@ -377,8 +377,11 @@ def test_sizes_of_which_none_has_an_interval_stay_together_as_estimated(found):
     named = replace(found, named=(beam(Parameter(4e5, -np.inf, np.inf), LOOSE),))
     entry = patch_entry(named.named[0], {})
     assert entry.parameters == {"bending_nm2": -8e5, "torsion_nm2": 4e5}
-    assert len(fixed_of(named)) == 2
     assert not list(steps.left_neutral(named))
+    wave = {"ratio": LOOSE, "order": HELD, "phase_rad": HELD}
+    effect = NamedEffect(Name("angle_dependent_stiffness", "a1"), 1.0, (), wave)
+    fixed = fixed_of(replace(found, named=(*named.named, effect)))
+    assert {name for _, _, name in fixed} == {"order", "phase_rad"}
 
 
 @pytest.mark.parametrize(
