@@ -56,17 +56,17 @@ class Change:
     """Effects that go, and others that come.
 
     Attributes:
-        taken: Of the rig's effects, the very objects.
+        removed: Of the rig's effects, the very objects.
         added: New ones.
     """
 
-    taken: tuple[Effect, ...] = ()
+    removed: tuple[Effect, ...] = ()
     added: tuple[Effect, ...] = ()
 
 
 def with_change(assumed: NominalState, *changes: Change) -> NominalState:
     """Return the assumption with some changes of its effects."""
-    gone = {id(effect) for change in changes for effect in change.taken}
+    gone = {id(effect) for change in changes for effect in change.removed}
     kept = [effect for effect in assumed.rig.effects if id(effect) not in gone]
     added = [effect for change in changes for effect in change.added]
     return replace(assumed, rig=replace(assumed.rig, effects=(*kept, *added)))
@@ -115,7 +115,7 @@ def _run(world: ReplaySimulation, together: NominalState) -> States | None:
 def _axes_of(change: Change, arm: Anatomy) -> frozenset[int]:
     """Return the axes, from 0, whose relative pose a change alters; empty: unknown."""
     found: set[int] = set()
-    for effect in (*change.taken, *change.added):
+    for effect in (*change.removed, *change.added):
         places = [effect.where, effect.parameters().get("with", effect.where)]
         axes = [arm.axis(str(place)) for place in places]
         if not isinstance(effect, (ModelEffect, CommandEffect)):
@@ -129,16 +129,16 @@ def _axes_of(change: Change, arm: Anatomy) -> frozenset[int]:
 def _groups(sites: Sequence[frozenset[int]]) -> list[list[int]]:
     """Return which changes share a run: those on different axes, first come first."""
     groups: list[list[int]] = []
-    taken: list[frozenset[int]] = []
+    occupied: list[frozenset[int]] = []
     for i, own in enumerate(sites):
-        free = (g for g, others in enumerate(taken) if others and not own & others)
+        free = (g for g, others in enumerate(occupied) if others and not own & others)
         place = next(free, None) if own else None
         if place is None:
             groups.append([i])
-            taken.append(own)
+            occupied.append(own)
         else:
             groups[place].append(i)
-            taken[place] |= own
+            occupied[place] |= own
     return groups
 
 

@@ -31,7 +31,12 @@ from bench.proof.proof import Proof, prove
 from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
 from bench.shared.settings import SETTINGS
-from scenarios.pipelines.patching import fixed_of, neutral_sizes, patch_of_diagnosis
+from scenarios.pipelines.patching import (
+    fixed_of,
+    neutral_sizes,
+    patch_of_diagnosis,
+    within_bounds,
+)
 from scenarios.pipelines.schema import (
     Answer,
     At,
@@ -355,7 +360,7 @@ def _of_channel(c: Channel, unit: float, name: str) -> dict[str, object]:
 def _called(named: NamedEffect, share: float | None) -> Called:
     parameters = {
         name: Interval(number(p.estimate), number(p.low), number(p.high))
-        for name, p in named.parameters.items()
+        for name, p in within_bounds(named).items()
     }
     if "with" in parameters:  # a number of an axis, but a name in the vocabulary
         partner = f"a{round(named.parameters['with'].estimate)}"

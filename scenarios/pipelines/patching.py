@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bench import controller_table
+from bench.effects import EFFECTS
 from bench.kinematic_chain import moving
 from bench.mechanisms import offsets_of
 from bench.patch import (
@@ -50,7 +51,7 @@ from bench.rig import Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from bench.user_model import ASSETS
-from stiffness.diagnosis.result import Diagnosis, NamedEffect
+from stiffness.diagnosis.result import Diagnosis, NamedEffect, Parameter
 from stiffness.robot.arm import Arm
 
 if TYPE_CHECKING:
@@ -159,11 +160,31 @@ def neutral_sizes(effect: NamedEffect) -> dict[str, Value]:
     An effect of which they hold no size at all keeps the sizes that were estimated
     together: it was named, and there is no better guess.
     """
-    loose, sizes = _not_held(effect), _sizes(effect)
+    loose, sizes = _not_held(effect), _magnitudes(effect)
     if sizes <= loose or not can_build(effect.name.effect):
         return {}
     neutral = named(effect_of(PatchEffect(effect.name.effect, effect.name.where)))
     return {n: neutral.parameters[n] for n in sorted(sizes & loose)}
+
+
+def within_bounds(effect: NamedEffect) -> dict[str, Parameter]:
+    """Return the parameters with intervals that end where the mechanism's bounds are.
+
+    That takes nothing from their coverage, for the truth lies within. A size that the
+    readings do not hold and that no mechanism can have is the one that does nothing.
+    """
+    bounds = {kind.name: (kind.at_least, kind.at_most) for kind in EFFECTS}
+    least, most = bounds.get(effect.name.effect, ({}, {}))
+    neutral, found = neutral_sizes(effect), dict(effect.parameters)
+    for name, p in effect.parameters.items():
+        low, high = least.get(name, -math.inf), most.get(name, math.inf)
+        if math.isfinite(p.low) and p.low <= high and low <= p.high < math.inf:
+            found[name] = replace(p, low=max(p.low, low), high=min(p.high, high))
+        elif name in neutral and not low <= p.estimate <= high:
+            value = neutral[name]
+            none = value if isinstance(value, float) else math.inf
+            found[name] = replace(p, estimate=none)
+    return found
 
 
 def fixed_of(diagnosis: Diagnosis) -> frozenset[Place]:
@@ -174,7 +195,7 @@ def fixed_of(diagnosis: Diagnosis) -> frozenset[Place]:
     """
     found: set[Place] = set()
     for effect in diagnosis.named:
-        fixed, sizes = _not_held(effect), _sizes(effect)
+        fixed, sizes = _not_held(effect), _magnitudes(effect)
         if sizes <= fixed:
             fixed = set(effect.parameters) - sizes
         found |= {(effect.name.effect, effect.name.where, name) for name in fixed}
@@ -187,7 +208,7 @@ def _not_held(effect: NamedEffect) -> set[str]:
     return {name for name, p in own if not np.isfinite([p.low, p.high]).all()}
 
 
-def _sizes(effect: NamedEffect) -> set[str]:
+def _magnitudes(effect: NamedEffect) -> set[str]:
     info = CATALOGUE[effect.name.effect]
     sizes = {p.name for p in info.parameters if p.role == "magnitude"}
     return sizes & set(effect.parameters)

@@ -27,6 +27,7 @@ from scenarios.pipelines.patching import (
     patch_of_diagnosis,
     springs_of_mechanisms,
     stiffening,
+    within_bounds,
 )
 from scenarios.pipelines.schema import (
     Answer,
@@ -382,6 +383,16 @@ def test_sizes_of_which_none_has_an_interval_stay_together_as_estimated(found):
     effect = NamedEffect(Name("angle_dependent_stiffness", "a1"), 1.0, (), wave)
     fixed = fixed_of(replace(found, named=(*named.named, effect)))
     assert {name for _, _, name in fixed} == {"order", "phase_rad"}
+
+
+def test_intervals_end_where_no_mechanism_can_be(found):
+    """A gear that softens is no hardening one; an impossible stiffness is none."""
+    ratio = {"stiffness_ratio": Parameter(1.28, -2.65, 5.2)}
+    gear = NamedEffect(Name("hardening", "a1"), 1.0, (), ratio)
+    assert within_bounds(gear)["stiffness_ratio"] == Parameter(1.28, 1.0, 5.2)
+    torsion = within_bounds(beam(LOOSE, HELD))["torsion_nm2"]
+    assert torsion == Parameter(np.inf, -np.inf, np.inf)
+    assert within_bounds(beam(HELD, HELD))["bending_nm2"] == HELD
 
 
 @pytest.mark.parametrize(
