@@ -182,9 +182,9 @@ def _called(found: Calibrated, key: Key) -> Called:
     elif effect == "drift":
         equivalents.append(At("drift", "tracker"))
     elif effect == "encoder_offset":
-        carrier = found.readings.arm.chain.parent[int(where[1:]) - 1]
-        if carrier >= 0:
-            equivalents.append(At("geometry_error", f"link_{carrier + 1}"))
+        links = found.readings.arm.chain.links.items()
+        before = [link for link, axis in links if f"a{axis + 1}" == where]
+        equivalents += [At("geometry_error", link) for link in before]
     sure = float(np.clip(norm.cdf(loss / error), 0.0, 0.9999))
     return Called(effect, where, sure, tuple(dict.fromkeys(equivalents)), parameters)
 

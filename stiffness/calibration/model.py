@@ -261,16 +261,14 @@ def entries_of(chain: Chain) -> tuple[Entry, ...]:
         for k, slides in enumerate(chain.slides)
     ]
     links = [
-        Entry("geometry_error", f"link_{chain.parent[k] + 1}", name)
-        for k in seats_of(chain)
-        for name in NAMES
+        Entry("geometry_error", link, name) for link in chain.links for name in NAMES
     ]
     return (*offsets, *links)
 
 
 def seats_of(chain: Chain) -> list[int]:
     """Return the axes that another axis carries."""
-    return [k for k, parent in enumerate(chain.parent) if parent >= 0]
+    return list(chain.links.values())
 
 
 def corrected_chain(chain: Chain, values: Float[np.ndarray, " entries"]) -> Chain:

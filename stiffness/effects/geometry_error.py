@@ -54,7 +54,7 @@ class GeometryError(Hypothesis):
         where: str,
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
-        place = situation.links.index(where) + 2
+        _, place = situation.ends_of(where)
         axes = axes_of(situation, where)
         shift = translate(place, axes).twist
         turned = rotate(place, axes, situation.origin[:, place]).twist

@@ -60,7 +60,9 @@ class GravityLoad(Hypothesis):
     def places(self, situation: StaticState) -> tuple[str, ...]:
         sensor = situation.recording.wrench_sensor
         weighed = sensor is not None and sensor.includes_tool_weight
-        bodies = situation.links if weighed else (*situation.links, "tool")
+        last = situation.arm.attachment("flange").axis
+        links = (f"link_{k + 1}" for k in range(len(situation.axes)) if k != last)
+        bodies = links if weighed else (*links, "tool")
         if not absolute(situation):
             return ()
         return tuple(b for b in bodies if seen(situation, torques(situation, b)))

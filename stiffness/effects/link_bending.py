@@ -63,10 +63,14 @@ class LinkBending(Hypothesis):
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:
-        ends = np.diff(situation.origin[:, 1:], axis=1)  # (rows, links, 3)
-        length = np.linalg.norm(ends, axis=2).min(axis=0)
-        found = zip(situation.links, length, strict=True)
-        return tuple(link for link, distance in found if distance > SHORTEST)
+        found = {
+            link: _beam(situation, situation.ends_of(link)) for link in situation.links
+        }
+        return tuple(
+            link
+            for link, beam in found.items()
+            if np.linalg.norm(beam, axis=1).min() > SHORTEST
+        )
 
     @override
     def shapes(
@@ -81,17 +85,18 @@ class LinkBending(Hypothesis):
         where: str,
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
-        place = situation.links.index(where) + 2
+        ends = situation.ends_of(where)
+        place = ends[1]
         tip = situation.origin[:, place]
-        length = np.linalg.norm(tip - situation.origin[:, place - 1], axis=1)
-        turned, moved = _bend(situation, place, length[:, None])
+        length = np.linalg.norm(_beam(situation, ends), axis=1)
+        turned, moved = _bend(situation, ends, length[:, None])
         both = rotate(place, turned, tip).twist + translate(place, moved).twist
         carried = BodyTwist(place, both)
         if not shape[0]:
             return EffectJacobian(2, (carried,))
-        marks = _marks(situation, place)
-        bent = {m: _on_beam(situation, place, spot) for m, spot in marks.items()}
-        return EffectJacobian(2, (carried, *_of_marks(situation, place, marks, bent)))
+        marks = _marks(situation, ends)
+        bent = {m: _on_beam(situation, ends, spot) for m, spot in marks.items()}
+        return EffectJacobian(2, (carried, *_of_marks(situation, ends, marks, bent)))
 
     @override
     def variants(
@@ -102,11 +107,11 @@ class LinkBending(Hypothesis):
     ) -> EffectJacobian:
         if not self._marked(situation, where):
             return NOTHING
-        place = situation.links.index(where) + 2
-        return hstack([_hinge(situation, place, share) for share in HINGES])
+        ends = situation.ends_of(where)
+        return hstack([_hinge(situation, ends, share) for share in HINGES])
 
     def _marked(self, situation: StaticState, where: str) -> bool:
-        return bool(_marks(situation, situation.links.index(where) + 2))
+        return bool(_marks(situation, situation.ends_of(where)))
 
     @override
     def parameters(
@@ -120,19 +125,32 @@ class LinkBending(Hypothesis):
         return {"bending_nm2": 1.0 / bending, "torsion_nm2": 1.0 / torsion}
 
 
-def _marks(situation: StaticState, place: int) -> dict[int, np.ndarray]:
-    """Return a link's markers before a site, positions in its frame, in m."""
+def _beam(situation: StaticState, ends: tuple[int, int]) -> Float[np.ndarray, "rows 3"]:
+    """Return the way from a link's own axis to the next one, in m."""
+    return situation.origin[:, ends[1]] - situation.origin[:, ends[0]]
+
+
+def _marks(situation: StaticState, ends: tuple[int, int]) -> dict[int, np.ndarray]:
+    """Return a link's markers before its end, positions in its frame, in m.
+
+    None of a link that ends at several axes: they do not lie on one beam.
+    """
+    if situation.arm.chain.parent.count(ends[0] - 1) > 1:
+        return {}
     found = {}
     for m, marker in enumerate(situation.recording.markers):
         spot = situation.marker_position(m)
-        if situation.arm.attachment(marker.body).axis == place - 2 and spot is not None:
+        if (
+            situation.arm.attachment(marker.body).axis == ends[0] - 1
+            and spot is not None
+        ):
             found[m] = inside_of(situation, marker.body, spot)
     return found
 
 
 def _of_marks(
     situation: StaticState,
-    place: int,
+    ends: tuple[int, int],
     marks: Mapping[int, np.ndarray],
     moved: Mapping[int, np.ndarray],
 ) -> list[BodyTwist | MarkerDisplacement]:
@@ -143,11 +161,12 @@ def _of_marks(
 
     Args:
         situation: Static state of the arm.
-        place: The site that the link carries.
+        ends: The places of the link's own axis and of the one that it carries.
         marks: Positions of the markers in its frame, in m.
         moved: Displacement of each, per unit of each coefficient: (rows, 3, columns).
     """
-    at, frame = situation.origin[:, place - 1], situation.frame[:, place - 1]
+    own_place, place = ends
+    at, frame = situation.origin[:, own_place], situation.frame[:, own_place]
     lever = np.concatenate([point_jacobian(spot) for spot in marks.values()])
     turned = frame.swapaxes(1, 2)
     bent = np.concatenate([turned @ moved[m] for m in marks], axis=1)
@@ -156,48 +175,53 @@ def _of_marks(
     twist += translate(0, frame @ own[:, :3]).twist
     rest = [frame @ one for one in np.split(bent - lever @ own, len(marks), axis=1)]
     each = [MarkerDisplacement(m, one) for m, one in zip(marks, rest, strict=True)]
-    return [BodyTwist(place - 1, twist), BodyTwist(place, -twist), *each]
+    return [BodyTwist(own_place, twist), BodyTwist(place, -twist), *each]
 
 
-def _hinge(situation: StaticState, place: int, share: float) -> EffectJacobian:
+def _hinge(
+    situation: StaticState, ends: tuple[int, int], share: float
+) -> EffectJacobian:
     """Return the Jacobian of a link that bends at one point only."""
-    start, end = situation.origin[:, place - 1], situation.origin[:, place]
+    own_place, place = ends
+    start, end = situation.origin[:, own_place], situation.origin[:, place]
     point = start + share * (end - start)
     w = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
     force, moment = situation.force[:, place], situation.moment[:, place]
     moment = moment + np.cross(end - point, force)
     twist = w * np.sum(w * moment, axis=1, keepdims=True)
     turned = np.stack([moment - twist, twist], axis=2)
-    marks, bent = _marks(situation, place), {}
+    marks, bent = _marks(situation, ends), {}
     for m, spot in marks.items():
-        away = start + situation.frame[:, place - 1] @ spot - point
+        away = start + situation.frame[:, own_place] @ spot - point
         beyond = np.sum(w * away, axis=1) > 0.0
         bent[m] = np.cross(turned, away[:, :, None], axis=1) * beyond[:, None, None]
     carried = rotate(place, turned, point)
-    return EffectJacobian(2, (carried, *_of_marks(situation, place, marks, bent)))
+    return EffectJacobian(2, (carried, *_of_marks(situation, ends, marks, bent)))
 
 
 def _on_beam(
-    situation: StaticState, place: int, marker_position: Float[np.ndarray, "3"]
+    situation: StaticState,
+    ends: tuple[int, int],
+    marker_position: Float[np.ndarray, "3"],
 ) -> Float[np.ndarray, "rows 3 2"]:
     """Return a point's displacement on a link, in m per unit of 1/EI and 1/GJ."""
-    beam = situation.origin[:, place] - situation.origin[:, place - 1]
+    beam = _beam(situation, ends)
     length = np.linalg.norm(beam, axis=1, keepdims=True)
     w = beam / length
-    away = situation.frame[:, place - 1] @ marker_position
+    away = situation.frame[:, ends[0]] @ marker_position
     x = np.clip(np.sum(w * away, axis=1, keepdims=True), 0.0, length)
-    turned, moved = _bend(situation, place, x)
+    turned, moved = _bend(situation, ends, x)
     return moved + np.cross(turned, (away - x * w)[:, :, None], axis=1)
 
 
 def _bend(
-    situation: StaticState, place: int, x: Float[np.ndarray, "rows 1"]
+    situation: StaticState, ends: tuple[int, int], x: Float[np.ndarray, "rows 1"]
 ) -> tuple[Float[np.ndarray, "rows 3 2"], Float[np.ndarray, "rows 3 2"]]:
     """Return slope and deflection of a link x from its axis, per 1/EI and 1/GJ."""
-    beam = situation.origin[:, place] - situation.origin[:, place - 1]
+    beam = _beam(situation, ends)
     length = np.linalg.norm(beam, axis=1, keepdims=True)
     w = beam / length
-    force, moment = situation.force[:, place], situation.moment[:, place]
+    force, moment = situation.force[:, ends[1]], situation.moment[:, ends[1]]
     twist = w * np.sum(w * moment, axis=1, keepdims=True)
     across = force - w * np.sum(w * force, axis=1, keepdims=True)
     slope = x * (length - x / 2) * np.cross(w, force) + x * (moment - twist)

@@ -107,8 +107,13 @@ class StaticState:
 
     @cached_property
     def links(self) -> tuple[str, ...]:
-        """Names of the links between axes: link_1 … link_(N-1)."""
-        return tuple(f"link_{k + 1}" for k in range(len(self.axes) - 1))
+        """Names of the links between axes, see `Chain.links`."""
+        return tuple(self.arm.chain.links)
+
+    def ends_of(self, link: str) -> tuple[int, int]:
+        """Return the places between which a link is: its own axis and the next one."""
+        after = self.arm.chain.links[link]
+        return self.arm.chain.parent[after] + 1, after + 1
 
     def axis(self, where: str) -> int:
         """Return the index of an axis from its name, counted from 0."""

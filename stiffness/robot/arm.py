@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pinocchio
 from jaxtyping import Bool, Float
 
 from bench.shared.errors import UnknownName, Unusable
@@ -94,7 +95,7 @@ class Arm:
         arm = cls(
             file=file,
             axes=axes,
-            bodies=dict(bodies or {}),
+            bodies=_with_tool(dict(bodies or {}), model),
             slides=chain.slides,
             limits=np.stack([low[column], high[column]], axis=1),
             stiffness=np.array([file.stiffness.get(name, 0.0) for name in axes]),
@@ -137,6 +138,10 @@ class Arm:
         """
         places = self.chain.places
         name = self.bodies.get(body, body)
+        if (
+            name not in places and name in self.chain.links
+        ):  # an end of a link that forks
+            name = name.partition(":")[0]
         if name not in places:
             raise UnknownName("body", name, places)
         return places[name]
@@ -202,3 +207,11 @@ class Arm:
     ) -> Float[np.ndarray, "cases axes"]:
         """Return the torque that a wrench exerts on the axes; see `ArmState`."""
         return self.at(posture).load_torque(wrench_in_base, body, position)
+
+
+def _with_tool(bodies: dict[str, str], model: pinocchio.Model) -> dict[str, str]:
+    """Return names of bodies in which a tool that the model lacks is on the flange."""
+    body = pinocchio.FrameType.BODY
+    if "flange" in bodies and not model.existFrame("tool", body):
+        bodies.setdefault("tool", bodies["flange"])
+    return bodies

@@ -1,7 +1,9 @@
 """Kinematic chain: axes that carry masses, each axis the z axis of its own frame."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio
@@ -59,6 +61,20 @@ class Chain:
             found.append(axis)
             axis = self.parent[axis]
         return found
+
+    @cached_property
+    def links(self) -> dict[str, int]:
+        """The links between axes by name, each with the axis at its end.
+
+        Link k is what axis k moves. One that carries several axes has an end at each:
+        `link_2:a3` and `link_2:a10`.
+        """
+        ends = {k: parent for k, parent in enumerate(self.parent) if parent >= 0}
+        several = Counter(ends.values())
+        return {
+            f"link_{parent + 1}" + f":a{k + 1}" * (several[parent] > 1): k
+            for k, parent in ends.items()
+        }
 
 
 def chain_of(model: pinocchio.Model, axes: Sequence[str], gravity: np.ndarray) -> Chain:
