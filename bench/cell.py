@@ -92,14 +92,15 @@ def cell_for(model: mujoco.MjModel, arm: Anatomy) -> Cell:
 
 
 def reach(model: mujoco.MjModel, arm: Anatomy) -> float:
-    """Return the sum of the links' lengths from the second axis on, in m.
+    """Return the sum of the links' lengths from the second axis to the flange, in m.
 
     For the KR10 R1100-2 this is near its 1.19 m from A1 to the flange stretched out. An
     arm of one axis reaches from that one; at least `LEAST_REACH`.
     """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    points = [data.joint(axis).xanchor for axis in arm.axes[1:] or arm.axes]
+    chain = [arm.axes[k] for k in arm.chain]
+    points = [data.joint(axis).xanchor for axis in chain[1:] or chain]
     points.append(data.body(arm.flange).xpos)
     links = np.linalg.norm(np.diff(points, axis=0), axis=1)
     return max(float(sum(links)), LEAST_REACH)

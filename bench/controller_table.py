@@ -13,6 +13,9 @@ Mirmirani 1985).
 
 The offset of an encoder, `mastering_offset`, is what q exceeds the reported angle by.
 A controller whose q is counted the other way wants it with the other sign.
+
+Of several arms each chain has such steps. Those of axes that chains share stand once;
+where an axis carries several others, the step to each is a row of its own, `a2:a10`.
 """
 
 import csv
@@ -91,7 +94,10 @@ class Geometry:
 
 
 def geometry(
-    model: mujoco.MjModel, arm: Anatomy, like: mujoco.MjModel | None = None
+    model: mujoco.MjModel,
+    arm: Anatomy,
+    like: mujoco.MjModel | None = None,
+    mount: int | None = None,
 ) -> Geometry:
     """Read a chain's geometry.
 
@@ -100,9 +106,11 @@ def geometry(
         arm: Its parts.
         like: The arm that says which axes count as parallel, and which way x points;
             None: itself.
+        mount: The axis that carries the hand; None: the flange's.
     """
-    lines, flange = _lines(model, arm)
-    drawn, _ = _lines(like or model, arm)
+    mount = arm.mount if mount is None else mount
+    lines, flange = _lines(model, arm, mount)
+    drawn, _ = _lines(like or model, arm, mount)
     here, there = _on_first(lines[0], drawn[0]), _on_first(drawn[0], drawn[0])
     base, steps = here, []
     for line, as_drawn in zip(lines[1:], drawn[1:], strict=True):
@@ -110,7 +118,8 @@ def geometry(
         step = _step(_seen(here, line), seen)
         here, there = here @ step.frame(), there @ _step(seen, seen).frame()
         steps.append(step)
-    return Geometry(base, tuple(steps), np.linalg.inv(here) @ flange, arm.slides)
+    slides = tuple(arm.slides[k] for k in arm.carriers(mount))
+    return Geometry(base, tuple(steps), np.linalg.inv(here) @ flange, slides)
 
 
 @dataclass(frozen=True)
@@ -121,14 +130,16 @@ class _Line:
     along: Float[np.ndarray, "3"]
 
 
-def _lines(model: mujoco.MjModel, arm: Anatomy) -> tuple[list[_Line], np.ndarray]:
-    """Return the axes and the flange in the base's frame, all joints at zero."""
+def _lines(
+    model: mujoco.MjModel, arm: Anatomy, mount: int
+) -> tuple[list[_Line], np.ndarray]:
+    """Return a hand's axes and the hand in the base's frame, all joints at zero."""
     data = mujoco.MjData(model)
     data.qpos[:] = 0.0
     mujoco.mj_kinematics(model, data)
-    base, flange = data.body(arm.base), data.body(arm.flange)
+    base, flange = data.body(arm.base), data.body(arm.hands[mount])
     stand = _pose(base.xmat.reshape(3, 3), base.xpos)
-    joints = [data.joint(axis) for axis in arm.axes]
+    joints = [data.joint(arm.axes[k]) for k in arm.carriers(mount)]
     lines = [_seen(stand, _Line(joint.xanchor, joint.xaxis)) for joint in joints]
     hand = _pose(flange.xmat.reshape(3, 3), flange.xpos)
     return lines, np.linalg.inv(stand) @ hand
@@ -208,17 +219,22 @@ def _rows(rig: Rig, offset: np.ndarray) -> Iterator[Row]:
     for name, slides, value in zip(names, arm.slides, offset, strict=True):
         size, unit = (1e3, "mm") if slides else (180 / np.pi, "deg")
         yield name, "mastering_offset", unit, 0.0, size * value
-    drawn = geometry(rig.nominal, arm)
-    true = geometry(rig.model, arm, rig.nominal)
-    yield from _pose_rows("base", drawn.base, true.base)
-    for name, old, new in zip(names, drawn.steps, true.steps, strict=False):
-        for key in ("theta", "d", "a", "alpha", "beta"):
-            size, unit = (1e3, "mm") if key in "da" else (180 / np.pi, "deg")
-            before, after = size * getattr(old, key), size * getattr(new, key)
-            if unit == "deg":  # the same angle, as near as it can be written
-                after -= 360.0 * round((after - before) / 360.0)
-            yield name, key, unit, before, after
-    yield from _pose_rows("flange", drawn.flange, true.flange)
+    seen: set[str] = set()
+    for mount, hand in arm.hands.items():
+        drawn = geometry(rig.nominal, arm, mount=mount)
+        true = geometry(rig.model, arm, rig.nominal, mount)
+        if not seen:
+            yield from _pose_rows("base", drawn.base, true.base)
+        chain = arm.carriers(mount)
+        for k, after, old, new in zip(
+            chain, chain[1:], drawn.steps, true.steps, strict=False
+        ):
+            forks = len(arm.carried(k)) > 1
+            name = f"{names[k]}:{names[after]}" if forks else names[k]
+            yield from () if name in seen else _step_rows(name, old, new)
+            seen.add(name)
+        part = "flange" if mount == arm.mount else hand
+        yield from _pose_rows(part, drawn.flange, true.flange)
     own = np.where(rig.nominal.jnt_stiffness > 0, rig.nominal.jnt_stiffness, RIGID)
     for k, name in enumerate(names):
         unit = "N/m" if arm.slides[k] else "N m/rad"
@@ -241,6 +257,15 @@ def _rows(rig: Rig, offset: np.ndarray) -> Iterator[Row]:
                     for moment, mass in zip(moments, (nominal, corrected), strict=True)
                 )
                 yield name, f"centre_{axis}", "mm", old, new
+
+
+def _step_rows(part: str, old: Step, new: Step) -> Iterator[Row]:
+    for key in ("theta", "d", "a", "alpha", "beta"):
+        size, unit = (1e3, "mm") if key in "da" else (180 / np.pi, "deg")
+        before, after = size * getattr(old, key), size * getattr(new, key)
+        if unit == "deg":  # the same angle, as near as it can be written
+            after -= 360.0 * round((after - before) / 360.0)
+        yield part, key, unit, before, after
 
 
 def _pose_rows(part: str, old: np.ndarray, new: np.ndarray) -> Iterator[Row]:

@@ -15,6 +15,7 @@ from bench.effects.instrument_effect import InstrumentEffect
 from bench.instruments import Instruments
 from bench.instruments.markers import Markers, Stuck
 from bench.instruments.random_streams import streams
+from bench.kinematic_chain import anatomy
 from bench.rig import Rig, States
 from bench.shared.plan import Plan
 from bench.shared.recording import Recording
@@ -97,7 +98,14 @@ def observed(
         tool=rig.mounted.payload,
         robot=Path(rig.arm_file).stem,
         axes=rig.axes,
+        bodies=_hand_of(rig),
     )
+
+
+def _hand_of(rig: Rig) -> dict[str, str]:
+    """Return the flange's name where the model itself implies another one."""
+    own = anatomy(rig.nominal).flange
+    return {} if rig.anatomy.flange == own else {"flange": rig.anatomy.flange}
 
 
 def faulty(instruments: Instruments, rig: Rig) -> Instruments:

@@ -1,26 +1,25 @@
-"""Kinematic chain of a model: base, axes, links, flange; one of several arms.
+"""Kinematic chain or tree of a model: base, axes, links, flange, hands.
 
 `Anatomy` names the parts of an arm: a base, axes, the links that they move, and a
-flange at the end.
+flange at the end. Where a link carries several axes, the arm is a tree with several
+hands, as a torso with two arms; the flange is the hand that ropes pull.
 
 `with_seats` returns the compliant chain, which has two more bodies for each axis: the
 end, where the link before ends, and on it the seat, where the axis' bearing sits. Both
 are practically massless. Without a load they coincide with the next link's frame at
 zero, so they change nothing; bending links move the ends, bearings and gears the seats.
 
-`with_axes` selects one chain of a torso with several arms, for ropes, patches and
-proofs; the joints of the other arms are held at zero, as in `stiffness.robot.arm`.
+`with_axes` holds all other joints at zero, as in `stiffness.robot.arm`: for one arm of
+a torso, or for the arms that a recording moves.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from pathlib import Path
 from xml.etree import ElementTree
 
 import mujoco
 
-from bench.model_file import PATCH, load, plain_mjcf
+from bench.model_file import PATCH, plain_mjcf
 from bench.shared.errors import UnknownName, Unusable
 from bench.shared.recording import Recording
 
@@ -40,9 +39,13 @@ class Anatomy:
         axes: Joints of the model, a1 first.
         links: The body that each axis moves.
         base: The body that carries the first axis.
-        flange: The body of that name, or the last in the file that the last axis
-            carries.
+        flange: The hand that was asked for, else the body of that name, else the last
+            in the file that the last axis carries.
         slides: Whether each axis slides instead of turning.
+        parents: The axis that carries each, from 0; -1: the base.
+        mount: The axis that carries the flange.
+        hands: Of each axis that carries no other, the body at the arm's end: the
+            flange, where it carries that, else the last in the file.
     """
 
     axes: tuple[str, ...]
@@ -50,6 +53,26 @@ class Anatomy:
     base: str
     flange: str
     slides: tuple[bool, ...]
+    parents: tuple[int, ...]
+    mount: int
+    hands: dict[int, str]
+
+    @property
+    def chain(self) -> tuple[int, ...]:
+        """The axes that carry the flange, from the base on."""
+        return self.carriers(self.mount)
+
+    def carriers(self, axis: int) -> tuple[int, ...]:
+        """Return an axis and those that carry it, from the base on."""
+        found: list[int] = []
+        while axis >= 0:
+            found.append(axis)
+            axis = self.parents[axis]
+        return tuple(reversed(found))
+
+    def carried(self, axis: int) -> tuple[int, ...]:
+        """Return the axes that sit on the link of an axis; of -1, on the base."""
+        return tuple(k for k, parent in enumerate(self.parents) if parent == axis)
 
     def seat(self, axis: str) -> str:
         """Return the name of the seat that carries an axis."""
@@ -60,7 +83,11 @@ class Anatomy:
         return f"{axis}_end"
 
     def body(self, name: str) -> str:
-        """Return the model's body for `base`, `link_k`, `flange` or its own name."""
+        """Return the model's body for `base`, `link_k`, `flange` or its own name.
+
+        `link_k:aN`, the end of a link that carries several axes, is on that link.
+        """
+        name = name.partition(":")[0] if name.startswith("link_") else name
         if name == "base":
             return self.base
         if name == "flange":
@@ -83,34 +110,36 @@ class Anatomy:
         return where
 
 
-def anatomy(model: mujoco.MjModel) -> Anatomy:
-    """Return the parts of a serial arm in a compiled model.
+def anatomy(model: mujoco.MjModel, hand: str = "") -> Anatomy:
+    """Return the parts of an arm in a compiled model.
 
     Args:
-        model: The arm alone, or an arm with a tool.
+        model: The arm alone, or an arm with a tool; a chain or a tree of axes.
+        hand: The body that is its flange; empty: the one of that name, or the last.
 
     Returns:
-        Its parts, in the order of the chain.
+        Its parts, in the order of the model.
 
     Raises:
-        Unusable: Where the model has no joint, or its joints do not form one chain.
+        UnknownName: Where the model has no such body.
+        Unusable: Where the model has no joint, or none that carries the flange.
     """
     joints = list(range(model.njnt))
-    faults = []
     if not joints:
-        faults.append("it has no joint; an arm needs at least one hinge.")
+        fault = "it has no joint; an arm needs at least one hinge or slide."
+        raise Unusable("The model", [fault])
     bodies = [int(model.jnt_bodyid[j]) for j in joints]
-    for before, after in branches(model):
-        faults.append(
-            f"joint on {model.body(after).name!r} does not follow from "
-            f"{model.body(before).name!r}; the axes must form one chain. Where "
-            "they carry several arms, choose one (`record`: --hand)."
-        )
-    if faults:
-        raise Unusable("The model", faults)
     names = [model.body(b).name for b in range(model.nbody)]
-    carried = [b for b in range(model.nbody) if bodies[-1] in carriers_of(model, b)]
-    flange = "flange" if "flange" in names else names[carried[-1]]
+    if hand and hand not in names[1:]:
+        raise UnknownName("body", hand, names[1:])
+    moved_by = [_axis_of(model, b) for b in range(model.nbody)]
+    last = {axis: names[b] for b, axis in enumerate(moved_by)}
+    parents = tuple(_axis_of(model, int(model.body_parentid[b])) for b in bodies)
+    flange = hand or ("flange" if "flange" in names else last[len(joints) - 1])
+    mount = moved_by[names.index(flange)]
+    if mount < 0:
+        raise Unusable("The model", [f"no joint carries {flange!r}."])
+    hands = {k: last[k] for k in joints if k not in parents} | {mount: flange}
     below = int(model.body_parentid[bodies[0]])
     while names[below].startswith(PATCH):
         below = int(model.body_parentid[below])
@@ -122,7 +151,17 @@ def anatomy(model: mujoco.MjModel) -> Anatomy:
         slides=tuple(
             bool(model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE) for j in joints
         ),
+        parents=parents,
+        mount=mount,
+        hands=hands,
     )
+
+
+def _axis_of(model: mujoco.MjModel, body: int) -> int:
+    """Return the joint that moves a body last; -1: none does."""
+    while body and not model.body_jntnum[body]:
+        body = int(model.body_parentid[body])
+    return int(model.body_jntadr[body]) if body else -1
 
 
 def with_seats(plain: str, arm: Anatomy) -> str:
@@ -162,16 +201,6 @@ def _massless(name: str, pos: str, quat: str) -> ElementTree.Element:
     return body
 
 
-def branches(model: mujoco.MjModel) -> list[tuple[int, int]]:
-    """Return pairs of moved bodies of which the first does not carry the second."""
-    bodies = [int(b) for b in model.jnt_bodyid]
-    return [
-        (before, after)
-        for before, after in pairwise(bodies)
-        if before not in carriers_of(model, after)
-    ]
-
-
 def carriers_of(model: mujoco.MjModel, body: int) -> set[int]:
     """Return a body and all bodies that carry it, without the world."""
     found = set()
@@ -181,28 +210,31 @@ def carriers_of(model: mujoco.MjModel, body: int) -> set[int]:
     return found
 
 
-# --- One chain of several -------------------------------------------------------------
+# --- Some axes of many ----------------------------------------------------------------
 
 
-def axes_to(model: mujoco.MjModel, hand: str) -> tuple[str, ...]:
-    """Return the joints that carry a body, from the base on.
+def axes_to(model: mujoco.MjModel, hands: Sequence[str]) -> tuple[str, ...]:
+    """Return the joints that carry some bodies, from the base on.
 
     Args:
         model: The arm or torso alone.
-        hand: Name of a body.
+        hands: Names of bodies.
 
     Raises:
         UnknownName: Where the model has no such body.
         Unusable: Where no joint carries it.
     """
     names = [model.body(b).name for b in range(1, model.nbody)]
-    if hand not in names:
-        raise UnknownName("body", hand, names)
-    carriers = carriers_of(model, int(model.body(hand).id))
-    axes = [j for j in range(model.njnt) if int(model.jnt_bodyid[j]) in carriers]
-    if not axes:
-        raise Unusable("The model", [f"no joint carries {hand!r}."])
-    return tuple(model.joint(j).name for j in axes)
+    found: set[int] = set()
+    for hand in hands:
+        if hand not in names:
+            raise UnknownName("body", hand, names)
+        carriers = carriers_of(model, int(model.body(hand).id))
+        axes = [j for j in range(model.njnt) if int(model.jnt_bodyid[j]) in carriers]
+        if not axes:
+            raise Unusable("The model", [f"no joint carries {hand!r}."])
+        found.update(axes)
+    return tuple(model.joint(j).name for j in sorted(found))
 
 
 def with_axes(model: mujoco.MjModel, axes: Collection[str]) -> mujoco.MjModel:
@@ -225,19 +257,17 @@ def with_axes(model: mujoco.MjModel, axes: Collection[str]) -> mujoco.MjModel:
     )
 
 
-def moving(recording: Recording, arm_file: Path) -> tuple[str, ...]:
-    """Return the joints of a several-armed model that a recording moves; () = all.
+def moving(recording: Recording, model: mujoco.MjModel) -> tuple[tuple[str, ...], str]:
+    """Return the joints of a model that a recording moves, and its hand.
 
-    Raises:
-        Unusable: Where they form no chain.
+    Args:
+        recording: With the names of its axes and bodies.
+        model: The arm or torso alone.
+
+    Returns:
+        The joints, empty: all; and the body that the recording calls flange, empty: the
+        model's own.
     """
-    model = load(arm_file)
-    if not branches(model):
-        return ()
-    if recording.axes and not branches(with_axes(model, recording.axes)):
-        return tuple(recording.axes)
-    fault = (
-        "it carries several arms, and the simulator takes one chain at a time: record "
-        "each arm by itself and name its joints in [robot] axes, the others at zero"
-    )
-    raise Unusable("The model", [f"{fault}."])
+    hand = recording.bodies.get("flange", "")
+    axes = tuple(recording.axes)
+    return (() if len(axes) in (0, model.njnt) else axes), hand

@@ -242,6 +242,7 @@ class Patch:
         base_from_tracker: 4 x 4 as fitted, in m; null where nothing was tracked.
         markers: Their places in their bodies' frames as fitted, in m.
         axes: Joints of the model that move, the others held at zero; empty: all.
+        hand: Body of the model that counts as the flange; empty: the model's own.
         arm: The nominal arm as plain MJCF.
         schema: Of this file.
         not_in_model: What of it `model.xml` cannot hold, in words.
@@ -254,6 +255,7 @@ class Patch:
     base_from_tracker: tuple[tuple[float, float, float, float], ...] | None = None
     markers: dict[str, Triple] = field(default_factory=dict)
     axes: tuple[str, ...] = ()
+    hand: str = ""
     arm: str = ""
     schema: int = 1
     not_in_model: tuple[str, ...] = ()
@@ -286,9 +288,10 @@ def rig_of(patch: Patch, arm_file: Path | None = None) -> Rig:
     if held.mass_kg:
         effects = (*effects, GravityLoad("flange", held.mass_kg, *held.com_m))
     if arm_file is None:
-        rig = WrittenRig(Path(MODEL_FILE), effects, cell=cell, text=patch.arm)
+        model = Path(MODEL_FILE)
+        rig = WrittenRig(model, effects, cell=cell, hand=patch.hand, text=patch.arm)
     else:
-        rig = Rig(arm_file, effects, cell=cell, axes=patch.axes)
+        rig = Rig(arm_file, effects, cell=cell, axes=patch.axes, hand=patch.hand)
     springs = rig.nominal.jnt_stiffness.copy()
     known = list(rig.anatomy.axes)
     for name, value in patch.stiffness_nm_per_rad.items():

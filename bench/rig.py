@@ -93,6 +93,7 @@ class Rig:
             N m/rad; None: the model's own.
         cell: What is mounted around it; None: a cell in proportion.
         axes: Joints that move, the others held at zero; empty: all.
+        hand: Body that the ropes pull; empty: the model's flange.
     """
 
     arm_file: Path | str
@@ -100,6 +101,7 @@ class Rig:
     stiffness: Float[np.ndarray, " axes"] | None = None
     cell: Cell | None = None
     axes: tuple[str, ...] = ()
+    hand: str = ""
     _sorted: tuple[Effect, ...] = field(init=False, repr=False)
 
     def __post_init__(self):
@@ -116,7 +118,7 @@ class Rig:
     @cached_property
     def anatomy(self) -> Anatomy:
         """The names of its parts."""
-        return anatomy(self.nominal)
+        return anatomy(self.nominal, self.hand)
 
     @cached_property
     def mounted(self) -> Cell:

@@ -48,8 +48,8 @@ class Settings:
     """True stiffness in N m/rad in place of the model's, for all axes or one each."""
     robot: Annotated[Path, KUKA] = KR10
     """MJCF or URDF of the arm alone."""
-    hand: str = ""
-    """Body that the ropes pull, where a torso carries several arms."""
+    hand: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
+    """Of a torso's arms, the hand that ropes pull; repeat it for others that move."""
     poses: int = 151
     """How many postures; a KR10's table has 151."""
     revisits: int = 0

@@ -119,7 +119,7 @@ def found():
         ),
         decisions=(
             Decision(("creep", "a3"), "log_evidence", True, 9.0, 0.0, "worth more"),
-            Decision(("creep", "a3"), "left_out", False, 0.14, 0.02, "does not predict"),
+            Decision(("creep", "a3"), "left_out", False, 0.14, 0.02, "no gain"),
             Decision(("drift", "base"), "magnitude", False, 0.0, 0.0, "may be nothing"),
         ),
     )

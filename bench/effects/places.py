@@ -27,6 +27,10 @@ def places_for(kinds: Collection[str], arm: Anatomy) -> list[str]:
             prefix = "a" if kind == "axis" else "link_"
             found += [f"{prefix}{k}" for k in range(1, len(own) + 1)]
             found += own
+        if kind == "link" and kind in kinds:
+            for k in range(len(own)):  # a link that forks ends at several axes
+                ends = arm.carried(k)
+                found += [f"link_{k + 1}:a{n + 1}" for n in ends if len(ends) > 1]
     found += [kind for kind in ("base", "flange", *CELL) if kind in kinds]
     found += ["tool"] if "tool" in kinds else []  # the flange, where there is none
     found += ["marker:<name>"] if "marker" in kinds else []

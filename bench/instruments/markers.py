@@ -79,7 +79,7 @@ class Markers:
 
     Attributes:
         targets: `all` bodies from base to flange, the last link left out, or the
-            `flange` alone.
+            `flange` alone; of several arms the other hands too.
         placement: Standard deviation of their true positions about those in the
             manifest, per coordinate, in m; 0.5 mm is what a ruler allows.
         stated: Whether the manifest gives their places at all.
@@ -111,13 +111,13 @@ class Markers:
         Raises:
             UnknownName: Where a mark that slips does not exist.
         """
-        bodies = ["base", *(f"link_{k}" for k in range(1, len(arm.axes))), "flange"]
+        bodies = ["base", *(_marked(arm, k) for k in range(len(arm.axes)))]
         drawn = chance["placement"].standard_normal((len(bodies), len(LETTERS), 3))
         stuck = []
         for b, body in enumerate(bodies):
-            if self.targets == "flange" and body != "flange":
+            if self.targets == "flange" and b - 1 not in arm.hands:
                 continue
-            places, normals = _around(model, arm, b, len(bodies))
+            places, normals = _around(model, arm, b - 1)
             for m, letter in enumerate(LETTERS):
                 marker = Marker(
                     name=f"{body.replace('_', '')}_{letter}",
@@ -143,34 +143,45 @@ class Markers:
         return moved
 
 
+def _marked(arm: Anatomy, axis: int) -> str:
+    """Return the name of the body on an axis that bears marks: its link, or a hand."""
+    if axis == arm.mount:
+        return "flange"
+    return arm.hands.get(axis, f"link_{axis + 1}")
+
+
 def _around(
-    model: mujoco.MjModel, arm: Anatomy, b: int, bodies: int
+    model: mujoco.MjModel, arm: Anatomy, axis: int
 ) -> tuple[Float[np.ndarray, "4 3"], Float[np.ndarray, "4 3"]]:
-    """Return positions and normals on a body, in its frame; bodies from the base."""
+    """Return positions and normals on an axis' body, in its frame; -1: on the base."""
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     scale = reach(model, arm) / 1.19
-    last = bodies - 1
-    body = data.body((arm.base, *arm.links[: last - 1], arm.flange)[b])
+    at_end = axis in arm.hands
+    name = arm.hands[axis] if at_end else (*arm.links, arm.base)[axis]
+    body = data.body(name)
     turn = body.xmat.reshape(3, 3)
 
     def in_body(place: np.ndarray) -> np.ndarray:
         return (place - body.xpos) @ turn
 
-    anchors = [in_body(data.joint(axis).xanchor) for axis in arm.axes]
-    start = anchors[b - 1] if 0 < b < last else np.zeros(3)
-    along = anchors[b] - start if b < last else -anchors[-1]
+    anchors = [in_body(data.joint(name).xanchor) for name in arm.axes]
+    start = anchors[axis] if axis >= 0 and not at_end else np.zeros(3)
+    if at_end:
+        along = -anchors[axis]
+    else:  # to the next axis; of several, to their middle
+        along = np.mean([anchors[k] for k in arm.carried(axis)], axis=0) - start
     if np.linalg.norm(along) < 0.02 * scale:
-        along = 0.02 * scale * data.joint(arm.axes[max(b - 1, 0)]).xaxis @ turn
+        along = 0.02 * scale * data.joint(arm.axes[max(axis, 0)]).xaxis @ turn
     length = max(float(np.linalg.norm(along)), SHORTEST * scale)
     along = along / np.linalg.norm(along)
     middle = start + length / 2 * along
-    if b < last and model.body(body.id).mass[0] > 0:  # around where its mass is
+    if not at_end and model.body(body.id).mass[0] > 0:  # around where its mass is
         mass = model.body(body.id).ipos
         middle = mass + (middle - mass) @ along * along
     angles = np.array(AROUND)
     across = np.eye(3)[np.argmin(np.abs(along).round(9))]  # not by rounding
-    if b == last:
+    if at_end:
         if abs(along[0]) < NEARLY_ALONG:  # else the flange's x points out
             across = np.eye(3)[0]
         angles = ONE_SIDE * (angles - angles.mean())
@@ -179,6 +190,10 @@ def _around(
     outward = np.outer(np.cos(angles), across) + np.outer(
         np.sin(angles), np.cross(along, across)
     )
-    radius = scale * np.interp(b, [0, last], RADIUS) * np.array(OUT)
+    deepest = max(
+        len(arm.carriers(k)) for k in arm.hands if axis in (-1, *arm.carriers(k))
+    )
+    depth = len(arm.carriers(axis)) if axis >= 0 else 0
+    radius = scale * np.interp(depth, [0, deepest], RADIUS) * np.array(OUT)
     places = middle + np.outer(np.array(ALONG) * length, along)
     return places + radius[:, None] * outward, outward

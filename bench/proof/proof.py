@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from bench.effects.effect import Effect
-from bench.kinematic_chain import moving
 from bench.patch import Patch, effects_of, named, rig_of, with_arm
 from bench.proof.comparison import ComparisonMode, comparison_mode_of, means_count
 from bench.proof.explained_share import Channel, channels_of
 from bench.proof.nominal_fit import fitted
 from bench.proof.proof_checks import ProofCheck, left_outs, placebos
 from bench.proof.refinement import Place, Sensitivity, refined
-from bench.proof.setup import in_model, mounted_on, replay_simulation_of
+from bench.proof.setup import for_simulator, replay_simulation_of
 from bench.proof.simulation import NominalState, ReplaySimulation
 from bench.rig import RIGID
 from bench.shared.recording import Recording
@@ -88,13 +87,11 @@ def prove(
         BenchError: Where the patch cannot be built or finds no rest.
     """
     recording = _thinned(recording)
-    patch = replace(patch, axes=moving(recording, arm_file))
-    model = rig_of(Patch(axes=patch.axes), arm_file)
-    placed = in_model(recording, patch, model.anatomy)
+    placed = for_simulator(recording, patch, arm_file)
     pairs = zip(patch.effects, placed.effects, strict=True)
     now = {(old.effect, old.where): new.where for old, new in pairs}
     fixed = {(e, now.get((e, where), where), name) for e, where, name in fixed}
-    patch = replace(placed, mounted=mounted_on(recording, model))
+    patch = placed
     rig = rig_of(patch, arm_file)
     own = effects_of(patch)
     bare = rig_of(replace(patch, effects=(), laws=()), arm_file)

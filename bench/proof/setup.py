@@ -1,14 +1,16 @@
 """Set-up of the simulation: bodies, axes and tools of recording and model matched."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bench.effects.creep import Creep
-from bench.kinematic_chain import Anatomy
-from bench.patch import Mounted, Patch, PatchEffect
+from bench.kinematic_chain import Anatomy, moving
+from bench.model_file import load
+from bench.patch import Mounted, Patch, PatchEffect, rig_of
 from bench.proof.simulation import ReplaySimulation, replay_of
 from bench.rig import Rig, States
 from bench.shared.errors import UnknownName
@@ -59,17 +61,34 @@ def model_body(recording: Recording, rig: Rig, name: str) -> str:
     return found
 
 
+def for_simulator(recording: Recording, patch: Patch, arm_file: Path) -> Patch:
+    """Return a patch with the axes that a recording moves, its hand and its tool.
+
+    Args:
+        recording: What was done and seen.
+        patch: What was found, axes and links counted as in the recording.
+        arm_file: The nominal arm; axes that the recording lacks are held at zero.
+
+    Raises:
+        BenchError: Where the model lacks an axis or a body of the recording.
+    """
+    axes, hand = moving(recording, load(arm_file))
+    bare = rig_of(Patch(axes=axes, hand=hand), arm_file)
+    patch = in_model(recording, replace(patch, axes=axes, hand=hand), bare.anatomy)
+    return replace(patch, mounted=mounted_on(recording, bare))
+
+
 def in_model(recording: Recording, patch: Patch, arm: Anatomy) -> Patch:
     """Return a patch whose axes count as the model's where a recording's differ."""
     if not recording.axes:
         return patch
+    number = {k + 1: arm.axes.index(axis) + 1 for k, axis in enumerate(recording.axes)}
+    known = {
+        f"{kind}{k}": f"{kind}{n}" for kind in ("a", "link_") for k, n in number.items()
+    }
 
     def joint(where: str) -> str:
-        known = {
-            f"a{k + 1}": f"a{arm.axes.index(axis) + 1}"
-            for k, axis in enumerate(recording.axes)
-        }
-        return known.get(where, where)
+        return ":".join(known.get(part, part) for part in where.split(":"))
 
     def renamed(effect: PatchEffect) -> PatchEffect:
         partner = effect.parameters.get("with")

@@ -17,7 +17,7 @@ from bench.experiment import faulty
 from bench.instruments import Instruments
 from bench.patch import Patch, rig_of
 from bench.proof.explained_share import Share, explained_share
-from bench.proof.setup import mounted_on, point_in_base
+from bench.proof.setup import for_simulator, model_body, point_in_base
 from bench.proof.simulation import reading_of
 from bench.shared.recording import Recording
 from bench.shared.settings import SETTINGS
@@ -64,13 +64,14 @@ class CalibrationProof:
 def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationProof:
     """Simulate the nominal and the calibrated arm at all poses of a calibration."""
     held = found.held
-    carried = mounted_on(recording, rig_of(Patch(), model))
-    patch = replace(patch_of_calibration(found), mounted=carried)
-    nominal = Patch(stiffness_nm_per_rad=dict(found.springs[0]), mounted=carried)
-    before = _residual(found, model, nominal, found.before, 0.0)[held]
+    patch = for_simulator(recording, patch_of_calibration(found), model)
+    springs = Patch(stiffness_nm_per_rad=dict(found.springs[0]))
+    nominal = for_simulator(recording, springs, model)
+    before = _residual(found, recording, model, nominal, found.before, 0.0)[held]
     moving = tuple(e for e in patch.effects if e.effect not in FROM_SIDES)
     after = _residual(
         found,
+        recording,
         model,
         replace(patch, effects=moving),
         found.corrected_geometry,
@@ -95,6 +96,7 @@ def rms(residual: Float[np.ndarray, "rows 3"]) -> float:
 
 def _residual(
     found: Calibrated,
+    recording: Recording,
     model: Path,
     patch: Patch,
     geometry: Geometry,
@@ -111,8 +113,9 @@ def _residual(
         rows = np.arange(start, min(start + AT_ONCE, len(posture)))
         still = np.zeros((len(rows), 1, 6))
         states = rig.respond(posture[rows], still, np.full((len(rows), 1), SETTLED))
-        for m, body in enumerate(readings.bodies):
+        for m, name in enumerate(readings.bodies):
             own = readings.marker[rows] == m
+            body = model_body(recording, rig, name)
             at = point_in_base(rig, states, body, geometry.places[m])
             point[rows[own]] = at[own]
     tracker = faulty(Instruments(), rig).tracker

@@ -27,7 +27,6 @@ import numpy as np
 
 from bench import controller_table
 from bench.effects import EFFECTS
-from bench.kinematic_chain import moving
 from bench.mechanisms import offsets_of
 from bench.patch import (
     FILE,
@@ -46,7 +45,7 @@ from bench.patch import (
 )
 from bench.patched_model import patched_model
 from bench.proof.refinement import Place
-from bench.proof.setup import in_model, mounted_on
+from bench.proof.setup import for_simulator
 from bench.rig import Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
@@ -322,11 +321,8 @@ def patch_of_axes(axes: Sequence[Axis]) -> Patch:
 
 def patch_of_encoders(axes: Sequence[Axis], recording: Recording, model: Path) -> Patch:
     """Return the patch of a recording's arm, with the arm in it."""
-    patch = replace(patch_of_axes(axes), axes=moving(recording, model))
-    bare = rig_of(Patch(axes=patch.axes), model)
-    patch = in_model(recording, patch, bare.anatomy)
-    patch = replace(patch, mounted=mounted_on(recording, bare))
-    return with_arm(patch, bare)
+    patch = for_simulator(recording, patch_of_axes(axes), model)
+    return with_arm(patch, rig_of(Patch(axes=patch.axes), model))
 
 
 # --- The files ------------------------------------------------------------------------

@@ -38,19 +38,33 @@ from bench.study_arm import default_truth
 KR10 = Path(__file__).parents[2] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 
 
-def bare_rig(robot: Path, hand: str) -> Rig:
+def bare_rig(robot: Path, hands: Sequence[str]) -> Rig:
     """Return an arm as its model has it.
 
     Args:
         robot: Its model file.
-        hand: Body that the ropes pull, where a torso carries several arms; or empty.
+        hands: Where a torso carries several arms, the bodies at the ends of those that
+            move, the one that ropes pull first; the others are held at zero.
+
+    Raises:
+        UnknownName: Where the model has no such body.
+        Unusable: Where it carries several arms and none is named.
     """
-    return Rig(robot, axes=axes_to(load(robot), hand) if hand else ())
+    if hands:
+        return Rig(robot, axes=axes_to(load(robot), hands), hand=hands[0])
+    rig = Rig(robot)
+    if len(ends := tuple(rig.anatomy.hands.values())) > 1:
+        fault = (
+            f"it carries several arms, which end at {', '.join(ends)}: say by --hand "
+            "which one ropes pull; repeat --hand for others that move and are watched."
+        )
+        raise Unusable(f"Model {str(robot)!r}", [fault])
+    return rig
 
 
 def concealing_rig(
     robot: Path,
-    hand: str,
+    hands: Sequence[str],
     effects: Sequence[str],
     default: bool,
     scale: tuple[float, ...],
@@ -60,7 +74,7 @@ def concealing_rig(
 
     Args:
         robot: Its model file.
-        hand: Body that the ropes pull, where a torso carries several arms; or empty.
+        hands: Where a torso carries several arms, the ends of those that move; or none.
         effects: As flags give them, NAME@WHERE[,param=value…].
         default: Whether the study's KR10 is meant, with springs and effects of its own.
         scale: True stiffness over the model's, one for all axes or one each.
@@ -69,7 +83,7 @@ def concealing_rig(
     Raises:
         Unusable: Where something cannot be built, with all faults.
     """
-    rig = bare_rig(robot, hand)
+    rig = bare_rig(robot, hands)
     axes = len(rig.anatomy.axes)
     springs, known = rig.nominal.jnt_stiffness, ()
     parsed, *_ = collect(

@@ -20,7 +20,7 @@ from bench.effects.effect import Effect
 from bench.effects.places import places_for
 from bench.experiment import record
 from bench.instruments import Instruments, Markers
-from bench.kinematic_chain import axes_to, branches, with_axes
+from bench.kinematic_chain import anatomy, with_axes
 from bench.model_file import load, plain_mjcf
 from bench.rig import RIGID, Rig
 from bench.shared.errors import BenchError, Unusable
@@ -118,9 +118,10 @@ def with_springs(file: Path, base: str, draw: np.random.Generator) -> str:
         draw: Where the turned base's place comes from.
     """
     model = load(file)
-    if branches(model):
-        chains = [axes_to(model, model.body(int(b)).name) for b in model.jnt_bodyid]
-        model = with_axes(model, max(chains, key=len))
+    arm = anatomy(model)
+    if len(arm.hands) > 1:
+        longest = max((arm.carriers(k) for k in range(len(arm.axes))), key=len)
+        model = with_axes(model, [arm.axes[k] for k in longest])
     stiffness = _stiffness(model)
     root = ElementTree.fromstring(plain_mjcf(model))
     for joint in root.iter("joint"):

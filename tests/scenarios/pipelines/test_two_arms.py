@@ -1,19 +1,18 @@
-from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
-from bench.kinematic_chain import moving
 from bench.model_file import load
-from bench.patch import Patch, PatchEffect
+from bench.patch import Patch, PatchEffect, rig_of
 from bench.proof.proof import prove
 from bench.rig import Rig
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
 from bench.shared.recording import Marker, Recording
 from scenarios import record
+from scenarios.pipelines.calibrate import calibrate_and_prove
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.synthetic_recording import Watching
 from stiffness.effects.hysteresis import stop
@@ -77,12 +76,18 @@ def torso(tmp_path) -> Path:
     return file
 
 
-def recorded(torso: Path, hand: str, *effects: str) -> Recording:
+def recorded(
+    torso: Path,
+    *hands: str,
+    effects: tuple[str, ...] = (),
+    poses: int = 8,
+    path="0,40,0",
+) -> Recording:
     watch = Watching(targets="flange", state_frame=True)
-    out = torso.parent / hand
+    out = torso.parent / hands[0]
     return record.main(
         record.Settings(
-            out, effects, robot=torso, hand=hand, poses=8, path="0,40,0", watch=watch
+            out, effects, robot=torso, hand=hands, poses=poses, path=path, watch=watch
         )
     )
 
@@ -90,7 +95,8 @@ def recorded(torso: Path, hand: str, *effects: str) -> Recording:
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_one_arm_of_a_torso_is_recorded_and_proved_by_itself(torso, side):
     hand = f"{side}_hand"
-    recording = recorded(torso, hand, f"hysteresis@{side}_j1,width_rad=5e-4")
+    slack = f"hysteresis@{side}_j1,width_rad=5e-4"
+    recording = recorded(torso, hand, effects=(slack,))
     assert recording.axes == ("waist", f"{side}_j1", f"{side}_j2")
     again, arm, _ = read_for(torso.parent / hand, arm_of(torso))
     assert arm.axes == recording.axes and arm.attachment("flange") == arm.attachment(
@@ -104,6 +110,37 @@ def test_one_arm_of_a_torso_is_recorded_and_proved_by_itself(torso, side):
     assert proof.markers.after < 0.5 * proof.markers.before
 
 
+def test_both_arms_at_once_are_recorded_and_proved(torso):
+    hands, slack = ("left_hand", "right_hand"), "left_j1"
+    recording = recorded(torso, *hands, effects=(f"hysteresis@{slack},width_rad=5e-4",))
+    names = ("waist", "left_j1", "left_j2", "right_j1", "right_j2")
+    assert recording.axes == names
+    assert {m.body for m in recording.markers} == {"flange", "right_hand"}
+    again, arm, _ = read_for(torso.parent / hands[0], arm_of(torso))
+    assert arm.attachment("flange") == arm.attachment(hands[0])
+    assert arm.attachment("tool") == arm.attachment(hands[0])
+    named = PatchEffect("hysteresis", f"a{names.index(slack) + 1}", {"width_rad": 5e-4})
+    frame = tuple(map(tuple, np.asarray(recording.base_from_tracker)))
+    patch = Patch(effects=(named,), base_from_tracker=frame)
+    proof = prove(again, torso, patch, (1, 2), thorough=False)
+    assert proof.markers is not None
+    assert proof.markers.after < 0.5 * proof.markers.before
+    assert rig_of(proof.patch).anatomy.flange == hands[0]
+
+
+def test_both_arms_are_calibrated_and_proved_at_once(torso):
+    """The chest has an end at each arm, with errors of its own."""
+    left, right = "link_1:a2,z_m=8e-4", "link_1:a4,x_m=5e-4"
+    errors = tuple(f"geometry_error@{one}" for one in (left, right))
+    recorded(torso, "left_hand", "right_hand", effects=errors, poses=40, path="0")
+    recording, arm, _ = read_for(torso.parent / "left_hand", arm_of(torso))
+    outcome = calibrate_and_prove(recording, arm, torso, quiet=True)
+    assert outcome.answer.verdict == "explained"
+    found = {e.where: e.parameters for e in outcome.proof.patch.effects}
+    assert found["link_1:a2"]["z_m"] == pytest.approx(8e-4, abs=2e-5)
+    assert found["link_1:a4"]["x_m"] == pytest.approx(5e-4, abs=2e-5)
+
+
 def test_the_other_arm_is_held_at_zero(torso):
     whole, one = load(torso), Rig(torso, axes=("waist", "left_j1", "left_j2")).nominal
     assert one.njnt == 3 and one.body_mass.sum() == whole.body_mass.sum()
@@ -114,12 +151,8 @@ def test_the_other_arm_is_held_at_zero(torso):
     np.testing.assert_allclose(held.xpos, data.xpos, atol=1e-12)
 
 
-def test_two_arms_at_once_are_told_to_be_recorded_one_by_one(torso):
-    recording = recorded(torso, "left_hand")
-    both = replace(recording, axes=(), posture=np.zeros((len(recording.time), 5)))
-    with pytest.raises(Unusable, match="record each arm by itself"):
-        moving(both, torso)
-    with pytest.raises(Unusable, match="--hand"):
+def test_of_several_arms_record_asks_which_one_is_pulled(torso):
+    with pytest.raises(Unusable, match="left_hand, right_hand: say by --hand"):
         record.main(record.Settings(torso.parent / "out", robot=torso))
     with pytest.raises(BenchError, match="No body is called 'foot'"):
         recorded(torso, "foot")
