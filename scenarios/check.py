@@ -44,6 +44,7 @@ def main(settings: Settings) -> Recording:
     from rich.console import Console
     from rich.markup import escape
 
+    from bench.proof.setup import why_not_simulated
     from scenarios.pipelines.diagnosis import setup_errors_of, springs_warning_of
     from scenarios.pipelines.inputs import arm_of, read_for
     from scenarios.pipelines.recording_check import abilities, axis_views, contents_of
@@ -63,13 +64,16 @@ def main(settings: Settings) -> Recording:
     for view, slides in zip(views, arm.slides, strict=True):
         travel = f"{1e3 * view.travel:.1f} mm" if slides else _degrees(view.travel)
         lever = "no marker" if np.isnan(view.lever) else f"{view.lever:.3f}"
-        axes.add_row(escape(view.name), travel, f"{view.torque:.2f}", lever)
+        torque = f"{view.torque:.2f}{' N' * bool(slides)}"
+        axes.add_row(escape(view.name), travel, torque, lever)
     can = _table("What it can show", "can it show", "", "because", "what to add")
     for ability in abilities(recording, arm, views):
         mark = "[green]yes[/]" if ability.can else "[red]no[/]"
         can.add_row(ability.question, mark, escape(ability.why), escape(ability.add))
     for table in (contents, axes, can):
         console.print(table)
+    if why := why_not_simulated(recording, settings.robot):
+        notes = (*notes, f"no proof can be made of it: {why}")
     for note in (*notes, *([springs.text] if springs else [])):
         console.print(f"Note: {note}", markup=False)
     return recording

@@ -13,7 +13,7 @@ from bench.model_file import load
 from bench.patch import Mounted, Patch, PatchEffect, rig_of
 from bench.proof.simulation import ReplaySimulation, replay_of
 from bench.rig import Rig, States
-from bench.shared.errors import UnknownName
+from bench.shared.errors import BenchError, UnknownName
 from bench.shared.recording import Recording
 
 
@@ -76,6 +76,25 @@ def for_simulator(recording: Recording, patch: Patch, arm_file: Path) -> Patch:
     bare = rig_of(Patch(axes=axes, hand=hand), arm_file)
     patch = in_model(recording, replace(patch, axes=axes, hand=hand), bare.anatomy)
     return replace(patch, mounted=mounted_on(recording, bare))
+
+
+def why_not_simulated(recording: Recording, arm_file: Path) -> str:
+    """Return why the simulator cannot replay a recording; empty where it can.
+
+    Builds the nominal arm and lets it come to rest in the first posture, which takes
+    some hundredths of a second: what would fail after a long fit fails here.
+    """
+    try:
+        rig = rig_of(for_simulator(recording, Patch(), arm_file), arm_file)
+        order = [rig.anatomy.axes.index(n) for n in recording.axes or rig.anatomy.axes]
+        for marker in recording.markers:
+            model_body(recording, rig, marker.body)
+        posture = np.zeros((1, len(order)))
+        posture[:, order] = recording.posture[:1]
+        rig.respond(posture, np.zeros((1, 1, 6)), np.ones((1, 1)))
+    except BenchError as error:
+        return str(error)
+    return ""
 
 
 def in_model(recording: Recording, patch: Patch, arm: Anatomy) -> Patch:

@@ -24,7 +24,9 @@ import numpy as np
 from scipy.stats import norm
 
 from bench.patch import Patch
+from bench.proof.setup import why_not_simulated
 from bench.shared.effect_catalogue import CATALOGUE
+from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
 from bench.shared.settings import SETTINGS
 from scenarios.pipelines.calibration_proof import (
@@ -34,6 +36,7 @@ from scenarios.pipelines.calibration_proof import (
     proved,
     rms,
     summarise_residual,
+    unproved,
 )
 from scenarios.pipelines.schema import (
     Answer,
@@ -87,13 +90,17 @@ def answer_of(
     something = p_value < ALPHA or proof.gain[1] > 0.0
     names = found.named if proof.gain[1] > 0.0 else ()
     low, high = MM * proof.gain[1], MM * proof.gain[2]
-    entry = Proved(
-        simulator="mujoco",
-        held_out_poses=proof.poses,
-        before_rms_mm=MM * rms(proof.before),
-        after_rms_mm=MM * rms(proof.after),
-        noise_rms_mm=MM * last.noise,
-        gain_mm=Interval(MM * proof.gain[0], low, high),
+    entry = (
+        None
+        if proof.failed
+        else Proved(
+            simulator="mujoco",
+            held_out_poses=proof.poses,
+            before_rms_mm=MM * rms(proof.before),
+            after_rms_mm=MM * rms(proof.after),
+            noise_rms_mm=MM * last.noise,
+            gain_mm=Interval(MM * proof.gain[0], low, high),
+        )
     )
     share = proof.explained
     explained = share and Interval(share.estimate, share.low, share.high)
@@ -202,10 +209,12 @@ def first_sentence(answer: Answer, proof: CalibrationProof) -> str:
         f"{high:.3f} mm over regions) with {names} effect{'s' * (names > 1)} named"
     )
     stays = f"error as drawn is {before:.3f} mm rms, and no effect earned a name"
+    whose = "simulator's" if not proof.failed else "fitted arm's"
+    why = f" Nothing was proved: {proof.failed}" if proof.failed else ""
     return (
         f"On {proof.poses} poses in regions that nothing was fitted to, the "
-        f"simulator's {falls if names else stays}; "
-        f"verdict: {answer.verdict.replace('_', ' ')}."
+        f"{whose} {falls if names else stays}; "
+        f"verdict: {answer.verdict.replace('_', ' ')}.{why}"
     )
 
 
@@ -275,8 +284,13 @@ def calibrate_and_prove(
     """
     started = time.perf_counter()
     readings = readings_of(recording, arm)
+    if why := why_not_simulated(recording, model):
+        said(f"No proof can be made, only a fit: {why}")
     found = calibrated(readings, spatial_folds_of(readings, draw), said)
-    proof = proved(found, recording, model)
+    try:
+        proof = unproved(found, why) if why else proved(found, recording, model)
+    except BenchError as error:  # what was found stays found
+        proof = unproved(found, str(error))
     residual = summarise_residual(found, proof)
     seconds = time.perf_counter() - started
     answer = answer_of(recording.name, found, proof, residual, seconds, rejected)

@@ -50,6 +50,8 @@ class CalibrationProof:
         patch: The calibration as a patch of the simulator.
         explained: Share of the residual beyond noise that the patch explains; None
             where there is none.
+        failed: Why the simulator could not do it: residuals are then those of the arm
+            that was fitted, and nothing is proved. Empty where it could.
     """
 
     poses: int
@@ -59,15 +61,22 @@ class CalibrationProof:
     p_value: float
     patch: Patch
     explained: Share | None = None
+    failed: str = ""
 
 
 def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationProof:
-    """Simulate the nominal and the calibrated arm at all poses of a calibration."""
+    """Simulate the nominal and the calibrated arm at all poses of a calibration.
+
+    Raises:
+        BenchError: Where the simulator cannot.
+    """
     held = found.held
     patch = for_simulator(recording, patch_of_calibration(found), model)
     springs = Patch(stiffness_nm_per_rad=dict(found.springs[0]))
     nominal = for_simulator(recording, springs, model)
     before = _residual(found, recording, model, nominal, found.before, 0.0)[held]
+    if not patch.effects:
+        return _judged(found, patch, before, before)
     moving = tuple(e for e in patch.effects if e.effect not in FROM_SIDES)
     after = _residual(
         found,
@@ -77,8 +86,29 @@ def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationP
         found.corrected_geometry,
         _pose_repeatability(found),
     )[held]
-    region = found.spatial_folds.region[held]
-    poses = len(np.unique(found.readings.posture_id[held]))
+    return _judged(found, patch, before, after)
+
+
+def unproved(found: Calibrated, why: str) -> CalibrationProof:
+    """Return what the fitted arm leaves on the held-out poses, where nothing is proved.
+
+    Args:
+        found: The calibration.
+        why: Why the simulator could not do it.
+    """
+    held, patch = found.held, patch_of_calibration(found)
+    judged = _judged(found, patch, found.nominal[held], found.residual[held])
+    return replace(judged, failed=why, explained=None)
+
+
+def _judged(
+    found: Calibrated,
+    patch: Patch,
+    before: Float[np.ndarray, "rows 3"],
+    after: Float[np.ndarray, "rows 3"],
+) -> CalibrationProof:
+    region = found.spatial_folds.region[found.held]
+    poses = len(np.unique(found.readings.posture_id[found.held]))
     if not patch.effects:
         return CalibrationProof(poses, before, before, (0.0, 0.0, 0.0), 1.0, patch)
     gain, p_value = _gain(before, after, region)

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING
 
+from bench.proof.setup import why_not_simulated
 from bench.shared.errors import BenchError
 from bench.shared.models import RobotModel
 from bench.shared.recording import Recording
@@ -233,6 +234,8 @@ class _Run:
         """
         if pipeline.calls_for_comparison(self.recording):
             return self._compare(said)
+        if why := why_not_simulated(self.recording, self.robot):
+            said(f"No proof can be made, only a fit: {why}")
         arm, notes = self.arm, self.notes
         with status("comparing with the model"):
             recording, sampled = subsample_poses(self.recording)

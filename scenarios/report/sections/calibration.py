@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure as Picture
 
-from bench.patch import rig_of, with_arm
+from bench.patch import FILE, rig_of, text_of, with_arm
 from bench.shared.errors import BenchError
 from scenarios.pipelines import calibration
 from scenarios.pipelines import schema as form
@@ -41,8 +41,9 @@ def _blocks(
     found: Calibrated, proof: CalibrationProof, remains: ResidualSummary, answer: Answer
 ) -> Iterator[Block]:
     regions = found.spatial_folds
+    whose = "The fitted arm, not simulated," if proof.failed else "The simulator"
     yield Figure(
-        "The simulator on the poses kept back, before and after; frame and target's "
+        f"{whose} on the poses kept back, before and after; frame and target's "
         "place fitted on the other poses for both. Places are the target's in the "
         "base's axes; dashed: how far readings of neighbouring poses differ, which no "
         "smooth law takes off.",
@@ -177,8 +178,11 @@ def write_files(
         text = form.text_of(o.answer)
         (waiting / "diagnosis.json").write_text(text, encoding="utf-8")
         data_files.write_decisions(waiting / DECISIONS, o.decisions)
-        rig = rig_of(o.proof.patch, o.model)
-        write_patch(waiting, with_arm(o.proof.patch, rig), rig)
+        if o.proof.failed:  # the simulator cannot have it, but people may
+            (waiting / FILE).write_text(text_of(o.proof.patch), encoding="utf-8")
+        else:
+            rig = rig_of(o.proof.patch, o.model)
+            write_patch(waiting, with_arm(o.proof.patch, rig), rig)
         playback.show_calibration(o.found, o.proof, first, waiting / "diagnosis.rrd")
 
     write_folder(folder, make)

@@ -1,20 +1,29 @@
+import os
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from scenarios.pipelines.calibrate import (
+    answer_of,
+    calibrate_and_prove,
+    first_sentence,
+)
 
 from bench.model_file import load
 from bench.patch import Patch, PatchEffect, rig_of
 from bench.proof.proof import prove
+from bench.proof.setup import why_not_simulated
 from bench.rig import Rig
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
 from bench.shared.recording import Marker, Recording
 from scenarios import record
-from scenarios.pipelines.calibrate import calibrate_and_prove
+from scenarios.pipelines.calibration_proof import unproved
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.synthetic_recording import Watching
+from scenarios.report.sections.calibration import write_calibration
 from stiffness.effects.hysteresis import stop
 from stiffness.experiment.static_state import StaticState, static_state_of
 from stiffness.robot.arm import Arm
@@ -139,6 +148,15 @@ def test_both_arms_are_calibrated_and_proved_at_once(torso):
     found = {e.where: e.parameters for e in outcome.proof.patch.effects}
     assert found["link_1:a2"]["z_m"] == pytest.approx(8e-4, abs=2e-5)
     assert found["link_1:a4"]["x_m"] == pytest.approx(5e-4, abs=2e-5)
+    # had the simulator failed after the fit, what was found would be written still
+    proof = unproved(outcome.found, "it finds no rest.")
+    answer = answer_of("both", outcome.found, proof, outcome.residual, 1.0)
+    assert (answer.verdict, answer.proof) == ("unproved", None)
+    assert answer.named == outcome.answer.named
+    assert "Nothing was proved: it finds no rest." in first_sentence(answer, proof)
+    out = torso.parent / "answer"
+    write_calibration(out, replace(outcome, proof=proof, answer=answer))
+    assert {"diagnosis.json", "report.html", "patch.json"} <= set(os.listdir(out))
 
 
 def test_the_other_arm_is_held_at_zero(torso):
@@ -149,6 +167,14 @@ def test_the_other_arm_is_held_at_zero(torso):
     mujoco.mj_kinematics(whole, data)
     mujoco.mj_kinematics(one, held)
     np.testing.assert_allclose(held.xpos, data.xpos, atol=1e-12)
+
+
+def test_what_the_simulator_cannot_replay_is_known_before_any_fit(torso):
+    recording = recorded(torso, "left_hand")
+    assert why_not_simulated(recording, torso) == ""
+    gone = tuple(replace(m, body="gripper") for m in recording.markers)
+    lost = replace(recording, markers=gone)
+    assert "'gripper'" in why_not_simulated(lost, torso)
 
 
 def test_of_several_arms_record_asks_which_one_is_pulled(torso):
