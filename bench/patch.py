@@ -35,6 +35,7 @@ from bench.effects.gravity_load import GravityLoad
 from bench.effects.tabled_law import TabledLaw
 from bench.model_file import plain_mjcf
 from bench.rig import RIGID, Rig
+from bench.shared.effect_catalogue import on_slide
 from bench.shared.errors import BenchError, UnknownName, Unusable
 from bench.shared.recording import Payload
 
@@ -94,9 +95,10 @@ def effect_of(found: PatchEffect) -> Effect:
     if found.effect == "gravity_load":
         wanted = _from_moments(wanted)
     known = {f.name: f for f in fields(kind) if f.name != "where"}
+    along = {on_slide(kind.name, name): name for name in known}
     values, faults = {}, []
     for name, value in wanted.items():
-        own = _field(name)
+        own = along.get(_field(name), _field(name))
         if own not in known:
             faults.append(str(UnknownName(f"parameter of {kind.name!r}", name, known)))
         elif isinstance(known[own].default, str):

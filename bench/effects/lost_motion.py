@@ -2,7 +2,8 @@
 
 ==========  ==========================================================================
 Equation    θ = τ/K + δ, |δ| ≤ width/2; inside the play only a weak centring spring
-            acts, which the torque `closing_nm` overcomes
+            acts, which the torque `closing_nm` overcomes; across the axis: δ about
+            each of the two directions across it, on its seat, by the moment about it
 Source      Harmonic Drive CHA data 1018854: lost motion below 1 arcmin; makers measure
             it between small torques of either sign
 Valid       static loads
@@ -15,14 +16,17 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import mujoco
+import numpy as np
 from typing_extensions import override
 
 from bench.effects.effect import ModelEffect
-from bench.effects.springs import add_parallel, add_series
+from bench.effects.springs import add_parallel, add_series, add_spring, frame_along
 from bench.kinematic_chain import Anatomy
 
 CONTACT = 300.0
 """Stiffness of the closed play over the axis' own; chosen: practically rigid."""
+CLOSED = 1e8
+"""The same across the axis, in N m/rad; chosen: 100 N m tip it by a µrad."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +37,25 @@ class LostMotion(ModelEffect):
         width_rad: Full width of the play.
         closing_nm: Torque at which the play closes, in N m; chosen: well below 1 % of
             what the axis carries.
+        across: 0: about (along) the axis; 1: across it, as of a slide's guide or a
+            bearing that tips to the side of the moment on it.
     """
 
     name: ClassVar[str] = "lost_motion"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    at_least: ClassVar[Mapping[str, float]] = {"width_rad": 0.0, "closing_nm": 1e-6}
-    at_most: ClassVar[Mapping[str, float]] = {"width_rad": 0.1, "closing_nm": 10000.0}
+    at_least: ClassVar[Mapping[str, float]] = {
+        "width_rad": 0.0,
+        "closing_nm": 1e-6,
+        "across": 0,
+    }
+    at_most: ClassVar[Mapping[str, float]] = {
+        "width_rad": 0.1,
+        "closing_nm": 10000.0,
+        "across": 1,
+    }
     width_rad: float = 1.5e-4
     closing_nm: float = 0.3
+    across: int = 0
 
     @override
     def off(self) -> "LostMotion":
@@ -56,6 +71,19 @@ class LostMotion(ModelEffect):
             return
         half = self.width_rad / 2
         centring = self.closing_nm / half
+        if self.across:
+            axis = arm.axis(self.where)
+            joint = spec.joint(axis)
+            for label, way in zip(
+                "uv", frame_along(np.array(joint.axis)).T, strict=False
+            ):
+                name = f"{axis}_guide_play_{label}"
+                tilt = add_spring(
+                    spec.body(arm.seat(axis)), name, way, centring, pos=joint.pos
+                )
+                ends = f"{tilt.name}_ends"
+                add_parallel(spec, ends, tilt.name, CLOSED, slack=(-half, half))
+            return
         play = add_series(spec, arm, self.where, "lost_motion", centring)
         own = float(spec.joint(arm.axis(self.where)).stiffness[0])
         ends = f"{play.name}_ends"

@@ -10,6 +10,7 @@ from bench.effects import EFFECTS
 from bench.effects.effect import Effect
 from bench.effects.places import misplaced
 from bench.kinematic_chain import anatomy
+from bench.shared.effect_catalogue import on_slide
 from bench.shared.errors import BenchError, UnknownName, Unusable
 
 
@@ -97,6 +98,8 @@ def _setting(kind: type[Effect], setting: str) -> tuple[str, float | int | str]:
     """Return the name of a field and its value."""
     written, _, text = (part.strip() for part in setting.partition("="))
     known = {f.name.removesuffix("_axis"): f for f in fields(kind) if f.name != "where"}
+    along = {on_slide(kind.name, name): name for name in known}
+    written = along.get(written, written)  # metres and newtons, where the axis slides
     if written not in known:
         raise UnknownName(f"parameter of {kind.name!r}", written, known)
     field = known[written]

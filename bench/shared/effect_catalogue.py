@@ -452,6 +452,20 @@ def si_unit(parameter: str) -> str:
     return ""
 
 
+ALONG = ("joint_compliance", "hardening", "hysteresis", "lost_motion", "encoder_offset")
+"""Effects whose parameters are of motion and force along a slide, where the axis is
+one: metres and newtons in place of radians and newton metres."""
+_ON_SLIDES = {"_rad_per_nm": "_m_per_n", "_rad": "_m", "_nm": "_n"}
+
+
+def on_slide(effect: str, parameter: str) -> str:
+    """Return a parameter's name where the effect's axis slides, as `width_m`."""
+    for ending, along in _ON_SLIDES.items():
+        if effect in ALONG and parameter.endswith(ending):
+            return parameter.removesuffix(ending) + along
+    return parameter
+
+
 def usual(effect: str, parameter: str) -> Range | None:
     """Return the usual range of an effect's parameter; None where there is none."""
     return CATALOGUE[effect].usual(parameter) if effect in CATALOGUE else None

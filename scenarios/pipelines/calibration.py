@@ -157,6 +157,9 @@ def _zone(found: Calibrated, own: list[Key]) -> str:
     if not (where[:1] == "a" and where[1:].isdigit()):
         return "everywhere"
     k = int(where[1:]) - 1
+    if found.readings.arm.slides[k]:
+        low, high = MM * np.quantile(found.readings.posture[:, k], [0.01, 0.99])
+        return f"from {low:.0f} mm to {high:.0f} mm"
     angle = np.degrees(found.readings.posture[:, k])
     low, high = np.quantile(angle, [0.01, 0.99])
     if where in found.error_tables:

@@ -28,6 +28,7 @@ from bench.proof.explained_share import Channel
 from bench.proof.nominal_fit import joint_rotation_estimates, torques_of
 from bench.proof.proof import Channel as ProofChannel
 from bench.proof.proof import Proof, prove
+from bench.shared.effect_catalogue import on_slide
 from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
 from bench.shared.settings import SETTINGS
@@ -222,6 +223,7 @@ def answer_of(
     experiments: Sequence[Next],
     seconds: float,
     proof_requested: bool = True,
+    slides: Sequence[bool] = (),
 ) -> Answer:
     """Put a diagnosis and its proof into the fixed form.
 
@@ -232,7 +234,9 @@ def answer_of(
         experiments: What to measure next.
         seconds: That it took.
         proof_requested: Whether a proof was asked for.
+        slides: Whether each axis slides; empty: none does.
     """
+    sliding = {f"a{k}" for k, slide in enumerate(slides, start=1) if slide}
     d, open_ = diagnosis, diagnosis.unexplained
     found = d.detection
     proof = None if unproved else simulated
@@ -263,7 +267,9 @@ def answer_of(
             for x in d.located
         ),
         explained_share=share,
-        named=tuple(_called(n, d.shares.get(n.name)) for n in d.named),
+        named=tuple(
+            _called(n, d.shares.get(n.name), n.name.where in sliding) for n in d.named
+        ),
         rivals=tuple(
             Other(float(r.probability), tuple(map(_at, r.effects))) for r in d.rivals
         ),
@@ -357,9 +363,12 @@ def _of_channel(c: Channel, unit: float, name: str) -> dict[str, object]:
     }
 
 
-def _called(named: NamedEffect, share: float | None) -> Called:
+def _called(named: NamedEffect, share: float | None, slides: bool) -> Called:
+    effect = named.name.effect
     parameters = {
-        name: Interval(number(p.estimate), number(p.low), number(p.high))
+        on_slide(effect, name) if slides else name: Interval(
+            number(p.estimate), number(p.low), number(p.high)
+        )
         for name, p in within_bounds(named).items()
     }
     if "with" in parameters:  # a number of an axis, but a name in the vocabulary

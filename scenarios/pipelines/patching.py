@@ -242,6 +242,8 @@ def laws_of(diagnosis: Diagnosis) -> tuple[Law, ...]:
 
 FAINT = 1e-7
 """Amplitude in rad below which a wave is left away; chosen: 0.1 µm at a metre."""
+ACROSS = ("lost_motion",)
+"""Effects that calibration knows of a slide's guide alone."""
 FROM_SIDES = ("hysteresis",)
 """Effects that depend on where an axis came from; `proof` plays them as arrivals."""
 
@@ -263,7 +265,8 @@ def patch_of_calibration(found: Calibrated) -> Patch:
     for (effect, where), numbers in found.estimates.items():
         if (effect, where) not in drawing:
             known = {name: e.value for name, e in numbers.items()}
-            effects.append(PatchEffect(effect, where, dict(known)))
+            settings: dict[str, Value] = {"across": 1} if effect in ACROSS else {}
+            effects.append(PatchEffect(effect, where, dict(known), settings))
     for axis, table in found.error_tables.items():
         effects += _harmonics(axis, table)
     names, places = found.readings.names, found.corrected_geometry.places

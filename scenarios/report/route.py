@@ -252,7 +252,10 @@ class _Run:
             simulated, unproved = proved(found, recording, arm, self.robot)
             steps = next_experiments.proposed(found, None if unproved else simulated)
         seconds = time.perf_counter() - self.started
-        answer = pipeline.answer_of(found, simulated, unproved, steps, seconds)
+        slides = recording.slides
+        answer = pipeline.answer_of(
+            found, simulated, unproved, steps, seconds, slides=slides
+        )
         noise = replicate_noise(recording) if recording.markers else None
         result = Result(recording, found, simulated, unproved, noise, answer)
         return PipelineResult(answer, result, notes, diagnosis)

@@ -8,9 +8,12 @@ Candidate effects beyond the geometry, linear in their coefficients:
 
 ==========  ==========================================================================
 Equation    joint_compliance    turn about the axis = c tau
-            bearing_tilt        turn about x or y of the axis' seat = c moment about it
+            bearing_tilt        turn about x or y of the axis' seat = c moment about it;
+                                of a slide about its guide, wherever the carriage is
             transmission_error  turn about the axis = sum over orders n of
                                 a_n cos n q + b_n sin n q
+            lost_motion         a slide's guide: turn about x and about y of its seat
+                                = width / 2 to the side of the moment about each
             hysteresis          turn about the axis = width / 2 opposite to the
                                 direction of approach (wind-up held by friction)
             drift               the arm's base moves and turns with time
@@ -90,15 +93,16 @@ def candidates_of(
     poses = len(np.unique(stance.readings.posture_id))
     for k, slides in enumerate(chain.slides):
         where = f"a{k + 1}"
-        if slides:
-            continue
-        found.append(
-            Candidate(
-                "joint_compliance", where, ("compliance_rad_per_nm",), _wind_up(k), 0.0
-            )
-        )
+        if not slides:  # what a slide carries weighs the same wherever it is
+            name = "compliance_rad_per_nm"
+            wound = _wind_up(k)
+            found.append(Candidate("joint_compliance", where, (name,), wound, 0.0))
         for j, name in enumerate(("u_rad_per_nm", "v_rad_per_nm")):
             found.append(Candidate("bearing_tilt", where, (name,), _tilt(k, j), 0.0))
+        if slides:
+            play = _guide_play(k)
+            found.append(Candidate("lost_motion", where, ("width_rad",), play, 0.0))
+            continue
         found.append(Candidate("hysteresis", where, ("width_rad",), _side(k), 0.0))
         orders = tuple(range(1, min(highest, poses // POSES_PER_ORDER + 1)))
         names = tuple(f"{f}_{n}" for n in orders for f in ("cos", "sin"))
@@ -122,7 +126,11 @@ def _shows(candidate: Candidate, stance: CalibrationState) -> bool:
         lever = stance.lever[int(candidate.where[1:]) - 1]
         return bool(np.sqrt(np.mean(lever**2)) * USUAL_TURN > VISIBLE)
     size = np.sqrt(np.mean(candidate.columns(some) ** 2, axis=(0, 1)))
-    usual = {"hysteresis": USUAL_TURN, "bearing_tilt": USUAL_TORQUE_COMPLIANCE}
+    usual = {
+        "hysteresis": USUAL_TURN,
+        "lost_motion": USUAL_TURN,
+        "bearing_tilt": USUAL_TORQUE_COMPLIANCE,
+    }
     one = usual.get(candidate.effect, 1.0)
     if candidate.effect == "joint_compliance":  # or the spring's own, where softer
         stiff = stance.readings.arm.stiffness[int(candidate.where[1:]) - 1]
@@ -150,11 +158,22 @@ def _side(k: int):
 
 def _tilt(k: int, j: int):
     def columns(s: CalibrationState) -> np.ndarray:
-        q = s.readings.posture[:, k, None] + s.geometry.values[k]
-        x, y = s.standing.rotation[k, :, :, 0], s.standing.rotation[k, :, :, 1]
-        seat = (np.cos(q) * x - np.sin(q) * y, np.sin(q) * x + np.cos(q) * y)[j]
-        about = np.sum(seat * s.moment[k], axis=1)
-        return (s.tilting(k, seat) * about[:, None])[:, :, None]
+        seat, centre, moment = s.bearing(k)
+        about = np.sum(seat[j] * moment, axis=1)
+        return (s.tilting(k, seat[j], centre) * about[:, None])[:, :, None]
+
+    return columns
+
+
+def _guide_play(k: int):
+    def columns(s: CalibrationState) -> np.ndarray:
+        seat, centre, moment = s.bearing(k)
+        sides = [np.sign(np.sum(along * moment, axis=1))[:, None] for along in seat]
+        moved = [
+            s.tilting(k, along, centre) * side
+            for along, side in zip(seat, sides, strict=True)
+        ]
+        return 0.5 * np.sum(moved, axis=0)[:, :, None]
 
     return columns
 

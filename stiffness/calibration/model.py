@@ -429,10 +429,44 @@ class CalibrationState:
         """Gravity torque about each axis, in N m (N for a prismatic one)."""
         return self.standing.gravity_torque(self.readings.tool)
 
-    def tilting(self, axis: int, about: Float[np.ndarray, "rows 3"]) -> np.ndarray:
+    def bearing(
+        self, axis: int
+    ) -> tuple[
+        tuple[Float[np.ndarray, "rows 3"], Float[np.ndarray, "rows 3"]],
+        Float[np.ndarray, "rows 3"],
+        Float[np.ndarray, "rows 3"],
+    ]:
+        """Return how an axis' bearing, or a slide's guide, stands and is loaded.
+
+        Returns:
+            The two directions across the axis, which do not turn with it; the centre,
+            where the axis' origin is at zero, in m; gravity's moment about it, in N m.
+        """
+        q = self.readings.posture[:, axis, None] + self.geometry.values[axis]
+        x, y, z = np.moveaxis(self.standing.rotation[axis], 2, 0)
+        centre, moment = self.standing.origin[axis], self.moment[axis]
+        if not self.standing.chain.slides[axis]:
+            cos, sin = np.cos(q), np.sin(q)
+            return (cos * x - sin * y, sin * x + cos * y), centre, moment
+        weight = self.standing.chain.gravity * self._mass_on(axis)
+        return (x, y), centre - q * z, moment + np.cross(q * z, weight)
+
+    def tilting(
+        self,
+        axis: int,
+        about: Float[np.ndarray, "rows 3"],
+        centre: Float[np.ndarray, "rows 3"],
+    ) -> Float[np.ndarray, "rows 3"]:
         """Return the target displacement per tilt of a seat about a direction."""
-        moved = np.cross(about, self.point - self.standing.origin[axis])
+        moved = np.cross(about, self.point - centre)
         return np.where(self._hangs_on(axis)[:, None], moved, 0.0)
+
+    def _mass_on(self, axis: int) -> float:
+        """Return the mass that an axis carries, the tool's included, in kg."""
+        axes, mass, _ = self.standing.masses(self.readings.tool)
+        chain = self.standing.chain
+        carried = [axis in chain.carriers(k) for k in axes]
+        return float(np.sum(np.asarray(mass)[carried]))
 
     def nuisance_jacobian(self) -> Float[np.ndarray, "rows 3 silent"]:
         """Return the Jacobian of predictions: geometry, frame, target positions."""

@@ -22,6 +22,7 @@ from bench.patch import (
     with_arm,
 )
 from bench.rig import Rig
+from bench.shared.effect_catalogue import ALONG, on_slide
 from bench.shared.errors import BenchError, UnknownName, Unusable
 
 PLACE = {"axis": "a2", "link": "link_2", "marker": "marker:x"}
@@ -173,6 +174,16 @@ def test_a_first_moment_without_a_mass_is_a_light_mass_far_out():
     sizes = pull.parameters()
     assert sizes["mass_kg"] == LIGHT
     assert float(sizes["mass_kg"]) * float(sizes["com_x_m"]) == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize("name", ALONG)
+def test_an_axis_that_slides_has_metres_and_newtons_in_its_names(name):
+    """The same mechanism, whether written for a slide or not."""
+    kind = next(kind for kind in EFFECTS if kind.name == name)
+    turning = named(kind("a1"))
+    values = {on_slide(name, known): x for known, x in turning.parameters.items()}
+    assert values.keys() != turning.parameters.keys()
+    assert effect_of(replace(turning, parameters=values)) == effect_of(turning)
 
 
 def test_a_partner_may_be_a_number():

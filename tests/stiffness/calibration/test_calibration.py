@@ -5,8 +5,13 @@ import numpy as np
 import pinocchio
 import pytest
 from saved_view import entities, viewer_into
+from torso import TORSO, alone, drawn_postures
 
+from bench.effects.bearing_tilt import BearingTilt
+from bench.effects.lost_motion import LostMotion
 from bench.patch import Mounted, Patch, PatchEffect, rig_of
+from bench.proof.setup import point_in_base
+from bench.rig import RIGID, Rig
 from bench.shared.errors import Unusable
 from bench.shared.instrument_specs import TrackerSpec
 from bench.shared.recording import UNLOADED, Marker, Payload, Recording
@@ -17,6 +22,7 @@ from scenarios.report.output_folder import DECISIONS
 from scenarios.report.sections.calibration import figure, show, write_files
 from scenarios.studies import ur10_calibration
 from stiffness.calibration import model as geometry
+from stiffness.calibration.columns import candidates_of
 from stiffness.calibration.model import CalibrationState, readings_of, spatial_folds_of
 from stiffness.calibration.rigid_fit import fitted
 
@@ -291,3 +297,56 @@ def test_moments_of_gravity_turn_axes_as_its_torques_do():
     stance = CalibrationState.of(readings, fitted(readings, redraw=False).geometry)
     along = np.einsum("krj,krj->rk", stance.standing.rotation[..., 2], stance.moment)
     np.testing.assert_allclose(along, stance.torque, atol=1e-9)
+
+
+GUIDE = (
+    # what is true of the lift, whose guide does not move with its carriage
+    BearingTilt("a1", u_rad_per_nm=2e-6, v_rad_per_nm=0.0),
+    BearingTilt("a1", u_rad_per_nm=0.0, v_rad_per_nm=2e-6),
+    LostMotion("a1", width_rad=1e-3, closing_nm=0.01, across=1),
+)
+
+
+@pytest.mark.parametrize("effect", GUIDE, ids=["u", "v", "play"])
+def test_a_slide_s_guide_tips_by_moment_and_height_as_in_the_simulator(
+    tmp_path, effect
+):
+    """A play tips to the side of the moment, a tilt in proportion; both about it."""
+    file = tmp_path / "torso.xml"
+    file.write_text(TORSO)
+    rig = alone(Rig(file, stiffness=np.full(16, RIGID)))
+    posture, rows = drawn_postures(rig, 20), np.arange(20)
+    none, moment = np.zeros((20, 1, 6)), np.ones((20, 1))
+    body, place = "left_hand", np.array([0.05, 0.02, 0.01])
+    before, after = (
+        point_in_base(rig, one.respond(posture, none, moment), body, place)
+        for one in (rig, replace(rig, effects=(effect,)))
+    )
+    arm = arm_of(file)
+    readings = geometry.Readings(
+        arm=arm,
+        posture=posture,
+        side=np.zeros_like(posture),
+        seen=before,
+        marker=0 * rows,
+        posture_id=rows,
+        hours=0.0 * rows,
+        names=("m",),
+        bodies=(body,),
+        places=place[None],
+        stated=NOISE,
+        tool=Payload(),
+    )
+    drawn = np.zeros(len(geometry.entries_of(arm.chain)))
+    start = geometry.Geometry(drawn, np.eye(4), place[None])
+    state = CalibrationState.of(readings, start)
+    name, size = max(effect.parameters().items(), key=lambda one: one[1])
+    (candidate,) = (
+        c
+        for c in candidates_of(state, 3)
+        if c.key == (effect.name, "a1") and c.parameters == (name,)
+    )
+    moved = size * candidate.columns(state)[:, :, 0]
+    np.testing.assert_allclose(
+        moved, after - before, atol=2e-3 * np.abs(after - before).max()
+    )
