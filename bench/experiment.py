@@ -97,7 +97,7 @@ def observed(
         encoder_repeatability=encoders.repeatability if encoders.link_side else None,
         tool=rig.mounted.payload,
         robot=Path(rig.arm_file).stem,
-        axes=rig.axes,
+        axes=rig.axes or (rig.anatomy.axes if rig.anatomy.followers else ()),
         bodies=_hand_of(rig),
     )
 

@@ -18,8 +18,11 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import mujoco
+import numpy as np
+from jaxtyping import Float
+from numpy.polynomial import Polynomial
 
-from bench.model_file import PATCH, plain_mjcf
+from bench.model_file import PATCH, followers_of, plain_mjcf
 from bench.shared.errors import UnknownName, Unusable
 from bench.shared.recording import Recording
 
@@ -46,6 +49,7 @@ class Anatomy:
         mount: The axis that carries the flange.
         hands: Of each axis that carries no other, the body at the arm's end: the
             flange, where it carries that, else the last in the file.
+        followers: Axes that follow others, see `bench.model_file.followers_of`.
     """
 
     axes: tuple[str, ...]
@@ -56,6 +60,20 @@ class Anatomy:
     parents: tuple[int, ...]
     mount: int
     hands: dict[int, str]
+    followers: dict[str, tuple[str, tuple[float, ...]]]
+
+    def following(
+        self, posture: Float[np.ndarray, "postures axes"]
+    ) -> Float[np.ndarray, "postures axes"]:
+        """Return postures in which axes that follow others do so, in rad (m)."""
+        posture = posture.copy()
+        for name, (leader, law) in self.followers.items():
+            known = leader in self.axes
+            angle = (
+                posture[:, self.axes.index(leader)] if known else np.zeros(len(posture))
+            )
+            posture[:, self.axes.index(name)] = Polynomial(law or (0.0,))(angle)
+        return posture
 
     @property
     def chain(self) -> tuple[int, ...]:
@@ -154,6 +172,7 @@ def anatomy(model: mujoco.MjModel, hand: str = "") -> Anatomy:
         parents=parents,
         mount=mount,
         hands=hands,
+        followers=followers_of(model),
     )
 
 

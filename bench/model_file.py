@@ -15,6 +15,11 @@ A `model.xml` that a diagnosis wrote is read as the corrected arm: the user's ax
 corrected lengths, zeros, masses and springs. What bears the prefix `PATCH` is part of
 the structure: its joints are held at zero, its bodies are merged into their children.
 What was mounted is taken off: a recording says itself what it carries.
+
+A joint that follows another one, MJCF's equality of two joints or a URDF's `<mimic>`,
+stays a joint, and plain MJCF notes its law in a custom text, which both engines leave
+alone: postures obey it, see `followers_of`. What loads it winds up its own spring, if
+it has one, and not its leader's.
 """
 
 import os
@@ -26,6 +31,7 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from bench.shared.errors import BenchError, LeftOut, Unusable
 from bench.shared.format.faults import quoted
@@ -187,6 +193,48 @@ def load(path: Path | str) -> mujoco.MjModel:
     return model
 
 
+FOLLOWS = "follows:"
+"""Prefix of the name of a custom text of plain MJCF: a leader and coefficients of its
+angle, q = c0 + c1 q_leader + c2 q_leader² …, for the joint whose name follows."""
+
+
+def followers_of(model: mujoco.MjModel) -> dict[str, tuple[str, tuple[float, ...]]]:
+    """Return joints that follow others: their leaders, and polynomials of its angle.
+
+    Args:
+        model: As `load` returns it, or compiled from plain MJCF.
+
+    Returns:
+        By the follower's name; coefficients from the constant on, in rad (m).
+    """
+    found: dict[str, tuple[str, tuple[float, ...]]] = {}
+    for e in range(model.neq):
+        if _is_following(model, e):
+            names = [model.joint(j[e]).name for j in (model.eq_obj1id, model.eq_obj2id)]
+            found[names[0]] = names[1], _trimmed(model.eq_data[e, :5])
+    joints = {model.joint(j).name for j in range(model.njnt)}
+    for t in range(model.ntext):
+        name = mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_TEXT, t)
+        follower = name.removeprefix(FOLLOWS)
+        if name.startswith(FOLLOWS) and follower in joints:
+            start, size = model.text_adr[t], model.text_size[t]
+            text = model.text_data[start : start + size].decode().rstrip("\0")
+            numbers, _, leader = text.partition(":")
+            found[follower] = leader, tuple(map(float, numbers.split()))
+    return found
+
+
+def _trimmed(law: np.ndarray) -> tuple[float, ...]:
+    """Return coefficients without zeros at the end."""
+    return tuple(np.trim_zeros(law, "b").tolist())
+
+
+def _is_following(model: mujoco.MjModel, e: int) -> bool:
+    """Return whether an equality is an active one of two joints."""
+    joint = model.eq_type[e] == mujoco.mjtEq.mjEQ_JOINT
+    return bool(joint and model.eq_active0[e] and model.eq_obj2id[e] >= 0)
+
+
 def read_spec(path: Path) -> mujoco.MjSpec:
     """Read a model file with all that is in it; what has no name is numbered.
 
@@ -301,7 +349,16 @@ def _shorter_keys(spec: mujoco.MjSpec) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 def _make_zero_the_reference(model: mujoco.MjModel) -> None:
-    """Turn (shift) each body by minus its axis' ref, which becomes zero."""
+    """Turn (shift) each body by minus its axis' ref, which becomes zero.
+
+    Laws by which joints follow others are of angles from their refs on; now from zero.
+    """
+    for e in filter(lambda e: _is_following(model, e), range(model.neq)):
+        pair = [model.eq_obj1id[e], model.eq_obj2id[e]]
+        own, leader = model.qpos0[model.jnt_qposadr[pair]]
+        law = Polynomial(model.eq_data[e, :5])(Polynomial([-leader, 1.0])) + own
+        model.eq_data[e, :5] = 0.0
+        model.eq_data[e, : len(law.coef)] = law.coef
     for j in range(model.njnt):
         place, body = model.jnt_qposadr[j], model.jnt_bodyid[j]
         kind, ref = mujoco.mjtJoint(model.jnt_type[j]), float(model.qpos0[place])
@@ -342,7 +399,9 @@ def moved_about(
 def _left_out(model: mujoco.MjModel) -> str:
     """List what a model states beyond rigid bodies, axes and linear springs."""
     stated = {
-        "equality constraints (mimic joints among them)": model.neq,
+        "equality constraints that are not of two joints": any(
+            not _is_following(model, e) for e in range(model.neq)
+        ),
         "tendons": model.ntendon,
         "springs that are not linear": np.any(model.jnt_stiffnesspoly),
         "friction of joints": np.any(model.dof_frictionloss),
@@ -429,6 +488,11 @@ def plain_mjcf(model: mujoco.MjModel) -> str:
         first = model.body_jntadr[b]
         for j in range(first, first + model.body_jntnum[b]):
             body.append(_joint(model, j))
+    if laws := followers_of(model):
+        custom = ElementTree.SubElement(root, "custom")
+        for name, (leader, law) in laws.items():
+            data = f"{_numbers(law)}:{leader}"
+            ElementTree.SubElement(custom, "text", name=f"{FOLLOWS}{name}", data=data)
     return ElementTree.tostring(root, encoding="unicode")
 
 

@@ -331,7 +331,7 @@ def held_posture(model: mujoco.MjModel, arm: Anatomy) -> Float[np.ndarray, " axe
         if model.jnt_limited[joint.id] and not low <= angle <= high:
             angle = float(low + high) / 2
         held.append(angle)
-    return np.array(held)
+    return arm.following(np.array(held)[None])[0]
 
 
 def _start(model: mujoco.MjModel) -> np.ndarray:

@@ -65,8 +65,12 @@ class Room:
     def obstacles(
         self, posture: Float[np.ndarray, "tried axes"]
     ) -> Bool[np.ndarray, "tried 3"]:
-        """Say of each posture, in rad, what is in its way: floor, trunk, pulley."""
+        """Say of each posture, in rad, what is in its way: floor, trunk, pulley.
+
+        Axes that follow others are where those have them, wherever the posture does.
+        """
         model, data = self.model, mujoco.MjData(self.model)
+        posture = self.arm.following(posture)
         scale = reach(model, self.arm)
         axes = [model.joint(axis).qposadr[0] for axis in self.arm.axes]
         carried = [
@@ -209,7 +213,7 @@ def spread_in(
     """
     limits = within(room.limits, room.arm.slides, widest)
     try:
-        return spread(limits, count, seed, room)
+        return room.arm.following(spread(limits, count, seed, room))
     except Unusable as error:
         tried = spread(limits, SAMPLE, seed)
         scale = 1e3 * reach(room.model, room.arm)

@@ -17,6 +17,7 @@ class ModelFacts:
         lower: Lower limits, in rad (m for slides); minus infinity where none.
         upper: Upper limits.
         bodies: All bodies.
+        followers: Joints that follow others, and are not recorded unless named.
     """
 
     joints: tuple[str, ...]
@@ -24,6 +25,12 @@ class ModelFacts:
     lower: Float[np.ndarray, " joints"]
     upper: Float[np.ndarray, " joints"]
     bodies: tuple[str, ...]
+    followers: tuple[str, ...] = ()
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The joints that a recording has where it names none."""
+        return tuple(name for name in self.joints if name not in self.followers)
 
 
 @dataclass(frozen=True, repr=False)

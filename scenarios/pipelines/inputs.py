@@ -69,7 +69,57 @@ def facts_of(arm: Arm) -> ModelFacts:
         lower=arm.limits[:, 0],
         upper=arm.limits[:, 1],
         bodies=tuple(arm.chain.places),
+        followers=tuple(arm.file.followers),
     )
+
+
+# --- Axes that follow others ----------------------------------------------------------
+
+
+def followed(recording: Recording, arm: Arm) -> tuple[Recording, tuple[str, ...]]:
+    """Add the axes that the model lets follow others and the recording leaves out.
+
+    Args:
+        recording: With a column for each axis that its manifest names, or for each that
+            follows no other.
+        arm: The nominal arm with all its joints.
+
+    Returns:
+        The recording, followers last, so that a1, a2 … stay what they are in its files;
+        and a note on each.
+    """
+    r, notes = recording, []
+    names = list(r.axes or (a for a in arm.axes if a not in arm.file.followers))
+    slides = list(r.slides or (False,) * len(names))
+    posture = r.posture
+    for follower, (leader, law) in arm.file.followers.items():
+        if follower in names or leader not in names:
+            continue
+        angle = np.polynomial.Polynomial(law or (0.0,))(posture[:, names.index(leader)])
+        posture = np.column_stack([posture, angle])
+        slides.append(bool(arm.slides[arm.axes.index(follower)]))
+        names.append(follower)
+        notes.append(
+            f"{follower!r} follows {leader!r}, as the model has it: its column is "
+            f"computed and counts as a{len(names)}. It gives way by itself."
+        )
+    more = posture.shape[1] - r.posture.shape[1]
+    if not more:
+        return r, ()
+
+    def wider(columns: np.ndarray | None) -> np.ndarray | None:
+        unread = np.full((len(r.time), more), np.nan)
+        return None if columns is None else np.hstack([columns, unread])
+
+    known = replace(
+        r,
+        posture=posture,
+        axes=tuple(names),
+        slides=tuple(slides) if any(slides) else (),
+        link_posture=wider(r.link_posture),
+        axis_torque=wider(r.axis_torque),
+    )
+    return known, tuple(notes)
 
 
 def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
@@ -83,6 +133,7 @@ def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
         Unusable: With every fault of the recording.
     """
     recording, notes = read(folder, facts_of(arm))
+    recording, added = followed(recording, arm)
     shown = replace(
         recording,
         name=visible(recording.name),
@@ -91,5 +142,5 @@ def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
     )
     in_text = (folder / CSV_FILE).exists()
     place = Place(CSV_FILE if in_text else PARQUET_FILE, in_text)
-    told = (*said_of_repeats(place, recording), *said_of_one_pose(recording))
-    return shown, arm.for_recording(recording), (*notes, *told)
+    told = said_of_repeats(place, recording), said_of_one_pose(recording)
+    return shown, arm.for_recording(recording), (*notes, *added, *told[0], *told[1])

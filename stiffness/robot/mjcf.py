@@ -34,11 +34,14 @@ class ArmFile:
         gravity: Acceleration along the axes of Pinocchio's world, in m/s^2.
         stiffness: Of each joint by name, in N m/rad (N/m where it slides); joints
             without a spring are missing.
+        followers: Joints that follow others: the leader of each, and coefficients of
+            its angle, from the constant on, in rad (m).
     """
 
     model: pinocchio.Model
     gravity: tuple[float, float, float]
     stiffness: dict[str, float]
+    followers: dict[str, tuple[str, tuple[float, ...]]]
 
 
 def read(path: Path | str) -> ArmFile:
@@ -71,7 +74,7 @@ def read(path: Path | str) -> ArmFile:
     gravity = "0 0 -9.81" if option is None else option.get("gravity", "0 0 -9.81")
     down = np.array([float(word) for word in gravity.split()])
     x, y, z = (down @ _first_turn(root)).tolist()
-    return ArmFile(model, (x, y, z), _stiffness(root))
+    return ArmFile(model, (x, y, z), _stiffness(root), _followers(root))
 
 
 def read_text(text: str) -> ArmFile:
@@ -145,6 +148,24 @@ def _first_turn(root: ElementTree.Element) -> Float[np.ndarray, "3 3"]:
     text = ElementTree.tostring(copy, encoding="unicode")
     model = _on_disk(text, lambda path: pinocchio.buildModelFromMJCF(str(path)))
     return model.frames[model.getFrameId("first")].placement.rotation.copy()
+
+
+FOLLOWS = "follows:"
+"""Prefix of the custom text by which plain MJCF notes a law: coefficients, a colon,
+and the leader."""
+
+
+def _followers(
+    root: ElementTree.Element,
+) -> dict[str, tuple[str, tuple[float, ...]]]:
+    """Read which joints follow others, and how."""
+    found = {}
+    for text in root.iterfind("custom/text"):
+        name, data = text.get("name", ""), text.get("data", "")
+        if name.startswith(FOLLOWS):
+            law, _, leader = data.partition(":")
+            found[name.removeprefix(FOLLOWS)] = leader, tuple(map(float, law.split()))
+    return found
 
 
 def _stiffness(root: ElementTree.Element) -> dict[str, float]:

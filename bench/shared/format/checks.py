@@ -40,7 +40,7 @@ def joints_of(
     """Return the model's joint of each axis; None without a model."""
     if model is None:
         return None, []
-    axes = manifest.model_names.axes or model.joints
+    axes = manifest.model_names.axes or model.axes
     index = {name: i for i, name in enumerate(model.joints)}
     faults = [
         f"{FILE}, robot.axes: the model has no joint {quoted(name)}."

@@ -180,7 +180,7 @@ def bag_as_csv(
         raise Unusable(f"Bag {str(path)!r}", ["the mapping has no [topics]."])
     robot = manifest.get("robot")
     axes = robot.get("axes", ()) if isinstance(robot, dict) else ()
-    own = tuple(axes) or (model.joints if model else ())
+    own = tuple(axes) or (model.axes if model else ())
     axes = extras.topics.joint_names or own
     columns, lags = columns_of(path, extras.topics, axes)
     slides = dict(zip(model.joints, model.slides, strict=True)) if model else {}
