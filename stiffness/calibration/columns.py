@@ -46,6 +46,9 @@ POSES_PER_ORDER = 5
 """Minimum number of poses for each order of a table; chosen."""
 VISIBLE = 1e-6
 """Rms of a column, in m per unit of its usual size, below which it is not visible."""
+SOFTEST = 1e-4
+"""Compliance in rad/(N m) at which that of an axis has to be visible; the soft end of
+the catalogue's usual range, where wrists are: one that is missing bends the others."""
 USUAL_TORQUE_COMPLIANCE, USUAL_TURN = 1e-5, 1e-4
 """In rad/(N m) and rad; the usual sizes at which the visibility of columns is
 judged."""
@@ -134,7 +137,7 @@ def _shows(candidate: Candidate, stance: CalibrationState) -> bool:
     one = usual.get(candidate.effect, 1.0)
     if candidate.effect == "joint_compliance":  # or the spring's own, where softer
         stiff = stance.readings.arm.stiffness[int(candidate.where[1:]) - 1]
-        one = max(USUAL_TORQUE_COMPLIANCE, 1.0 / stiff if stiff > 0.0 else 0.0)
+        one = max(SOFTEST, 1.0 / stiff if stiff > 0.0 else 0.0)
     return bool(size.max() * one > VISIBLE)
 
 

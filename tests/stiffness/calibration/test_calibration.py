@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -299,6 +300,28 @@ def test_moments_of_gravity_turn_axes_as_its_torques_do():
     np.testing.assert_allclose(along, stance.torque, atol=1e-9)
 
 
+def state_of(arm, posture, body, place, seen) -> CalibrationState:
+    """One target, seen once in each posture."""
+    rows = np.arange(len(posture))
+    readings = geometry.Readings(
+        arm=arm,
+        posture=posture,
+        side=np.zeros_like(posture),
+        seen=seen,
+        marker=0 * rows,
+        posture_id=rows,
+        hours=0.0 * rows,
+        names=("m",),
+        bodies=(body,),
+        places=place[None],
+        stated=NOISE,
+        tool=Payload(),
+    )
+    drawn = np.zeros(len(geometry.entries_of(arm.chain)))
+    start = geometry.Geometry(drawn, np.eye(4), place[None])
+    return CalibrationState.of(readings, start)
+
+
 GUIDE = (
     # what is true of the lift, whose guide does not move with its carriage
     BearingTilt("a1", u_rad_per_nm=2e-6, v_rad_per_nm=0.0),
@@ -315,31 +338,14 @@ def test_a_slide_s_guide_tips_by_moment_and_height_as_in_the_simulator(
     file = tmp_path / "torso.xml"
     file.write_text(TORSO)
     rig = alone(Rig(file, stiffness=np.full(16, RIGID)))
-    posture, rows = drawn_postures(rig, 20), np.arange(20)
+    posture = drawn_postures(rig, 20)
     none, moment = np.zeros((20, 1, 6)), np.ones((20, 1))
     body, place = "left_hand", np.array([0.05, 0.02, 0.01])
     before, after = (
         point_in_base(rig, one.respond(posture, none, moment), body, place)
         for one in (rig, replace(rig, effects=(effect,)))
     )
-    arm = arm_of(file)
-    readings = geometry.Readings(
-        arm=arm,
-        posture=posture,
-        side=np.zeros_like(posture),
-        seen=before,
-        marker=0 * rows,
-        posture_id=rows,
-        hours=0.0 * rows,
-        names=("m",),
-        bodies=(body,),
-        places=place[None],
-        stated=NOISE,
-        tool=Payload(),
-    )
-    drawn = np.zeros(len(geometry.entries_of(arm.chain)))
-    start = geometry.Geometry(drawn, np.eye(4), place[None])
-    state = CalibrationState.of(readings, start)
+    state = state_of(arm_of(file), posture, body, place, before)
     name, size = max(effect.parameters().items(), key=lambda one: one[1])
     (candidate,) = (
         c
@@ -350,3 +356,17 @@ def test_a_slide_s_guide_tips_by_moment_and_height_as_in_the_simulator(
     np.testing.assert_allclose(
         moved, after - before, atol=2e-3 * np.abs(after - before).max()
     )
+
+
+def test_wrists_as_soft_as_wrists_are_may_give_way(tmp_path):
+    """Left out, they bend the compliances that are found beside them."""
+    file = tmp_path / "torso.xml"
+    light = TORSO.replace("<mujoco>", '<mujoco><option gravity="0 0 -4"/>')
+    file.write_text(re.sub(' stiffness="[^"]*"', "", light))
+    posture = drawn_postures(Rig(file, hand="left_hand"), 40)
+    arm, place = arm_of(file), np.array([0.03, 0.0, 0.0])
+    state = state_of(arm, posture, "left_hand", place, np.zeros((40, 3)))
+    soft = [c.where for c in candidates_of(state, 3) if c.effect == "joint_compliance"]
+    assert soft == [f"a{k}" for k in range(2, 9)]
+    (a8,) = (c for c in candidates_of(state, 3) if c.key == ("joint_compliance", "a8"))
+    assert 1e-5 * np.sqrt(np.mean(a8.columns(state) ** 2)) < 1e-6
