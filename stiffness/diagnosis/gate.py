@@ -179,7 +179,7 @@ def second_order_name(
     lost = dict(zip(gated.names, (float(x.sum()) for x in gated.lost), strict=True))
     found = []
     for term in terms:
-        near = [t for t in strong if _are_near(t.where, term.where)]
+        near = [t for t in strong if are_near(t.where, term.where)]
         most = max((lost[t.name] for t in near), default=0.0)
         share = lost[term.name] / max(most, 1e-300)
         if share < SECOND_ORDER:
@@ -190,7 +190,7 @@ def second_order_name(
     return min(found, key=lambda d: d.statistic, default=None)
 
 
-def _are_near(one: str, other: str) -> bool:
+def are_near(one: str, other: str) -> bool:
     """Return whether two sites are the same or neighbours."""
     pairs = ((a, b) for a in _axes_at(one) for b in _axes_at(other))
     return min(abs(a - b) for a, b in pairs) <= 1

@@ -24,7 +24,12 @@ import numpy as np
 from bench.shared.effect_catalogue import INSTRUMENTS
 from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.detection import DetectionTest
-from stiffness.diagnosis.gate import gate_terms, pose_statistics, site_number
+from stiffness.diagnosis.gate import (
+    are_near,
+    gate_terms,
+    pose_statistics,
+    site_number,
+)
 from stiffness.diagnosis.localisation import (
     confounded_with,
     law_of,
@@ -76,6 +81,9 @@ RESIDUAL_SHARE_LIMIT = 0.1
 """Residual near a name over what the name explains from which it is withheld. Chosen: a
 name may stand beside an unknown effect that is ten times weaker; one that is not may be
 what imitates it."""
+MOST = 0.5
+"""Share of what is explained or left that withheld names and the residual have, above
+which weaker names go too."""
 INHOMOGENEITY_LIMIT = 0.01
 """Share of what a name explains by which its law may differ between groups of rows.
 Chosen: a tenth of its size, squared; laws are no truer than that."""
@@ -124,7 +132,8 @@ def judge(model: SelectedModel) -> JudgedModel:
     left = residual_test(case, beyond)
     uneven = homogeneity_tests(case, model.fit)
     places = _unexplained_places(model, beyond) if left.p_value < SIGNIFICANCE else ()
-    share = max(left.excess, 0.0) / max(left.excess + model.fit.gain, 1e-12)
+    excess = _largest_excess(left)
+    share = excess / max(excess + model.fit.gain, 1e-12)
     large = left.p_value < SIGNIFICANCE and share > SMALL_RESIDUAL
     found: dict[tuple[str, str], Decision] = {}
     for member, gain, differs in zip(members, gains, uneven, strict=True):
@@ -140,9 +149,11 @@ def judge(model: SelectedModel) -> JudgedModel:
             found[member.name] = Decision(
                 member.name, "homogeneity", False, ratio, INHOMOGENEITY_LIMIT, reason
             )
-    if large:
+    if large or found:
         for weak in _replaced_by_generic(model, places, set(found)):
             found[weak.candidate] = weak
+    for weak in _outweighed(model, gains, excess if large else 0.0, set(found)):
+        found[weak.candidate] = weak
     kinds = [
         d.grouping for d, g in zip(uneven, gains, strict=True) if is_inhomogeneous(d, g)
     ]
@@ -161,6 +172,13 @@ def judge(model: SelectedModel) -> JudgedModel:
 def is_inhomogeneous(found: HomogeneityTest, gain: float) -> bool:
     """Return whether a law that explains so much is surely and clearly uneven."""
     return found.p_value < SIGNIFICANCE and found.captured > INHOMOGENEITY_LIMIT * gain
+
+
+def _largest_excess(left: DetectionTest) -> float:
+    """Return the largest whitened square that errors do not make, at a place or all."""
+    excess = left.tested.captured - left.tested.degrees_of_freedom
+    some = excess[left.tested.together < SIGNIFICANCE]
+    return max(left.excess, float(some.max(initial=0.0)), 0.0)
 
 
 def _residual_near(member: ModelTerm, left: DetectionTest) -> float:
@@ -183,10 +201,16 @@ def _replaced_by_generic(
 ) -> list[Decision]:
     """Return the other names that predict nothing beside generic terms of open places.
 
-    A name that mends a wrong law elsewhere is needed no more once that place may do
-    anything.
+    A name that mends a wrong law elsewhere is needed no more once the place of that law
+    may do anything.
     """
     case, where = model.case, {place.where for place in places}
+    wrong = [t.where for t in model.fit.members if t.name in contradicted]
+    where |= {
+        block.where
+        for block in case.library.map
+        if any(are_near(block.where, one) for one in wrong)
+    }
     terms = [t for t in model.fit.members if t.name not in contradicted]
     of_map = case.library.jacobians[-len(case.library.map) :]
     generic = [
@@ -202,6 +226,30 @@ def _replaced_by_generic(
         replace(d, gate="generic_terms", reason=reason)
         for d in gated.decisions
         if not d.accepted
+    ]
+
+
+def _outweighed(
+    model: SelectedModel,
+    gains: Sequence[float],
+    excess: float,
+    contradicted: set[tuple[str, str]],
+) -> list[Decision]:
+    """Return names weaker than a wrong one, where most of the mismatch has no name.
+
+    What explains less than an unknown effect does may be part of how it is imitated.
+    """
+    of_name = dict(zip((t.name for t in model.fit.members), gains, strict=True))
+    wrong = [of_name[name] for name in contradicted]
+    right = sum(gain for name, gain in of_name.items() if name not in contradicted)
+    share = (sum(wrong) + excess) / max(sum(wrong) + excess + right, 1e-12)
+    if share <= MOST:
+        return []
+    reason = "weaker than a withheld name, and most of the mismatch has no name"
+    return [
+        Decision(name, "outweighed", False, share, MOST, reason)
+        for name, gain in of_name.items()
+        if name not in contradicted and gain < max(wrong, default=0.0)
     ]
 
 
