@@ -1,7 +1,6 @@
 """Methods that learn how an arm deflects from a recording; each is one file."""
 
-from stiffness.methods.method import Method
-from stiffness.methods.rigid import Rigid
+from stiffness.methods.method import Method, Rigid
 from stiffness.methods.vjm import Vjm
 
 METHODS: tuple[type[Method], ...] = (Rigid, Vjm)

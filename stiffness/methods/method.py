@@ -1,4 +1,4 @@
-"""Interface of methods that learn deflections, and a check of its contract.
+"""Interface of methods that learn deflections, its contract, and the rigid arm.
 
 `Method` fits a recording and returns a `Fitted`, which predicts. A method of your own
 that keeps the contract can be compared with every other; to check it on any recording:
@@ -9,6 +9,15 @@ that keeps the contract can be compared with every other; to check it on any rec
 It predicts three finite numbers for every case, the same each time; a case's prediction
 depends on that case alone; fitting changes neither the method nor the recording, and
 the order of visits changes nothing but rounding.
+
+The rigid arm (`Rigid`), the baseline of all methods:
+
+==========  ==========================================================================
+Equation    d = 0
+Source      the nominal arm of the data sheet
+Needs       nothing but a recording that shows deflections
+Assumes     no compliance
+==========  ==========================================================================
 """
 
 from abc import ABC, abstractmethod
@@ -17,9 +26,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float
+from typing_extensions import override
 
 from bench.shared.recording import Recording
-from stiffness.experiment.deflections import LoadCases, every_plateau
+from stiffness.experiment.deflections import LoadCases, every_plateau, usable
 from stiffness.robot.arm import Arm
 
 # --- Method ---------------------------------------------------------------------------
@@ -83,6 +93,42 @@ class Method(ABC):
             Unusable: Where the recording cannot be used, with all faults.
             NotIdentifiable: Where a parameter of the method is not identifiable.
         """
+
+
+# --- Rigid arm ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Rigid(Method):
+    """Baseline that predicts no deflection.
+
+    Attributes:
+        arm: The nominal arm.
+    """
+
+    arm: Arm
+
+    @override
+    def fit(self, recording: Recording) -> "RigidFit":
+        """Refuse recordings that no method could be fitted to; nothing is fitted."""
+        usable(self.arm.for_recording(recording), recording)
+        return RigidFit()
+
+
+@dataclass(frozen=True)
+class RigidFit(Fitted):
+    """Prediction of no deflection."""
+
+    @override
+    def predict(self, cases: LoadCases) -> Float[np.ndarray, "cases 3"]:
+        """Return zeros."""
+        return np.zeros((len(cases), 3))
+
+    @property
+    @override
+    def parameters(self) -> tuple[Parameter, ...]:
+        """None."""
+        return ()
 
 
 # --- Contract -------------------------------------------------------------------------

@@ -21,8 +21,7 @@ from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.studies.paper.experiment import Experiment, Material
 from scenarios.studies.paper.published_values import TABLE_02_MM, TABLE_03_NM_PER_RAD
 from stiffness.experiment.deflections import Selection, every_plateau, one_per_pose
-from stiffness.methods.method import Fitted, Parameter
-from stiffness.methods.rigid import Rigid
+from stiffness.methods.method import Fitted, Parameter, Rigid
 from stiffness.methods.score import DIRECTIONS, Score, scores
 from stiffness.methods.vjm import Vjm, VjmFit
 
