@@ -7,7 +7,8 @@ springs to that floor does each method come, and where in the workspace does it 
 Run:    python -m scenarios.floor --out results/floor
 Takes:  10 min on two cores
 Expect: the oracle leaves a few micrometres; the network and the Gaussian process come
-        about half of the way, and fail most where the arm is far stretched
+        about half of the way, and fail most where the arm is far stretched; named
+        physics comes above 90 % of the way
 """
 
 from dataclasses import asdict, dataclass, field
@@ -58,6 +59,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     from scenarios.studies.paper.fresh_postures import unseen
     from scenarios.studies.paper.transfer import (
         ConvolutionCell,
+        NamedPhysicsCell,
         PerceptronCell,
         SpringsCell,
     )
@@ -72,8 +74,10 @@ def main(settings: Settings) -> list[dict[str, object]]:
     plain = SpringsCell(seed, effort.evaluations)
     mlp = PerceptronCell(seed, "spanning", effort, ())
     cnn = ConvolutionCell(seed, "spanning", effort)
+    named = NamedPhysicsCell(seed)
     nudges = [NudgeCell(k, settings.poses, seed) for k in range(-1, count)]
-    results = swept([mlp, cnn, plain, *nudges], material, out / "cells", settings.jobs)
+    judged = [mlp, cnn, plain, named]
+    results = swept([*judged, *nudges], material, out / "cells", settings.jobs)
     still, *moved = (results[cell] for cell in nudges)
     data = every_plateau(material.arm, material.recording)
     noise = 1e3 * data.deflection - still["experiment"]
@@ -82,6 +86,8 @@ def main(settings: Settings) -> list[dict[str, object]]:
         "DT-CNN": results[cnn]["direct/unseen"],
         "FT-MLP": results[mlp]["best/unseen"],
         "VJM + GP": results[plain]["gp_residual/unseen"],
+        "named physics": results[named]["named_physics/unseen"],
+        "named physics, all markers": results[named]["named_physics_all/unseen"],
         "oracle": oracle_error(still, moved, noise),
     }
     rows = floor_rows(errors, seed)

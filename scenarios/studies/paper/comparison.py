@@ -30,6 +30,7 @@ from scenarios.studies.paper.budget import PLANS, Budget
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.transfer import (
     ConvolutionCell,
+    NamedPhysicsCell,
     OwnCell,
     OwnMethod,
     PerceptronCell,
@@ -134,11 +135,15 @@ TITLES = {
     "ft_mlp": "FT-MLP",
     "dt_cnn": "DT-CNN",
     "gp_residual": "VJM + GP",
+    "named_physics": "named physics",
+    "named_physics_all": "named physics, all markers",
     "pretrained": "MLP, not tuned",
     "aligned": "DT-CNN, aligned",
     "frozen": "DT-CNN, fine-tuned",
 }
 NO_PLAN = "-"
+NAMED = ("named_physics", "named_physics_all")
+"""The best method from the readings of the others, and from those of all markers."""
 
 
 @dataclass(frozen=True)
@@ -209,6 +214,9 @@ def contenders(
             if f"{name}/unseen" in results[seeds[0]]:
                 gathered.append(of_results(method, plan, results, name))
     gathered.append(of_results("gp_residual", NO_PLAN, springs, "gp_residual"))
+    named = {seed: found[NamedPhysicsCell(seed)] for seed in seeds}
+    for method in NAMED:
+        gathered.append(of_results(method, NO_PLAN, named, method))
     if own is not None:
         results = {seed: found[OwnCell(seed, own)] for seed in seeds}
         gathered.append(of_results(own.title, NO_PLAN, results, "own"))
@@ -244,6 +252,67 @@ def of_results(
         np.stack([r[f"{name}/unseen"] for r in results]),
         np.stack([r[f"{name}/held_out"] for r in results]),
         results[0][f"{name}/experiment"],
+    )
+
+
+def best_method_rows(everyone: Sequence[Contender]) -> list[dict[str, object]]:
+    """Return how named physics differs from every other method, pose by pose.
+
+    Resamples of poses and seeds are the same for both, so the intervals are paired.
+
+    Args:
+        everyone: Named physics and other methods, of the same seeds and poses.
+    """
+    best = next(c for c in everyone if c.method == NAMED[0])
+    rows = []
+    for other in everyone:
+        if other.method in NAMED or other.seeds != best.seeds:
+            continue
+        for metric in ("MAE", "P99"):
+            own, theirs = (
+                pooled(np.abs(c.unseen).mean(axis=2), MEASURES[metric])
+                for c in (best, other)
+            )
+            change = own.change_from(theirs).interval
+            rows.append(
+                {
+                    "method": best.method,
+                    "against": other.name,
+                    "metric": metric,
+                    "change_percent": 100 * change.value,
+                    "low_percent": 100 * change.low,
+                    "high_percent": 100 * change.high,
+                    "n": best.unseen.shape[1],
+                    "seeds": " ".join(map(str, best.seeds)),
+                }
+            )
+    return rows
+
+
+def best_method_table(everyone: Sequence[Contender]) -> Table:
+    """Return the same as a table, with the largest errors in its caption."""
+    best = next(c for c in everyone if c.method == NAMED[0])
+    largest = ", ".join(
+        f"{c.name} {np.abs(c.unseen).max():.3f}"
+        for c in everyone
+        if c.method in ("vjm", "ft_mlp", "dt_cnn", "gp_residual", *NAMED)
+    )
+    cells = [
+        (
+            str(row["against"]),
+            "99 %" if row["metric"] == "P99" else str(row["metric"]),
+            f"{row['change_percent']:+.1f}",
+            f"{row['low_percent']:+.1f} to {row['high_percent']:+.1f}",
+        )
+        for row in best_method_rows(everyone)
+    ]
+    return Table(
+        f"Errors of named physics, mean of x, y and z of each pose, against every "
+        f"other method's on the same {best.unseen.shape[1]} fresh poses, in per cent; "
+        "intervals (95 %) draw poses and seeds anew, the same for both. Largest error "
+        f"of any pose, direction and seed [mm]: {largest}.",
+        ("against", "measure", "change", "95 % interval"),
+        cells,
     )
 
 

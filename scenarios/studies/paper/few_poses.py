@@ -20,9 +20,10 @@ from bench.shared.recording import Recording
 from scenarios.report import page, style
 from scenarios.studies.paper.budget import Effort
 from scenarios.studies.paper.cells import Cell, CellResult
-from scenarios.studies.paper.comparison import TITLES
+from scenarios.studies.paper.comparison import NAMED, TITLES
 from scenarios.studies.paper.experiment import Material
 from scenarios.studies.paper.imitation import source_plan
+from scenarios.studies.paper.transfer import named_physics
 from stiffness.experiment.deflections import every_plateau
 from stiffness.methods.dt_cnn import DtCnn
 from stiffness.methods.ft_mlp import FtMlp, domain_of
@@ -183,6 +184,39 @@ class FewPosesNetworks(Cell):
         )
 
 
+@dataclass(frozen=True)
+class FewPosesNamed(Cell):
+    """Named physics on some poses of one draw.
+
+    Attributes:
+        poses: Number of poses.
+        draw: Number of the draw.
+        all_markers: Whether it is fitted to all markers too.
+    """
+
+    poses: int
+    draw: int
+    all_markers: bool
+
+    @property
+    @override
+    def cost(self) -> float:
+        return (3.0 + 0.05 * self.poses) * (3.0 if self.all_markers else 1.0)
+
+    @override
+    def work(self, material: Material, scratch: Path) -> CellResult:
+        few = few_of(material.recording, self.poses, self.draw)
+        _, held = springs_of(material.arm, few)
+        methods = named_physics(material.arm, held)
+        if not self.all_markers:
+            methods = {name: methods[name] for name in NAMED[:1]}
+        fits = {name: method.fit(few) for name, method in methods.items()}
+        names = {
+            f"{n}/names": np.array(len(f.diagnosis.named)) for n, f in fits.items()
+        }
+        return {**residuals(fits, material), **names}
+
+
 def residuals(fits: Mapping[str, Fitted], material: Material) -> dict[str, np.ndarray]:
     """Return the residuals of methods on the fresh poses, in mm."""
     unseen = material.unseen
@@ -194,7 +228,7 @@ def residuals(fits: Mapping[str, Fitted], material: Material) -> dict[str, np.nd
 
 # --- Tables ---------------------------------------------------------------------------
 
-METHODS = ("vjm", "ft_mlp", "dt_cnn", "gp_residual")
+METHODS = ("vjm", "ft_mlp", "dt_cnn", "gp_residual", *NAMED)
 
 
 def tidy(
@@ -215,7 +249,7 @@ def tidy(
                 continue
             size = np.abs([result[method] for result in mine])  # (draws, poses, 3) mm
             springs = np.abs([result["vjm"] for result in mine])
-            for metric, of_draws in (("MAE", _mae), ("P99", _p99)):
+            for metric, of_draws in (("MAE", _mae), ("P99", _p99), ("ME", _largest)):
                 value, beside = of_draws(size), of_draws(springs)
                 rows.append(
                     {
@@ -242,6 +276,10 @@ def _mae(size: np.ndarray) -> np.ndarray:
 
 def _p99(size: np.ndarray) -> np.ndarray:
     return np.quantile(size, 0.99, axis=1).mean(axis=1)
+
+
+def _largest(size: np.ndarray) -> np.ndarray:
+    return size.max(axis=(1, 2))
 
 
 def of(rows: Sequence[Mapping], method: str, metric: str = "MAE") -> list[Mapping]:
@@ -309,10 +347,28 @@ def _ranged(row: Mapping) -> str:
 
 # --- Figure ---------------------------------------------------------------------------
 
-TICKS_MM = (0.01, 0.02, 0.03, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.5, 1, 2, 5)
+TICKS_MM = (
+    0.003,
+    0.005,
+    0.01,
+    0.02,
+    0.03,
+    0.05,
+    0.07,
+    0.1,
+    0.15,
+    0.2,
+    0.3,
+    0.5,
+    1,
+    2,
+    5,
+)
 BESIDE = 1.035
 """Factor between the abscissae of methods, so that their bars do not overlap."""
-COLOURS = (style.GREY, style.ORANGE, style.BLUE, style.GREEN)
+COLOURS = (
+    style.GREY, style.BLUE, style.GREEN, style.RED, style.ORANGE, "#f6b26b",
+)  # fmt: skip
 
 
 def draw_courses(rows: Sequence[Mapping], file: Path) -> None:
@@ -327,7 +383,8 @@ def draw_courses(rows: Sequence[Mapping], file: Path) -> None:
         value, low, high = (
             [row[name] for row in mine] for name in ("value_mm", "low_mm", "high_mm")
         )
-        place = np.array(counts) * BESIDE ** (METHODS.index(method) - 1.5)
+        middle = (len(METHODS) - 1) / 2
+        place = np.array(counts) * BESIDE ** (METHODS.index(method) - middle)
         ends = (np.subtract(value, low), np.subtract(high, value))
         label = f"{TITLES[method]}, {mine[0]['draws']} draws"
         axes.errorbar(

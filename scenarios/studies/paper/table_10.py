@@ -11,6 +11,8 @@ from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.studies.paper.comparison import (
     MEASURES,
     Contender,
+    best_method_rows,
+    best_method_table,
     finding,
     gain_rows,
     gains_table,
@@ -85,6 +87,7 @@ def report(
     data_files.write_table(out / "table_10.csv", _tidy(contenders))
     changes = [row for c in contenders[1:] for row in gain_rows(c, springs)]
     data_files.write_table(out / "table_10_changes.csv", changes)
+    data_files.write_table(out / "table_10_named.csv", best_method_rows(contenders))
     paper_three = [c for c in contenders if c.method in TABLE_10_MM]
     figure_08(paper_three, out / "figure_08.png")
     figure_09([springs, *tuned], out / "figure_09.png")
@@ -102,6 +105,7 @@ def report(
             "whose readings carry the instruments' noise (the floor of Table 2)."
         ),
         _table_10(contenders, n, len(seeds), budget),
+        best_method_table(contenders),
         gains_table(tuned, springs),
         Paragraph(verdict(tuned, springs)),
         Figure(finding(tuned, springs), "figure_09.png"),

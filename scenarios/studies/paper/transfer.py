@@ -4,7 +4,7 @@ A seed splits the experiment's poses: 80 % are for learning, 20 % are held out. 
 holds back a fifth of the first to choose its epoch, so no pose of the evaluation is
 used for a choice. Cells: springs and Gaussian process; FT-MLP, pre-trained on springs
 once and fine-tuned in many ways (Tables 8 to 10); DT-CNN, as pre-trained or
-transferred; and a user's own method.
+transferred; named physics; and a user's own method.
 
 A user's method is `package.module:Class`, imported from where Python finds modules, the
 working folder included. The class derives from `Method` and takes the nominal arm;
@@ -20,19 +20,24 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 from typing_extensions import override
 
+from bench.patch import rig_of
+from bench.proof.setup import mounted_on
 from bench.shared.errors import Unusable
 from bench.shared.recording import Recording
+from scenarios.pipelines.patching import patch_of_diagnosis
 from scenarios.studies.paper.budget import PLANS, Budget, Transfer
 from scenarios.studies.paper.cells import Cell, CellResult
-from scenarios.studies.paper.experiment import Material
+from scenarios.studies.paper.experiment import KR10, Material
 from scenarios.studies.paper.imitation import imitated, source_plan, step_cost
 from stiffness.experiment.deflections import every_plateau
 from stiffness.methods.dt_cnn import DtCnn
 from stiffness.methods.ft_mlp import FtMlp, FtMlpFit
 from stiffness.methods.gp_residual import GpResidual
 from stiffness.methods.method import Fitted, Method, faults
+from stiffness.methods.named_physics import NamedPhysics, NamedPhysicsFit
 from stiffness.methods.network_fit import NetworkFit
 from stiffness.methods.vjm import Vjm
 from stiffness.networks.alignment import Alignment
@@ -166,6 +171,80 @@ class SpringsCell(Cell):
             **answers("vjm", springs, material, self.seed),
             **answers("gp_residual", process, material, self.seed),
         }
+
+
+@dataclass(frozen=True)
+class NamedPhysicsCell(Cell):
+    """Named physics on one split, from the flange's target and from all markers."""
+
+    seed: int
+
+    @property
+    @override
+    def cost(self) -> float:
+        return 25.0
+
+    @override
+    def work(self, material: Material, scratch: Path) -> CellResult:
+        training, found = material.training(self.seed), {}
+        for name, method in named_physics(material.arm).items():
+            fitted = method.fit(training)
+            found |= answers(name, fitted, material, self.seed)
+            found[f"{name}/names"] = np.array(len(fitted.diagnosis.named))
+            found[f"{name}/patched"] = against_patched_rig(fitted, material)
+        return found
+
+
+CHECKED = 50
+"""Fresh poses on which columns are compared with mechanisms; the task's number."""
+
+
+def against_patched_rig(
+    fitted: NamedPhysicsFit, material: Material
+) -> Float[np.ndarray, "cases 3"]:
+    """Return what names move by their columns, less what they move in the simulator.
+
+    Both have the sizes that the diagnosis gave them, and no law beside the names.
+
+    Returns:
+        Differences on the first fresh poses in mm; none where nothing was named.
+    """
+    mechanics = fitted.names_alone()
+    if mechanics is None:
+        return np.zeros((0, 3))
+    some = np.arange(min(CHECKED, len(material.unseen.cases)))
+    cases, recording = material.unseen.cases.take(some), mechanics.situation.recording
+    kept = {term.name for term in mechanics.terms}
+    named = tuple(
+        e for e in fitted.diagnosis.named if (e.name.effect, e.name.where) in kept
+    )
+    known = replace(fitted.diagnosis, named=named, unexplained=None)
+    patch = patch_of_diagnosis(known, recording, material.arm)
+    patch = replace(patch, mounted=mounted_on(recording, rig_of(patch, KR10)))
+    rig, path = rig_of(patch, KR10), mechanics.path
+    load = cases.wrench_in_base[:, None] * path.share[:, None]
+    hold = np.tile(path.read - path.changed, (len(cases), 1))
+    states = rig.respond(cases.posture, load, hold)
+    flange, steps = states.bodies.index(rig.anatomy.flange), len(path.share)
+    point = np.repeat(cases.point_in_flange, steps, axis=0)
+    place = states.position[:, flange] + np.einsum(
+        "nij,nj->ni", states.rotation[:, flange], point
+    )
+    place = place.reshape(len(cases), steps, 3)
+    return 1e3 * (mechanics.displacement(cases) - (place[:, -1] - place[:, 0]))
+
+
+def named_physics(arm: Arm, held: tuple[str, ...] = ()) -> dict[str, NamedPhysics]:
+    """Return named physics by the readings that it uses; those of the others first.
+
+    Args:
+        arm: The nominal arm.
+        held: Axes whose spring is taken from the model.
+    """
+    return {
+        "named_physics": NamedPhysics(arm, held),
+        "named_physics_all": NamedPhysics(arm, held, "all"),
+    }
 
 
 @dataclass(frozen=True)
@@ -309,6 +388,7 @@ def cells(budget: Budget, own: OwnMethod | None) -> list[Cell]:
     found: list[Cell] = []
     for i, seed in enumerate(settings.seeds):
         found.append(SpringsCell(seed, settings.evaluations))
+        found.append(NamedPhysicsCell(seed))
         for plan in PLANS:
             shown = i < settings.unfreezing_seeds and plan == "spanning"
             layers = (*UNFREEZINGS, ALL_LAYERS) if shown else ()

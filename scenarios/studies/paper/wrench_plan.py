@@ -162,7 +162,9 @@ def finding(rows: Sequence[dict]) -> str:
 
 # --- Figure ---------------------------------------------------------------------------
 
-COLOURS = (style.GREY, style.GREEN, style.BLUE, style.ORANGE)
+COLOURS = (
+    style.GREY, style.GREEN, style.ORANGE, "#f6b26b", style.BLUE, style.RED,
+)  # fmt: skip
 
 
 def draw(

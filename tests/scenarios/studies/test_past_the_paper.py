@@ -53,7 +53,16 @@ def test_how_many_poses_runs_small(experiment, tmp_path, monkeypatch):
     )
     rows = how_many_poses.main(settings)
     draws = {r["method"]: r["draws"] for r in rows}
-    assert draws == {"vjm": 2, "gp_residual": 2, "ft_mlp": 1, "dt_cnn": 1}
+    assert draws == {
+        "vjm": 2, "gp_residual": 2, "named_physics": 2,
+        "ft_mlp": 1, "dt_cnn": 1, "named_physics_all": 1,
+    }  # fmt: skip
+    mae = {
+        r["method"]: r["value_mm"]
+        for r in rows
+        if (r["poses"], r["metric"]) == (25, "MAE")
+    }
+    assert mae["named_physics"] < 0.5 * mae["vjm"]
     assert (tmp_path / "how_many_poses.png").exists()
     assert (tmp_path / "report.html").exists()
 
@@ -77,6 +86,7 @@ def test_wrench_plan_runs_small(experiment, tmp_path, monkeypatch):
     )  # whose other 32 show every spring
     rows = wrench_plan.main(settings)
     assert {r["loads"] for r in rows} == set(paper_wrench_plan.LOADS)
+    assert {"named physics", "named physics, all markers"} < {r["method"] for r in rows}
     assert (tmp_path / "wrench_plan.png").exists()
     gains = data_files.read_table(tmp_path / "gains.csv")
     seeds = {(r["plan"], r["seeds"]) for r in gains}
@@ -94,6 +104,8 @@ def test_floor_runs_small(experiment, tmp_path, monkeypatch):
     rows = {r["method"]: r for r in floor.main(settings)}
     assert rows["oracle"]["share_of_the_way"] == 1.0
     assert rows["VJM"]["share_of_the_way"] == 0.0
+    assert rows["named physics"]["share_of_the_way"] > 0.5
+    assert rows["named physics"]["ME_mm"] >= rows["named physics"]["P99_mm"]
     assert (tmp_path / "floor.png").exists()
 
 
