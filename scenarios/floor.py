@@ -48,6 +48,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     from scenarios.studies.paper.experiment import Material, carry_out
     from scenarios.studies.paper.floor import (
         NudgeCell,
+        columns_against_simulator,
         draw,
         finding,
         floor_rows,
@@ -105,6 +106,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
             "how much there is of every effect) by least squares, to first order, from "
             "all readings of the experiment; methods learn from 80 % of the poses."
         ),
+        page.Paragraph(columns_against_simulator(results[named])),
     ]
     page.write(out, "What is the floor?", summary(rows), blocks)
     command = f"python -m scenarios.floor --seed {seed} --out {out.as_posix()}"
