@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from jaxtyping import Float, Int
-
-from bench.shared.quaternions import matrix_of
+from scipy.spatial.transform import Rotation
 
 SIDES = 24
 """Number of corners of a round shape; chosen: smooth at arm's length, small on disk."""
@@ -37,7 +36,7 @@ def shapes(model: mujoco.MjModel) -> tuple[Shape, ...]:
         if mesh is None:
             continue
         vertex, face = mesh
-        rotation = matrix_of(model.geom_quat[g])
+        rotation = Rotation.from_quat(model.geom_quat[g], scalar_first=True).as_matrix()
         material = model.geom_matid[g]
         found.append(
             Shape(

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from bench.instruments.checks import not_sizes, refuse
 from bench.instruments.random_streams import Streams
+from bench.shared.errors import not_sizes, refuse
 
 ARRIVAL = 7e-6
 """A plausible standard deviation of an axis' arrival, in rad: the KR10's repeatability

@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from bench.instruments.checks import not_sizes, not_vectors, refuse
 from bench.instruments.random_streams import Streams
+from bench.shared.errors import not_sizes, not_vectors, refuse
 from bench.shared.instrument_specs import WrenchSpec
 
 NO_GAIN = ((0.0,) * 6,) * 6

@@ -12,10 +12,9 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.cell import reach
-from bench.instruments.checks import not_sizes, not_vectors, refuse
 from bench.instruments.random_streams import Streams
 from bench.kinematic_chain import Anatomy
-from bench.shared.errors import UnknownName
+from bench.shared.errors import UnknownName, not_sizes, not_vectors, refuse
 from bench.shared.recording import Marker
 
 LETTERS = "abcd"

@@ -31,8 +31,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from bench.instruments.checks import not_sizes, not_vectors, refuse
 from bench.instruments.random_streams import Streams
+from bench.shared.errors import not_sizes, not_vectors, refuse
 from bench.shared.instrument_specs import TrackerSpec
 
 # --- Volumetric error -----------------------------------------------------------------

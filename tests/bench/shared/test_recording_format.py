@@ -25,12 +25,12 @@ from recordings import (
 )
 from scipy.spatial.transform import Rotation
 
-from bench.shared import quaternions
 from bench.shared.errors import Unusable
+from bench.shared.format import assembly
+from bench.shared.format.assembly import matrix_of, quaternion_of, unit_quaternion
 from bench.shared.format.columns import UNITS
 from bench.shared.format.folder import read, write
 from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
-from bench.shared.quaternions import matrix_of, quaternion_of, unit_quaternion
 from bench.shared.recording import STAGES, Marker, Payload, Recording
 
 
@@ -423,8 +423,8 @@ def test_a_quaternion_that_was_read_is_written_as_it_stood(vector):
 @pytest.mark.parametrize("vector", [(0, 0, 1e-3), (-1e-10, -1e-10, 1e-3), (0, -3, 0)])
 def test_a_turn_that_drifts_with_each_rounding_is_written_at_once(vector, monkeypatch):
     rounds = []
-    own = quaternions.matrix_of
-    monkeypatch.setattr(quaternions, "matrix_of", lambda q: rounds.append(1) or own(q))
+    own = assembly.matrix_of
+    monkeypatch.setattr(assembly, "matrix_of", lambda q: rounds.append(1) or own(q))
     written = quaternion_of(Rotation.from_rotvec(vector).as_matrix())
     assert len(rounds) < 50
     np.testing.assert_array_equal(written, quaternion_of(own(written)))
