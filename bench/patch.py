@@ -232,6 +232,20 @@ class Mounted:
 
 
 @dataclass(frozen=True)
+class AxisRange:
+    """Where an axis stood, and what it carried, while a patch was fitted.
+
+    Attributes:
+        angle_rad: Low and high ends of the stretches in which it stood, increasing, in
+            rad (m on a slide).
+        torque_nm: Least and largest torque about it from weight and load, in N m.
+    """
+
+    angle_rad: tuple[tuple[float, float], ...]
+    torque_nm: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class Patch:
     """Everything that a simulation needs beyond the model it was given.
 
@@ -248,6 +262,8 @@ class Patch:
         arm: The nominal arm as plain MJCF.
         schema: Of this file.
         not_in_model: What of it `model.xml` cannot hold, in words.
+        fitted: Range of each axis, by a1, a2 …, in the poses that it was fitted to;
+            empty: not known.
     """
 
     stiffness_nm_per_rad: dict[str, float | None] = field(default_factory=dict)
@@ -261,6 +277,7 @@ class Patch:
     arm: str = ""
     schema: int = 1
     not_in_model: tuple[str, ...] = ()
+    fitted: dict[str, AxisRange] = field(default_factory=dict)
 
 
 def effects_of(patch: Patch) -> tuple[Effect, ...]:

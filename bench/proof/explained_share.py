@@ -192,11 +192,24 @@ def channels_of(
     for one, other, noise in zip(before, after, floor, strict=True):
         quiet = np.broadcast_to(np.reshape(noise, (-1, 1)), one.shape)
         pose = world.recording.posture_id
-        found.append(_channel(one[held], other[held], quiet[held], pose[held]))
+        found.append(channel_of(one[held], other[held], quiet[held], pose[held]))
     return found[0], found[1]
 
 
-def _channel(before, after, noise, pose) -> Channel | None:
+def channel_of(
+    before: Float[np.ndarray, "rows readings"],
+    after: Float[np.ndarray, "rows readings"],
+    noise: Float[np.ndarray, "rows readings"],
+    pose: Int[np.ndarray, " rows"],
+) -> Channel | None:
+    """Return before and after, with intervals over poses; None where nothing was seen.
+
+    Args:
+        before: Squares without the patch, in m² or rad²; NaN = not seen.
+        after: The same with it.
+        noise: What the stated noise alone would leave.
+        pose: Id of each row's pose.
+    """
     good = np.isfinite(before) & np.isfinite(after)
     if not good.any():
         return None

@@ -122,6 +122,7 @@ def in_model(recording: Recording, patch: Patch, arm: Anatomy) -> Patch:
         stiffness_nm_per_rad=springs,
         effects=tuple(map(renamed, patch.effects)),
         laws=tuple(replace(law, where=joint(law.where)) for law in patch.laws),
+        fitted={joint(a): known for a, known in patch.fitted.items()},
     )
 
 

@@ -13,6 +13,9 @@ simulator then refines:
 What calibration found is put into the simulator as mechanisms.
 
 What was named between encoders goes into a patch, but for delays.
+
+A patch keeps where each axis stood and what it carried in the poses that it was fitted
+to, so that it can be judged on another recording.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from bench import controller_table
 from bench.effects import EFFECTS
@@ -31,6 +35,7 @@ from bench.mechanisms import offsets_of
 from bench.patch import (
     FILE,
     MODEL_FILE,
+    AxisRange,
     Law,
     Patch,
     PatchEffect,
@@ -50,6 +55,7 @@ from bench.rig import Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from bench.user_model import ASSETS
+from scenarios.pipelines.recording_check import static_torque
 from stiffness.diagnosis.result import Diagnosis, NamedEffect, Parameter
 from stiffness.robot.arm import Arm
 
@@ -57,6 +63,32 @@ if TYPE_CHECKING:
     from scenarios.pipelines.encoder_axes import Axis
     from stiffness.calibration.final_fit import Table
     from stiffness.calibration.result import Calibrated
+
+# --- Where a patch was fitted ---------------------------------------------------------
+
+NEAR = np.radians(1.0)
+"""An angle further than this from every fitted one is new to a patch, in rad (m on a
+slide); chosen: a quarter of the shortest wave that matters."""
+
+
+def ranges_of(
+    posture: Float[np.ndarray, "rows axes"], torque: Float[np.ndarray, "rows axes"]
+) -> dict[str, AxisRange]:
+    """Return each axis' range: stretches of angles with nothing new between them.
+
+    Args:
+        posture: Of the rows that were fitted, in rad (m on a slide).
+        torque: About each axis from weight and load, in N m (N).
+    """
+    found = {}
+    for k, (angle, load) in enumerate(zip(posture.T, torque.T, strict=True)):
+        known = np.unique(angle)
+        parts = np.split(known, np.flatnonzero(np.diff(known) > 2.0 * NEAR) + 1)
+        stretches = tuple((float(p[0]), float(p[-1])) for p in parts)
+        span = (float(load.min()), float(load.max()))
+        found[f"a{k + 1}"] = AxisRange(stretches, span)
+    return found
+
 
 # --- From a diagnosis -----------------------------------------------------------------
 
@@ -85,6 +117,7 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
     }
     springs = springs_of_mechanisms(fitted, diagnosis.named)
     frame = np.asarray(nominal.base_from_tracker, float)
+    seen = recording.take(~np.isin(recording.posture_id, diagnosis.held_out))
     return Patch(
         stiffness_nm_per_rad=springs,
         effects=tuple(
@@ -98,6 +131,7 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
             marker.name: (float(x), float(y), float(z))
             for marker, (x, y, z) in zip(recording.markers, nominal.places, strict=True)
         },
+        fitted=ranges_of(seen.posture, static_torque(seen, arm.at(seen.posture))),
     )
 
 
@@ -250,7 +284,7 @@ FROM_SIDES = ("hysteresis",)
 
 def patch_of_calibration(found: Calibrated) -> Patch:
     """Return everything that was found; waves below a tenth of a µrad left away."""
-    from stiffness.calibration.model import entries_of
+    from stiffness.calibration.model import CalibrationState, entries_of
 
     effects: list[PatchEffect] = []
     drawing: dict[tuple[str, str], dict[str, float | str | None]] = {}
@@ -270,11 +304,14 @@ def patch_of_calibration(found: Calibrated) -> Patch:
     for axis, table in found.error_tables.items():
         effects += _harmonics(axis, table)
     names, places = found.readings.names, found.corrected_geometry.places
+    fitted = found.readings.take(~found.held)
+    torque = CalibrationState.of(fitted, found.corrected_geometry).torque
     return Patch(
         stiffness_nm_per_rad=dict(found.springs[1]),
         effects=tuple(effects),
         base_from_tracker=_rows(found.corrected_geometry.base_from_tracker),
         markers={n: _triple(p) for n, p in zip(names, places, strict=True)},
+        fitted=ranges_of(fitted.posture, torque),
     )
 
 

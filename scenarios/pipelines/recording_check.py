@@ -182,7 +182,7 @@ MOST_VISITS = 500
 def axis_views(recording: Recording, arm: Arm) -> list[AxisView]:
     """Say of each axis how far it turns, what turns it, and what would show it."""
     standing = arm.at(recording.posture)
-    torque = _since_unloaded(recording, _torque(recording, standing))
+    torque = _since_unloaded(recording, static_torque(recording, standing))
     lever = np.full(len(arm.axes), np.nan)
     seen = np.zeros(len(arm.axes), dtype=bool)
     if recording.link_posture is not None:
@@ -214,7 +214,7 @@ def confounded_axes(recording: Recording, arm: Arm) -> list[tuple[str, str]]:
     if not r.markers:
         return []
     standing = arm.at(r.posture)
-    torque = _torque(r, standing)
+    torque = static_torque(r, standing)
     _, visit, count = np.unique(r.visit, return_inverse=True, return_counts=True)
     if count.max() == 1:
         visit, count = np.zeros_like(visit), np.array([len(visit)])
@@ -238,7 +238,7 @@ def confounded_axes(recording: Recording, arm: Arm) -> list[tuple[str, str]]:
     ]
 
 
-def _torque(recording: Recording, standing: ArmState) -> np.ndarray:
+def static_torque(recording: Recording, standing: ArmState) -> np.ndarray:
     """Return the torque about each axis from weight and load, (rows, axes), N m."""
     torque = standing.gravity_torque(recording.tool)
     if (sensor := recording.wrench_sensor) is not None and recording.wrench is not None:

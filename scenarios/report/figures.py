@@ -2,7 +2,8 @@
 
 Of a diagnosis: each axis' wind-up over its torque, the named law at an axis, held-out
 poses, and errors by body. Of a calibration: errors before and after, errors of uneven
-gears, and maps of the residual. Of a comparison of encoders: their difference over
+gears, and maps of the residual. Of a patch on another recording: errors before and
+after, and over the axes' angles. Of a comparison of encoders: their difference over
 time, torque and speed.
 """
 
@@ -29,6 +30,7 @@ from scenarios.report.style import BLUE, GREY, ORANGE, plain_log, save
 if TYPE_CHECKING:
     from scenarios.pipelines.calibration_proof import CalibrationProof
     from scenarios.pipelines.encoder_axes import Axis
+    from scenarios.pipelines.judgement import Judgement
     from stiffness.calibration.result import Calibrated
     from stiffness.dual_encoder.motions import Motion
 
@@ -347,6 +349,74 @@ def residual_map(
         size=10,
     )
     save(figure, file)
+
+
+# --- A patch on another recording -----------------------------------------------------
+
+BINS = 24
+
+
+def judged_before_after(judgement: Judgement, file: Path) -> None:
+    """Draw the share of readings below each error, as drawn and with the patch."""
+    j = judgement
+    figure = Figure(figsize=(10.5, 3.4), layout="constrained")
+    parts = [("all readings", np.ones(len(j.noise), dtype=bool))]
+    if j.inside is not None and j.outside is not None and j.covered is not None:
+        parts += [("covered", j.covered), ("not covered", ~j.covered)]
+    plots = figure.subplots(1, len(parts), squeeze=False, sharey=True)[0]
+    drawn: list[Line2D] = []
+    for ax, (title, rows) in zip(plots, parts, strict=True):
+        drawn = []
+        for error, colour, lw in ((j.before, GREY, 3.5), (j.after, ORANGE, 2)):
+            size = MM * np.sort(error[rows][np.isfinite(error[rows])])
+            drawn += ax.plot(size, np.linspace(0, 100, len(size)), color=colour, lw=lw)
+        noise = MM * float(np.sqrt(np.mean(j.noise[rows] ** 2)))
+        drawn.append(ax.axvline(noise, color=BLUE, ls="--", lw=1))
+        ax.set(xscale="log", xlabel="error [mm]", ylim=(0, 101))
+        sizes = " → ".join(f"{_root(error[rows]):.3g}" for error in (j.before, j.after))
+        ax.set_title(f"{title}: {sizes} mm rms", loc="left", size=10)
+        plain_log(ax.xaxis)
+    _legend(figure, drawn, ("as drawn", "with the patch", "stated noise"))
+    plots[0].set_ylabel("readings below [%]")
+    save(figure, file)
+
+
+def judged_over_angles(judgement: Judgement, file: Path) -> None:
+    """Draw the rms error in stretches of each axis' angle, and where it was fitted."""
+    j = judgement
+    axes = [k for k, a in enumerate(j.axes) if a.angle[1] > a.angle[0]]
+    figure = Figure(figsize=(10.5, 2.7 * -(-len(axes) // ACROSS)), layout="constrained")
+    plots = figure.subplots(-(-len(axes) // ACROSS), ACROSS, squeeze=False).ravel()
+    drawn: list[Line2D] = []
+    for ax, k in zip(plots, axes, strict=False):
+        axis, angle = j.axes[k], j.recording.posture[:, k]
+        unit, factor = ("mm", MM) if k in _slides(j) else ("°", float(np.degrees(1.0)))
+        edge = np.linspace(*axis.angle, BINS + 1)
+        part = np.clip(np.searchsorted(edge, angle, side="right") - 1, 0, BINS - 1)
+        for low, high in () if axis.fitted is None else axis.fitted.angle_rad:
+            ax.axvspan(factor * low, factor * high, color="#f4f0e4", lw=0)
+        middle = factor * (edge[1:] + edge[:-1]) / 2
+        drawn = []
+        for error, colour in ((j.before, GREY), (j.after, ORANGE)):
+            size = [_root(error[part == b]) for b in range(BINS)]
+            drawn += ax.plot(middle, size, "o-", color=colour, ms=3, lw=1)
+        ax.set(xlabel=f"{axis.name} [{unit}]", ylim=(0, None))
+        ax.set_xlim(factor * axis.angle[0], factor * axis.angle[1])
+    for ax in plots[len(axes) :]:
+        ax.axis("off")
+    for ax in plots[::ACROSS]:
+        ax.set_ylabel("rms [mm]")
+    _legend(figure, drawn, ("as drawn", "with the patch"))
+    save(figure, file)
+
+
+def _slides(judgement: Judgement) -> set[int]:
+    return {k for k, slides in enumerate(judgement.recording.slides) if slides}
+
+
+def _root(error: np.ndarray) -> float:
+    good = error[np.isfinite(error)]
+    return MM * float(np.sqrt(np.mean(good**2))) if len(good) else np.nan
 
 
 # --- A comparison of encoders ---------------------------------------------------------

@@ -24,6 +24,7 @@ ANSWERS = frozenset(
     {
         *FILES,
         DECISIONS,
+        "proof.json",
         "report.md",
         "before_after.png",
         "gears.png",
@@ -34,17 +35,24 @@ ANSWERS = frozenset(
 """Files of an answer of any engine; all others in the folder are not touched."""
 
 
-def refuse_folder(folder: Path, recording: Path) -> None:
+def refuse_folder(folder: Path, recording: Path, patch: Path | None = None) -> None:
     """Refuse a folder that cannot hold an answer, before anything is computed.
 
+    Args:
+        folder: Where the answer goes.
+        recording: Folder of the recording.
+        patch: Folder of the patch that is judged; None: there is none.
+
     Raises:
-        Unusable: Where it is a file, or the recording's own folder.
+        Unusable: Where it is a file, or one of the other folders.
     """
     what, faults = f"Folder {str(folder)!r}", []
     if folder.exists() and not folder.is_dir():
         faults.append("it is not a folder; give another --out.")
     if folder.resolve() == recording.resolve():
         faults.append("it is the recording itself; give another --out.")
+    if patch is not None and folder.resolve() == patch.resolve():
+        faults.append("it is the folder of the patch itself; give another --out.")
     if faults:
         raise Unusable(what, faults)
 

@@ -141,7 +141,7 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
     return Readings(
         arm=arm,
         posture=posture[v],
-        side=_sides(posture)[v],
+        side=sides_of(posture)[v],
         seen=total[v, m] / count[v, m][:, None],
         marker=m,
         posture_id=rest.posture_id[first][v],
@@ -163,7 +163,7 @@ def _first_of_each_target(recording: Recording) -> list[int]:
     return chosen
 
 
-def _sides(posture: Float[np.ndarray, "visits axes"]) -> np.ndarray:
+def sides_of(posture: Float[np.ndarray, "visits axes"]) -> np.ndarray:
     """Return the direction of each axis' last move before each visit."""
     side = np.zeros_like(posture)
     for v in range(1, len(posture)):

@@ -1,0 +1,516 @@
+"""Judges a patch on a recording that it was not fitted to.
+
+Nominal and patched arm do again in MuJoCo what the recording did. For each of the two
+the tracker's frame and the targets' places are fitted to the recording, and nothing
+else: sizes, springs and geometry stay as the patch has them.
+
+- What refers to the clock or the stated frame of the recording that the patch was
+  fitted to (`OWN_RECORDING`) is left out and listed.
+- Without a load, hysteresis that a calibration found is simulated as what it does
+  there: an axis that stops short, on the side it came from.
+- A reading is covered where each axis at which the patch has a law of angle or torque
+  stands and carries what it did in the poses that were fitted (`coverage_of`).
+- A part of the patch is worth what the error grows by when it alone is taken out.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from bench.kinematic_chain import moving
+from bench.patch import AxisRange, Patch, effects_of, rig_of
+from bench.proof.comparison import (
+    ComparisonMode,
+    comparison_mode_of,
+    means_count,
+    residual_of,
+)
+from bench.proof.explained_share import Channel, channel_of, floor_of
+from bench.proof.nominal_fit import framed
+from bench.proof.proof_checks import squares
+from bench.proof.setup import mounted_on, replay_simulation_of
+from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
+from bench.rig import Rig
+from bench.shared.effect_catalogue import CATALOGUE
+from bench.shared.errors import Unusable
+from bench.shared.recording import Recording
+from scenarios.pipelines.patching import FROM_SIDES, NEAR
+from scenarios.pipelines.recording_check import SMALL_TORQUE, static_torque
+from scenarios.pipelines.schema import At, Interval, Proved
+from stiffness.calibration.model import sides_of
+from stiffness.robot.arm import Arm
+from stiffness.robot.tracker_frame import initial_tracker_frame
+
+# --- The form of proof.json -----------------------------------------------------------
+
+FILE = "proof.json"
+
+
+class Judged(Proved, frozen=True, omit_defaults=True):
+    """The proof's entry, with the orientation of 6D targets."""
+
+    before_rms_mrad: float | msgspec.UnsetType = msgspec.UNSET
+    after_rms_mrad: float | msgspec.UnsetType = msgspec.UNSET
+    gain_mrad: Interval | msgspec.UnsetType = msgspec.UNSET
+
+
+class FarReading(msgspec.Struct, frozen=True):
+    """A reading far from the arm, and by how much with the patch."""
+
+    pose: int
+    marker: str
+    size_mm: float
+
+
+class ProofFile(msgspec.Struct, frozen=True):
+    """The content of proof.json.
+
+    Attributes:
+        recording: Name of the recording that judged.
+        proof: Over all of its poses, none of which the patch was fitted to.
+        covered_share: Share of readings where every axis stands and carries what it
+            did while the patch was fitted; null where the patch does not say.
+        covered: The proof over these readings alone; null where there are none.
+        outliers: Readings that no smooth error makes; they are in the proof.
+        left_out: Effects of the patch that belong to the recording it was fitted to.
+    """
+
+    recording: str
+    proof: Judged
+    covered_share: float | None
+    covered: Judged | None
+    outliers: tuple[FarReading, ...]
+    left_out: tuple[At, ...]
+    schema: int = 1
+
+
+# --- What can be judged ---------------------------------------------------------------
+
+OWN_RECORDING = ("drift", "marker_slip", "tracker_misalignment")
+"""Effects of the clock or of the stated frame of the recording they were found in."""
+GROUPS = 500
+"""Poses over which an interval is taken; of more, so many runs of consecutive ones."""
+FRAMINGS, STILL = 12, 1e-8
+"""Steps of the fit of frame and targets at most, and the step in m that ends it."""
+FIT_ROWS = 3000
+"""Rows that frame and targets are fitted to at most, whole visits evenly taken."""
+FAR = 10.0
+"""Distance over the median one from which a reading is listed; chosen: beyond what
+smooth errors make, 15 standard deviations of noise."""
+
+
+@dataclass(frozen=True)
+class AxisCoverage:
+    """How far a patch was fitted to what an axis does in another recording.
+
+    Attributes:
+        name: a1, a2 … as the recording counts.
+        angle: Least and largest angle in the recording, in rad (m on a slide).
+        torque: The same of the torque from weight and load, in N m (N).
+        fitted: Range while the patch was fitted; None where it does not say.
+        laws: Effects of angle or torque that the patch has there.
+        share: Share of readings inside, for those laws.
+    """
+
+    name: str
+    angle: tuple[float, float]
+    torque: tuple[float, float]
+    fitted: AxisRange | None
+    laws: tuple[str, ...]
+    share: float
+
+
+@dataclass(frozen=True)
+class Contribution:
+    """A part of a patch, and the rms error on the recording without it, in m."""
+
+    name: str
+    rms: float
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A patch judged on another recording.
+
+    Attributes:
+        recording: What was done and seen.
+        absolute: Whether positions counted, or differences within visits alone.
+        before: Error of every reading of a target as drawn, in m; NaN = not seen.
+        after: The same with the patch.
+        noise: What the stated noise alone would leave of each reading, in m.
+        covered: Whether each row is covered; None where the patch does not say.
+        axes: What the recording does with each axis.
+        parts: The patch taken apart.
+        error: Rms with all of the patch on the rows that `parts` are judged on, in m.
+        whole: Proof over all rows.
+        inside: Proof over the covered rows; None without.
+        outside: Proof over the others; None without.
+        answer: What goes to proof.json.
+    """
+
+    recording: Recording
+    absolute: bool
+    before: Float[np.ndarray, "rows targets"]
+    after: Float[np.ndarray, "rows targets"]
+    noise: Float[np.ndarray, " rows"]
+    covered: Bool[np.ndarray, " rows"] | None
+    axes: tuple[AxisCoverage, ...]
+    parts: tuple[Contribution, ...]
+    error: float
+    whole: Channel
+    inside: Channel | None
+    outside: Channel | None
+    answer: ProofFile
+
+
+def judge(
+    recording: Recording, arm: Arm, robot: Path, patch: Patch, thorough: bool = True
+) -> Judgement:
+    """Judge a patch on a recording that it was not fitted to.
+
+    Args:
+        recording: Plateaus with at least one tracked target.
+        arm: The nominal arm, with the recording's names.
+        robot: Its model's file.
+        patch: As `bench.patch.read` reads it.
+        thorough: Whether the patch is taken apart too.
+
+    Raises:
+        BenchError: Where it cannot be judged there, or an arm finds no rest.
+    """
+    _check(recording)
+    kept = tuple(e for e in patch.effects if e.effect not in OWN_RECORDING)
+    gone = tuple(At(e.effect, e.where) for e in patch.effects if e not in kept)
+    axes = patch.axes or moving(recording, robot)
+    mounted = mounted_on(recording, rig_of(Patch(axes=axes), robot))
+    patch = replace(patch, effects=kept, axes=axes, mounted=mounted)
+    bare = rig_of(Patch(axes=axes, mounted=mounted), robot)
+    fit = initial_tracker_frame(arm, recording, np.zeros(len(arm.axes)))
+    start = NominalState(bare, fit.turn, fit.shift, fit.marker_positions)
+
+    world = replay_simulation_of(recording, bare, effects_of(patch))
+    moved, rig = patched_arm(world, patch, robot)
+    absolute = means_count(world, start, replace(start, rig=rig))
+    some = _some_visits(recording)
+    mode = comparison_mode_of(world, absolute, some)
+    nominal = _framed(world, start, mode)
+    patched = _framed(moved, replace(nominal, rig=rig), mode)
+    mode = replace(mode, keep=np.ones(len(some), dtype=bool))
+    first, last = _errors(world, nominal, mode), _errors(moved, patched, mode)
+    floor = floor_of(moved, patched, last.seen, mode)[0]
+    covered, coverage = coverage_of(recording, arm, bare, patch)
+
+    def proof(rows: np.ndarray) -> tuple[Channel | None, Channel | None]:
+        if not rows.any():
+            return None, None
+        pose = _runs(recording.posture_id[rows])
+        channels = (
+            channel_of(
+                a[rows], b[rows], np.broadcast_to(n[:, None], a.shape)[rows], pose
+            )
+            for a, b, n in (
+                (first.position, last.position, floor),
+                (first.turn, last.turn, np.zeros(len(rows))),
+            )
+        )
+        return next(channels), next(channels)
+
+    count = lambda rows: len(np.unique(recording.posture_id[rows]))  # noqa: E731
+    whole = proof(mode.keep)
+    if whole[0] is None:
+        fault = "no target is seen in any row that could be judged."
+        raise Unusable(f"Recording {recording.name!r}", [fault])
+    inside = outside = (None, None)
+    if covered is not None:
+        inside, outside = proof(covered), proof(~covered)
+    shown = np.isfinite(last.position).any(axis=1)
+    answer = ProofFile(
+        recording=recording.name,
+        proof=_entry(whole, count(mode.keep)),
+        covered_share=None if covered is None else float(np.mean(covered[shown])),
+        covered=None
+        if covered is None or inside[0] is None
+        else _entry(inside, count(covered)),
+        outliers=_far(recording, first.position, last.position),
+        left_out=gone,
+    )
+    parts, error = (), whole[0].after
+    if thorough:
+        parts, error = _parts(world, patch, robot, patched, replace(mode, keep=some))
+    return Judgement(
+        recording=recording,
+        absolute=absolute,
+        before=np.sqrt(first.position),
+        after=np.sqrt(last.position),
+        noise=np.sqrt(floor),
+        covered=covered,
+        axes=coverage,
+        parts=parts,
+        error=error,
+        whole=whole[0],
+        inside=inside[0],
+        outside=outside[0],
+        answer=answer,
+    )
+
+
+def _check(recording: Recording) -> None:
+    faults = []
+    if recording.rows != "plateaus":
+        faults.append('rows are a "stream"; a patch is judged on "plateaus", at rest.')
+    if not recording.markers or recording.points is None:
+        faults.append("nothing was tracked; a patch is judged on targets' positions.")
+    if faults:
+        raise Unusable(f"Recording {recording.name!r}", faults)
+
+
+def _some_visits(recording: Recording) -> Bool[np.ndarray, " rows"]:
+    """Return the rows of whole visits, evenly taken, that a fit looks at."""
+    visit = np.unique(recording.visit, return_inverse=True)[1]
+    return visit % -(-len(visit) // FIT_ROWS) == 0
+
+
+def _runs(pose: Int[np.ndarray, " rows"]) -> Int[np.ndarray, " rows"]:
+    """Return each row's pose, or which run of consecutive poses it is in."""
+    _, first, index = np.unique(pose, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))
+    count = len(first)
+    return pose if count <= GROUPS else (rank * GROUPS // count)[index]
+
+
+# --- Both arms in the simulator -------------------------------------------------------
+
+
+def patched_arm(
+    world: ReplaySimulation, patch: Patch, robot: Path
+) -> tuple[ReplaySimulation, Rig]:
+    """Return the arm with a patch, and the recording as it does it.
+
+    Args:
+        world: The recording.
+        patch: Hysteresis without settings is a calibration's; without a load its axis
+            stops short by half the width, on the side that it came from.
+        robot: The model's file.
+    """
+    from_side = [
+        e
+        for e in patch.effects
+        if e.effect in FROM_SIDES and not e.settings and world.recording.wrench is None
+    ]
+    rest = tuple(e for e in patch.effects if e not in from_side)
+    rig = rig_of(replace(patch, effects=rest), robot)
+    side, short = sides_of(world.replay.posture), np.zeros(world.replay.posture.shape)
+    for effect in from_side:
+        k = rig.anatomy.axes.index(rig.anatomy.axis(effect.where))
+        own = world.order.tolist().index(k)
+        width = effect.parameters["width_rad"]
+        short[:, own] -= float(width or 0.0) / 2 * side[:, own]
+    replay = replace(world.replay, posture=world.replay.posture + short)
+    return replace(world, replay=replay, _known={}), rig
+
+
+def _framed(
+    world: ReplaySimulation, assumed: NominalState, mode: ComparisonMode
+) -> NominalState:
+    """Fit frame and targets until they stand still."""
+    for _ in range(FRAMINGS):
+        before, assumed = assumed, framed(world, assumed, mode)
+        steps = (
+            assumed.shift - before.shift,
+            assumed.turn - before.turn,
+            assumed.marker_positions - before.marker_positions,
+        )
+        if max(float(np.abs(s).max(initial=0.0)) for s in steps) < STILL:
+            break
+    return assumed
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """Squares of errors: of each target's position in m², of its turn in rad²."""
+
+    seen: SimulatedReadings
+    position: Float[np.ndarray, "rows targets"]
+    turn: Float[np.ndarray, "rows targets"]
+
+
+def _errors(
+    world: ReplaySimulation, assumed: NominalState, mode: ComparisonMode
+) -> _Errors:
+    """Compare readings with an arm; of a 6D target its first point is its position."""
+    seen = world.see(assumed)
+    residual = residual_of(world, seen, mode)
+    targets, count = targets_of(world.recording), len(world.recording.markers)
+    firsts = [own[0] for own in targets.values()]
+    left = residual[:, : 3 * count].reshape(len(residual), count, 3)
+    turns = [
+        np.sum(_turn(left[:, own], seen.point[:, own]) ** 2, axis=1)
+        for own in targets.values()
+        if len(own) > 2
+    ]
+    turn = np.stack(turns, axis=1) if turns else np.full((len(left), 1), np.nan)
+    return _Errors(seen, squares(world, residual)[0][:, firsts], turn)
+
+
+def targets_of(recording: Recording) -> dict[str, list[int]]:
+    """Return the markers of each target, by its name or that of the only one."""
+    found: dict[str, list[int]] = {}
+    for m, marker in enumerate(recording.markers):
+        found.setdefault(marker.target or marker.name, []).append(m)
+    return found
+
+
+def _turn(
+    left: Float[np.ndarray, "rows points 3"], at: Float[np.ndarray, "rows points 3"]
+) -> Float[np.ndarray, "rows 3"]:
+    """Return the small turn that moves points of one body by its residual, in rad."""
+    arm = at - at.mean(axis=1, keepdims=True)
+    left = left - left.mean(axis=1, keepdims=True)
+    inner = np.sum(arm**2, axis=(1, 2))[:, None, None] * np.eye(3)
+    inner = inner - arm.swapaxes(1, 2) @ arm
+    moment = np.sum(np.cross(arm, left), axis=1)
+    return np.linalg.solve(inner, moment[..., None])[..., 0]
+
+
+def _parts(
+    world: ReplaySimulation,
+    patch: Patch,
+    robot: Path,
+    patched: NominalState,
+    mode: ComparisonMode,
+) -> tuple[tuple[Contribution, ...], float]:
+    """Return the error without each part of a patch alone, and with all of it."""
+    rows = mode.keep
+    some = world.part(rows)
+    mode = replace(mode, keep=np.ones(int(rows.sum()), dtype=bool))
+
+    def error(less: Patch) -> float:
+        moved, rig = patched_arm(some, less, robot)
+        state = _framed(moved, replace(patched, rig=rig), mode)
+        return float(np.sqrt(np.nanmean(_errors(moved, state, mode).position)))
+
+    names = list(dict.fromkeys((e.effect, e.where) for e in patch.effects))
+    ways = [(f"{e} at {w}", _lacking(patch, e, w)) for e, w in names]
+    if patch.laws:
+        ways.append(("tables without a name", replace(patch, laws=())))
+    if patch.stiffness_nm_per_rad:
+        ways.append(("springs as fitted", replace(patch, stiffness_nm_per_rad={})))
+    return tuple(Contribution(name, error(less)) for name, less in ways), error(patch)
+
+
+def _lacking(patch: Patch, effect: str, where: str) -> Patch:
+    kept = (e for e in patch.effects if (e.effect, e.where) != (effect, where))
+    return replace(patch, effects=tuple(kept))
+
+
+# --- Coverage -------------------------------------------------------------------------
+
+SLACK = 0.1
+"""Share of the fitted range of torque by which a load may pass either end, or a torque
+that hardly shows; chosen."""
+
+
+def coverage_of(
+    recording: Recording, arm: Arm, nominal: Rig, patch: Patch
+) -> tuple[Bool[np.ndarray, " rows"] | None, tuple[AxisCoverage, ...]]:
+    """Return which rows a patch covers, and what the recording does with each axis.
+
+    Args:
+        recording: The recording that judges.
+        arm: The nominal arm, with the recording's names.
+        nominal: The same in the simulator, whose axes the patch counts.
+        patch: What is judged.
+
+    Returns:
+        A mask, None where the patch does not say what it was fitted to; and the axes.
+    """
+    torque = static_torque(recording, arm.at(recording.posture))
+    inside = np.ones(len(recording.time), dtype=bool)
+    axes = []
+    for k, joint in enumerate(recording.axes or nominal.anatomy.axes):
+        where = f"a{nominal.anatomy.axes.index(joint) + 1}"
+        angle, load = recording.posture[:, k], torque[:, k]
+        known, laws = patch.fitted.get(where), _laws_at(patch, where)
+        own = np.full(len(angle), known is not None or not laws)
+        if known is not None and "angle" in laws.values():
+            ends = np.array(known.angle_rad)[:, :, None]
+            near = (ends[:, 0] - NEAR <= angle) & (angle <= ends[:, 1] + NEAR)
+            own &= near.any(axis=0)
+        if known is not None and "torque" in laws.values():
+            low, high = known.torque_nm
+            more = max(SLACK * (high - low), SMALL_TORQUE)
+            own &= (low - more <= load) & (load <= high + more)
+        inside &= own
+        axes.append(
+            AxisCoverage(
+                name=f"a{k + 1}",
+                angle=(float(angle.min()), float(angle.max())),
+                torque=(float(load.min()), float(load.max())),
+                fitted=known,
+                laws=tuple(dict.fromkeys(name for name, _ in laws)),
+                share=float(own.mean()),
+            )
+        )
+    return (inside if patch.fitted else None), tuple(axes)
+
+
+def _laws_at(patch: Patch, where: str) -> dict[tuple[str, str], str]:
+    """Return the regressors of all effects at an axis, by effect and regressor."""
+    found = {
+        (e.effect, regressor): regressor
+        for e in patch.effects
+        if e.where == where
+        for regressor in CATALOGUE[e.effect].depends_on
+        if regressor in ("angle", "torque")
+    }
+    if any(law.where == where for law in patch.laws):
+        found["table without a name", "torque"] = "torque"
+    return found
+
+
+# --- The entries of proof.json --------------------------------------------------------
+
+MM, MRAD = 1e3, 1e3
+
+
+def _entry(channels: tuple[Channel | None, Channel | None], poses: int) -> Judged:
+    position, turn = channels
+    entry: dict[str, object] = {"simulator": "mujoco", "held_out_poses": poses}
+    for channel, unit, name in ((position, MM, "mm"), (turn, MRAD, "mrad")):
+        if channel is None:
+            continue
+        gain = Interval(channel.gain * unit, channel.low * unit, channel.high * unit)
+        entry |= {
+            f"before_rms_{name}": channel.before * unit,
+            f"after_rms_{name}": channel.after * unit,
+            f"gain_{name}": gain,
+        }
+    if position is not None:
+        entry["noise_rms_mm"] = position.noise * MM
+    return Judged(**entry)  # type: ignore[arg-type]
+
+
+def _far(
+    recording: Recording,
+    before: Float[np.ndarray, "rows targets"],
+    after: Float[np.ndarray, "rows targets"],
+) -> tuple[FarReading, ...]:
+    """Return readings that are far from the arm that errs less, the farthest first."""
+    better = min(before, after, key=np.nanmedian)
+    far = np.nan_to_num(better) > FAR**2 * np.nanmedian(better)
+    names = list(targets_of(recording))
+    rows = sorted(zip(*np.nonzero(far), strict=True), key=lambda at: -after[at])
+    return tuple(
+        FarReading(
+            int(recording.posture_id[row]), names[m], MM * float(np.sqrt(after[row, m]))
+        )
+        for row, m in rows
+    )
+
+
+def text_of(answer: ProofFile) -> str:
+    """Return a judgement as the text of proof.json."""
+    return msgspec.json.format(msgspec.json.encode(answer), indent=2).decode() + "\n"

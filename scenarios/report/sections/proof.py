@@ -1,0 +1,197 @@
+"""The report of a patch that was judged on another recording, and its files."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from bench.proof.explained_share import Channel
+from scenarios.pipelines.judgement import FAR, FILE, AxisCoverage, Judgement, text_of
+from scenarios.pipelines.schema import Interval
+from scenarios.report import figures, page
+from scenarios.report.output_folder import write_folder
+from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+
+# --- The result in words --------------------------------------------------------------
+
+MM = 1e3
+MOST_LISTED = 20
+
+
+def first_sentence(judgement: Judgement) -> str:
+    """Return error before and after, and how much the patch covers, in words."""
+    j, whole = judgement, judgement.whole
+    poses = j.answer.proof.held_out_poses
+    said = (
+        f"{_verdict(whole)} On {poses} poses of another recording, where frame and "
+        f"targets alone were fitted, the simulator misses by {_mm(whole.after)} rms "
+        f"with the patch and by {_mm(whole.before)} as drawn: gain {_mm(whole.gain)} "
+        f"({_mm(whole.low)} to {_mm(whole.high)}); stated noise alone leaves "
+        f"{_mm(whole.noise)}."
+    )
+    share = j.answer.covered_share
+    if share is None:
+        return f"{said} The patch does not say which poses it was fitted to."
+    said += (
+        f" In {100 * share:.0f} % of the readings every axis stands and carries what "
+        "it did where the patch was fitted"
+    )
+    if j.inside is not None and j.outside is not None:
+        return (
+            f"{said}: {_mm(j.inside.before)} as drawn and {_mm(j.inside.after)} with "
+            f"the patch there, {_mm(j.outside.before)} and {_mm(j.outside.after)} "
+            "elsewhere."
+        )
+    return f"{said}."
+
+
+def _verdict(channel: Channel) -> str:
+    if channel.low > 0.0:
+        return "The patch holds here."
+    if channel.high < 0.0:
+        return "The patch makes it worse here."
+    return "It is not shown that the patch holds here."
+
+
+def _mm(value: float) -> str:
+    return f"{MM * value:.3g} mm"
+
+
+# --- The report -----------------------------------------------------------------------
+
+
+def blocks_of(judgement: Judgement) -> Iterator[Block]:
+    """Yield the report; its pictures are made by `write_judgement`."""
+    j = judgement
+    yield Figure(
+        "Errors of targets' positions as drawn and with the patch, reading by reading. "
+        "Frame and targets' places are fitted to this recording for both, and nothing "
+        "else.",
+        "before_after.png",
+    )
+    if not j.absolute:
+        yield Paragraph(
+            "Differences within visits are compared: each visit's mean is taken off."
+        )
+    channels = [("all", j.whole), ("covered", j.inside), ("not covered", j.outside)]
+    yield Table(
+        "Rms over readings; the interval of the gain is a bootstrap over poses.",
+        ("readings", "as drawn [mm]", "patched [mm]", "noise [mm]", "gain [mm]"),
+        [
+            (
+                name,
+                f"{MM * c.before:.4f}",
+                f"{MM * c.after:.4f}",
+                f"{MM * c.noise:.4f}",
+                f"{MM * c.gain:.4f} ({MM * c.low:.4f} to {MM * c.high:.4f})",
+            )
+            for name, c in channels
+            if c is not None
+        ],
+    )
+    proof = j.answer.proof
+    if isinstance(proof.gain_mrad, Interval):
+        yield Paragraph(
+            f"Orientation of 6D targets: {proof.before_rms_mrad:.3g} mrad rms as "
+            f"drawn, {proof.after_rms_mrad:.3g} mrad with the patch (gain "
+            f"{proof.gain_mrad.low:.3g} to {proof.gain_mrad.high:.3g} mrad)."
+        )
+    if j.parts:
+        yield Heading("What each part of the patch is worth here")
+        yield Table(
+            f"Rms of position without one part alone, where all of the patch leaves "
+            f"{_mm(j.error)}. A part that makes it smaller when it is taken out does "
+            "not hold here, or makes up for another.",
+            ("taken out", "then [mm]", "grows by [%]"),
+            [
+                (
+                    p.name,
+                    f"{MM * p.rms:.4f}",
+                    f"{100 * (p.rms / j.error - 1):+.1f}",
+                )
+                for p in sorted(j.parts, key=lambda p: -p.rms)
+            ],
+        )
+    yield Heading("What the patch covers")
+    yield Table(
+        "Range of each axis in this recording, and in the poses that the patch was "
+        "fitted to; the share of readings inside, for axes with an effect of angle or "
+        "torque. Other effects are taken to hold everywhere.",
+        ("axis", "angle", "fitted", "torque", "fitted ", "effects", "inside [%]"),
+        [_row(a) for a in j.axes],
+    )
+    yield Figure(
+        "Rms error over each axis' angle, as drawn (grey) and with the patch (orange); "
+        "shaded where the patch was fitted.",
+        "residual_map.png",
+    )
+    yield from _notes(j)
+
+
+def _row(axis: AxisCoverage) -> tuple[str, ...]:
+    fitted = axis.fitted
+    return (
+        axis.name,
+        _degrees(axis.angle),
+        "not known" if fitted is None else _stretches(fitted.angle_rad),
+        _torque(axis.torque),
+        "not known" if fitted is None else _torque(fitted.torque_nm),
+        ", ".join(axis.laws) or "none",
+        f"{100 * axis.share:.0f}" if axis.laws else "–",
+    )
+
+
+def _stretches(ends: tuple[tuple[float, float], ...]) -> str:
+    whole = _degrees((ends[0][0], ends[-1][1]))
+    return whole if len(ends) == 1 else f"{whole}, in {len(ends)} stretches"
+
+
+def _degrees(ends: tuple[float, float]) -> str:
+    low, high = np.degrees(ends)
+    return f"{low:.0f}° to {high:.0f}°"
+
+
+def _torque(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:.0f} to {ends[1]:.0f} N m"
+
+
+def _notes(j: Judgement) -> Iterator[Block]:
+    gone, far = j.answer.left_out, j.answer.outliers
+    if gone:
+        names = ", ".join(dict.fromkeys(f"{g.effect} at {g.where}" for g in gone))
+        yield Paragraph(
+            f"Left out: {names}. They refer to the clock or the frame of the recording "
+            "that the patch was fitted to."
+        )
+    if far:
+        rest = j.after[np.isfinite(j.after)]
+        others = np.sort(rest)[: len(rest) - len(far)]
+        yield Table(
+            f"Readings more than {FAR:.0f} times as far off as the median one; they "
+            f"count above. Without the {len(far)} farthest the patch leaves "
+            f"{_mm(float(np.sqrt(np.mean(others**2))))}.",
+            ("pose", "target", "off by [mm]"),
+            [(str(o.pose), o.marker, f"{o.size_mm:.3f}") for o in far[:MOST_LISTED]],
+        )
+
+
+# --- The files ------------------------------------------------------------------------
+
+
+def write_judgement(folder: Path, judgement: Judgement) -> None:
+    """Write proof.json, report and pictures.
+
+    Raises:
+        Unusable: Where nothing can be written; then nothing is.
+    """
+
+    def make(waiting: Path) -> None:
+        figures.judged_before_after(judgement, waiting / "before_after.png")
+        figures.judged_over_angles(judgement, waiting / "residual_map.png")
+        title = f"Patch judged on {judgement.recording.name}"
+        page.write(
+            waiting, title, first_sentence(judgement), list(blocks_of(judgement))
+        )
+        (waiting / FILE).write_text(text_of(judgement.answer), encoding="utf-8")
+
+    write_folder(folder, make)
