@@ -1,7 +1,8 @@
 """Public measurements of a UR10 and a KUKA KR300, read into the recording's format.
 
-`ur10_recording`: a UR10's target, measured 11,911 times by a laser tracker; series A of
-github.com/christianlandgraf/ipa-robot-accuracy (MIT licence, July 2020).
+`ur10_recording`: a UR10's target, measured by a laser tracker; series A (11,911 poses,
+July 2020) and B (1,495 poses, November 2020, newly set up) of
+github.com/christianlandgraf/ipa-robot-accuracy (MIT licence).
 
 `kr300_recording`: a KUKA KR300 whose first three axes carry a second encoder, as a
 stream; motions A, B and C of github.com/JonasWeigand/Robot_Identification (MIT
@@ -10,6 +11,7 @@ licence): 10 s each, every 4 ms, no load but the arm's own weight.
 
 from datetime import datetime, timedelta
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pyarrow as pa
@@ -24,40 +26,52 @@ from bench.shared.recording import UNLOADED, Marker, Recording
 
 # --- A UR10 before a laser tracker ----------------------------------------------------
 
-UR10_FILE = "measurements_grid.csv"
+UR10_FILES = {
+    "A": "measurements_grid.csv",
+    "B": "measurements_joint_configurations.csv",
+}
 REPEATABILITY = 1e-5
-"""One sigma of a point, in m (the tracker's class)."""
+"""One sigma of a point, in m (the tracker's class), where readings do not say."""
+INTERVAL = 20.0
+"""Seconds from row to row of series B, whose time stamps are lost; as in series A."""
 TETRAHEDRON = 0.05 * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 """Four points that represent the 6D target, in its frame, in m (chosen: 0.01° are
 then 10 µm)."""
 
 
-def ur10_recording(folder: Path) -> Recording:
-    """Read the series, in the order of its time stamps.
+def ur10_recording(folder: Path, series: Literal["A", "B"] = "A") -> Recording:
+    """Read a series, in the order of its time stamps, of its rows where it has none.
 
     Raises:
         Unusable: Where the file is not there or is another one.
     """
+    file = UR10_FILES[series]
     try:
         semicolons = pa_csv.ParseOptions(delimiter=";")
         commas = pa_csv.ConvertOptions(decimal_point=",")
-        table = pa_csv.read_csv(folder / UR10_FILE, None, semicolons, commas)
-        stamps = map(str, table.column("Timestamp").to_pylist())
-        when = np.array([datetime.strptime(s, "%Y%m%d%H%M%S") for s in stamps])
-        time = (when - when.min()) / timedelta(seconds=1)
+        table = pa_csv.read_csv(folder / file, None, semicolons, commas)
         columns = [table.column(n).to_numpy().astype(float) for n in _columns()]
         values = np.stack(columns, axis=1)
+        time = np.arange(len(values)) * INTERVAL
+        sigma = np.full(3, REPEATABILITY)
+        if series == "A":
+            stamps = map(str, table.column("Timestamp").to_pylist())
+            when = np.array([datetime.strptime(s, "%Y%m%d%H%M%S") for s in stamps])
+            time = (when - when.min()) / timedelta(seconds=1)
+        else:
+            spread = [table.column(f"measurement_std_{c}").to_numpy() for c in "xyz"]
+            sigma = np.sqrt(np.mean(np.square(spread), axis=1)) / 1e3
         if np.size(bad := np.flatnonzero(~np.isfinite(values).all(axis=1)) + 1):
             raise ValueError(f"blanks in rows {bad[:5].tolist()}")
     except (OSError, pa.ArrowException, KeyError, ValueError, TypeError) as error:
-        raise Unusable(f"Folder {str(folder)!r}", [f"{UR10_FILE}: {error}"]) from error
+        raise Unusable(f"Folder {str(folder)!r}", [f"{file}: {error}"]) from error
     order = np.argsort(time, kind="stable")
     time, values = time[order].astype(float), values[order]
     turn = Rotation.from_euler("XYZ", values[:, 10:], degrees=True).as_matrix()
     pose = np.arange(len(time))
     names = ("target_o", "target_x", "target_y", "target_z")
     return Recording(
-        name="UR10 with laser tracker, series A",
+        name=f"UR10 with laser tracker, series {series}",
         robot="UR10 (CB3)",
         time=time,
         posture_id=pose,
@@ -69,7 +83,7 @@ def ur10_recording(folder: Path) -> Recording:
         markers=tuple(Marker(name, "flange", target="t1") for name in names),
         points=values[:, None, 7:10] / 1e3 + TETRAHEDRON @ turn.transpose(0, 2, 1),
         temperature=values[:, 6],
-        tracker=TrackerSpec(np.full(3, REPEATABILITY)),
+        tracker=TrackerSpec(sigma),
     )
 
 

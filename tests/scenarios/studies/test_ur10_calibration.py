@@ -37,7 +37,7 @@ def series(tmp_path: Path) -> Path:
         lines.append(
             ";".join([when, *(f"{n:.12f}".replace(".", ",") for n in numbers)])
         )
-    (tmp_path / public_recordings.UR10_FILE).write_text("\n".join(lines) + "\n")
+    (tmp_path / public_recordings.UR10_FILES["A"]).write_text("\n".join(lines) + "\n")
     return tmp_path
 
 
@@ -81,8 +81,8 @@ def test_the_series_becomes_a_recording_of_the_format(series, tmp_path):
 def test_another_file_is_refused_by_name(tmp_path):
     with pytest.raises(Unusable, match=r"measurements_grid\.csv"):
         public_recordings.ur10_recording(tmp_path)
-    (tmp_path / public_recordings.UR10_FILE).write_text("a;b\n1;2\n")
-    with pytest.raises(Unusable, match="Timestamp"):
+    (tmp_path / public_recordings.UR10_FILES["A"]).write_text("a;b\n1;2\n")
+    with pytest.raises(Unusable, match="shoulder_pan_joint"):
         public_recordings.ur10_recording(tmp_path)
 
 
@@ -90,7 +90,7 @@ def test_another_file_is_refused_by_name(tmp_path):
     ("cell", "says"), [("no stamp", "does not match"), ("", "blanks in rows")]
 )
 def test_a_stamp_or_a_reading_that_is_none_is_refused(series, cell, says):
-    file = series / public_recordings.UR10_FILE
+    file = series / public_recordings.UR10_FILES["A"]
     lines = file.read_text().splitlines()
     cells = lines[3].split(";")
     cells[0 if cell else 5] = cell
