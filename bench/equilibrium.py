@@ -11,13 +11,18 @@ negligible. Loads grow in small steps, so that slip follows the path of slow loa
   θ(t) = θ∞ + (θ₀ - θ∞) exp(-t/T).
 
 The engine's solver minimises a cost and stops near the square root of machine
-precision; `Settle` removes the remaining imbalance. Many visits are computed in blocks,
-so that memory stays small.
+precision; `Settle` removes the remaining imbalance. Visits that begin with nothing are
+computed side by side, in blocks, so that memory stays small (`solve_in_blocks`). Where
+gears remember, one visit follows the other along the way between their postures
+(`solve_in_turn`): what slipped or crept stays so, relative to the motor, while the
+torque of gravity changes on the way.
 """
 
 import copy
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -223,39 +228,167 @@ def solve(
     Raises:
         BenchError: Where an arm does not converge, naming the visit.
     """
-    visits, steps = schedule.hold.shape
-    model = made_static(model, creep)
-    runs = batch.Batch(model, nsim=visits, nthread=_threads())
-    _command(runs, model, axes, schedule)
-    gravity = runs.expand("opt.gravity")
-    full_gravity = gravity.copy()
-    ctrl, push = runs.bind("ctrl"), runs.bind("xfrc_applied")
-    xpos, xmat = runs.bind("xpos"), runs.bind("xmat")
-    sensors, qpos = runs.bind("sensordata"), runs.bind("qpos")
-    mount = model.body(LOAD_POINT).id
-    creeping = _Creep(runs, model, creep)
-    settle = Settle(runs, model, axes, creep, before)
+    arms = _Arms(model, axes, creep, schedule, before)
+    steps = range(schedule.hold.shape[1])
+    return _rest_of([arms.load(schedule, step, step == 0) for step in steps], arms)
 
-    rest, worst = [], 0.0
-    for step in range(steps):
+
+@dataclass(frozen=True)
+class Ways:
+    """Ways from posture to posture, the same number of points on each.
+
+    Attributes:
+        reference: As in `Schedule`, at each point; the last is the visit's own.
+        stiffness: Likewise.
+        time: How long each way takes, in s.
+    """
+
+    reference: Float[np.ndarray, "visits points axes"]
+    stiffness: Float[np.ndarray, "visits points axes"]
+    time: Float[np.ndarray, " visits"]
+
+
+def solve_in_turn(
+    model: mujoco.MjModel,
+    axes: Int[np.ndarray, " axes"],
+    creep: dict[int, float],
+    schedule: Schedule,
+    ways: Ways,
+) -> Rest:
+    """Return the equilibrium of every visit, each beginning as the one before ended.
+
+    Args:
+        model: As in `solve`.
+        axes: As in `solve`.
+        creep: As in `solve`.
+        schedule: As in `solve`; visits in the order of time.
+        ways: From the posture before to that of each visit, without a load; the first
+            visit has none, and grows its gravity from nothing.
+
+    Raises:
+        BenchError: Where an arm does not converge, naming the visit.
+    """
+    visits, steps = schedule.hold.shape
+    arms, rests = None, []
+    for visit in range(visits):
+        own = _some(schedule, slice(visit, visit + 1))
+        if arms is None:
+            arms = _Arms(model, axes, creep, own, 0)
+        else:
+            arms.move(_some(ways, slice(visit, visit + 1)), visit)
+        course = [arms.load(own, step, visit + step == 0) for step in range(steps)]
+        rests.append(_rest_of(course, arms))
+    return _joined(rests)
+
+
+Of = TypeVar("Of", Schedule, Ways)
+
+
+def _some(whole: Of, visits: slice) -> Of:
+    """Return a schedule or ways of some visits."""
+    parts = {f.name: getattr(whole, f.name)[visits] for f in fields(whole)}
+    return type(whole)(**parts)
+
+
+class _Arms:
+    """Arms in the simulator, one for each visit that is computed side by side."""
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        axes: Int[np.ndarray, " axes"],
+        creep: dict[int, float],
+        schedule: Schedule,
+        before: int,
+    ):
+        """Put the arms into their postures, weightless; see `solve`."""
+        model = made_static(model, creep)
+        self.model, self.axes, self.creep = model, axes, creep
+        runs = batch.Batch(model, nsim=len(schedule.hold), nthread=_threads())
+        self.runs = runs
+        self.reference = schedule.reference
+        _command(runs, model, axes, schedule)
+        self.gravity = runs.expand("opt.gravity")
+        self.full_gravity = self.gravity.copy()
+        self.ctrl, self.push = runs.bind("ctrl"), runs.bind("xfrc_applied")
+        self.fields = [
+            runs.bind(name) for name in ("xpos", "xmat", "qpos", "sensordata")
+        ]
+        self.mount = model.body(LOAD_POINT).id
+        self.creeping = _Creep(runs, model, creep)
+        self.settle = Settle(runs, model, axes, creep, before)
+        self.worst = 0.0
+
+    def load(
+        self, schedule: Schedule, step: int, lifted: bool = False
+    ) -> list[np.ndarray]:
+        """Apply the loads of a step; return fields of the arms at rest.
+
+        Args:
+            schedule: Of these arms.
+            step: Its index.
+            lifted: Whether gravity grows with the load, from nothing.
+        """
+        ctrl, push, mount = self.ctrl, self.push, self.mount
         start = (ctrl.copy(), push[:, mount].copy())
-        for fraction in LOAD_STEPS if model.nplastic else (1.0,):
-            if step == 0:
-                gravity[:] = fraction * full_gravity
+        for fraction in LOAD_STEPS if self.model.nplastic else (1.0,):
+            if lifted:
+                self.gravity[:] = fraction * self.full_gravity
             ctrl[:] = start[0] + fraction * (schedule.tension[:, step] - start[0])
             push[:, mount] = start[1] + fraction * (schedule.wrench[:, step] - start[1])
-            runs.step(nstep=STEPS)
-        if creep:
-            settle.nearly()
-            creeping.hold(schedule.hold[:, step])
-        worst = max(worst, settle())
-        rest.append([field.copy() for field in (xpos, xmat, qpos, sensors)])
+            self.runs.step(nstep=STEPS)
+        if self.creep:
+            self.settle.nearly()
+            self.creeping.hold(schedule.hold[:, step])
+        self.worst = max(self.worst, self.settle())
+        return [field.copy() for field in self.fields]
+
+    def move(self, ways: Ways, before: int) -> None:
+        """Unload the arms and move them; gears keep what slipped and what crept.
+
+        Args:
+            ways: Of these arms.
+            before: Number of visits before these.
+        """
+        self.settle.before = before
+        start = (self.ctrl.copy(), self.push[:, self.mount].copy())
+        if np.any(start[0]) or np.any(start[1]):
+            for fraction in LOAD_STEPS:
+                self.ctrl[:] = (1.0 - fraction) * start[0]
+                self.push[:, self.mount] = (1.0 - fraction) * start[1]
+                self.runs.step(nstep=STEPS)
+            self.settle.nearly()
+        points = ways.reference.shape[1]
+        for point in range(points):
+            self._stand(ways.reference[:, point], ways.stiffness[:, point])
+            self.settle.nearly()
+            if self.creep and np.all(ways.time > 0.0):
+                self.creeping.hold(ways.time / points)
+
+    def _stand(self, reference: np.ndarray, stiffness: np.ndarray) -> None:
+        model, runs = self.model, self.runs
+        step = np.zeros_like(runs.bind("qpos"))
+        step[:, model.jnt_qposadr[self.axes]] = reference - self.reference
+        self.reference = reference
+        for name in ("qpos_spring", "qpos"):
+            field = runs.expand(name) if name == "qpos_spring" else runs.bind(name)
+            field[:] = field + step
+        runs.expand("jnt_stiffness")[:, self.axes] = stiffness
+        lengths, plastic = runs.expand("tendon_lengthspring"), runs.bind("plastic")
+        for t, moved in _along_tendons(model, step):
+            slot = model.tendon_plasticadr[t]
+            for one in moved:
+                lengths[:, t] += one[:, None]
+                if slot >= 0:
+                    plastic[:, slot : slot + 2] += one[:, None]
+
+
+def _rest_of(course: list[list[np.ndarray]], arms: _Arms) -> Rest:
     position, rotation, joint, force = (
-        np.stack([entry[i] for entry in rest], axis=1) for i in range(4)
+        np.stack([entry[i] for entry in course], axis=1) for i in range(4)
     )
-    return Rest(
-        position, rotation.reshape(*rotation.shape[:3], 3, 3), joint, force, worst
-    )
+    rotation = rotation.reshape(*rotation.shape[:3], 3, 3)
+    return Rest(position, rotation, joint, force, arms.worst)
 
 
 def _threads() -> int:
@@ -280,16 +413,29 @@ def _command(
     reference[:] = reference + turned
     stiffness[:, axes] = schedule.stiffness
     qpos[:] = reference
+    for t, moved in _along_tendons(model, turned):
+        for one in moved:
+            lengths[:, t] += one[:, None]
+        slot = model.tendon_plasticadr[t]
+        if slot >= 0:
+            plastic[:, slot : slot + 2] = lengths[:, t]
+
+
+def _along_tendons(
+    model: mujoco.MjModel, turned: Float[np.ndarray, "visits positions"]
+) -> Iterator[tuple[int, list[Float[np.ndarray, " visits"]]]]:
+    """Yield each tendon on joints, and how far each of its joints moves along it."""
     for t in range(model.ntendon):
         first, count = model.tendon_adr[t], model.tendon_num[t]
         if model.wrap_type[first] != mujoco.mjtWrap.mjWRAP_JOINT:
             continue
-        for w in range(first, first + count):
-            shift = turned[:, model.jnt_qposadr[model.wrap_objid[w]]]
-            lengths[:, t] += (model.wrap_prm[w] * shift)[:, None]
-        slot = model.tendon_plasticadr[t]
-        if slot >= 0:
-            plastic[:, slot : slot + 2] = lengths[:, t]
+        yield (
+            t,
+            [
+                model.wrap_prm[w] * turned[:, model.jnt_qposadr[model.wrap_objid[w]]]
+                for w in range(first, first + count)
+            ],
+        )
 
 
 class _Creep:
@@ -329,13 +475,17 @@ def solve_in_blocks(
     schedule: Schedule,
 ) -> Rest:
     """Return the equilibrium of every visit, in blocks; see `solve`."""
-    rests = []
-    for start in range(0, len(schedule.hold), BLOCK):
-        part = {
-            field.name: getattr(schedule, field.name)[start : start + BLOCK]
-            for field in fields(Schedule)
-        }
-        rests.append(solve(model, axes, creep, Schedule(**part), start))
+    starts = range(0, len(schedule.hold), BLOCK)
+    return _joined(
+        [
+            solve(model, axes, creep, _some(schedule, slice(s, s + BLOCK)), s)
+            for s in starts
+        ]
+    )
+
+
+def _joined(rests: list[Rest]) -> Rest:
+    """Return the states of all visits, one after the other."""
     if len(rests) == 1:
         return rests[0]
     arrays = [field.name for field in fields(Rest) if field.name != "residual"]

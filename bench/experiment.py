@@ -16,7 +16,7 @@ from bench.instruments import Instruments
 from bench.instruments.markers import Markers, Stuck
 from bench.instruments.random_streams import streams
 from bench.kinematic_chain import anatomy
-from bench.rig import Rig, States
+from bench.rig import Memory, Rig, States
 from bench.shared.plan import Plan
 from bench.shared.recording import Recording
 
@@ -29,6 +29,7 @@ def record(
     instruments: Instruments | None = None,
     seed: int = 0,
     name: str = "",
+    memory: Memory = "forgotten",
 ) -> Recording:
     """Carry out a plan and return the instruments' recording.
 
@@ -39,6 +40,7 @@ def record(
         seed: Seed of all random draws; the same seed gives the same numbers to the
             last digit.
         name: Name of the recording; empty: as the plan.
+        memory: Whether gears remember the visit before; see `Rig.carry_out`.
 
     Raises:
         BenchError: Where no equilibrium is found.
@@ -47,7 +49,8 @@ def record(
     instruments = instruments or Instruments()
     encoders = faulty(instruments, rig).encoders
     arrival = encoders.arrive(plan.visits, plan.posture.shape[1], streams(seed))
-    return observed(rig, plan, rig.carry_out(plan, arrival), instruments, seed, name)
+    states = rig.carry_out(plan, arrival, memory)
+    return observed(rig, plan, states, instruments, seed, name)
 
 
 def observed(

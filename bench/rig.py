@@ -11,6 +11,7 @@ carried out? What the instruments make of that is `bench.instruments`' business.
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -80,6 +81,12 @@ class States:
 
 
 # --- Rig ------------------------------------------------------------------------------
+
+Memory = Literal["forgotten", "carried"]
+"""Whether gears begin each visit with nothing, or as the visit before left them."""
+WAY_POINTS = 24
+"""Points of a way between postures; chosen: 7.5° of half a turn, over which gravity's
+torque hardly bends."""
 
 
 @dataclass(frozen=True)
@@ -156,13 +163,18 @@ class Rig:
             raise Unusable("The rig's model", [" ".join(str(error).split())]) from None
 
     def carry_out(
-        self, plan: Plan, arrival: Float[np.ndarray, "visits axes"] | None = None
+        self,
+        plan: Plan,
+        arrival: Float[np.ndarray, "visits axes"] | None = None,
+        memory: Memory = "forgotten",
     ) -> States:
         """Carry out a plan with ropes and weights, and return where everything was.
 
         Args:
             plan: Postures that the controller reports, and what hangs on the hook.
             arrival: How far beyond its report each motor stops, in rad; None: nowhere.
+            memory: Whether gears keep what slipped and crept from visit to visit, and
+                feel gravity's torque on the way, straight from posture to posture.
 
         Raises:
             BenchError: Where the arm finds no rest, or none near what was planned.
@@ -182,7 +194,8 @@ class Rig:
             ropes,
             np.zeros((len(plan.posture_id), steps, 6)),
             np.broadcast_to(hold, (len(plan.posture_id), steps)),
-            0.0 if arrival is None else arrival,
+            np.zeros(plan.posture.shape) if arrival is None else arrival,
+            plan.move_time if memory == "carried" else None,
         )
         return states.near(plan.posture[plan.row_visit])
 
@@ -219,7 +232,13 @@ class Rig:
         return total
 
     def _rest(
-        self, posture, ropes, wrench, hold, arrival: np.ndarray | float = 0.0
+        self,
+        posture,
+        ropes,
+        wrench,
+        hold,
+        arrival: np.ndarray | float = 0.0,
+        move_time: float | None = None,
     ) -> States:
         model = self.model
         axes = np.array([model.joint(axis).id for axis in self.anatomy.axes])
@@ -228,7 +247,11 @@ class Rig:
         schedule = equilibrium.Schedule(
             command.reference + arrival, command.stiffness, ropes, wrench, hold
         )
-        rest = equilibrium.solve_in_blocks(model, axes, creep, schedule)
+        if move_time is None:
+            rest = equilibrium.solve_in_blocks(model, axes, creep, schedule)
+        else:
+            ways = self._ways(posture, arrival, move_time)
+            rest = equilibrium.solve_in_turn(model, axes, creep, schedule, ways)
         rows = hold.size
         rotation = rest.rotation.reshape(rows, model.nbody, 3, 3)
         joint = rest.joint.reshape(rows, -1)
@@ -239,6 +262,19 @@ class Rig:
             axis_angle=joint @ self._about_axes,
             wrench=load_on_sensor(model, rest.force.reshape(rows, -1), rotation),
             residual=rest.residual,
+        )
+
+    def _ways(self, posture, arrival, move_time: float) -> equilibrium.Ways:
+        """Return the ways between postures, all axes moving evenly from end to end."""
+        share = np.arange(1, WAY_POINTS + 1)[:, None] / WAY_POINTS
+        both = np.stack([posture, posture + arrival])
+        before = np.concatenate([both[:, :1], both[:, :-1]], axis=1)[:, :, None]
+        told, reached = before + share * (both[:, :, None] - before)
+        command = self.command(told.reshape(-1, posture.shape[1]))
+        return equilibrium.Ways(
+            command.reference.reshape(told.shape) + (reached - told),
+            command.stiffness.reshape(told.shape),
+            np.full(len(posture), move_time),
         )
 
     @cached_property

@@ -60,6 +60,8 @@ class Settings:
     """Let --path hang more than the arm's payload."""
     widest_deg: float = 180.0
     """How far an axis turns either way at most; a KR10's table is what it is."""
+    memory: Literal["forgotten", "carried"] = "forgotten"
+    """Whether gears keep what slipped and crept from visit to visit."""
     seed: int = 0
     """Of everything random."""
     truth_file: Path | None = None
@@ -90,7 +92,7 @@ def main(settings: Settings) -> Recording:
         Console().print(catalogue_tables(synthetic.bare_rig(s.robot, s.hand).anatomy))
         raise SystemExit(0)
     true = (s.effect, s.truth == "default", s.stiffness_scale, s.stiffness)
-    out, rig, path, instruments, *_ = collect(
+    out, rig, path, tools, *_ = collect(
         lambda: synthetic.folder_beside(s.out, s.truth_file),
         lambda: synthetic.concealing_rig(s.robot, s.hand, *true),
         lambda: None if s.path is None else parse_path(s.path),
@@ -98,21 +100,19 @@ def main(settings: Settings) -> Recording:
         lambda: at_least(0, seed=s.seed, revisits=s.revisits),
         lambda: at_least(1, poses=s.poses),
     )
-    plan, loads = synthetic.planned(
-        rig, path, s.overload, s.poses, s.revisits, s.seed, s.widest_deg
-    )
+    asked = (s.overload, s.poses, s.revisits, s.seed, s.widest_deg)
+    plan, loads = synthetic.planned(rig, path, *asked)
     with Console(stderr=True).status("recording"):
-        sizes = tuple(effect_sizes(rig, plan, instruments, s.seed))
-        synthetic.refuse_unseen(sizes[len(sizes) - len(s.effect) :], instruments, rig)
-        recording = record(rig, plan, instruments, s.seed, s.name)
-    truth = synthetic.truth_text(rig, recording.name, s.seed, instruments)
-    synthetic.written_with_truth(
-        s.truth_file, truth, lambda: folder.write(out, recording)
-    )
-    rows, markers = len(recording.time), len(recording.markers)
-    print(f"{out}: {rows} rows, {markers} markers.\n{loads}")
+        sizes = tuple(effect_sizes(rig, plan, tools, s.seed))
+        synthetic.refuse_unseen(sizes[len(sizes) - len(s.effect) :], tools, rig)
+        recording = record(rig, plan, tools, s.seed, s.name, s.memory)
+    truth = synthetic.truth_text(rig, recording.name, s.seed, tools, s.memory)
+    write = lambda: folder.write(out, recording)  # noqa: E731
+    synthetic.written_with_truth(s.truth_file, truth, write)
+    print(f"{out}: {len(recording.time)} rows, {len(recording.markers)} markers.")
+    print(loads)
     if sizes:
-        Console().print(sizes_table(sizes, instruments))
+        Console().print(sizes_table(sizes, tools))
     return recording
 
 

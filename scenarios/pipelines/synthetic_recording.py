@@ -23,7 +23,7 @@ from bench.instruments.tracker import STILL
 from bench.kinematic_chain import axes_to
 from bench.model_file import load
 from bench.payload import payload_of, usual_path
-from bench.rig import RIGID, Rig
+from bench.rig import RIGID, Memory, Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import Unusable, collect
 from bench.shared.plan import DEFAULT_PATH, HOLD, LoadStep, Plan
@@ -204,7 +204,13 @@ class Watching:
 # --- The truth file -------------------------------------------------------------------
 
 
-def truth_text(rig: Rig, name: str, seed: int, instruments: Instruments) -> str:
+def truth_text(
+    rig: Rig,
+    name: str,
+    seed: int,
+    instruments: Instruments,
+    memory: Memory = "forgotten",
+) -> str:
     """Write what is true of a rig as JSON, in SI.
 
     Args:
@@ -212,10 +218,11 @@ def truth_text(rig: Rig, name: str, seed: int, instruments: Instruments) -> str:
         name: Of the recording.
         seed: Of the recording.
         instruments: What watched, before the faults among the effects.
+        memory: Whether gears remembered the visit before.
 
     Returns:
-        `schema`, `recording`, `robot`, `seed`, `effects`, and `stiffness` of each axis
-        in N m/rad, null where it is rigid. An effect has `effect`, `where`,
+        `schema`, `recording`, `robot`, `seed`, `memory`, `effects`, and `stiffness` of
+        each axis in N m/rad, null where it is rigid. An effect has `effect`, `where`,
         `parameters` under the names of the diagnosis' vocabulary, its `mechanism`,
         since one name can have several, and everything that was `set`; the fields of
         `instruments` are those of `bench.instruments`.
@@ -226,6 +233,7 @@ def truth_text(rig: Rig, name: str, seed: int, instruments: Instruments) -> str:
         "recording": name,
         "robot": Path(rig.arm_file).stem,
         "seed": seed,
+        "memory": memory,
         "effects": [_entry(effect) for effect in rig.effects],
         "stiffness": {
             axis: None if stiffness >= RIGID else float(stiffness)
