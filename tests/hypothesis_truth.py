@@ -9,7 +9,7 @@ import numpy as np
 from bench.effects.effect import Effect
 from bench.experiment import record
 from bench.instruments import ForceSensor, Instruments, Tracker
-from bench.rig import Rig
+from bench.rig import Memory, Rig
 from bench.shared.instrument_specs import WrenchSpec
 from bench.shared.plan import LoadStep, Plan, mixed_pulleys
 from bench.shared.recording import Recording
@@ -50,9 +50,9 @@ def plan() -> Plan:
 
 
 @cache
-def recording(*effects: Effect) -> Recording:
+def recording(*effects: Effect, memory: Memory = "forgotten") -> Recording:
     """Record the plan on a KR10 with these effects."""
-    return record(Rig(KR10, effects), plan(), SILENT)
+    return record(Rig(KR10, effects), plan(), SILENT, memory=memory)
 
 
 @cache

@@ -214,7 +214,7 @@ def other_forms(
 
 # --- Refinement of shapes -------------------------------------------------------------
 
-WHOLE = ("with", "settled", "within", "beside")
+WHOLE = ("with", "memory", "within", "beside")
 """Shape parameters that count something and have nothing in between."""
 
 

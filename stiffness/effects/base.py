@@ -75,7 +75,7 @@ class Hypothesis(ABC):
     ) -> Float[np.ndarray, "shapes parameters"]:
         """Return a coarse grid of shapes within their physical bounds, one a row.
 
-        At most about eight: neighbours should have Jacobians with a cosine near 0.95.
+        At most about a dozen: neighbours should have Jacobians with a cosine near 0.95.
         The engine refines between the grid's outermost values. One row with no entry,
         unless overridden: the law has no shape parameters.
         """

@@ -1,14 +1,14 @@
 """Creep of a gear: wind-up that grows with the time under load.
 
 ==========  ==========================================================================
-Equation    T dx/dt = τ(t) - x, at arrival x = 0, or gravity's torque where the arm has
-            settled under it; θ = C τ + ratio C x
+Equation    T dx/dt = τ(t) - x; at arrival x is 0, or gravity's torque where the arm has
+            come to rest under it, or what the visit before and the way left
+            (`MEMORIES`); θ = C τ + ratio C x
 Source      standard linear solid: Zener 1948, "Elasticity and anelasticity of metals"
 Valid       loads that are constant from `load_time` on, until the next row's
-            `load_time`; an arm that comes to its posture without memory except of
-            gravity
-Ignores     faster and slower relaxation times (its variants); creep remaining from the
-            posture before
+            `load_time`; a way that begins at the last reading and ends at the first
+            `load_time` of the next visit
+Ignores     faster and slower relaxation times (its variants)
 ==========  ==========================================================================
 """
 
@@ -23,6 +23,13 @@ from typing_extensions import override
 from stiffness.effects.base import Hypothesis, sprung
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
+from stiffness.experiment.visits import (
+    BEFORE,
+    GRAVITY,
+    NOTHING,
+    carried_states,
+    memories,
+)
 
 FASTEST, SLOWEST = 0.25, 4.0
 """T over the shortest wait and over the longest visit; chosen: beyond them creep mimics
@@ -34,7 +41,7 @@ class Creep(Hypothesis):
     """Axis whose wind-up follows its torque partly at once and partly with a delay."""
 
     effect: ClassVar[str] = "creep"
-    shape_names: ClassVar[tuple[str, ...]] = ("time_s", "settled")
+    shape_names: ClassVar[tuple[str, ...]] = ("time_s", "memory")
     logarithmic: ClassVar[tuple[str, ...]] = ("time_s",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.0, 2.0),
@@ -56,7 +63,8 @@ class Creep(Hypothesis):
         visit = recording.time[steps[:, -1]] - recording.load_time[steps[:, 0]]
         low, high = FASTEST * stands[stands > 0.0].min(), SLOWEST * visit.max()
         times = np.geomspace(low, high, 4)
-        return np.array([(time, settled) for settled in (0.0, 1.0) for time in times])
+        kept = memories(len(steps))
+        return np.array([(time, float(memory)) for memory in kept for time in times])
 
     @override
     def jacobian(
@@ -66,7 +74,7 @@ class Creep(Hypothesis):
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
         k = situation.axis(where)
-        return turn(k, followed(situation, k, shape[0], bool(shape[1])))
+        return turn(k, followed(situation, k, shape[0], round(shape[1])))
 
     @override
     def variants(
@@ -76,9 +84,14 @@ class Creep(Hypothesis):
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
         k = situation.axis(where)
-        time, settled = shape[0], bool(shape[1])
-        beside = [followed(situation, k, f * time, settled) for f in (1 / 3, 3.0)]
-        return turn(k, *beside, followed(situation, k, time, not settled))
+        time, own = shape[0], round(shape[1])
+        beside = [followed(situation, k, f * time, own) for f in (1 / 3, 3.0)]
+        others = [
+            followed(situation, k, time, memory)
+            for memory in memories(len(situation.steps))
+            if memory != own
+        ]
+        return turn(k, *beside, *others)
 
     @override
     def parameters(
@@ -98,7 +111,7 @@ def waits(situation: StaticState) -> Float[np.ndarray, " rows"]:
 
 
 def followed(
-    situation: StaticState, axis: int, time_constant: float, settled: bool = False
+    situation: StaticState, axis: int, time_constant: float, memory: int = NOTHING
 ) -> Float[np.ndarray, " rows"]:
     """Return the low-pass filtered torque of a creeping element, in N m, by reading.
 
@@ -109,19 +122,59 @@ def followed(
         situation: With the torque and the order of rows.
         axis: Its index, counted from 0.
         time_constant: T, in s.
-        settled: Whether creep under gravity had ended before the arrival.
+        memory: Its state at arrival, one of `MEMORIES`.
     """
+    steps = situation.steps
+    gravity = situation.torque[steps[:, 0], axis]
+    gravity = gravity - situation.load_torque[steps[:, 0], axis]
+    start = np.zeros(len(steps))
+    if memory == GRAVITY:
+        start = gravity
+    elif memory == BEFORE:
+        start = _from_before(situation, axis, time_constant)
+    return situation.from_steps(_states(situation, axis, time_constant, start))
+
+
+def _from_before(
+    situation: StaticState, axis: int, time_constant: float
+) -> Float[np.ndarray, " visits"]:
+    """Return the state at each arrival that all visits before and their ways left."""
+    recording, steps = situation.recording, situation.steps
+    way = situation.way_torque[:, :, axis]
+    arrival = recording.load_time[steps[:, 0]]
+    move = np.diff(arrival, prepend=arrival[0])
+    move[1:] = np.maximum(arrival[1:] - recording.time[steps[:-1, -1]], 0.0)
+    kept = np.exp(-move / time_constant / way.shape[1])
+    bound = max(float(np.max(np.abs(situation.torque[:, axis]))), 1e-30)
+
+    def ends(start: float) -> np.ndarray:
+        """Return the state at the next arrival of visits that begin alike."""
+        now = _states(situation, axis, time_constant, np.full(len(steps), start))
+        last = now[:-1, -1]
+        for point in range(way.shape[1]):
+            torque = way[1:, point]
+            last = torque + (last - torque) * kept[1:]
+        return np.append(last, 0.0)  # none after the last
+
+    return carried_states(ends(-bound), ends(bound), bound)
+
+
+def _states(
+    situation: StaticState,
+    axis: int,
+    time_constant: float,
+    now: Float[np.ndarray, " visits"],
+) -> Float[np.ndarray, "visits longest"]:
+    """Return the state at each reading of all visits, from that at their arrival."""
     recording, steps = situation.recording, situation.steps
     torque = situation.torque[steps, axis]  # (visits, longest) N m
     read, changed = recording.time[steps], recording.load_time[steps]
     state = np.empty_like(torque)
-    now, last, before = np.zeros(len(steps)), changed[:, 0], torque[:, 0]
-    if settled:
-        now = before - situation.load_torque[steps[:, 0], axis]
+    last, before = changed[:, 0], torque[:, 0]
     for step in range(torque.shape[1]):
         change = np.clip(changed[:, step], last, read[:, step])
         now = before + (now - before) * np.exp((last - change) / time_constant)
         before, last = torque[:, step], read[:, step]
         now = before + (now - before) * np.exp((change - last) / time_constant)
         state[:, step] = now
-    return situation.from_steps(state)
+    return state

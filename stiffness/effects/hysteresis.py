@@ -6,11 +6,9 @@ Equation    θ = C τ - s(τ) w/2 z(τ path), s the slope of the axis' wind-up o
             distance from its middle, z = (τ - P[τ]) / r, P the play of half width r
 Source      Visintin 1994, "Differential Models of Hysteresis", chapter III (play and
             stop); the stop z is one Maxwell-slip element as a function of torque
-Valid       slow loads; rate-independent; an arm whose torque grew from zero to its
-            first reading, or whose gears came to rest there (`settled`)
+Valid       slow loads; rate-independent; a gear that arrives with one of `MEMORIES`
 Ignores     the spread of several slipping elements and a rounded stop, dz = (1 - z
-            sign(dτ)) dτ / r (Dahl 1968), its variants; wind-up remaining from the way
-            to the posture
+            sign(dτ)) dτ / r (Dahl 1968), its variants; ways that are not straight
 ==========  ==========================================================================
 """
 
@@ -25,6 +23,13 @@ from typing_extensions import override
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
+from stiffness.experiment.visits import (
+    BEFORE,
+    GRAVITY,
+    NOTHING,
+    carried_states,
+    memories,
+)
 
 
 @dataclass(frozen=True)
@@ -32,7 +37,7 @@ class Hysteresis(Hypothesis):
     """Axis whose wind-up depends on the path of its torque."""
 
     effect: ClassVar[str] = "hysteresis"
-    shape_names: ClassVar[tuple[str, ...]] = ("slip_nm", "settled")
+    shape_names: ClassVar[tuple[str, ...]] = ("slip_nm", "memory")
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"width_rad": (0.0, 1e-2)}
     magnitudes: ClassVar[tuple[str, ...]] = ("width_rad",)
 
@@ -48,7 +53,8 @@ class Hysteresis(Hypothesis):
     ) -> Float[np.ndarray, "shapes parameters"]:
         largest = np.max(np.abs(situation.load_torque[:, situation.axis(where)]))
         slips = largest * np.array([0.03, 0.1, 0.25, 0.6])
-        return np.array([(slip, settled) for settled in (0.0, 1.0) for slip in slips])
+        kept = memories(len(situation.steps))
+        return np.array([(slip, float(memory)) for memory in kept for slip in slips])
 
     @override
     def jacobian(
@@ -59,7 +65,7 @@ class Hysteresis(Hypothesis):
     ) -> EffectJacobian:
         k = situation.axis(where)
         half = 0.5 * situation.softness_of(k)
-        return turn(k, -half * stop(situation, k, shape[0], bool(shape[1])))
+        return turn(k, -half * stop(situation, k, shape[0], round(shape[1])))
 
     @override
     def variants(
@@ -69,12 +75,16 @@ class Hysteresis(Hypothesis):
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
         k = situation.axis(where)
-        slip, settled = shape[0], bool(shape[1])
-        spread = [stop(situation, k, f * slip, settled) for f in (0.3, 0.6, 1.7, 3.0)]
-        other = stop(situation, k, slip, not settled)
-        soft = [rounded(situation, k, f * slip, settled) for f in (0.5, 1.0, 2.0)]
+        slip, own = shape[0], round(shape[1])
+        spread = [stop(situation, k, f * slip, own) for f in (0.3, 0.6, 1.7, 3.0)]
+        others = [
+            stop(situation, k, slip, memory)
+            for memory in memories(len(situation.steps))
+            if memory != own
+        ]
+        soft = [rounded(situation, k, f * slip, own) for f in (0.5, 1.0, 2.0)]
         slope = situation.softness_of(k)
-        return turn(k, *(slope * law for law in (*spread, other, *soft)))
+        return turn(k, *(slope * law for law in (*spread, *others, *soft)))
 
     @override
     def parameters(
@@ -88,7 +98,7 @@ class Hysteresis(Hypothesis):
 
 
 def stop(
-    situation: StaticState, axis: int, slip: float, settled: bool = False
+    situation: StaticState, axis: int, slip: float, memory: int = NOTHING
 ) -> Float[np.ndarray, " rows"]:
     """Return the stop operator of an axis' torque over each visit, in -1 … 1.
 
@@ -96,19 +106,21 @@ def stop(
         situation: With the torque and the order of rows.
         axis: Its index, counted from 0.
         slip: Half width of the play, in N m.
-        settled: Whether it starts from its middle at the first reading of a visit; else
-            torque has grown from zero to there.
+        memory: Its state at arrival, one of `MEMORIES`; gravity's is its middle.
     """
 
     def slipped(last: np.ndarray, before: np.ndarray, now: np.ndarray) -> np.ndarray:
         return np.clip(last + now - before, -slip, slip)
 
-    state = _along_visits(situation, axis, settled, slipped)
+    if memory != BEFORE:
+        state = _along_visits(situation, axis, memory == GRAVITY, slipped)
+    else:
+        state = _along_all(situation, axis, slip, slipped, is_stop=True)
     return state / max(slip, np.finfo(float).tiny)  # 0: never loaded
 
 
 def rounded(
-    situation: StaticState, axis: int, slip: float, settled: bool = False
+    situation: StaticState, axis: int, slip: float, memory: int = NOTHING
 ) -> Float[np.ndarray, " rows"]:
     """Return Dahl's stop of an axis' torque over each visit, in -1 … 1.
 
@@ -118,7 +130,7 @@ def rounded(
         situation: With the torque and the order of rows.
         axis: Its index, counted from 0.
         slip: Torque over which the state follows a turn to 1 - 1/e, in N m.
-        settled: As in `stop`.
+        memory: As in `stop`.
     """
 
     def followed(last: np.ndarray, before: np.ndarray, now: np.ndarray) -> np.ndarray:
@@ -126,29 +138,67 @@ def rounded(
         end = np.sign(change)
         return end + (last - end) * np.exp(-np.abs(change) / max(slip, 1e-300))
 
-    return _along_visits(situation, axis, settled, followed)
+    if memory != BEFORE:
+        return _along_visits(situation, axis, memory == GRAVITY, followed)
+    return _along_all(situation, axis, 1.0, followed, is_stop=False)
+
+
+Moved = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""New state from the old one and the torque before and now, in N m."""
 
 
 def _along_visits(
-    situation: StaticState,
-    axis: int,
-    settled: bool,
-    moved: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray],
+    situation: StaticState, axis: int, at_rest: bool, moved: Moved
 ) -> Float[np.ndarray, " rows"]:
-    """Propagate a state, from 0, along an axis' torque in each visit.
+    """Propagate a state, from 0, along an axis' torque in each visit by itself.
 
     Args:
         situation: With the torque and the order of rows.
         axis: Its index, counted from 0.
-        settled: As in `stop`.
-        moved: New state from the old one and the torque before and now, in N m.
+        at_rest: Whether it is 0 at the first reading, not at no torque.
+        moved: The law.
     """
     path = situation.torque[situation.steps, axis]  # (visits, longest) N m
+    before = path[:, 0] if at_rest else np.zeros(len(path))
+    return situation.from_steps(_states(path, before, np.zeros(len(path)), moved))
+
+
+def _along_all(
+    situation: StaticState, axis: int, bound: float, moved: Moved, is_stop: bool
+) -> Float[np.ndarray, " rows"]:
+    """Propagate a state, from 0, along an axis' torque in all visits and between them.
+
+    Args:
+        situation: With the torque and the order of rows.
+        axis: Its index, counted from 0.
+        bound: Of the state, either sign.
+        moved: The law.
+        is_stop: Whether it sums changes of torque between bounds.
+    """
+    within = situation.torque[situation.steps, axis]  # (visits, longest) N m
+    way = situation.way_torque[:, :, axis]
+    path = np.hstack([way, within])
+    before = np.concatenate([[0.0], within[:-1, -1]])
+    least, most = (
+        _states(path, before, np.full(len(path), start), moved)[:, -1]
+        for start in (-bound, bound)
+    )
+    change = within[:, -1] - before if is_stop else None
+    arrival = carried_states(least, most, bound, change)
+    states = _states(path, before, arrival, moved)
+    return situation.from_steps(states[:, way.shape[1] :])
+
+
+def _states(
+    path: Float[np.ndarray, "visits steps"],
+    before: Float[np.ndarray, " visits"],
+    last: Float[np.ndarray, " visits"],
+    moved: Moved,
+) -> Float[np.ndarray, "visits steps"]:
+    """Return the state after each step of a path of torque, from one before it."""
     state = np.empty_like(path)
-    last = np.zeros(len(path))
-    before = path[:, 0] if settled else np.zeros(len(path))
     for step in range(path.shape[1]):
         last = moved(last, before, path[:, step])
         before = path[:, step]
         state[:, step] = last
-    return situation.from_steps(state)
+    return state

@@ -36,6 +36,10 @@ from stiffness.robot.wrench import felt_body, wrench_in_base
 
 # --- Situation ------------------------------------------------------------------------
 
+WAY_POINTS = 25
+"""Points of a way between postures, both ends too; chosen: 7.5° of half a turn, over
+which gravity's torque hardly bends."""
+
 
 @dataclass(frozen=True, eq=False)
 class StaticState:
@@ -153,6 +157,20 @@ class StaticState:
         start = np.cumsum(count) - count
         at = np.minimum(np.arange(count.max()), count[:, None] - 1)
         return order[start[:, None] + at]
+
+    @cached_property
+    def way_torque(self) -> Float[np.ndarray, "visits points axes"]:
+        """Gravity's torque on the way to each visit, from the posture before, N m.
+
+        All axes move evenly from posture to posture, without a load. The first visit
+        has no way and stands in its posture throughout.
+        """
+        to = self.recording.posture[self.steps[:, 0]]
+        start = np.concatenate([to[:1], to[:-1]])
+        share = np.linspace(0.0, 1.0, WAY_POINTS)[:, None]
+        way = start[:, None] + share * (to - start)[:, None]
+        standing = self.arm.at(way.reshape(-1, to.shape[1]))
+        return standing.gravity_torque(self.recording.tool).reshape(way.shape)
 
     def from_steps(
         self, values: Float[np.ndarray, "visits longest"]

@@ -2,6 +2,8 @@
 
 Within a visit only the load changes, so differences of a marker's positions are due to
 the load; between visits the configuration changes, and only visit means are compared.
+A gear that remembers arrives at a visit with what the visit before left in it
+(`carried_states`).
 """
 
 from collections.abc import Callable
@@ -122,3 +124,44 @@ class Kept(Generic[Laid]):
                 del self.laid[next(iter(self.laid))]
             self.laid[key] = lay(visits)
         return self.laid[key]
+
+
+# --- Memory from visit to visit -------------------------------------------------------
+
+NOTHING, GRAVITY, BEFORE = 0, 1, 2
+"""What a gear's memory holds at arrival: nothing, so that gravity's torque grows from
+zero there; gravity's torque, under which it came to rest; what the visit before and the
+way from it left."""
+MEMORIES = (NOTHING, GRAVITY, BEFORE)
+
+
+def memories(visits: int) -> tuple[int, ...]:
+    """Return the memories that so many visits can tell apart."""
+    return MEMORIES if visits > 1 else MEMORIES[:BEFORE]
+
+
+def carried_states(
+    least: Float[np.ndarray, " visits"],
+    most: Float[np.ndarray, " visits"],
+    bound: float,
+    change: Float[np.ndarray, " visits"] | None = None,
+) -> Float[np.ndarray, " visits"]:
+    """Return the state at each visit's beginning, left by all visits before; first 0.
+
+    A stop that is bounded at both sides ends at the clipped sum of its start and the
+    change of what it follows; any other state ends at a line between two of its ends.
+
+    Args:
+        least: State at each visit's end where it begins at the lower bound.
+        most: The same from the upper bound.
+        bound: Of the state, either sign.
+        change: Of what a stop follows, over each visit; None: it is no stop.
+    """
+    arrival = np.zeros(len(least))
+    for v in range(1, len(least)):
+        start, low, high = arrival[v - 1], least[v - 1], most[v - 1]
+        if change is None:
+            arrival[v] = low + (high - low) * (start + bound) / (2.0 * bound)
+        else:
+            arrival[v] = min(max(start + change[v - 1], low), high)
+    return arrival

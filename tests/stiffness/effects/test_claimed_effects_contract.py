@@ -125,7 +125,7 @@ def test_shapes_are_few_within_limits_and_leave_the_columns_their_number(hypothe
     for situation, where in places(hypothesis):
         shapes = hypothesis.shapes(situation, where)
         assert shapes.shape[1] == len(hypothesis.shape_names)
-        assert 1 <= len(shapes) <= 8
+        assert 1 <= len(shapes) <= 12
         assert len(np.unique(shapes, axis=0)) == len(shapes)
         for name, grid in zip(hypothesis.shape_names, shapes.T, strict=True):
             low, high = hypothesis.limits.get(name, (-np.inf, np.inf))

@@ -40,6 +40,7 @@ from bench.shared.recording import Payload, Recording
 from stiffness.effects.jacobian import turn, values
 from stiffness.effects.statics import reading, turned_load, wind_up
 from stiffness.experiment.static_state import StaticState
+from stiffness.experiment.visits import BEFORE, MEMORIES, NOTHING
 
 SECOND_ORDER = 0.005
 """What may be left of a displacement. A turn of one axis changes the lever arms of the
@@ -136,6 +137,35 @@ def test_another_law_of_the_same_effect_is_alike_at_some_shape_of_the_grid(
     shapes = truth.BY_NAME[effect.name].shapes(situation, effect.where)
     fits = [Fit(situation, effect, shape, [effect.where]).of(done) for shape in shapes]
     _, cosine, found = max(fits, key=lambda fit: fit[1])
+    assert cosine > 0.95
+    asked = next(iter(effect.parameters()))
+    assert_allclose(found[asked], effect.parameters()[asked], rtol=about)
+
+
+@pytest.mark.parametrize(
+    ("effect", "about"),
+    [
+        (Creep("a2", 0.03, 60.0), 0.05),
+        (Creep("a5", 0.03, 60.0), 0.05),
+        (Hysteresis("a2"), 0.1),
+        (Hysteresis("a3"), 0.1),
+        (ManyContacts("a3"), 0.25),
+    ],
+    ids=label,
+)
+@pytest.mark.parametrize("memory", ["forgotten", "carried"])
+def test_what_a_gear_remembers_is_told_by_its_readings(effect, about, memory):
+    """The right memory explains most, and with it sizes are about right."""
+    done = truth.recording(effect, memory=memory)
+    done = truth.in_base(done) - truth.in_base(truth.recording())
+    situation = truth.situation()
+    shapes = truth.BY_NAME[effect.name].shapes(situation, effect.where)
+    if isinstance(effect, Creep):  # its grid of times is coarse
+        shapes = np.array([(effect.time_s, memory) for memory in MEMORIES])
+    fits = [Fit(situation, effect, shape, [effect.where]).of(done) for shape in shapes]
+    best = max(range(len(shapes)), key=lambda i: fits[i][1])
+    assert shapes[best][1] == {"forgotten": NOTHING, "carried": BEFORE}[memory]
+    _, cosine, found = fits[best]
     assert cosine > 0.95
     asked = next(iter(effect.parameters()))
     assert_allclose(found[asked], effect.parameters()[asked], rtol=about)

@@ -1,0 +1,58 @@
+import hypothesis_truth as truth
+import numpy as np
+import pytest
+
+from stiffness.effects.creep import followed
+from stiffness.effects.hysteresis import rounded, stop
+from stiffness.experiment.visits import BEFORE, MEMORIES, memories
+
+
+def whole_path(situation, axis):
+    """Return an axis' torque over the experiment with its ways, and which are rows."""
+    path, read = [0.0], [-1]
+    for visit, rows in enumerate(situation.steps):
+        path += list(situation.way_torque[visit, :, axis])
+        read += [-1] * situation.way_torque.shape[1]
+        path += list(situation.torque[rows, axis])
+        read += list(rows)
+    return np.array(path), np.array(read)
+
+
+@pytest.mark.parametrize("slip", [1.0, 20.0, 1e4])
+def test_carried_stop_is_one_stop_over_the_whole_experiment(slip):
+    """Also where it never slips, and so forgets nothing."""
+    situation = truth.situation()
+    path, read = whole_path(situation, 1)
+    state, states = 0.0, [0.0]
+    for change in np.diff(path):
+        state = min(max(state + change, -slip), slip)
+        states.append(state)
+    expected = np.empty(situation.rows)
+    expected[read[read >= 0]] = np.array(states)[read >= 0] / slip
+    np.testing.assert_allclose(stop(situation, 1, slip, BEFORE), expected, atol=1e-12)
+
+
+def test_carried_rounded_stop_is_one_over_the_whole_experiment():
+    situation, slip = truth.situation(), 15.0
+    path, read = whole_path(situation, 2)
+    state, states = 0.0, [0.0]
+    for change in np.diff(path):
+        end = np.sign(change)
+        state = end + (state - end) * np.exp(-abs(change) / slip)
+        states.append(state)
+    expected = np.empty(situation.rows)
+    expected[read[read >= 0]] = np.array(states)[read >= 0]
+    found = rounded(situation, 2, slip, BEFORE)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_creep_much_faster_than_a_move_remembers_nothing_of_the_visit_before():
+    """Then the way leaves the torque at its end, which is gravity's at the arrival."""
+    situation = truth.situation()
+    fast = [followed(situation, 1, 0.02, memory) for memory in MEMORIES]
+    np.testing.assert_allclose(fast[2], fast[1], atol=1e-6)
+
+
+def test_a_single_visit_cannot_tell_what_was_before_it():
+    assert BEFORE not in memories(1)
+    assert memories(2) == MEMORIES
