@@ -359,11 +359,17 @@ class _Arms:
                 self.runs.step(nstep=STEPS)
             self.settle.nearly()
         points = ways.reference.shape[1]
+        self._creep(
+            ways.time / points / 2
+        )  # the torque at either end acts half as long
         for point in range(points):
             self._stand(ways.reference[:, point], ways.stiffness[:, point])
             self.settle.nearly()
-            if self.creep and np.all(ways.time > 0.0):
-                self.creeping.hold(ways.time / points)
+            self._creep(ways.time / points / (1 + (point == points - 1)))
+
+    def _creep(self, time: Float[np.ndarray, " visits"]) -> None:
+        if self.creep and np.all(time > 0.0):
+            self.creeping.hold(time)
 
     def _stand(self, reference: np.ndarray, stiffness: np.ndarray) -> None:
         model, runs = self.model, self.runs

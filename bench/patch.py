@@ -34,7 +34,7 @@ from bench.effects.effect import Effect
 from bench.effects.gravity_load import GravityLoad
 from bench.effects.tabled_law import TabledLaw
 from bench.model_file import plain_mjcf
-from bench.rig import RIGID, Rig
+from bench.rig import RIGID, Memory, Rig
 from bench.shared.effect_catalogue import on_slide
 from bench.shared.errors import BenchError, UnknownName, Unusable
 from bench.shared.recording import Payload
@@ -264,6 +264,7 @@ class Patch:
         not_in_model: What of it `model.xml` cannot hold, in words.
         fitted: Range of each axis, by a1, a2 …, in the poses that it was fitted to;
             empty: not known.
+        memory: Whether gears keep what slipped and crept from visit to visit.
     """
 
     stiffness_nm_per_rad: dict[str, float | None] = field(default_factory=dict)
@@ -278,6 +279,7 @@ class Patch:
     schema: int = 1
     not_in_model: tuple[str, ...] = ()
     fitted: dict[str, AxisRange] = field(default_factory=dict)
+    memory: Memory = "forgotten"
 
 
 def effects_of(patch: Patch) -> tuple[Effect, ...]:

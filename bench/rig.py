@@ -195,7 +195,9 @@ class Rig:
             np.zeros((len(plan.posture_id), steps, 6)),
             np.broadcast_to(hold, (len(plan.posture_id), steps)),
             np.zeros(plan.posture.shape) if arrival is None else arrival,
-            plan.move_time if memory == "carried" else None,
+            np.full(len(plan.posture_id), plan.move_time)
+            if memory == "carried"
+            else None,
         )
         return states.near(plan.posture[plan.row_visit])
 
@@ -204,6 +206,7 @@ class Rig:
         posture: Float[np.ndarray, "visits axes"],
         wrench: Float[np.ndarray, "visits steps 6"],
         hold: Float[np.ndarray, "visits steps"],
+        way: Float[np.ndarray, " visits"] | None = None,
     ) -> States:
         """Apply wrenches at the sensor's origin along the base's axes, step by step.
 
@@ -211,6 +214,8 @@ class Rig:
             posture: Angles that the controller reports, in rad.
             wrench: In N and N m.
             hold: How long each stands before its row is read, in s.
+            way: How long the way to each visit takes, in s, where gears remember the
+                visit before; None: they forget.
 
         Returns:
             Where everything was; rows run over visits, then steps.
@@ -218,7 +223,7 @@ class Rig:
         ropes = np.zeros((*hold.shape, len(self.mounted.pulley)))
         turn = pose_in_world(self.spec.body(self.anatomy.base))[0]
         wrench = (wrench.reshape(-1, 3) @ turn.T).reshape(wrench.shape)
-        return self._rest(posture, ropes, wrench, hold)
+        return self._rest(posture, ropes, wrench, hold, np.zeros(posture.shape), way)
 
     def command(self, posture: Float[np.ndarray, "visits axes"]) -> Command:
         """Return what the gears are asked to hold, command effects included."""
@@ -237,8 +242,8 @@ class Rig:
         ropes,
         wrench,
         hold,
-        arrival: np.ndarray | float = 0.0,
-        move_time: float | None = None,
+        arrival: Float[np.ndarray, "visits axes"],
+        way: Float[np.ndarray, " visits"] | None,
     ) -> States:
         model = self.model
         axes = np.array([model.joint(axis).id for axis in self.anatomy.axes])
@@ -247,10 +252,10 @@ class Rig:
         schedule = equilibrium.Schedule(
             command.reference + arrival, command.stiffness, ropes, wrench, hold
         )
-        if move_time is None:
+        if way is None or not (model.nplastic or creep):  # nothing to remember
             rest = equilibrium.solve_in_blocks(model, axes, creep, schedule)
         else:
-            ways = self._ways(posture, arrival, move_time)
+            ways = self._ways(posture, arrival, way)
             rest = equilibrium.solve_in_turn(model, axes, creep, schedule, ways)
         rows = hold.size
         rotation = rest.rotation.reshape(rows, model.nbody, 3, 3)
@@ -264,7 +269,12 @@ class Rig:
             residual=rest.residual,
         )
 
-    def _ways(self, posture, arrival, move_time: float) -> equilibrium.Ways:
+    def _ways(
+        self,
+        posture: Float[np.ndarray, "visits axes"],
+        arrival: Float[np.ndarray, "visits axes"],
+        time: Float[np.ndarray, " visits"],
+    ) -> equilibrium.Ways:
         """Return the ways between postures, all axes moving evenly from end to end."""
         share = np.arange(1, WAY_POINTS + 1)[:, None] / WAY_POINTS
         both = np.stack([posture, posture + arrival])
@@ -274,7 +284,7 @@ class Rig:
         return equilibrium.Ways(
             command.reference.reshape(told.shape) + (reached - told),
             command.stiffness.reshape(told.shape),
-            np.full(len(posture), move_time),
+            time,
         )
 
     @cached_property

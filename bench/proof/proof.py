@@ -21,7 +21,7 @@ from bench.proof.proof_checks import ProofCheck, left_outs, placebos
 from bench.proof.refinement import Place, Sensitivity, refined
 from bench.proof.setup import for_simulator, replay_simulation_of
 from bench.proof.simulation import NominalState, ReplaySimulation
-from bench.rig import RIGID
+from bench.rig import RIGID, Memory
 from bench.shared.recording import Recording
 
 MOST_ROWS = 3000
@@ -86,7 +86,7 @@ def prove(
     Raises:
         BenchError: Where the patch cannot be built or finds no rest.
     """
-    recording = _thinned(recording)
+    recording = _thinned(recording, patch.memory)
     placed = for_simulator(recording, patch, arm_file)
     pairs = zip(patch.effects, placed.effects, strict=True)
     now = {(old.effect, old.where): new.where for old, new in pairs}
@@ -96,6 +96,7 @@ def prove(
     own = effects_of(patch)
     bare = rig_of(replace(patch, effects=(), laws=()), arm_file)
     world = replay_simulation_of(recording, bare, own)
+    world = replace(world, memory=patch.memory)
     held = np.isin(recording.posture_id, held_out)
     start = _start(recording, patch, rig)
     unpatched = replace(start, rig=bare)
@@ -128,8 +129,11 @@ def prove(
     )
 
 
-def _thinned(recording: Recording) -> Recording:
-    """Return a recording of bearable length: every so many visits, evenly."""
+def _thinned(recording: Recording, memory: Memory) -> Recording:
+    """Return a recording of bearable length: every so many visits, evenly.
+
+    Where gears remember the visit before, its first visits.
+    """
     rows = len(recording.time)
     if rows <= MOST_ROWS:
         return recording
@@ -137,6 +141,8 @@ def _thinned(recording: Recording) -> Recording:
     if recording.rows == "stream":
         return recording.take(np.arange(0, rows, every))
     visit = np.unique(recording.visit, return_inverse=True)[1]
+    if memory == "carried":
+        return recording.take(visit < (visit.max() + 1) // every)
     return recording.take(visit % every == 0)
 
 

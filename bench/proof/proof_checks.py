@@ -155,7 +155,12 @@ def placebos(
 
 
 def some_of(world: ReplaySimulation, held: np.ndarray) -> Bool[np.ndarray, " rows"]:
-    """Return the rows held out and those of some other visits."""
+    """Return the rows held out and those of some other visits.
+
+    All of them where gears remember: a visit then needs the one before it.
+    """
+    if world.memory == "carried":
+        return np.ones(len(held), dtype=bool)
     others = np.unique(world.replay.visit[~held])
     every = max(1, -(-len(others) // ENOUGH))
     return held | np.isin(world.replay.visit, others[::every])

@@ -38,7 +38,7 @@ from bench.effects.instrument_effect import InstrumentEffect
 from bench.experiment import faulty
 from bench.instruments import ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.tracker import HOUR, STILL, displaced, inverse
-from bench.rig import Rig, States
+from bench.rig import Memory, Rig, States
 from bench.shared.recording import Recording
 
 # --- Replay ---------------------------------------------------------------------------
@@ -62,6 +62,7 @@ class Replay:
         read: Whether that row is read at the end of the step.
         hold: For how long each step lasts, in s.
         visit: Index of each row's stay, from 0, by which differences are taken.
+        way: How long the way to each visit took, in s; the first has none.
     """
 
     posture: Float[np.ndarray, "visits axes"]
@@ -69,6 +70,7 @@ class Replay:
     read: Bool[np.ndarray, "visits steps"]
     hold: Float[np.ndarray, "visits steps"]
     visit: Int[np.ndarray, " rows"]
+    way: Float[np.ndarray, " visits"]
 
     @property
     def rows(self) -> int:
@@ -105,7 +107,12 @@ def replay_of(recording: Recording, waits: bool = True) -> Replay:
         row[v], hold[v] = own[0][-1], QUICK
         row[v, : len(course)], read[v, : len(course)], hold[v, : len(course)] = own
     first = np.array([rows[0] for rows in stays])
-    return Replay(posture[first], row, read, np.maximum(hold, QUICK), visit)
+    last = np.array([rows[-1] for rows in stays])
+    way = np.zeros(len(stays))
+    way[1:] = np.maximum(
+        recording.load_time[first[1:]] - recording.time[last[:-1]], 0.0
+    )
+    return Replay(posture[first], row, read, np.maximum(hold, QUICK), visit, way)
 
 
 def _steps(
@@ -243,6 +250,7 @@ class ReplaySimulation:
         weight: Of what hangs beyond the sensor, where the readings still hold it, about
             the sensor's origin along the base's axes, in N and N m.
         base: Where the base stands in the world, in m, and how it is turned.
+        memory: Whether gears keep what slipped and crept from visit to visit.
     """
 
     recording: Recording
@@ -252,6 +260,7 @@ class ReplaySimulation:
     sensor_axes: Float[np.ndarray, "rows 3 3"]
     weight: Float[np.ndarray, "rows 6"]
     base: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]
+    memory: Memory = "forgotten"
     _known: dict = field(default_factory=dict, repr=False)
 
     def see(self, assumed: NominalState) -> SimulatedReadings:
@@ -335,7 +344,8 @@ class ReplaySimulation:
         posture = np.zeros((len(replay.posture), axes))
         posture[:, self.order] = replay.posture
         wrench = self.wrench(rig)[replay.row]
-        states = rig.respond(posture, wrench, replay.hold)
+        way = replay.way if self.memory == "carried" else None
+        states = rig.respond(posture, wrench, replay.hold, way)
         return replace(
             states,
             position=replay.to_rows(states.position),

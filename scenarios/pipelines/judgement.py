@@ -192,6 +192,7 @@ def judge(
     start = NominalState(bare, fit.turn, fit.shift, fit.marker_positions)
 
     world = replay_simulation_of(recording, bare, effects_of(patch))
+    world = replace(world, memory=patch.memory)
     moved, rig = patched_arm(world, patch, robot)
     absolute = means_count(world, start, replace(start, rig=rig))
     some = _some_visits(recording)

@@ -57,6 +57,7 @@ from bench.shared.recording import Recording
 from bench.user_model import ASSETS
 from scenarios.pipelines.recording_check import static_torque
 from stiffness.diagnosis.result import Diagnosis, NamedEffect, Parameter
+from stiffness.experiment.visits import BEFORE
 from stiffness.robot.arm import Arm
 
 if TYPE_CHECKING:
@@ -132,7 +133,14 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
             for marker, (x, y, z) in zip(recording.markers, nominal.places, strict=True)
         },
         fitted=ranges_of(seen.posture, static_torque(seen, arm.at(seen.posture))),
+        memory="carried" if any(map(_remembers, diagnosis.named)) else "forgotten",
     )
+
+
+def _remembers(effect: NamedEffect) -> bool:
+    """Return whether a gear was found to keep what the visit before left."""
+    has_memory = effect.name.effect in ("hysteresis", "creep")
+    return has_memory and len(effect.shape) > 1 and round(effect.shape[1]) == BEFORE
 
 
 def springs_of_mechanisms(

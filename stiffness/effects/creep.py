@@ -14,6 +14,7 @@ Ignores     faster and slower relaxation times (its variants)
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -144,16 +145,17 @@ def _from_before(
     arrival = recording.load_time[steps[:, 0]]
     move = np.diff(arrival, prepend=arrival[0])
     move[1:] = np.maximum(arrival[1:] - recording.time[steps[:-1, -1]], 0.0)
-    kept = np.exp(-move / time_constant / way.shape[1])
+    share = move[1:] / time_constant / (way.shape[1] - 1)  # of T, from point to point
+    kept = np.exp(-share)
+    lag = np.divide(-np.expm1(-share), share, out=np.ones_like(share), where=share > 0)
     bound = max(float(np.max(np.abs(situation.torque[:, axis]))), 1e-30)
 
     def ends(start: float) -> np.ndarray:
         """Return the state at the next arrival of visits that begin alike."""
         now = _states(situation, axis, time_constant, np.full(len(steps), start))
         last = now[:-1, -1]
-        for point in range(way.shape[1]):
-            torque = way[1:, point]
-            last = torque + (last - torque) * kept[1:]
+        for old, new in pairwise(way[1:].T):  # torque changes evenly between points
+            last = new + (last - old) * kept - (new - old) * lag
         return np.append(last, 0.0)  # none after the last
 
     return carried_states(ends(-bound), ends(bound), bound)

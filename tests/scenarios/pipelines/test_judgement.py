@@ -12,7 +12,7 @@ from bench.experiment import record
 from bench.instruments import Instruments, Markers
 from bench.patch import AxisRange, Patch, PatchEffect
 from bench.proof.setup import replay_simulation_of
-from bench.rig import Rig
+from bench.rig import Memory, Rig
 from bench.shared.errors import Unusable
 from bench.shared.format.folder import write
 from bench.shared.plan import parse_path
@@ -35,7 +35,7 @@ TRUE = Patch(
 FLANGE = Instruments(markers=Markers("flange"))
 
 
-def recorded(kr10, seed=3, path="0,5,10,5,0", poses=9):
+def recorded(kr10, seed=3, path="0,5,10,5,0", poses=9, memory: Memory = "forgotten"):
     rig = Rig(kr10)
     said = (
         f"encoder_offset@a3,offset_rad={OFFSET}",
@@ -43,7 +43,7 @@ def recorded(kr10, seed=3, path="0,5,10,5,0", poses=9):
     )
     rig = replace(rig, effects=parse_all(said, rig.nominal))
     plan = replace(table_one_plan(poses=poses), path=parse_path(path))
-    return record(rig, plan, FLANGE, seed=seed)
+    return record(rig, plan, FLANGE, seed=seed, memory=memory)
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +73,15 @@ def test_a_patch_that_does_not_hold_is_said_to_make_it_worse(loaded, kr10):
     found = judged(loaded, kr10, replace(TRUE, effects=wrong))
     assert found.whole.high < 0.0
     assert first_sentence(found).startswith("The patch makes it worse here.")
+
+
+def test_gears_remember_where_the_patch_says_so(kr10):
+    """Loads too small to wipe out what the visit before left."""
+    recording = recorded(kr10, path="0,1,2,0", memory="carried")
+    kept = judged(recording, kr10, replace(TRUE, memory="carried"))
+    lost = judged(recording, kr10, TRUE)
+    assert kept.whole.after < 1.1 * kept.whole.noise
+    assert lost.whole.after > 1.2 * lost.whole.noise
 
 
 def test_what_belongs_to_the_other_recording_is_left_out_and_listed(loaded, kr10):
