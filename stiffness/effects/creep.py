@@ -64,7 +64,7 @@ class Creep(Hypothesis):
         visit = recording.time[steps[:, -1]] - recording.load_time[steps[:, 0]]
         low, high = FASTEST * stands[stands > 0.0].min(), SLOWEST * visit.max()
         times = np.geomspace(low, high, 4)
-        kept = memories(len(steps))
+        kept = memories(recording.visit)
         return np.array([(time, float(memory)) for memory in kept for time in times])
 
     @override
@@ -89,7 +89,7 @@ class Creep(Hypothesis):
         beside = [followed(situation, k, f * time, own) for f in (1 / 3, 3.0)]
         others = [
             followed(situation, k, time, memory)
-            for memory in memories(len(situation.steps))
+            for memory in memories(situation.recording.visit)
             if memory != own
         ]
         return turn(k, *beside, *others)

@@ -53,7 +53,7 @@ class Hysteresis(Hypothesis):
     ) -> Float[np.ndarray, "shapes parameters"]:
         largest = np.max(np.abs(situation.load_torque[:, situation.axis(where)]))
         slips = largest * np.array([0.03, 0.1, 0.25, 0.6])
-        kept = memories(len(situation.steps))
+        kept = memories(situation.recording.visit)
         return np.array([(slip, float(memory)) for memory in kept for slip in slips])
 
     @override
@@ -79,7 +79,7 @@ class Hysteresis(Hypothesis):
         spread = [stop(situation, k, f * slip, own) for f in (0.3, 0.6, 1.7, 3.0)]
         others = [
             stop(situation, k, slip, memory)
-            for memory in memories(len(situation.steps))
+            for memory in memories(situation.recording.visit)
             if memory != own
         ]
         soft = [rounded(situation, k, f * slip, own) for f in (0.5, 1.0, 2.0)]

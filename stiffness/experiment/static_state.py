@@ -39,6 +39,8 @@ from stiffness.robot.wrench import felt_body, wrench_in_base
 WAY_POINTS = 25
 """Points of a way between postures, both ends too; chosen: 7.5° of half a turn, over
 which gravity's torque hardly bends."""
+AT_ONCE = 400
+"""Ways that are laid out together; chosen: some 10 MB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +171,12 @@ class StaticState:
         start = np.concatenate([to[:1], to[:-1]])
         share = np.linspace(0.0, 1.0, WAY_POINTS)[:, None]
         way = start[:, None] + share * (to - start)[:, None]
-        standing = self.arm.at(way.reshape(-1, to.shape[1]))
-        return standing.gravity_torque(self.recording.tool).reshape(way.shape)
+        torque = np.empty_like(way)
+        for some in np.array_split(np.arange(len(way)), 1 + len(way) // AT_ONCE):
+            standing = self.arm.at(way[some].reshape(-1, way.shape[2]))
+            own = standing.gravity_torque(self.recording.tool)
+            torque[some] = own.reshape(torque[some].shape)
+        return torque
 
     def from_steps(
         self, values: Float[np.ndarray, "visits longest"]

@@ -135,9 +135,16 @@ way from it left."""
 MEMORIES = (NOTHING, GRAVITY, BEFORE)
 
 
-def memories(visits: int) -> tuple[int, ...]:
-    """Return the memories that so many visits can tell apart."""
-    return MEMORIES if visits > 1 else MEMORIES[:BEFORE]
+def memories(visit: Int[np.ndarray, " rows"]) -> tuple[int, ...]:
+    """Return the memories that visits can tell apart.
+
+    Args:
+        visit: Number of each row's visit; where numbers are missing, what was before a
+            visit is not known.
+    """
+    known = np.unique(visit)
+    follow = len(known) > 1 and bool(np.all(np.diff(known) == 1))
+    return MEMORIES if follow else MEMORIES[:BEFORE]
 
 
 def carried_states(

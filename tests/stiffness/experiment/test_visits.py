@@ -53,6 +53,7 @@ def test_creep_much_faster_than_a_move_remembers_nothing_of_the_visit_before():
     np.testing.assert_allclose(fast[2], fast[1], atol=1e-6)
 
 
-def test_a_single_visit_cannot_tell_what_was_before_it():
-    assert BEFORE not in memories(1)
-    assert memories(2) == MEMORIES
+def test_what_was_before_is_known_only_where_every_visit_is_there():
+    assert memories(np.array([0, 0, 1, 1, 2])) == MEMORIES
+    assert BEFORE not in memories(np.array([3, 3, 3]))
+    assert BEFORE not in memories(np.array([0, 0, 2, 2]))  # a draw of poses
