@@ -14,11 +14,12 @@ A wrench's columns can be in another order, of another sign, or of another row.
 A wrench can be read in other ways: other signs, units and axes.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from itertools import combinations, permutations
+from itertools import combinations, permutations, product
 
 import numpy as np
+from scipy.optimize import fminbound
 
 from bench.shared.recording import Recording
 from stiffness.diagnosis.result import Warned
@@ -32,6 +33,21 @@ TRAVEL = np.radians(3.0)
 slides); chosen: an offset of half of it would be an error of the arm, not of a file."""
 OFFSETS = (90.0, -90.0, 180.0)
 """Degrees by which makers count an axis from different zeros; chosen."""
+NEAR = 2
+"""Axes apart that one may be counted against another; chosen: links of a parallelogram
+are counted against the axis before, and wrists are coupled over two."""
+OFFSET = 0.1
+"""Largest offset of an encoder, in rad, beyond which a zero is another one; as in the
+limits of `EncoderOffset`."""
+STEP = np.radians(30.0)
+SHIFTS = np.radians([-10.0, 10.0, *range(-150, 0, 30), *range(30, 181, 30)])
+"""Shifts of a zero that are tried first, in rad, and how far from the best of them it
+is looked for; chosen: markers follow the sine and cosine of an angle, so the misfit has
+one valley, which is wider than this."""
+AXES = 3
+"""Axes whose best shift is fitted; chosen for time."""
+SHIFT_TOLERANCE = 1e-4
+"""To which a shift is fitted, in rad; chosen: far below what makes it a mistake."""
 
 
 @dataclass(frozen=True)
@@ -79,17 +95,93 @@ def of_angles(posture: np.ndarray, slides: np.ndarray) -> Iterator[Angles]:
             said = ", ".join(f"a{k + 1}" for k in order)
             text = f"the axes look out of order: they fit when read as {said}."
             yield Angles(Warned("axis_order", "a1", text), _reordered(order))
+    yield from _coupled(travel, slides)
     turning = np.flatnonzero(~slides).tolist()
     yield from _in_units(travel, turning, np.flatnonzero(slides).tolist())
     for k in turning:
         for offset in OFFSETS:
-            text = (
-                f"a{k + 1} looks counted from another zero: it fits with "
-                f"{offset:+.0f}° added."
-            )
-            yield Angles(
-                Warned("axis_zero", f"a{k + 1}", text), _shifted(k, np.radians(offset))
-            )
+            yield _from_another_zero(k, np.radians(offset))
+
+
+def _from_another_zero(axis: int, offset: float) -> Angles:
+    text = (
+        f"a{axis + 1} looks counted from another zero: it fits with "
+        f"{np.degrees(offset):+.4g}° added."
+    )
+    return Angles(
+        Warned("axis_zero", f"a{axis + 1}", text),
+        lambda posture: posture + offset * (np.arange(posture.shape[1]) == axis),
+    )
+
+
+def best_shift(
+    posture: np.ndarray, slides: np.ndarray, misfit: Callable[[np.ndarray], float]
+) -> Angles | None:
+    """Fit the zero of each axis that turns, one at a time.
+
+    Args:
+        posture: As written.
+        slides: Whether each axis slides.
+        misfit: Of a posture that may be meant.
+
+    Returns:
+        The reading that fits best; None where no axis turns, or its zero is no farther
+        off than an encoder's offset can be.
+    """
+
+    def of(axis: int, offset: float) -> float:
+        return misfit(_from_another_zero(axis, offset).meant(posture))
+
+    tried = [
+        min((of(int(k), offset), offset, int(k)) for offset in SHIFTS)
+        for k in np.flatnonzero(~slides)
+    ]
+    best: tuple[float, float, int] = (np.inf, 0.0, 0)
+    for _, near, axis in sorted(tried)[:AXES]:
+        found = fminbound(
+            lambda offset, k=axis: of(k, offset),
+            near - STEP,
+            near + STEP,
+            xtol=SHIFT_TOLERANCE,
+        )
+        offset = np.asarray(found, dtype=float).item()
+        best = min(best, (of(axis, offset), offset, axis))
+    _, offset, axis = best
+    offset = (offset + np.pi) % (2.0 * np.pi) - np.pi
+    return _from_another_zero(axis, offset) if abs(offset) > OFFSET else None
+
+
+def _coupled(travel: np.ndarray, slides: np.ndarray) -> Iterator[Angles]:
+    """List which angles may be counted against another axis' link, not their own."""
+    axes = range(len(travel))
+    for k, j in permutations(axes, 2):
+        if abs(k - j) > NEAR or slides[k] != slides[j] or travel[j] < TRAVEL:
+            continue
+        for own in (1.0, -1.0) if abs(k - j) == 1 else (1.0,):
+            for other in (1.0, -1.0):
+                yield _summed(len(travel), {k: own, j: other}, k)
+    wrist = list(axes)[-3:]
+    if len(wrist) == 3 and not slides[wrist].any() and travel[wrist].min() > TRAVEL:
+        for k in wrist[1:]:
+            first, second = (j for j in wrist if j != k)
+            for a, b in product((1.0, -1.0), repeat=2):
+                yield _summed(len(travel), {k: 1.0, first: a, second: b}, k)
+
+
+def _summed(count: int, terms: Mapping[int, float], axis: int) -> Angles:
+    words = " ".join(f"{'+' if s > 0 else '-'} a{j + 1}" for j, s in terms.items())
+    others = " and ".join(f"a{j + 1}" for j in terms if j != axis)
+    text = (
+        f"a{axis + 1} looks coupled to {others}: it fits as "
+        f"{words.removeprefix('+ ')}. Give the angle of the joint itself."
+    )
+    matrix = np.eye(count)
+    matrix[axis] = 0.0
+    for j, factor in terms.items():
+        matrix[axis, j] = factor
+    return Angles(
+        Warned("axis_coupled", f"a{axis + 1}", text), lambda posture: posture @ matrix.T
+    )
 
 
 def _in_units(
@@ -142,10 +234,6 @@ def _scaled(axes: range, some: list[int], factor: float):
 
 def _reordered(order: list[int]):
     return lambda posture: posture[:, order]
-
-
-def _shifted(axis: int, offset: float):
-    return lambda posture: posture + offset * (np.arange(posture.shape[1]) == axis)
 
 
 # --- Markers and tracker frame --------------------------------------------------------

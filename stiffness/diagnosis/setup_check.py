@@ -25,7 +25,8 @@ An axis counted the wrong way round is no effect of physics but a mistake of set
 
 ==========  ==========================================================================
 Equation    rms of a rigid fit of frame and places, under each reading of the files:
-            as they are, an axis reversed, two axes swapped, mirrored, other units …
+            as they are, an axis reversed, two swapped, one counted against another, a
+            zero shifted, mirrored, other units …
 Source      enumeration; a mistake moves markers by a tenth of the reach, physics by a
             hundredth at most
 Valid       absolute readings; of relative ones the loads speak, in `set_up_loads`
@@ -44,6 +45,8 @@ from scipy.optimize import linear_sum_assignment
 from bench.shared.recording import Recording
 from stiffness.diagnosis.result import Warned
 from stiffness.diagnosis.setup_alternatives import (
+    Angles,
+    best_shift,
     less_is_stated,
     of_angles,
     of_sight,
@@ -53,6 +56,7 @@ from stiffness.diagnosis.setup_loads import load_setup_errors
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import (
     MARKER_POSITION_SIGMA,
+    STEPS,
     TrackerFit,
     TrackerObservations,
     extent_of,
@@ -65,8 +69,9 @@ from stiffness.robot.tracker_frame import (
 GROSS = 0.03
 """Rigid misfit over the extent that no arm's own errors make; chosen: ten times an
 uncalibrated arm's (1.2 mm rms, 3 mm at most, Slamani 2012)."""
-BETTER = 5.0
-"""Factor by which another reading of the files must fit better; chosen."""
+BETTER = 3.0
+"""Factor by which another reading of the files must fit better; chosen: what bends and
+sags stays in every reading, and is a few millimetres at most."""
 
 
 # --- Unit errors of a marker ----------------------------------------------------------
@@ -195,7 +200,7 @@ class Mixed:
 
     Attributes:
         warned: What to say.
-        is_unambiguous: Whether no turn of the body would look alike.
+        is_unambiguous: Whether no turn of the body and no mirror would look alike.
     """
 
     warned: Warned
@@ -235,8 +240,19 @@ def detect_swapped_markers(recording: Recording, arm: Arm) -> tuple[Mixed, ...]:
                     first[visits],
                     f"{len(first)} visits{looked_at}" if some else "",
                 )
-                told.append(Mixed(warned, some or len(own) > len(moved) == 2))
+                clear = some or len(own) > len(moved) == 2
+                told.append(Mixed(warned, clear and not _mirrored(sight, right)))
     return tuple(told)
+
+
+def _mirrored(sight: TrackerObservations, renamed: TrackerObservations) -> bool:
+    """Return whether a mirrored tracker fits better than other names do."""
+    after = _rigid_residual_rms(renamed, ROUGH)
+    return any(
+        _rigid_residual_rms(other.meant(sight), ROUGH) < after
+        for other in of_sight(sight)
+        if other.warned.code == "mirrored"
+    )
 
 
 def _inside(sight: TrackerObservations) -> np.ndarray:
@@ -323,8 +339,12 @@ VISITS, OF_A_BODY = 30, 2
 """Visits, and markers of a body, that this looks at; chosen for time."""
 PARTNERS = 8
 """Readings that are tried together with each other one; chosen for time."""
+ROUGH, LIKELY = 1, 12
+"""Steps of a fit by which readings are ranked, and how many are then fitted; chosen for
+time."""
 
 Told = tuple[Warned, ...]
+Other = tuple[Told, TrackerObservations]
 
 
 def setup_errors(recording: Recording, arm: Arm) -> Told:
@@ -360,32 +380,23 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     if before <= max(DOUBT * extent, noise, places):
         return ()
     angles = list(of_angles(posture, arm.slides))
-    tried: list[tuple[float, Told, np.ndarray]] = []
-    for other in angles:
-        meant = other.meant(posture)
-        tried.append(
-            (
-                _rigid_residual_rms(TrackerObservations.of(arm, some, meant)),
-                (other.warned,),
-                meant,
-            )
-        )
-    told = [(left, said) for left, said, _ in tried]
-    told += [
-        (_rigid_residual_rms(o.meant(sight)), (o.warned,)) for o in of_sight(sight)
-    ]
+    told = _single(some, arm, angles, sight)
     answer = _best(told, before)
-    if answer or (before < GROSS * extent and not mixed):
-        return answer
-    if mixed:
+    if not answer and mixed:
         return mixed
-    told = [
-        (_rigid_residual_rms(o.meant(sight)), (o.warned,))
-        for o in less_is_stated(sight)
-    ]
-    if answer := _best(told, before):
+    if _least(told) > DOUBT * extent:
+        told += _shifted(some, arm)
+        answer = _best(told, before)
+    settled = _least(told) < DOUBT * extent if answer else before < GROSS * extent
+    if settled:
         return answer
-    if answer := _best(_pairs(some, arm, tried, before), before):
+    if answer:
+        return _best(_likely(_pairs(some, arm, angles)), _least(told)) or answer
+    less = [((o.warned,), o.meant(sight)) for o in less_is_stated(sight)]
+    answer = _best(_likely(less), before) or _best(
+        _likely(_pairs(some, arm, angles)), before
+    )
+    if answer:
         return answer
     text = (
         f"the markers lie {1e3 * before:.0f} mm rms off where this model puts them, "
@@ -395,36 +406,75 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     return (Warned("wrong_model", "rig", text),)
 
 
-def _pairs(
-    some: Recording,
-    arm: Arm,
-    tried: Sequence[tuple[float, Told, np.ndarray]],
-    before: float,
-) -> Iterable[tuple[float, Told]]:
-    """Try several reversed axes, then each likely reading with each other one."""
+def _single(
+    some: Recording, arm: Arm, angles: Sequence[Angles], sight: TrackerObservations
+) -> list[tuple[float, Told]]:
+    """Fit other readings of the angles and of the sight, one at a time."""
+    posture = some.posture
+    others: list[Other] = []
+    for one in angles:
+        meant = TrackerObservations.of(arm, some, one.meant(posture))
+        others.append(((one.warned,), meant))
+    others += [((o.warned,), o.meant(sight)) for o in of_sight(sight)]
+    return _likely(others)
+
+
+def _shifted(some: Recording, arm: Arm) -> list[tuple[float, Told]]:
+    """Fit the zero of one axis; empty where it is no other one."""
+
+    def seen(meant: np.ndarray) -> TrackerObservations:
+        return TrackerObservations.of(arm, some, meant)
+
+    shifted = best_shift(
+        some.posture, arm.slides, lambda meant: _rigid_residual_rms(seen(meant), ROUGH)
+    )
+    if shifted is None:
+        return []
+    return _likely([((shifted.warned,), seen(shifted.meant(some.posture)))])
+
+
+def _pairs(some: Recording, arm: Arm, angles: Sequence[Angles]) -> Iterator[Other]:
+    """List several reversed axes, then each likely reading with each other one."""
+
+    def seen(meant: np.ndarray) -> TrackerObservations:
+        return TrackerObservations.of(arm, some, meant)
+
     for said, meant in of_signs(some.posture):
-        yield _rigid_residual_rms(TrackerObservations.of(arm, some, meant)), said
-    for left, said, meant in sorted(tried, key=lambda t: t[0])[:PARTNERS]:
-        if left > before:
-            continue
+        yield said, seen(meant)
+    likely = sorted(
+        angles, key=lambda o: _rigid_residual_rms(seen(o.meant(some.posture)), ROUGH)
+    )
+    for one in likely[:PARTNERS]:
+        meant = one.meant(some.posture)
         for other in of_angles(meant, arm.slides):
-            sight = TrackerObservations.of(arm, some, other.meant(meant))
-            yield _rigid_residual_rms(sight), (*said, other.warned)
-        sight = TrackerObservations.of(arm, some, meant)
-        for seeing in of_sight(sight):
-            yield _rigid_residual_rms(seeing.meant(sight)), (*said, seeing.warned)
+            if other.warned.code != "axis_coupled":  # for time
+                yield (one.warned, other.warned), seen(other.meant(meant))
+        for seeing in of_sight(seen(meant)):
+            yield (one.warned, seeing.warned), seeing.meant(seen(meant))
 
 
-def _best(told: Iterable[tuple[float, Told]], before: float) -> Told:
-    told = list(told)
-    least = min((left for left, _ in told), default=np.inf)
+def _likely(others: Iterable[Other]) -> list[tuple[float, Told]]:
+    """Fit the readings that look best after one step, in their order."""
+    others = list(others)
+    rough = [_rigid_residual_rms(sight, ROUGH) for _, sight in others]
+    kept = np.sort(np.argsort(rough, kind="stable")[:LIKELY])
+    return [(_rigid_residual_rms(others[i][1]), others[i][0]) for i in kept]
+
+
+def _least(told: Sequence[tuple[float, Told]]) -> float:
+    return min((left for left, _ in told), default=np.inf)
+
+
+def _best(told: Sequence[tuple[float, Told]], before: float) -> Told:
+    """Return the first of what fits best, if it fits clearly better."""
+    least = _least(told)
     said = next((said for left, said in told if left <= ALIKE * least), ())
     return said if least < before / BETTER else ()
 
 
-def _rigid_residual_rms(sight: TrackerObservations) -> float:
+def _rigid_residual_rms(sight: TrackerObservations, steps: int = STEPS) -> float:
     """Return the rms of a rigid fit, in m."""
-    return fit_tracker_frame_once(sight)[1]
+    return fit_tracker_frame_once(sight, steps)[1]
 
 
 def _some(recording: Recording, arm: Arm) -> Recording:

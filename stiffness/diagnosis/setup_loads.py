@@ -35,7 +35,7 @@ Ignores     everything that gives way but the axes
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import nnls
@@ -46,6 +46,7 @@ from stiffness.diagnosis.result import Warned
 from stiffness.diagnosis.setup_alternatives import (
     KGF,
     LBF,
+    best_shift,
     of_columns,
     of_loads,
     of_rows,
@@ -87,13 +88,13 @@ class LoadResponse:
         return 1.0 - (self.residual_rms / self.whole) ** 2 if self.whole > 0 else 0.0
 
 
-def load_response(some: Recording, arm: Arm, frames: TrackerFit) -> LoadResponse | None:
+def load_response(some: Recording, frames: TrackerFit, arm: Arm) -> LoadResponse | None:
     """Fit what gives way.
 
     Args:
         some: Pairs of rows: before the load and under it.
-        arm: The nominal arm, with the recording's names.
         frames: Where the tracker and the markers are.
+        arm: The nominal arm, with the recording's names.
 
     Returns:
         None where no marker was seen in both rows of a pair.
@@ -271,13 +272,17 @@ PAIRS = 200
 """Pairs of rows that this looks at; chosen for time."""
 LOUD = 3.0
 """Deflection over noise, both rms, from which it can be judged; chosen."""
-BETTER = 2.0
-"""Factor in rms by which another reading must fit better; chosen."""
+BETTER = 1.5
+"""Factor in rms by which another reading must fit better; chosen: it then leaves less
+than half of the squares, and has no number more to fit them with."""
 RIGHT = 0.05
 """Share of the deflection, in rms, that a reading may leave and is not doubted; chosen:
 a slip leaves all of an axis' or a component's, and that seldom is a twentieth."""
 ALIKE = 0.9
 """Rms over that of a reading told before from which this one fits alike; chosen."""
+FEW, OF_A_BODY, LIKELY = 60, 2, 8
+"""Pairs, and markers of a body, by which other readings are ranked, and how many of the
+best are then judged by all; chosen for time."""
 
 
 def load_setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
@@ -295,7 +300,7 @@ def load_setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
     except BenchError:
         return ()
     some = recording.take(pairs)
-    written = load_response(some, arm, frames) if len(pairs) else None
+    written = load_response(some, frames, arm) if len(pairs) else None
     assert recording.tracker is not None
     noise = float(np.sqrt(2.0 * np.sum(recording.tracker.repeatability**2)))
     if written is None or written.whole < LOUD * noise:
@@ -305,7 +310,11 @@ def load_setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
         others = [*of_loads(some, arm), *of_columns(some)]
         if recording.rows == "plateaus":
             others += [(warned, r.take(pairs)) for warned, r in of_rows(recording)]
-        answer = _better(others, written, arm, frames)
+        left, answer = _better(others, written, arm, frames)
+        doubted = answer is None or left > RIGHT * written.whole
+        if doubted and recording.displacement == "relative":
+            shifted = _shifted(some, arm, frames)
+            answer = _better(shifted, written, arm, frames, left)[1] or answer
     if answer is None:
         answer = of_size(some, arm, written) or of_sag(recording, arm, frames, written)
     return () if answer is None else (answer,)
@@ -333,11 +342,57 @@ def _better(
     written: LoadResponse,
     arm: Arm,
     frames: TrackerFit,
-) -> Warned | None:
-    """Return what is said of the reading that fits best, if any is believed."""
-    best, answer = written.residual_rms / BETTER, None
-    for warned, other in others:
-        fit = load_response(other, arm, frames)
+    most: float = np.inf,
+) -> tuple[float, Warned | None]:
+    """Return what the best reading leaves, if any is believed, and what is said of it.
+
+    Args:
+        others: Other readings of the pairs of rows.
+        written: The fit as they are written.
+        arm: The nominal arm, with the recording's names.
+        frames: Where the tracker and the markers are.
+        most: What another believed reading leaves, in m.
+    """
+    others = list(others)
+    ranked = []
+    for i, (_, other) in enumerate(others):
+        few = load_response(*_few(other, frames), arm)
+        ranked.append((np.inf if few is None else few.residual_rms, i))
+    likely = sorted(i for _, i in sorted(ranked)[:LIKELY])
+    best, left, answer = min(written.residual_rms / BETTER, ALIKE * most), most, None
+    for warned, other in (others[i] for i in likely):
+        fit = load_response(other, frames, arm)
         if fit is not None and fit.residual_rms < best and fit.explained > EXPLAINS:
-            best, answer = ALIKE * fit.residual_rms, warned
-    return answer
+            left, answer = fit.residual_rms, warned
+            best = ALIKE * left
+    return left, answer
+
+
+def _shifted(
+    some: Recording, arm: Arm, frames: TrackerFit
+) -> list[tuple[Warned, Recording]]:
+    """Return the reading with the zero of one axis fitted, if it is another one."""
+    few, seen = _few(some, frames)
+
+    def misfit(posture: np.ndarray) -> float:
+        fit = load_response(replace(few, posture=posture), seen, arm)
+        return np.inf if fit is None else fit.residual_rms
+
+    found = best_shift(few.posture, arm.slides, misfit)
+    if found is None:
+        return []
+    return [(found.warned, replace(some, posture=found.meant(some.posture)))]
+
+
+def _few(some: Recording, frames: TrackerFit) -> tuple[Recording, TrackerFit]:
+    """Return some of the pairs, with a few markers of each body."""
+    assert some.points is not None
+    pairs = np.arange(len(some.time)).reshape(-1, 2)
+    rows = pairs[:: -(-len(pairs) // FEW)].ravel()
+    bodies = [m.body for m in some.markers]
+    kept = [i for i, b in enumerate(bodies) if bodies[:i].count(b) < OF_A_BODY]
+    markers = tuple(some.markers[i] for i in kept)
+    return (
+        replace(some, markers=markers, points=some.points[:, kept]).take(rows),
+        replace(frames, marker_positions=frames.marker_positions[kept]),
+    )

@@ -358,12 +358,19 @@ def fit_tracker_frame(sight: TrackerObservations) -> tuple[TrackerFit, float]:
     return frames, rms
 
 
-def fit_tracker_frame_once(sight: TrackerObservations) -> tuple[TrackerFit, float]:
-    """Return the fit from one start only: enough where postures are as reported."""
+def fit_tracker_frame_once(
+    sight: TrackerObservations, steps: int = STEPS
+) -> tuple[TrackerFit, float]:
+    """Return the fit from one start only: enough where postures are as reported.
+
+    Args:
+        sight: Readings of markers.
+        steps: Most Gauss-Newton steps.
+    """
     weight = sight.weight
     if sight.transform is None:
         start = _linear(sight, weight)
-        return _refined(sight, start, weight)
+        return _refined(sight, start, weight, steps)
     turn, shift = sight.transform[:3, :3], sight.transform[:3, 3]
     return _judged(sight, turn, shift, weight)[:2]
 
@@ -389,12 +396,12 @@ def _linear(sight: TrackerObservations, weight: np.ndarray) -> Float[np.ndarray,
 
 
 def _refined(
-    sight: TrackerObservations, turn: np.ndarray, weight: np.ndarray
+    sight: TrackerObservations, turn: np.ndarray, weight: np.ndarray, steps: int = STEPS
 ) -> tuple[TrackerFit, float]:
     y, shift = np.nan_to_num(sight.y), np.zeros(3)
     back = sight.turned.swapaxes(2, 3)
     kept = weight
-    for _ in range(STEPS):
+    for _ in range(steps):
         point = y @ turn.T + shift
         left = np.einsum("vmij,vmj->vmi", back, sight.origin - point)
         left = left + sight.marker_positions * sight.given[:, None]

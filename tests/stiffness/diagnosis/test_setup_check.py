@@ -5,7 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bench.experiment import record
+from bench.instruments import Instruments
+from bench.instruments.markers import Markers
+from bench.rig import Rig
+from bench.shared.plan import parse_path
 from bench.shared.recording import Recording
+from bench.standard_plans import table_one_plan
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.synthetic_recording import Watching
 from scenarios.record import Settings, main
@@ -84,6 +90,26 @@ def signed(*axes: int) -> Mistake:
         return replace(r, posture=r.posture * sign)
 
     return reverse
+
+
+def summed(axis: int, **others: float) -> Mistake:
+    """Count an axis against others: what is written is the sum of their angles."""
+
+    def couple(r: Recording) -> Recording:
+        posture = r.posture.copy()
+        for name, factor in others.items():
+            posture[:, axis] += factor * r.posture[:, int(name[1:]) - 1]
+        return replace(r, posture=posture)
+
+    return couple
+
+
+def shifted(axis: int, degrees: float) -> Mistake:
+    def shift(r: Recording) -> Recording:
+        off = np.radians(degrees) * (np.arange(r.posture.shape[1]) == axis)
+        return replace(r, posture=r.posture + off)
+
+    return shift
 
 
 def ordered(*order: int) -> Mistake:
@@ -167,6 +193,12 @@ MISTAKES: dict[str, tuple[Mistake, list[tuple[str, str]]]] = {
         signed(1, 2),
         [("axis_reversed", "a2"), ("axis_reversed", "a3")],
     ),
+    "a3 with a2": (summed(2, a2=1.0), [("axis_coupled", "a3")]),
+    "a6 against a5": (summed(5, a5=-1.0), [("axis_coupled", "a6")]),
+    "a5 with a4, a6": (summed(4, a4=1.0, a6=-1.0), [("axis_coupled", "a5")]),
+    "zero of a2 at 90°": (shifted(1, -90.0), [("axis_zero", "a2")]),
+    "zero of a3 off by 13°": (shifted(2, 13.0), [("axis_zero", "a3")]),
+    "zero of a5 off by 137°": (shifted(4, -137.0), [("axis_zero", "a5")]),
     "a2, a3 swapped": (ordered(0, 2, 1, 3, 4, 5), [("axis_order", "a2")]),
     "a1, a6 swapped": (ordered(5, 1, 2, 3, 4, 0), [("axis_order", "a1")]),
     "order turned round": (ordered(5, 4, 3, 2, 1, 0), [("axis_order", "a1")]),
@@ -267,7 +299,12 @@ def relative(r: Recording) -> Recording:
 
 
 @pytest.mark.parametrize(
-    "name", ["a3 reversed", "a2, a3 swapped", "wrench reversed", "kN for N"]
+    "name",
+    [
+        *("a3 reversed", "a2, a3 swapped", "wrench reversed", "kN for N"),
+        *("a3 with a2", "a6 against a5", "zero of a3 off by 13°"),
+        "zero of a5 off by 137°",
+    ],
 )
 def test_differences_within_visits_show_it_where_places_do_not(name, cell):
     recording, arm = cell
@@ -276,6 +313,23 @@ def test_differences_within_visits_show_it_where_places_do_not(name, cell):
     mistake, expected = MISTAKES[name]
     code = expected[0][0]
     assert [c for c, _ in said(mistake(relative(recording)), arm)] == [code]
+
+
+def test_zero_and_coupling_are_said_with_their_numbers(cell):
+    recording, arm = cell
+    (zero,) = setup_errors(shifted(2, 13.0)(recording), arm)
+    _, _, after = zero.text.partition("it fits with ")
+    assert float(after.partition("°")[0]) == pytest.approx(-13.0, abs=0.2)
+    (coupled,) = setup_errors(summed(2, a2=1.0)(recording), arm)
+    assert "it fits as a3 - a2." in coupled.text
+
+
+def test_an_axis_that_is_coupled_names_no_effect_in_relative_readings(tmp_path):
+    """Many robots report their third angle against the horizontal."""
+    recording, arm = recorded(tmp_path / "r", "kr10", "flange", True, "hysteresis@a2")
+    found = diagnose(summed(2, a2=1.0)(relative(recording)), arm)
+    assert [(w.code, w.where) for w in found.warnings] == [("axis_coupled", "a3")]
+    assert found.named == () and found.verdict == "unexplained"
 
 
 def test_axes_that_no_marker_shows_are_no_mistake_of_the_wrench(tmp_path):
@@ -366,6 +420,16 @@ def test_two_markers_of_a_body_that_are_swapped_are_named(cell):
     assert said(renamed(recording, {0: 1, 1: 2, 2: 0}), arm) == [
         ("marker_names", "markers")
     ]
+
+
+def test_a_mirrored_tracker_is_not_taken_for_swapped_markers():
+    """In some postures the mirror image of a body's marks is another order of them."""
+    rig = Rig(MODELS["kr10"])
+    watched = Instruments(markers=Markers("all", placement=5e-4))
+    plan = table_one_plan(poses=20, path=parse_path("0,10,0"))
+    recording = record(rig, plan, watched, seed=5)
+    mirrored = seen(np.diag([1, -1, 1]))(recording)
+    assert said(mirrored, arm_of(MODELS["kr10"])) == [("mirrored", "tracker")]
 
 
 @pytest.mark.parametrize("change", [lambda r: r, unplaced])
