@@ -48,6 +48,8 @@ def main(settings: Settings) -> Recording:
     from scenarios.pipelines.diagnosis import setup_errors_of, springs_warning_of
     from scenarios.pipelines.inputs import arm_of, read_for
     from scenarios.pipelines.recording_check import abilities, axis_views, contents_of
+    from stiffness.diagnosis.diagnose import outlier_warnings
+    from stiffness.experiment.outliers import outliers_of
 
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
     views = axis_views(recording, arm)
@@ -74,7 +76,8 @@ def main(settings: Settings) -> Recording:
         console.print(table)
     if why := why_not_simulated(recording, settings.robot):
         notes = (*notes, f"no proof can be made of it: {why}")
-    for note in (*notes, *([springs.text] if springs else [])):
+    wild = [w.text for w in outlier_warnings(outliers_of(recording))]
+    for note in (*notes, *([springs.text] if springs else []), *wild):
         console.print(f"Note: {note}", markup=False)
     return recording
 

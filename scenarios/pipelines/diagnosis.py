@@ -52,6 +52,7 @@ from scenarios.pipelines.schema import (
     Placed,
     Proved,
     Remark,
+    Wild,
     number,
     verdict_of,
 )
@@ -63,6 +64,7 @@ from stiffness.diagnosis.nominal_fit import (
 )
 from stiffness.diagnosis.result import Decision, Diagnosis, Name, NamedEffect, Warned
 from stiffness.diagnosis.setup_check import setup_errors
+from stiffness.experiment.outliers import without
 from stiffness.robot.arm import Arm
 
 if TYPE_CHECKING:
@@ -130,6 +132,7 @@ def proved(
     """
     if found.nominal is None:
         return None, "a mistake of the set-up has to be mended first."
+    recording = without(recording, found.outliers)
     patch = patch_of_diagnosis(found, recording, arm)
     why = ""
     if not (patch.effects or patch.laws):
@@ -292,6 +295,7 @@ def answer_of(
             for p in d.unexplained_places
         ),
         settings=asdict(SETTINGS),
+        outliers=tuple(Wild(o.pose, o.marker, MM * o.size) for o in d.outliers),
     )
 
 

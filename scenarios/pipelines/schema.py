@@ -107,6 +107,14 @@ class Remark(msgspec.Struct, frozen=True):
     text: str
 
 
+class Wild(msgspec.Struct, frozen=True):
+    """A wild reading, which was left out, and how far off it is."""
+
+    pose: int
+    marker: str
+    size_mm: float
+
+
 class Proved(msgspec.Struct, frozen=True, omit_defaults=True):
     """The proof in the simulator: errors on held-out poses before and after."""
 
@@ -151,6 +159,7 @@ class Answer(msgspec.Struct, frozen=True):
     seconds: float
     unexplained_places: tuple[Open, ...] = ()
     settings: dict[str, float] = {}
+    outliers: tuple[Wild, ...] = ()
 
 
 # --- The verdict ----------------------------------------------------------------------

@@ -40,12 +40,19 @@ from stiffness.diagnosis.detection import (
 from stiffness.diagnosis.model_fit import SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.result import Detection, Diagnosis, Unexplained, Warned
+from stiffness.diagnosis.result import (
+    Detection,
+    Diagnosis,
+    Outlier,
+    Unexplained,
+    Warned,
+)
 from stiffness.diagnosis.selection import select_model
 from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.diagnosis.verdict import answer_of, judge, nominal_of
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis
+from stiffness.experiment.outliers import outliers_of, without
 from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.sensor_noise import average_encoders
 from stiffness.regression.testing import SIGNIFICANCE, SMALLEST
@@ -190,6 +197,8 @@ def _left_of_means(
 
 ODD = 1.1
 """Measured over stated noise from which it is said; chosen: a tenth."""
+SHOWN = 5
+"""Wild readings that are named in a sentence; the whole list is in the answer."""
 SCATTER = "scatter"
 """Code of the remark that poses differ more than anything stated allows."""
 
@@ -213,12 +222,26 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
         said.append(Warned("noise_misstated", "tracker", text))
     if prepared.downweighted:
         count = len(prepared.downweighted)
-        text = f"{count} readings lie far beyond the noise and counted less."
-        said.append(Warned("outliers", "tracker", text))
+        text = f"{count} readings lie beyond the noise and counted less."
+        said.append(Warned("downweighted", "tracker", text))
     for k in prepared.blind:
         text = f"the stiffness of a{k + 1} cannot be seen and was left at the model's."
         said.append(Warned("not_identifiable", f"a{k + 1}", text))
     return tuple(said)
+
+
+def outlier_warnings(wild: Sequence[Outlier]) -> tuple[Warned, ...]:
+    """Return the remark that wild readings were left out, and which; none: empty."""
+    if not wild:
+        return ()
+    largest = sorted(wild, key=lambda o: -o.size)
+    shown = [f"{o.marker} in pose {o.pose} by {1e3 * o.size:.3g} mm" for o in largest]
+    more = f" and {len(wild) - SHOWN} more" if len(wild) > SHOWN else ""
+    count = (
+        "1 wild reading was" if len(wild) == 1 else f"{len(wild)} wild readings were"
+    )
+    text = f"{count} left out: {', '.join(shown[:SHOWN])}{more}."
+    return (Warned("outliers", "tracker", text),)
 
 
 def scattered(dispersion: float) -> tuple[Warned, ...]:
@@ -261,7 +284,7 @@ def diagnose(
     mistakes = setup_errors(recording, arm)
     if mistakes:
         return _stopped(recording, mistakes, started)
-    prepared = prepare(recording, arm)
+    recording, prepared, wild = _prepared(recording, arm)
     case = build_problem(prepared, hypotheses)
     nominal = np.arange(case.library.nominal)
     everyone = np.ones(len(case.split.fold), dtype=bool)
@@ -279,14 +302,15 @@ def diagnose(
     common = {
         "recording": recording.name,
         "detection": detection,
-        "warnings": data_warnings(prepared),
+        "warnings": (*outlier_warnings(wild), *data_warnings(prepared)),
         "held_out": tuple(int(p) for p in ids[case.split.held_out]),
         "downweighted": tuple(
             (r, recording.markers[m].name, s) for r, m, s in prepared.downweighted
         ),
+        "outliers": wild,
     }
     if found.p_value >= SIGNIFICANCE:
-        common["warnings"] = data_warnings(prepared) + scattered(found.dispersion)
+        common["warnings"] += scattered(found.dispersion)
         return Diagnosis(
             verdict="no_mismatch",
             nominal=nominal_of(prepared, np.zeros(len(prepared.springs))),
@@ -296,6 +320,20 @@ def diagnose(
     judged = judge(select_model(case, prepared, hypotheses))
     answer = answer_of(judged, prepared, found)
     return Diagnosis(**common, **answer, seconds=time.perf_counter() - started)
+
+
+def _prepared(
+    recording: Recording, arm: Arm
+) -> tuple[Recording, Prepared, tuple[Outlier, ...]]:
+    """Make a recording ready, wild readings left out: those it shows, and the rest."""
+    wild = outliers_of(recording)
+    recording = without(recording, wild)
+    prepared = prepare(recording, arm)
+    late = outliers_of(recording, prepared.readings.value)
+    if late:
+        recording = without(recording, late)
+        prepared = prepare(recording, arm)
+    return recording, prepared, tuple(sorted((*wild, *late), key=lambda o: o.row))
 
 
 def _detection(

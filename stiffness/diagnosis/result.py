@@ -16,6 +16,7 @@ from jaxtyping import Float
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import UnknownName
 from bench.shared.settings import SETTINGS
+from stiffness.experiment.outliers import Outlier
 from stiffness.regression.group_selection import Decision
 from stiffness.regression.intervals import Parameter
 
@@ -27,6 +28,7 @@ __all__ = [
     "Name",
     "NamedEffect",
     "Nominal",
+    "Outlier",
     "Parameter",
     "Rival",
     "Unexplained",
@@ -209,6 +211,7 @@ class Diagnosis:
         nominal: What was fitted silently; None where a mistake stopped the fit.
         held_out: Ids of the poses that naming has not seen.
         downweighted: Readings that counted less: row, marker's name, size in sigma.
+        outliers: Wild readings, which were left out.
         seconds: How long it took.
         shares: Of each name, where many were selected together: what the others would
             not explain without it, as a share of the mismatch on poses left out.
@@ -229,6 +232,7 @@ class Diagnosis:
     nominal: Nominal | None = None
     held_out: tuple[int, ...] = ()
     downweighted: tuple[tuple[int, str, float], ...] = ()
+    outliers: tuple[Outlier, ...] = ()
     seconds: float = 0.0
     shares: Mapping[Name, float] = field(default_factory=dict)
     unexplained_places: tuple[UnexplainedPlace, ...] = ()

@@ -1,0 +1,300 @@
+"""Outliers: wild readings of single marks, found by rigid bodies and by their visits.
+
+Marks of one body keep their distances and the volumes that they span:
+
+==========  ==========================================================================
+Equation    |y_i - y_j| and (y_j - y_i) x (y_k - y_i) . (y_l - y_i) of each row less
+            their medians, over their own robust spread; in a row where one is large:
+            the mark without which a rigid motion fits the others, and how far it is
+            from where they have it
+Source      rigid registration: Kabsch 1976, "A solution for the best rotation to relate
+            two sets of vectors", Acta Crystallographica A32, 922; spread: 1.4826 times
+            the median absolute deviation (Huber 1981, "Robust statistics")
+Valid       three marks of a body or more, not on a line
+Ignores     three marks: a shift out of their plane, which turns the body
+==========  ==========================================================================
+
+A mark that no other checks stays near where the fitted arm has it:
+
+==========  ==========================================================================
+Equation    |r - median of r over the visit|, r = reading less where it should be, over
+            the same of nine in ten of the mark's readings; of absolute readings the
+            median over all rows too
+Source      as above
+Valid       bodies with one or two marks
+Ignores     what is not far beyond the largest that effects leave
+==========  ==========================================================================
+
+A reading that is wild is left out, as if the mark had not been seen, and is listed. One
+that is often wild is none: then the mark moves, and that is a finding.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from bench.shared.recording import Recording
+
+WILD = 8.0
+"""Robust sigmas from which a reading is wild; chosen: normal noise is there once in
+1e14 readings, a mark that slips stays there, and that is no outlier."""
+CLOSE = 4.0
+"""Robust sigmas within which the other marks of its body fit; chosen."""
+RARE, FEW = 0.02, 2
+"""Share of a mark's readings, and how many of them, up to which outliers are rare;
+chosen: more are what the mark does."""
+LEAST = 1e-7
+"""Spread below which all is rounding, in m; chosen."""
+NEAR, FAR = 0.9, 5.0
+"""Quantile of a mark's residuals, and the multiple of it beyond which one is wild;
+chosen: 12 sigma of normal noise."""
+CONSISTENT = 1.4826
+"""Standard deviation of a normal law over its median absolute deviation."""
+
+
+@dataclass(frozen=True)
+class Outlier:
+    """A wild reading.
+
+    Attributes:
+        row: Of the recording.
+        pose: Id of the pose.
+        marker: The mark's name.
+        size: How far it is from where the others have it, in m.
+    """
+
+    row: int
+    pose: int
+    marker: str
+    size: float
+
+
+def outliers_of(
+    recording: Recording, residual: Float[np.ndarray, "rows markers 3"] | None = None
+) -> tuple[Outlier, ...]:
+    """Return the wild readings of a recording, by rows.
+
+    Args:
+        recording: With markers, or without: then there are none.
+        residual: Readings less where the fitted arm has them, in m; None where nothing
+            is fitted yet: then marks of bodies with less than three of them are only
+            compared with the other rows of their visit.
+    """
+    if recording.points is None or not recording.markers:
+        return ()
+    found = np.zeros(recording.points.shape[:2])
+    bodies = _bodies(recording)
+    for marks in bodies:
+        if len(marks) > 2:
+            _of_body(recording.points, marks, found)
+        else:
+            _of_visits(recording, residual, marks, found)
+    return tuple(
+        Outlier(
+            int(row),
+            int(recording.posture_id[row]),
+            recording.markers[m].name,
+            float(found[row, m]),
+        )
+        for row, m in np.argwhere(_rare(recording.points, found))
+    )
+
+
+def without(recording: Recording, outliers: Iterable[Outlier]) -> Recording:
+    """Return a recording in which some readings were not seen."""
+    outliers = tuple(outliers)
+    if not outliers:
+        return recording
+    assert recording.points is not None
+    index = {marker.name: m for m, marker in enumerate(recording.markers)}
+    points = recording.points.copy()
+    for outlier in outliers:
+        points[outlier.row, index[outlier.marker]] = np.nan
+    return replace(recording, points=points)
+
+
+def _bodies(recording: Recording) -> list[list[int]]:
+    """Return the marks of each body."""
+    bodies: dict[str, list[int]] = {}
+    for m, marker in enumerate(recording.markers):
+        bodies.setdefault(marker.body, []).append(m)
+    return list(bodies.values())
+
+
+def _rare(points: np.ndarray, found: np.ndarray) -> Bool[np.ndarray, "rows markers"]:
+    """Return which readings are wild, of marks that seldom are."""
+    wild = found > 0.0
+    seen = np.isfinite(points).all(axis=2).sum(axis=0)
+    return wild & (wild.sum(axis=0) <= np.maximum(RARE * seen, FEW))
+
+
+# --- Marks of a rigid body ------------------------------------------------------------
+
+
+def _of_body(points: np.ndarray, marks: list[int], found: np.ndarray) -> None:
+    """Note the sizes of wild readings of a body's marks in `found`."""
+    y = points[:, marks]
+    odd, sigma = _odd_rows(y)
+    if not len(odd):
+        return
+    place = _shape(y, odd)
+    if place is None:
+        return
+    for row in odd:
+        for m, size in _wild_marks(y[row], place, sigma):
+            found[row, marks[m]] = size
+
+
+def _odd_rows(y: Float[np.ndarray, "rows marks 3"]) -> tuple[np.ndarray, float]:
+    """Return rows in which a body is not what it is, and one sigma of a coordinate."""
+    count = y.shape[1]
+    apart = [np.linalg.norm(y[:, i] - y[:, j], axis=1) for i, j in _sets(count, 2)]
+    spreads = [_spread(values) for values in apart]
+    known = [s for s in spreads if np.isfinite(s)]
+    if not known:
+        return np.zeros(0, dtype=int), LEAST
+    sigma = max(float(np.median(known)) / np.sqrt(2.0), LEAST)
+    odd = np.zeros(len(y), dtype=bool)
+    for values, spread in zip(apart, spreads, strict=True):
+        odd |= _beyond(values, max(spread, sigma))
+    for i, j, k, m in _sets(count, 4):
+        a, b, c = (y[:, n] - y[:, i] for n in (j, k, m))
+        volume = np.einsum("ri,ri->r", np.cross(a, b), c)
+        odd |= _beyond(volume, _spread(volume))
+    return np.flatnonzero(odd), sigma
+
+
+def _sets(count: int, size: int) -> list[tuple[int, ...]]:
+    """Return sets of marks, few of four of them where there are many marks."""
+    sets = list(combinations(range(count), size))
+    return sets if size == 2 else [s for s in sets if s[:3] == (0, 1, 2)]
+
+
+def _spread(values: np.ndarray) -> float:
+    seen = values[np.isfinite(values)]
+    if not len(seen):
+        return np.nan
+    return CONSISTENT * float(np.median(np.abs(seen - np.median(seen))))
+
+
+def _beyond(values: np.ndarray, spread: float) -> Bool[np.ndarray, " rows"]:
+    if not np.isfinite(values).any():
+        return np.zeros(len(values), dtype=bool)
+    off = np.abs(values - np.nanmedian(values))
+    return np.nan_to_num(off) > CLOSE * spread + 1e-12
+
+
+def _shape(y: np.ndarray, odd: np.ndarray) -> Float[np.ndarray, "marks 3"] | None:
+    """Return where the marks are on their body, of rows in which all are as usual."""
+    whole = np.isfinite(y).all(axis=(1, 2))
+    whole[odd] = False
+    rows = np.flatnonzero(whole)
+    if not len(rows):
+        return None
+    place = y[rows[0]]
+    for _ in range(2):
+        moved = np.stack([_onto(y[r], place) for r in rows[:: len(rows) // 50 + 1]])
+        place = np.median(moved, axis=0)
+    return place
+
+
+def _onto(points: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return points moved rigidly, as near to places as may be."""
+    turn, middle, centre = _registered(points, place)
+    return (points - middle) @ turn.T + centre
+
+
+def _registered(
+    points: np.ndarray, place: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    middle, centre = points.mean(axis=0), place.mean(axis=0)
+    u, _, v = np.linalg.svd((place - centre).T @ (points - middle))
+    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v, middle, centre
+
+
+def _wild_marks(
+    y: Float[np.ndarray, "marks 3"], place: Float[np.ndarray, "marks 3"], sigma: float
+) -> list[tuple[int, float]]:
+    """Return which marks are wild in one row, and how far off, in m."""
+    wild: list[tuple[int, float]] = []
+    left = [m for m in range(len(y)) if np.isfinite(y[m]).all()]
+    while len(left) > 2 and _misfit(y, place, left) > CLOSE * sigma:
+        others = [[n for n in left if n != m] for m in left]
+        fits = [_misfit(y, place, some) for some in others]
+        best = int(np.argmin(fits))
+        some, m = others[best], left[best]
+        if len(some) < 3 and _clear(fits, best) is False:
+            return wild
+        turn, middle, centre = _registered(place[some], y[some])
+        size = float(np.linalg.norm((place[m] - middle) @ turn.T + centre - y[m]))
+        if len(some) == 2:
+            size = float(np.abs(_distances(y, place, m, some)).max())
+        if size > WILD * sigma:
+            wild.append((m, size))
+        left = some
+    return wild
+
+
+def _clear(fits: list[float], best: int) -> bool:
+    """Return whether one mark of three is to blame."""
+    rest = min(fit for at, fit in enumerate(fits) if at != best)
+    return fits[best] < rest / 2.0
+
+
+def _misfit(y: np.ndarray, place: np.ndarray, some: list[int]) -> float:
+    """Return the largest misfit of marks that move rigidly, in m."""
+    off = _onto(y[some], place[some]) - place[some]
+    return float(np.linalg.norm(off, axis=1).max())
+
+
+def _distances(
+    y: np.ndarray, place: np.ndarray, mark: int, others: list[int]
+) -> Float[np.ndarray, " others"]:
+    """Return by how much a mark's distances differ, in m."""
+    seen = np.linalg.norm(y[others] - y[mark], axis=1)
+    return seen - np.linalg.norm(place[others] - place[mark], axis=1)
+
+
+# --- Marks that no other checks -------------------------------------------------------
+
+
+def _of_visits(
+    recording: Recording,
+    residual: np.ndarray | None,
+    marks: list[int],
+    found: np.ndarray,
+) -> None:
+    """Note the sizes of readings far from where a mark is in other rows."""
+    visit = np.unique(recording.visit, return_inverse=True)[1]
+    groups = [visit]
+    if residual is None:
+        assert recording.points is not None
+        residual = recording.points
+    elif recording.displacement == "absolute":
+        groups.append(np.zeros_like(visit))
+    for m in marks:
+        for group in groups:
+            size = _from_median(residual[:, m], group)
+            seen = np.isfinite(size)
+            if not seen.any():
+                continue
+            most = max(FAR * float(np.quantile(size[seen], NEAR)), LEAST)
+            far = np.nan_to_num(size) > most
+            found[far, m] = size[far]
+
+
+def _from_median(
+    values: Float[np.ndarray, "rows 3"], group: Int[np.ndarray, " rows"]
+) -> Float[np.ndarray, " rows"]:
+    """Return distances from the medians of groups with three readings or more."""
+    away = np.full(len(values), np.nan)
+    seen = np.isfinite(values).all(axis=1)
+    order = np.flatnonzero(seen)[np.argsort(group[seen], kind="stable")]
+    for rows in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+        if len(rows) > 2:
+            middle = np.median(values[rows], axis=0)
+            away[rows] = np.linalg.norm(values[rows] - middle, axis=1)
+    return away

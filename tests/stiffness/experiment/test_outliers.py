@@ -1,0 +1,107 @@
+"""Wild readings are listed, left out, and cost nothing but themselves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_bench import FEW, arm, recording
+
+from bench.shared.recording import Recording
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.experiment.outliers import Outlier, outliers_of, without
+
+SHARE = 1e-3
+MM = 1e-3
+
+
+def with_wild(made: Recording, seed: int) -> tuple[Recording, list[Outlier]]:
+    """Put one reading in a thousand off by 1 to 300 mm, and say which."""
+    random = np.random.default_rng(seed)
+    assert made.points is not None
+    points = made.points.copy()
+    seen = np.argwhere(np.isfinite(points).all(axis=2))
+    wild = []
+    for row, m in random.permutation(seen)[: max(1, round(SHARE * len(seen)))]:
+        size = MM * 300.0 ** random.uniform()
+        way = random.normal(size=3)
+        points[row, m] += size * way / np.linalg.norm(way)
+        pose = int(made.posture_id[row])
+        wild.append(Outlier(int(row), pose, made.markers[m].name, size))
+    return replace(made, points=points), sorted(wild, key=lambda o: (o.row, o.marker))
+
+
+def only(made: Recording, count: int) -> Recording:
+    """Keep the last marks alone."""
+    assert made.points is not None
+    points, markers = made.points[:, -count:], made.markers[-count:]
+    return replace(made, points=points, markers=markers)
+
+
+def _body_of(made: Recording, marker: str) -> list[int]:
+    body = {m.name: m.body for m in made.markers}
+    return [k for k, m in enumerate(made.markers) if m.body == body[marker]]
+
+
+def listed(found) -> list[tuple[int, str]]:
+    return sorted((o.row, o.marker) for o in found)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_wild_reading_is_listed_with_its_size_and_no_other(seed):
+    seen, wild = with_wild(recording(), seed)
+    found = outliers_of(seen)
+    assert listed(found) == listed(wild)
+    sizes = {(o.row, o.marker): o.size for o in found}
+    for o in wild:  # of three marks alone the distances show a part of it
+        size = sizes[o.row, o.marker]
+        whole = np.isfinite(seen.points[o.row, _body_of(seen, o.marker)]).all()
+        assert 0.3 * o.size < size < o.size + 0.1 * MM
+        assert not whole or size > o.size - 0.1 * MM
+
+
+def test_nothing_is_wild_in_a_sound_recording():
+    assert outliers_of(recording()) == ()
+    assert outliers_of(recording("bearing_tilt@a3")) == ()
+
+
+def test_of_three_marks_the_one_that_is_wild_is_listed():
+    made = only(recording(), 3)
+    assert made.points is not None
+    points = made.points.copy()
+    along = points[7, 1] - points[7, 0] + points[7, 1] - points[7, 2]
+    points[7, 1] += 5 * MM * along / np.linalg.norm(along)
+    found = outliers_of(replace(made, points=points))
+    assert listed(found) == [(7, made.markers[1].name)]
+
+
+def test_mark_that_stays_where_it_slipped_to_is_no_outlier():
+    made = recording()
+    assert made.points is not None
+    points = made.points.copy()
+    points[len(points) // 2 :, 9] += 2 * MM
+    assert outliers_of(replace(made, points=points)) == ()
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_wild_readings_cost_nothing_but_themselves(count):
+    made = only(recording("hysteresis@a2,width_rad=4e-4"), count)
+    seen, wild = with_wild(made, 3)
+    plain, found = diagnose(made, arm(), FEW), diagnose(seen, arm(), FEW)
+    assert listed(found.outliers) == listed(wild)
+    assert plain.outliers == ()
+    assert [n.name for n in found.named] == [n.name for n in plain.named]
+    (told,) = [w for w in found.warnings if w.code == "outliers"]
+    assert f"{wild[0].marker} in pose {wild[0].pose}" in told.text
+    if plain.named:
+        width, before = (d.named[0].parameters["width_rad"] for d in (found, plain))
+        assert before.low < width.estimate < before.high
+
+
+def test_left_out_reading_is_as_one_that_was_not_seen():
+    made = recording()
+    name = made.markers[2].name
+    left = without(made, [Outlier(5, int(made.posture_id[5]), name, MM)])
+    assert left.points is not None and made.points is not None
+    assert np.isnan(left.points[5, 2]).all()
+    assert np.isnan(left.points).sum() == np.isnan(made.points).sum() + 3
+    assert without(made, ()) is made
