@@ -48,8 +48,7 @@ def main(settings: Settings) -> Recording:
     from scenarios.pipelines.diagnosis import setup_errors_of, springs_warning_of
     from scenarios.pipelines.inputs import arm_of, read_for
     from scenarios.pipelines.recording_check import abilities, axis_views, contents_of
-    from stiffness.diagnosis.diagnose import outlier_warnings
-    from stiffness.experiment.outliers import outliers_of
+    from stiffness.experiment.outliers import outlier_text, outliers_of
 
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
     views = axis_views(recording, arm)
@@ -76,7 +75,8 @@ def main(settings: Settings) -> Recording:
         console.print(table)
     if why := why_not_simulated(recording, settings.robot):
         notes = (*notes, f"no proof can be made of it: {why}")
-    wild = [w.text for w in outlier_warnings(outliers_of(recording))]
+    found = outliers_of(recording)
+    wild = [outlier_text(found)] if found else []
     for note in (*notes, *([springs.text] if springs else []), *wild):
         console.print(f"Note: {note}", markup=False)
     return recording

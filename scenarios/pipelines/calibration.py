@@ -17,9 +17,10 @@ Ignores     that losses of confounded names overlap
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from scipy.stats import norm
 
@@ -48,14 +49,18 @@ from scenarios.pipelines.schema import (
     Left,
     Placed,
     Proved,
+    Remark,
+    Wild,
     verdict_of,
     why_not,
 )
 from stiffness.calibration.columns import Key
 from stiffness.calibration.model import readings_of, spatial_folds_of
 from stiffness.calibration.result import Calibrated, calibrated
+from stiffness.calibration.rigid_fit import wild_readings
 from stiffness.calibration.selection import BELIEVED, NO_GAIN
 from stiffness.diagnosis.result import Decision
+from stiffness.experiment.outliers import Outlier, outlier_text, outliers_of, without
 from stiffness.robot.arm import Arm
 
 # --- The entry in schema 1 ------------------------------------------------------------
@@ -286,10 +291,17 @@ def calibrate_and_prove(
         Unusable: Where the recording does not allow a calibration.
     """
     started = time.perf_counter()
-    readings = readings_of(recording, arm)
     if why := why_not_simulated(recording, model):
         said(f"No proof can be made, only a fit: {why}")
-    found = calibrated(readings, spatial_folds_of(readings, draw), said)
+    wild = [*outliers_of(recording)]
+    readings = readings_of(without(recording, wild), arm)
+    size, folds = wild_readings(readings), spatial_folds_of(readings, draw)
+    kept = size == 0.0
+    folds = replace(folds, region=folds.region[kept], fold=folds.fold[kept])
+    found = calibrated(readings.take(kept), folds, said)
+    for row in np.flatnonzero(~kept):
+        pose, name = readings.posture_id[row], readings.names[readings.marker[row]]
+        wild.append(Outlier(int(row), int(pose), name, float(size[row])))
     try:
         proof = unproved(found, why) if why else proved(found, recording, model)
     except BenchError as error:  # what was found stays found
@@ -298,4 +310,12 @@ def calibrate_and_prove(
     seconds = time.perf_counter() - started
     answer = answer_of(recording.name, found, proof, residual, seconds, rejected)
     said(first_sentence(answer, proof))
+    if wild:
+        text = outlier_text(wild)
+        said(text)
+        answer = msgspec.structs.replace(
+            answer,
+            warnings=(Remark("outliers", "tracker", text),),
+            outliers=tuple(Wild(o.pose, o.marker, MM * o.size) for o in wild),
+        )
     return CalibrationOutcome(found, proof, residual, answer, model)

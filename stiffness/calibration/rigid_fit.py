@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from stiffness.calibration.model import CalibrationState, Geometry, Readings, entries_of
+from stiffness.experiment.outliers import FEW, RARE, far_off
 from stiffness.robot.tracker_frame import kabsch
 
 LEAST = 1e-3
@@ -23,6 +24,8 @@ LEAST = 1e-3
 share of the column's size; chosen: a milliradian that moves a target by a micrometre is
 beyond a tracker."""
 ROUNDS = 6
+SWEEPS = 3
+"""Fits that look for wild readings; chosen: each leaves out what the last found."""
 STILL = 1e-9
 """Step in m and rad below which a fit has converged."""
 
@@ -48,6 +51,29 @@ def fitted(readings: Readings, redraw: bool) -> RigidFit:
     start = Geometry(start.values, kabsch(readings.seen, stance.point), start.places)
     fit = _fit_until_stable(readings, start, redraw=False)
     return _fit_until_stable(readings, fit.geometry, redraw=True) if redraw else fit
+
+
+def wild_readings(readings: Readings) -> Float[np.ndarray, " rows"]:
+    """Return how far wild readings are from the fitted rigid arm, in m; 0: not wild.
+
+    A reading is wild where it is far beyond nearly all of its target, and such are
+    rare; the arm is fitted again without them, and all are judged once more.
+    """
+    size = np.zeros(len(readings.seen))
+    for _ in range(SWEEPS):
+        arm = fitted(readings.take(size == 0.0), redraw=True)
+        left = CalibrationState.of(readings, arm.geometry).residual
+        away, found = np.linalg.norm(left, axis=1), np.zeros_like(size)
+        for m in range(len(readings.names)):
+            own = np.flatnonzero(readings.marker == m)
+            far = own[far_off(away[own])]
+            if len(far) <= max(RARE * len(own), FEW):
+                found[far] = away[far]
+        settled = np.array_equal(found > 0.0, size > 0.0)
+        size = found
+        if settled:
+            break
+    return size
 
 
 def _fit_until_stable(readings: Readings, start: Geometry, redraw: bool) -> RigidFit:

@@ -52,7 +52,7 @@ from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.diagnosis.verdict import answer_of, judge, nominal_of
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis
-from stiffness.experiment.outliers import outliers_of, without
+from stiffness.experiment.outliers import outlier_text, outliers_of, without
 from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.sensor_noise import average_encoders
 from stiffness.regression.testing import SIGNIFICANCE, SMALLEST
@@ -197,8 +197,6 @@ def _left_of_means(
 
 ODD = 1.1
 """Measured over stated noise from which it is said; chosen: a tenth."""
-SHOWN = 5
-"""Wild readings that are named in a sentence; the whole list is in the answer."""
 SCATTER = "scatter"
 """Code of the remark that poses differ more than anything stated allows."""
 
@@ -228,20 +226,6 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
         text = f"the stiffness of a{k + 1} cannot be seen and was left at the model's."
         said.append(Warned("not_identifiable", f"a{k + 1}", text))
     return tuple(said)
-
-
-def outlier_warnings(wild: Sequence[Outlier]) -> tuple[Warned, ...]:
-    """Return the remark that wild readings were left out, and which; none: empty."""
-    if not wild:
-        return ()
-    largest = sorted(wild, key=lambda o: -o.size)
-    shown = [f"{o.marker} in pose {o.pose} by {1e3 * o.size:.3g} mm" for o in largest]
-    more = f" and {len(wild) - SHOWN} more" if len(wild) > SHOWN else ""
-    count = (
-        "1 wild reading was" if len(wild) == 1 else f"{len(wild)} wild readings were"
-    )
-    text = f"{count} left out: {', '.join(shown[:SHOWN])}{more}."
-    return (Warned("outliers", "tracker", text),)
 
 
 def scattered(dispersion: float) -> tuple[Warned, ...]:
@@ -299,10 +283,11 @@ def diagnose(
     )
     detection = _detection(prepared, case, found)
     ids = np.unique(recording.posture_id)
+    left_out = [Warned("outliers", "tracker", outlier_text(wild))] if wild else []
     common = {
         "recording": recording.name,
         "detection": detection,
-        "warnings": (*outlier_warnings(wild), *data_warnings(prepared)),
+        "warnings": (*left_out, *data_warnings(prepared)),
         "held_out": tuple(int(p) for p in ids[case.split.held_out]),
         "downweighted": tuple(
             (r, recording.markers[m].name, s) for r, m, s in prepared.downweighted

@@ -29,7 +29,7 @@ A reading that is wild is left out, as if the mark had not been seen, and is lis
 that is often wild is none: then the mark moves, and that is a finding.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -51,6 +51,8 @@ LEAST = 1e-7
 NEAR, FAR = 0.9, 5.0
 """Quantile of a mark's residuals, and the multiple of it beyond which one is wild;
 chosen: 12 sigma of normal noise."""
+SHOWN = 5
+"""Wild readings that are named in a sentence; the whole list is in the answer."""
 CONSISTENT = 1.4826
 """Standard deviation of a normal law over its median absolute deviation."""
 
@@ -114,6 +116,15 @@ def without(recording: Recording, outliers: Iterable[Outlier]) -> Recording:
     for outlier in outliers:
         points[outlier.row, index[outlier.marker]] = np.nan
     return replace(recording, points=points)
+
+
+def outlier_text(wild: Sequence[Outlier]) -> str:
+    """Say how many readings were left out, and name the worst."""
+    largest = sorted(wild, key=lambda o: -o.size)
+    shown = [f"{o.marker} in pose {o.pose} by {1e3 * o.size:.3g} mm" for o in largest]
+    more = f" and {len(wild) - SHOWN} more" if len(wild) > SHOWN else ""
+    are = "reading was" if len(wild) == 1 else "readings were"
+    return f"{len(wild)} wild {are} left out: {', '.join(shown[:SHOWN])}{more}."
 
 
 def _bodies(recording: Recording) -> list[list[int]]:
@@ -189,9 +200,7 @@ def _beyond(values: np.ndarray, spread: float) -> Bool[np.ndarray, " rows"]:
 
 def _shape(y: np.ndarray, odd: np.ndarray) -> Float[np.ndarray, "marks 3"] | None:
     """Return where the marks are on their body, of rows in which all are as usual."""
-    whole = np.isfinite(y).all(axis=(1, 2))
-    whole[odd] = False
-    rows = np.flatnonzero(whole)
+    rows = np.setdiff1d(np.flatnonzero(np.isfinite(y).all(axis=(1, 2))), odd)
     if not len(rows):
         return None
     place = y[rows[0]]
@@ -278,12 +287,18 @@ def _of_visits(
     for m in marks:
         for group in groups:
             size = _from_median(residual[:, m], group)
-            seen = np.isfinite(size)
-            if not seen.any():
-                continue
-            most = max(FAR * float(np.quantile(size[seen], NEAR)), LEAST)
-            far = np.nan_to_num(size) > most
+            far = far_off(size)
             found[far, m] = size[far]
+
+
+def far_off(size: Float[np.ndarray, " rows"]) -> Bool[np.ndarray, " rows"]:
+    """Return which sizes are far beyond those of nearly all; NaN is none."""
+    seen = size[np.isfinite(size)]
+    if not len(seen):
+        return np.zeros(len(size), dtype=bool)
+    most = max(FAR * float(np.quantile(seen, NEAR)), LEAST)
+    far: Bool[np.ndarray, " rows"] = np.nan_to_num(size) > most
+    return far
 
 
 def _from_median(

@@ -25,7 +25,7 @@ from scenarios.studies import ur10_calibration
 from stiffness.calibration import model as geometry
 from stiffness.calibration.columns import candidates_of
 from stiffness.calibration.model import CalibrationState, readings_of, spatial_folds_of
-from stiffness.calibration.rigid_fit import fitted
+from stiffness.calibration.rigid_fit import fitted, wild_readings
 
 ROOT = Path(__file__).resolve().parents[3]
 UR10 = ROOT / "mjcf" / "ur10" / "ur10.xml"
@@ -268,6 +268,34 @@ def test_draws_that_share_poses_say_less_than_as_many_that_do_not():
     mean, low, high = ur10_calibration.interval(rows, "left")
     half = 4.30265 * np.sqrt(1 / 3 + 1 / 3)
     assert (mean, low, high) == pytest.approx((2.0, 2.0 - half, 2.0 + half), rel=1e-5)
+
+
+def test_wild_positions_are_found_and_no_sound_one_is_taken_for_wild(recording):
+    off, rows = np.array([5e-3, 0.02, 0.3]), np.array([17, 90, 200])
+    points = recording.points.copy()
+    points[rows, 0] += off[:, None] * np.array([0.6, 0.0, -0.8])
+    seen = readings_of(replace(recording, points=points), arm_of(UR10))
+    size = wild_readings(seen)
+    assert np.flatnonzero(size).tolist() == rows.tolist()
+    assert np.allclose(size[rows], off, atol=3e-4)
+    assert not wild_readings(readings_of(recording, arm_of(UR10))).any()
+
+
+def test_calibration_lists_wild_positions_and_is_otherwise_as_without_them(
+    recording, outcome
+):
+    points = recording.points.copy()
+    points[[17, 200], 0] += [[0.0, 0.0, 4e-3], [0.3, 0.0, 0.0]]
+    wild = replace(recording, points=points)
+    found = calibrate_and_prove(wild, arm_of(UR10), UR10, quiet=True)
+    assert [o.pose for o in found.answer.outliers] == [17, 200]
+    assert [w.code for w in found.answer.warnings] == ["outliers"]
+    names = {(n.effect, n.where) for n in outcome.answer.named}
+    assert {(n.effect, n.where) for n in found.answer.named} >= names & {
+        ("transmission_error", "a2"),
+        ("joint_compliance", "a2"),
+    }
+    assert found.proof.after.std() < 1.3 * outcome.proof.after.std()
 
 
 def test_another_draw_keeps_back_other_poses(recording):

@@ -52,6 +52,7 @@ def test_every_wild_reading_is_listed_with_its_size_and_no_other(seed):
     found = outliers_of(seen)
     assert listed(found) == listed(wild)
     sizes = {(o.row, o.marker): o.size for o in found}
+    assert seen.points is not None
     for o in wild:  # of three marks alone the distances show a part of it
         size = sizes[o.row, o.marker]
         whole = np.isfinite(seen.points[o.row, _body_of(seen, o.marker)]).all()
