@@ -6,6 +6,10 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+ASSUMED = 3e-5
+"""Repeatability where nothing is stated and nothing shows it, one sigma in m; chosen:
+between a laser tracker's 0.01 mm and a camera's 0.1 mm."""
+
 
 @dataclass(frozen=True)
 class TrackerSpec:
@@ -15,10 +19,13 @@ class TrackerSpec:
         repeatability: One sigma of a row (of a frame, where the recording counts
             frames) along x, y, z of the tracker, in m.
         volumetric: Size of its slowly varying error, in m; None where not stated.
+        is_stated: Whether somebody stated the repeatability; else it is `ASSUMED`, or
+            was measured.
     """
 
     repeatability: Float[np.ndarray, "3"]
     volumetric: float | None = None
+    is_stated: bool = True
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from bench.shared.format.folder import read
 from bench.shared.format.table import CSV_FILE, PARQUET_FILE
 from bench.shared.models import ModelFacts
 from bench.shared.recording import Recording
+from stiffness.experiment.sensor_noise import with_measured_noise
 from stiffness.robot.arm import Arm
 
 # --- Streams of a single pose ---------------------------------------------------------
@@ -134,6 +135,7 @@ def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
     """
     recording, notes = read(folder, facts_of(arm))
     recording, added = followed(recording, arm)
+    recording, noise = with_measured_noise(recording)
     shown = replace(
         recording,
         name=visible(recording.name),
@@ -142,5 +144,6 @@ def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
     )
     in_text = (folder / CSV_FILE).exists()
     place = Place(CSV_FILE if in_text else PARQUET_FILE, in_text)
-    told = said_of_repeats(place, recording), said_of_one_pose(recording)
-    return shown, arm.for_recording(recording), (*notes, *added, *told[0], *told[1])
+    told = (*said_of_repeats(place, recording), *said_of_one_pose(recording), *added)
+    told += (noise,) if noise else ()
+    return shown, arm.for_recording(recording), (*notes, *told)

@@ -100,6 +100,8 @@ def noise_of(r: Recording) -> str:
         return "no tracker"
     frames = 1.0 if r.frames is None else float(np.mean(1.0 / r.frames)) ** 0.5
     stated = ", ".join(f"{1e3 * s * frames:.4f}" for s in r.tracker.repeatability)
+    if not r.tracker.is_stated:
+        return f"not stated; {stated} mm in x, y, z, measured or assumed"
     found = replicate_noise(r)
     if found is None:
         return f"stated {stated} mm in x, y, z; no pose visited again to compare"

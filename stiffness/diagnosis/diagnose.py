@@ -54,7 +54,7 @@ from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis
 from stiffness.experiment.outliers import outlier_text, outliers_of, without
 from stiffness.experiment.residuals import shares_of
-from stiffness.experiment.sensor_noise import average_encoders
+from stiffness.experiment.sensor_noise import average_encoders, with_measured_noise
 from stiffness.regression.testing import SIGNIFICANCE, SMALLEST
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import point_jacobian
@@ -211,13 +211,16 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
             f"bring {FEWEST_POSES} at least, forty to be told of small effects."
         )
         said.append(Warned("few_poses", "rig", text))
-    if prepared.noise > ODD or prepared.noise < 1.0 / ODD:
+    tracker = prepared.situation.recording.tracker
+    odd = prepared.noise > ODD or prepared.noise < 1.0 / ODD
+    if tracker is not None and tracker.is_stated and odd:
+        measured = prepared.noise * float(np.sqrt(np.mean(tracker.repeatability**2)))
         text = (
-            f"readings scatter {prepared.noise:.2f} times as much as the tracker "
-            f"states ({prepared.degrees_of_freedom} contrasts); the measured noise was "
-            "used."
+            f"the stated noise cannot be true: readings scatter {prepared.noise:.2f} "
+            f"times as much, {1e3 * measured:.3g} mm "
+            f"({prepared.degrees_of_freedom} contrasts); the measured noise was used."
         )
-        said.append(Warned("noise_misstated", "tracker", text))
+        said.append(Warned("noise_statement", "tracker", text))
     if prepared.downweighted:
         count = len(prepared.downweighted)
         text = f"{count} readings lie beyond the noise and counted less."
@@ -265,6 +268,7 @@ def diagnose(
     """
     started = time.perf_counter()
     arm, recording = arm.for_recording(recording), average_encoders(recording)
+    recording, unstated = with_measured_noise(recording)
     mistakes = setup_errors(recording, arm)
     if mistakes:
         return _stopped(recording, mistakes, started)
@@ -283,11 +287,13 @@ def diagnose(
     )
     detection = _detection(prepared, case, found)
     ids = np.unique(recording.posture_id)
-    left_out = [Warned("outliers", "tracker", outlier_text(wild))] if wild else []
+    remarks = [Warned("outliers", "tracker", outlier_text(wild))] if wild else []
+    if unstated:
+        remarks.append(Warned("noise_statement", "tracker", unstated))
     common = {
         "recording": recording.name,
         "detection": detection,
-        "warnings": (*left_out, *data_warnings(prepared)),
+        "warnings": (*remarks, *data_warnings(prepared)),
         "held_out": tuple(int(p) for p in ids[case.split.held_out]),
         "downweighted": tuple(
             (r, recording.markers[m].name, s) for r, m, s in prepared.downweighted

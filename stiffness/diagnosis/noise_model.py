@@ -240,6 +240,9 @@ def rigid_motion(
 SEVERE = 4.5
 """Sigmas beyond which a reading counts less; chosen: three coordinates of a normal law
 come there once in 7,000 readings, a slipped mark nearly always."""
+USUAL, UNDERSTATED = 2.366, 1.2
+"""Median of a chi-square of three coordinates; and the robust noise over the stated one
+from which readings are judged by the former, chosen: else half of them count less."""
 ENOUGH_READINGS = 50
 """Degrees of freedom from which the noise is measured; chosen: to a tenth."""
 
@@ -286,11 +289,14 @@ def checked(
     if freedom < ENOUGH_READINGS:
         return Checked(weight, 1.0, 0, ())
     left = np.where(enough[..., None], values - fitted, 0.0)
-    lighter = _lighter(left, own, inverse)
+    size = np.sum((left @ inverse) * left, axis=3)[enough] * own[enough]
+    usual = float(np.median(size)) / (USUAL * freedom / (3.0 * max(len(size), 1)))
+    likely = inverse / usual if usual > UNDERSTATED**2 else inverse
+    lighter = _lighter(left, own, likely)
     if np.any(lighter < own):
         fitted, _, _ = rigid_motion(values, lighter, inverse, place, body)
         left = np.where(enough[..., None], values - fitted, 0.0)
-        lighter = _lighter(left, own, inverse)
+        lighter = _lighter(left, own, likely)
     square = float(np.sum((left @ inverse) * left * lighter[..., None]))
     new = weight.copy()
     new[visits.row[visits.counts]] = lighter[visits.counts]

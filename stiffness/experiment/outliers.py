@@ -118,6 +118,22 @@ def without(recording: Recording, outliers: Iterable[Outlier]) -> Recording:
     return replace(recording, points=points)
 
 
+def spread_of_bodies(recording: Recording) -> float | None:
+    """Return one sigma of a coordinate by distances between marks of one body, in m.
+
+    None where no body has three marks that were measured separately.
+    """
+    if recording.points is None:
+        return None
+    alone = {m for m, k in enumerate(recording.markers) if k.target is None}
+    found = [
+        _odd_rows(recording.points[:, marks])[1]
+        for marks in _bodies(recording)
+        if len(marks) > 2 and alone.issuperset(marks)
+    ]
+    return float(np.median(found)) if found else None
+
+
 def outlier_text(wild: Sequence[Outlier]) -> str:
     """Say how many readings were left out, and name the worst."""
     largest = sorted(wild, key=lambda o: -o.size)

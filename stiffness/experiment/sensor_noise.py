@@ -51,8 +51,35 @@ from scipy.stats import chi2
 
 from bench.shared.instrument_specs import WrenchSpec
 from bench.shared.recording import UNLOADED, Recording
+from stiffness.experiment.outliers import spread_of_bodies
 from stiffness.experiment.visits import held_at_mean
 from stiffness.robot.wrench import turned
+
+# --- Tracker whose noise is not stated ------------------------------------------------
+
+
+def with_measured_noise(recording: Recording) -> tuple[Recording, str]:
+    """Return a recording whose tracker has a noise, and what is said of it.
+
+    Where none is stated it is that of the distances between marks of one body; where
+    no body has three, the recording's assumption stands.
+    """
+    tracker = recording.tracker
+    if tracker is None or tracker.is_stated or recording.points is None:
+        return recording, ""
+    text = "the tracker's noise is not stated; "
+    sigma = spread_of_bodies(recording)
+    if sigma is None:
+        assumed = 1e3 * float(np.mean(tracker.repeatability))
+        text += f"{assumed:.3g} mm was assumed: no body has three marks that show it."
+        return recording, text
+    text += f"distances between marks of one body give {1e3 * sigma:.3g} mm."
+    frames = recording.frames
+    if frames is not None:  # the tracker's own noise is that of one frame
+        sigma *= float(np.sqrt(np.mean(frames)))
+    measured = replace(tracker, repeatability=np.full(3, sigma))
+    return replace(recording, tracker=measured), text
+
 
 # --- Force sensor without a load ------------------------------------------------------
 

@@ -29,7 +29,7 @@ from bench.shared.format.columns import (
     spread_of,
 )
 from bench.shared.format.manifest import Manifest
-from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
+from bench.shared.instrument_specs import ASSUMED, TrackerSpec, WrenchSpec
 from bench.shared.recording import (
     LOADED,
     LOADING,
@@ -318,7 +318,10 @@ def _tracker(
     if stated is None or stated.repeatability_mm is None:
         if spreads:
             raise Unusable("Recording", ["the `_std` columns hold no number."])
-        return None, []
+        if not manifest.markers:
+            return None, []
+        sigma = np.full(3, ASSUMED)
+        return TrackerSpec(sigma, volumetric, is_stated=False), []
     sigma = np.broadcast_to(np.array(stated.repeatability_mm) / 1e3, 3).copy()
     return TrackerSpec(sigma, volumetric), []
 
@@ -447,7 +450,9 @@ def manifest_text(recording: Recording) -> str:
 def _sensors(r: Recording) -> list[str]:
     lines = []
     if r.tracker is not None:
-        entries = {"repeatability_mm": _millimetres(r.tracker.repeatability)}
+        entries = {}
+        if r.tracker.is_stated:
+            entries["repeatability_mm"] = _millimetres(r.tracker.repeatability)
         if r.tracker.volumetric is not None:
             entries["volumetric_mm"] = _number(r.tracker.volumetric * 1e3)
         lines += _section("sensors.tracker", entries)

@@ -143,8 +143,6 @@ def faults_of_rules(manifest: Manifest, layout: Layout) -> list[str]:
         faults.append(f"{FILE}: there are markers but no [sensors.tracker].")
     if any(forces) and sensors.wrench is None:
         faults.append(f"{FILE}: there is a wrench but no [sensors.wrench].")
-    if sensors.tracker and sensors.tracker.repeatability_mm is None and not spreads:
-        faults.append(f"{FILE}, sensors.tracker.repeatability_mm: missing.")
     if sensors.wrench and sensors.wrench.accuracy_nm is None and any(forces[3:]):
         faults.append(f"{FILE}, sensors.wrench.accuracy_nm: missing.")
     if manifest.pulled:

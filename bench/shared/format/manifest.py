@@ -133,9 +133,8 @@ class Entry(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Tracker(Entry, frozen=True):
-    """`[sensors.tracker]`; without a repeatability where each reading has its own."""
+    """`[sensors.tracker]`; without a repeatability where it is not known."""
 
-    PLACEHOLDERS: ClassVar[Mapping[str, Any]] = {"repeatability_mm": 1.0}
     repeatability_mm: float | tuple[float, float, float] | None = None
     # its size is checked in `checks`: msgspec 0.22 aborts on a union of a bounded
     # float and a tuple

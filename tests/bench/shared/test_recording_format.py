@@ -30,7 +30,7 @@ from bench.shared.format import assembly
 from bench.shared.format.assembly import matrix_of, quaternion_of, unit_quaternion
 from bench.shared.format.columns import UNITS
 from bench.shared.format.folder import read, write
-from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
+from bench.shared.instrument_specs import ASSUMED, TrackerSpec, WrenchSpec
 from bench.shared.recording import STAGES, Marker, Payload, Recording
 
 
@@ -515,3 +515,14 @@ def test_a_file_in_the_place_of_the_folder_is_refused(folder, tmp_path):
         write(tmp_path / "file", recording)
     with pytest.raises(Unusable, match="cannot be written"):
         write(tmp_path / "file" / "inside", recording)
+
+
+def test_noise_of_a_tracker_may_be_left_out_and_stays_out(folder, tmp_path):
+    said("repeatability_mm = 0.010\n", "")(folder)
+    recording, _ = read(folder, ARM)
+    assert recording.tracker is not None and not recording.tracker.is_stated
+    np.testing.assert_allclose(recording.tracker.repeatability, ASSUMED)
+    write(tmp_path / "again", recording)
+    assert "repeatability_mm" not in (tmp_path / "again" / "recording.toml").read_text()
+    again, _ = read(tmp_path / "again")
+    assert again.tracker is not None and not again.tracker.is_stated

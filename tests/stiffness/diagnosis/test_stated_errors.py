@@ -13,6 +13,7 @@ from bench.instruments import Instruments
 from bench.instruments.markers import Markers
 from bench.model_file import load, plain_mjcf
 from bench.rig import Rig
+from bench.shared.instrument_specs import ASSUMED, TrackerSpec
 from bench.shared.recording import Marker, Recording
 from bench.standard_plans import table_one_plan
 from scenarios.studies.blind_trials.arms import arm_of
@@ -26,7 +27,11 @@ from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.gravity_load import GravityLoad, carried
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.experiment.residuals import weight_of
-from stiffness.experiment.sensor_noise import average_encoders, left_of_encoders
+from stiffness.experiment.sensor_noise import (
+    average_encoders,
+    left_of_encoders,
+    with_measured_noise,
+)
 from stiffness.regression.intervals import Parameter
 from stiffness.robot.arm import Arm
 
@@ -136,7 +141,7 @@ def test_target_in_6d_on_a_nominal_arm_is_no_mismatch(kr10, arm):
     seen = record(Rig(kr10), table_one_plan(poses=40), quiet, seed=3)
     found = diagnose(in_6d(seen), arm, FEW)
     assert found.verdict == "no_mismatch"
-    assert "noise_misstated" not in [warned.code for warned in found.warnings]
+    assert "noise_statement" not in [warned.code for warned in found.warnings]
 
 
 # --- The tracker's smooth error ------------------------------------------------------
@@ -163,6 +168,35 @@ def test_less_may_be_put_down_to_misstated_noise_where_noise_is_measured(plain, 
     alone = replace(plain, markers=plain.markers[:1], points=plain.points[:, :1])
     assert laid_out(plain, arm).dispersion_limit == MEASURED
     assert laid_out(alone, arm).dispersion_limit == MISSTATED
+
+
+@pytest.mark.parametrize("factor", [1 / 3, 3.0])
+def test_noise_that_cannot_be_true_is_said_with_the_measured_one(factor, plain, arm):
+    assert plain.tracker is not None
+    stated = replace(plain.tracker, repeatability=factor * plain.tracker.repeatability)
+    found = diagnose(replace(plain, tracker=stated), arm, FEW)
+    (told,) = [w for w in found.warnings if w.code == "noise_statement"]
+    measured = float(told.text.partition(" mm ")[0].split()[-1])
+    assert measured == pytest.approx(0.01, rel=0.1)
+    assert found.verdict == "no_mismatch"
+
+
+def test_noise_may_be_left_out_and_is_then_measured(plain, arm):
+    unknown = TrackerSpec(np.full(3, ASSUMED), is_stated=False)
+    found = diagnose(replace(plain, tracker=unknown), arm, FEW)
+    (told,) = [w for w in found.warnings if w.code == "noise_statement"]
+    assert "not stated" in told.text and found.verdict == "no_mismatch"
+    recording, _ = with_measured_noise(replace(plain, tracker=unknown))
+    assert recording.tracker is not None
+    assert_allclose(recording.tracker.repeatability, 1e-5, rtol=0.15)
+
+
+def test_noise_that_no_body_shows_is_assumed_and_said(plain):
+    assert plain.points is not None
+    unknown = TrackerSpec(np.full(3, ASSUMED), is_stated=False)
+    one = replace(plain, markers=plain.markers[:1], points=plain.points[:, :1])
+    _, text = with_measured_noise(replace(one, tracker=unknown))
+    assert "0.03 mm was assumed" in text
 
 
 # --- What a link can lose ------------------------------------------------------------
