@@ -21,6 +21,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bench.kinematic_chain import moving
+from bench.model_file import load
 from bench.patch import AxisRange, Patch, effects_of, rig_of
 from bench.proof.comparison import (
     ComparisonMode,
@@ -184,10 +185,12 @@ def judge(
     _check(recording)
     kept = tuple(e for e in patch.effects if e.effect not in OWN_RECORDING)
     gone = tuple(At(e.effect, e.where) for e in patch.effects if e not in kept)
-    axes = patch.axes or moving(recording, robot)
-    mounted = mounted_on(recording, rig_of(Patch(axes=axes), robot))
-    patch = replace(patch, effects=kept, axes=axes, mounted=mounted)
-    bare = rig_of(Patch(axes=axes, mounted=mounted), robot)
+    axes, hand = patch.axes, patch.hand
+    if not axes:
+        axes, hand = moving(recording, load(robot))
+    mounted = mounted_on(recording, rig_of(Patch(axes=axes, hand=hand), robot))
+    patch = replace(patch, effects=kept, axes=axes, hand=hand, mounted=mounted)
+    bare = rig_of(Patch(axes=axes, hand=hand, mounted=mounted), robot)
     fit = initial_tracker_frame(arm, recording, np.zeros(len(arm.axes)))
     start = NominalState(bare, fit.turn, fit.shift, fit.marker_positions)
 

@@ -5,11 +5,6 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from scenarios.pipelines.calibrate import (
-    answer_of,
-    calibrate_and_prove,
-    first_sentence,
-)
 
 from bench.model_file import load
 from bench.patch import Patch, PatchEffect, rig_of
@@ -20,10 +15,15 @@ from bench.shared.errors import BenchError, Unusable
 from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
 from bench.shared.recording import Marker, Recording
 from scenarios import record
+from scenarios.pipelines.calibration import (
+    answer_of,
+    calibrate_and_prove,
+    first_sentence,
+)
 from scenarios.pipelines.calibration_proof import unproved
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.synthetic_recording import Watching
-from scenarios.report.sections.calibration import write_calibration
+from scenarios.report.sections.calibration import write_files
 from stiffness.effects.hysteresis import stop
 from stiffness.experiment.static_state import StaticState, static_state_of
 from stiffness.robot.arm import Arm
@@ -143,7 +143,7 @@ def test_both_arms_are_calibrated_and_proved_at_once(torso):
     errors = tuple(f"geometry_error@{one}" for one in (left, right))
     recorded(torso, "left_hand", "right_hand", effects=errors, poses=40, path="0")
     recording, arm, _ = read_for(torso.parent / "left_hand", arm_of(torso))
-    outcome = calibrate_and_prove(recording, arm, torso, quiet=True)
+    outcome = calibrate_and_prove(recording, arm, torso)
     assert outcome.answer.verdict == "explained"
     found = {e.where: e.parameters for e in outcome.proof.patch.effects}
     assert found["link_1:a2"]["z_m"] == pytest.approx(8e-4, abs=2e-5)
@@ -155,7 +155,7 @@ def test_both_arms_are_calibrated_and_proved_at_once(torso):
     assert answer.named == outcome.answer.named
     assert "Nothing was proved: it finds no rest." in first_sentence(answer, proof)
     out = torso.parent / "answer"
-    write_calibration(out, replace(outcome, proof=proof, answer=answer))
+    write_files(out, replace(outcome, proof=proof, answer=answer))
     assert {"diagnosis.json", "report.html", "patch.json"} <= set(os.listdir(out))
 
 

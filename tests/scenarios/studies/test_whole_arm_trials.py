@@ -1,13 +1,16 @@
 """Blind trials of whole arms: what is drawn, what can be known of it, how it counts."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from bench import standard_plans
 from bench.effects.bearing_tilt import BearingTilt
+from bench.effects.effect import Effect
 from bench.effects.encoder_offset import EncoderOffset
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.out_of_library.softening import Softening
@@ -17,6 +20,7 @@ from bench.instruments.random_streams import streams
 from bench.rig import Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.plan import DEFAULT_PATH
+from bench.shared.recording import Recording
 from bench.standard_plans import tour
 from scenarios.pipelines.inputs import arm_of
 from scenarios.studies.blind_trials import generation, magnitudes, report
@@ -50,6 +54,9 @@ ARMS = [name for name, stratum in STRATA.items() if stratum.effects]
 TWINS = [name for name, stratum in STRATA.items() if stratum.alike]
 
 # --- Drawing --------------------------------------------------------------------------
+
+
+Recorder = Callable[..., tuple[Recording, Recording]]
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +99,8 @@ def test_magnitudes_lie_in_the_usual_range_of_the_catalogue(ground):
         for parameter in CATALOGUE[effect.name].parameters:
             value = effect.parameters().get(parameter.name)
             if parameter.role == "magnitude" and parameter.usual and value:
-                assert parameter.usual.low <= value <= parameter.usual.high
+                usual = parameter.usual
+                assert usual.low <= float(value) <= usual.high
 
 
 @pytest.mark.parametrize("stratum", [name for name in ARMS if STRATA[name].arm_of])
@@ -130,7 +138,7 @@ def recorded(kr10):
     plan = standard_plans.table_one_plan(POSES, revisits=4)
     rig, noisy = Rig(kr10), Instruments(markers=Markers(placement=5e-4))
 
-    def of(*effects):
+    def of(*effects: Effect) -> tuple[Recording, Recording]:
         own = replace(rig, effects=effects)
         quiet = error_free_instruments(noisy)
         return record(own, plan, noisy, 3), record(own, plan, quiet, 3)
@@ -138,7 +146,7 @@ def recorded(kr10):
     return of
 
 
-def test_own_chi2_of_an_effect_alone_is_its_visibility(kr10, recorded):
+def test_own_chi2_of_an_effect_alone_is_its_visibility(kr10, recorded: Recorder):
     """The visibility is computed from simulated displacements, without any law."""
     effect = BearingTilt("a2", 2e-6, 1e-6)
     recording, quiet = recorded(effect)
@@ -149,7 +157,9 @@ def test_own_chi2_of_an_effect_alone_is_its_visibility(kr10, recorded):
     assert oracle.share > 0.9
 
 
-def test_own_chi2_is_small_where_others_take_the_place_of_an_effect(kr10, recorded):
+def test_own_chi2_is_small_where_others_take_the_place_of_an_effect(
+    kr10, recorded: Recorder
+):
     """A zero of the first axis looks like the tracker's unknown frame."""
     effects = [EncoderOffset("a1", 5e-4), Hysteresis("a2", 2e-4)]
     oracle = arm_oracle(*recorded(*effects), kr10, effects)
@@ -157,12 +167,14 @@ def test_own_chi2_is_small_where_others_take_the_place_of_an_effect(kr10, record
     assert oracle.own[1] > 1000.0
 
 
-def test_readings_speak_for_an_effect_against_its_twin(kr10, recorded):
+def test_readings_speak_for_an_effect_against_its_twin(kr10, recorded: Recorder):
     tilt = BearingTilt("a3", 2e-6, 1e-6)
     assert log_bayes_factor(*recorded(tilt), kr10, tilt, "a5") > 100.0
 
 
-def test_share_of_an_answer_is_that_of_its_names_on_poses_kept_back(kr10, recorded):
+def test_share_of_an_answer_is_that_of_its_names_on_poses_kept_back(
+    kr10, recorded: Recorder
+):
     recording, _ = recorded(Hysteresis("a2", 2e-4))
 
     def share(*names):
@@ -170,7 +182,8 @@ def test_share_of_an_answer_is_that_of_its_names_on_poses_kept_back(kr10, record
             SimpleNamespace(name=Name(effect, where), shape=shape)
             for effect, where, shape in names
         ]
-        return linear_share_of(SimpleNamespace(named=named), recording, arm_of(kr10))
+        found: Any = SimpleNamespace(named=named)
+        return linear_share_of(found, recording, arm_of(kr10))
 
     shares = [share(), share(("creep", "a4", (20.0, 0.0)))]
     shares.append(share(("hysteresis", "a2", (14.0, 1.0))))
@@ -179,7 +192,7 @@ def test_share_of_an_answer_is_that_of_its_names_on_poses_kept_back(kr10, record
     assert 0.6 < shares[2] < 1.1  # the loop's shape is a guess
 
 
-def test_true_names_leave_what_a_mechanism_outside_does(kr10, recorded):
+def test_true_names_leave_what_a_mechanism_outside_does(kr10, recorded: Recorder):
     effects = (Hysteresis("a2", 2e-4),)
     alone = arm_oracle(*recorded(*effects), kr10, effects)
     outside = arm_oracle(*recorded(*effects, Softening("a3")), kr10, effects)
@@ -249,7 +262,7 @@ GIVEN = answer_of(
 )
 
 
-def marked(answer, truth, number=0):
+def marked(answer, truth, number=0) -> Any:
     label = f"{truth['stratum']} {number}"
     return score_answer(label, f"n{label}", answer, truth)
 

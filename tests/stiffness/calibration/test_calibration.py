@@ -287,7 +287,7 @@ def test_calibration_lists_wild_positions_and_is_otherwise_as_without_them(
     points = recording.points.copy()
     points[[17, 200], 0] += [[0.0, 0.0, 4e-3], [0.3, 0.0, 0.0]]
     wild = replace(recording, points=points)
-    found = calibrate_and_prove(wild, arm_of(UR10), UR10, quiet=True)
+    found = calibrate_and_prove(wild, arm_of(UR10), UR10)
     assert [o.pose for o in found.answer.outliers] == [17, 200]
     assert [w.code for w in found.answer.warnings] == ["outliers"]
     names = {(n.effect, n.where) for n in outcome.answer.named}
