@@ -1,10 +1,9 @@
 """Blind trials: draw effects, diagnose without the truth, and score the answers.
 
 What to use when: `strata` lists the kinds of trials and their bars; `draw` draws a
-trial from its seed, `effects` the site and form of an effect, `whole_arm` all effects
-of an arm, `arms` an arm; `visibility` computes the size of an effect as χ²,
-`magnitudes` scales it to the χ² asked for, `oracle` gives its distance from the
-library, `whole_arm_oracle` its χ² beside all others, from their `linear_model`;
+trial from its seed, `effects` site, form and size of an effect, `arms` an arm, or all
+effects of one; `visibility` computes the size of an effect as χ², `oracle` gives its
+distance from the library and its χ² beside all others, from their `linear_model`;
 `generation` records a trial; `run` has it answered by `method_under_test` in another
 process and commits to the truth before; `score` marks an answer, `rates` and `report`
 give the shares that are right.

@@ -31,22 +31,25 @@ from bench.shared.plan import DEFAULT_PATH, Plan, parse_path
 from bench.shared.recording import Recording
 from bench.standard_plans import tour
 from scenarios.pipelines.synthetic_recording import truth_text
+from scenarios.studies.blind_trials.arms import draw_twins, draw_whole_arm
 from scenarios.studies.blind_trials.draw import BlindTrial, kinds_of
 from scenarios.studies.blind_trials.effects import (
+    FEWEST,
     Ground,
+    OutOfReach,
+    as_large_as,
     draw_site_and_form,
     knees_of,
     turning,
 )
-from scenarios.studies.blind_trials.magnitudes import FEWEST, OutOfReach, as_large_as
-from scenarios.studies.blind_trials.oracle import as_strange_as, explained
-from scenarios.studies.blind_trials.strata import STRATA
-from scenarios.studies.blind_trials.visibility import Visibility, scale_of
-from scenarios.studies.blind_trials.whole_arm import draw_twins, draw_whole_arm
-from scenarios.studies.blind_trials.whole_arm_oracle import (
+from scenarios.studies.blind_trials.oracle import (
     arm_oracle,
+    as_strange_as,
+    explained,
     log_bayes_factor,
 )
+from scenarios.studies.blind_trials.strata import STRATA
+from scenarios.studies.blind_trials.visibility import Visibility, scale_of
 
 # --- Magnitudes on ideal instruments --------------------------------------------------
 

@@ -109,7 +109,7 @@ class Stratum:
             outside the vocabulary that is here added to each; empty: none is.
         most: Largest projected χ², drawn log-uniformly from the least; 0: the least.
         alike: Whether the answer is asked for the twin of its effect: the same at
-            another place, `whole_arm.twin_of`.
+            another place, `arms.draw_twins`.
     """
 
     name: str

@@ -16,7 +16,12 @@ from bench.rig import Rig
 from bench.shared.plan import DEFAULT_PATH
 from bench.standard_plans import tour
 from scenarios.studies.blind_trials import draw, oracle
-from scenarios.studies.blind_trials.arms import BUILDS, arm_text
+from scenarios.studies.blind_trials.arms import (
+    BUILDS,
+    arm_text,
+    draw_twins,
+    draw_whole_arm,
+)
 from scenarios.studies.blind_trials.draw import kinds_of, pool_of, trial_of
 from scenarios.studies.blind_trials.effects import (
     Ground,
@@ -25,7 +30,6 @@ from scenarios.studies.blind_trials.effects import (
     turning,
 )
 from scenarios.studies.blind_trials.strata import LIBRARY, STRATA, USUAL
-from scenarios.studies.blind_trials.whole_arm import draw_twins, draw_whole_arm
 from stiffness.effects import HYPOTHESES
 
 TRIALS, ATTEMPTS = 10, 5

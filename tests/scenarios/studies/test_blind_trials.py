@@ -28,15 +28,17 @@ from scenarios.studies.blind_trials.draw import kinds_of, trial_of, trials_of
 from scenarios.studies.blind_trials.effects import (
     PERIODIC,
     Ground,
+    OutOfReach,
+    as_large_as,
     draw_site_and_form,
     knees_of,
+    scaled,
     turning,
 )
 from scenarios.studies.blind_trials.generation import (
     error_free_instruments,
     generate_trial,
 )
-from scenarios.studies.blind_trials.magnitudes import OutOfReach, as_large_as, scaled
 from scenarios.studies.blind_trials.method_under_test import (
     Question,
     Settings,

@@ -23,7 +23,8 @@ from bench.shared.plan import DEFAULT_PATH
 from bench.shared.recording import Recording
 from bench.standard_plans import tour
 from scenarios.pipelines.inputs import arm_of
-from scenarios.studies.blind_trials import generation, magnitudes, report
+from scenarios.studies.blind_trials import effects, generation, report
+from scenarios.studies.blind_trials.arms import BY_NAME, draw_twins, draw_whole_arm
 from scenarios.studies.blind_trials.draw import trial_of
 from scenarios.studies.blind_trials.effects import Ground, knees_of, turning
 from scenarios.studies.blind_trials.generation import (
@@ -32,6 +33,11 @@ from scenarios.studies.blind_trials.generation import (
     generate_trial,
 )
 from scenarios.studies.blind_trials.method_under_test import linear_share_of
+from scenarios.studies.blind_trials.oracle import (
+    ArmOracle,
+    arm_oracle,
+    log_bayes_factor,
+)
 from scenarios.studies.blind_trials.rates import (
     ARM_BARS,
     arm_bars,
@@ -42,12 +48,6 @@ from scenarios.studies.blind_trials.rates import (
 from scenarios.studies.blind_trials.score import score_answer
 from scenarios.studies.blind_trials.strata import ALL, EVERY_AXIS, STRATA
 from scenarios.studies.blind_trials.visibility import scale_of
-from scenarios.studies.blind_trials.whole_arm import BY_NAME, draw_twins, draw_whole_arm
-from scenarios.studies.blind_trials.whole_arm_oracle import (
-    ArmOracle,
-    arm_oracle,
-    log_bayes_factor,
-)
 from stiffness.diagnosis.result import Name
 
 ARMS = [name for name, stratum in STRATA.items() if stratum.effects]
@@ -210,7 +210,7 @@ def test_mechanism_is_drawn_again_until_the_names_leave_enough_of_it(
 
     monkeypatch.setattr(generation, "arm_oracle", oracle)
     monkeypatch.setattr(generation, "FEWEST", 5.0)
-    monkeypatch.setattr(magnitudes, "FEWEST", 5.0)
+    monkeypatch.setattr(effects, "FEWEST", 5.0)
     without, outside = (
         generate_trial(trial_of(0, name, 2), tmp_path, 20).truth
         for name in ("arm_6", "arm_6_outside")
