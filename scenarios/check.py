@@ -76,8 +76,8 @@ def main(settings: Settings) -> Recording:
     if why := why_not_simulated(recording, settings.robot):
         notes = (*notes, f"no proof can be made of it: {why}")
     found = outliers_of(recording)
-    wild = [outlier_text(found)] if found else []
-    for note in (*notes, *([springs.text] if springs else []), *wild):
+    outliers = [outlier_text(found)] if found else []
+    for note in (*notes, *([springs.text] if springs else []), *outliers):
         console.print(f"Note: {note}", markup=False)
     return recording
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from stiffness.methods.ft_mlp import FtMlp
     from stiffness.methods.gp_residual import GpResidual
     from stiffness.methods.method import Fitted, Method
-    from stiffness.methods.rigid import Rigid
+    from stiffness.methods.method import Rigid
     from stiffness.methods.vjm import Vjm
     from stiffness.robot.arm import Arm
 
@@ -48,7 +48,7 @@ __getattr__ = lazy_names(
         "FtMlp": "stiffness.methods.ft_mlp",
         "GpResidual": "stiffness.methods.gp_residual",
         "Method": "stiffness.methods.method",
-        "Rigid": "stiffness.methods.rigid",
+        "Rigid": "stiffness.methods.method",
         "Vjm": "stiffness.methods.vjm",
         "calibrate": "stiffness.calibration.result",
         "diagnose": "stiffness.diagnosis.diagnose",

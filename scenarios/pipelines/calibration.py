@@ -47,20 +47,25 @@ from scenarios.pipelines.schema import (
     Findings,
     Interval,
     Left,
+    OutlierEntry,
     Placed,
     Proved,
     Remark,
-    Wild,
     verdict_of,
     why_not,
 )
 from stiffness.calibration.columns import Key
 from stiffness.calibration.model import readings_of, spatial_folds_of
 from stiffness.calibration.result import Calibrated, calibrated
-from stiffness.calibration.rigid_fit import wild_readings
+from stiffness.calibration.rigid_fit import outlier_distances
 from stiffness.calibration.selection import BELIEVED, NO_GAIN
 from stiffness.diagnosis.result import Decision
-from stiffness.experiment.outliers import Outlier, outlier_text, outliers_of, without
+from stiffness.experiment.outliers import (
+    Outlier,
+    outlier_text,
+    outliers_of,
+    without_outliers,
+)
 from stiffness.robot.arm import Arm
 
 # --- The entry in schema 1 ------------------------------------------------------------
@@ -293,15 +298,15 @@ def calibrate_and_prove(
     started = time.perf_counter()
     if why := why_not_simulated(recording, model):
         said(f"No proof can be made, only a fit: {why}")
-    wild = [*outliers_of(recording)]
-    readings = readings_of(without(recording, wild), arm)
-    size, folds = wild_readings(readings), spatial_folds_of(readings, draw)
+    outliers = [*outliers_of(recording)]
+    readings = readings_of(without_outliers(recording, outliers), arm)
+    size, folds = outlier_distances(readings), spatial_folds_of(readings, draw)
     kept = size == 0.0
     folds = replace(folds, region=folds.region[kept], fold=folds.fold[kept])
     found = calibrated(readings.take(kept), folds, said)
     for row in np.flatnonzero(~kept):
         pose, name = readings.posture_id[row], readings.names[readings.marker[row]]
-        wild.append(Outlier(int(row), int(pose), name, float(size[row])))
+        outliers.append(Outlier(int(row), int(pose), name, float(size[row])))
     try:
         proof = unproved(found, why) if why else proved(found, recording, model)
     except BenchError as error:  # what was found stays found
@@ -310,12 +315,14 @@ def calibrate_and_prove(
     seconds = time.perf_counter() - started
     answer = answer_of(recording.name, found, proof, residual, seconds, rejected)
     said(first_sentence(answer, proof))
-    if wild:
-        text = outlier_text(wild)
+    if outliers:
+        text = outlier_text(outliers)
         said(text)
         answer = msgspec.structs.replace(
             answer,
             warnings=(Remark("outliers", "tracker", text),),
-            outliers=tuple(Wild(o.pose, o.marker, MM * o.size) for o in wild),
+            outliers=tuple(
+                OutlierEntry(o.pose, o.marker, MM * o.size) for o in outliers
+            ),
         )
     return CalibrationOutcome(found, proof, residual, answer, model)

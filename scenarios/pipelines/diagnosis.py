@@ -49,10 +49,10 @@ from scenarios.pipelines.schema import (
     Next,
     Open,
     Other,
+    OutlierEntry,
     Placed,
     Proved,
     Remark,
-    Wild,
     number,
     verdict_of,
 )
@@ -64,7 +64,7 @@ from stiffness.diagnosis.nominal_fit import (
 )
 from stiffness.diagnosis.result import Decision, Diagnosis, Name, NamedEffect, Warned
 from stiffness.diagnosis.setup_check import setup_errors
-from stiffness.experiment.outliers import without
+from stiffness.experiment.outliers import without_outliers
 from stiffness.robot.arm import Arm
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def proved(
     """
     if found.nominal is None:
         return None, "a mistake of the set-up has to be mended first."
-    recording = without(recording, found.outliers)
+    recording = without_outliers(recording, found.outliers)
     patch = patch_of_diagnosis(found, recording, arm)
     why = ""
     if not (patch.effects or patch.laws):
@@ -295,7 +295,7 @@ def answer_of(
             for p in d.unexplained_places
         ),
         settings=asdict(SETTINGS),
-        outliers=tuple(Wild(o.pose, o.marker, MM * o.size) for o in d.outliers),
+        outliers=tuple(OutlierEntry(o.pose, o.marker, MM * o.size) for o in d.outliers),
     )
 
 

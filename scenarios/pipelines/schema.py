@@ -107,8 +107,8 @@ class Remark(msgspec.Struct, frozen=True):
     text: str
 
 
-class Wild(msgspec.Struct, frozen=True):
-    """A wild reading, which was left out, and how far off it is."""
+class OutlierEntry(msgspec.Struct, frozen=True):
+    """A outlier, which was left out, and how far off it is."""
 
     pose: int
     marker: str
@@ -159,7 +159,7 @@ class Answer(msgspec.Struct, frozen=True):
     seconds: float
     unexplained_places: tuple[Open, ...] = ()
     settings: dict[str, float] = {}
-    outliers: tuple[Wild, ...] = ()
+    outliers: tuple[OutlierEntry, ...] = ()
 
 
 # --- The verdict ----------------------------------------------------------------------

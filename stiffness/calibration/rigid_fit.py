@@ -25,7 +25,7 @@ share of the column's size; chosen: a milliradian that moves a target by a micro
 beyond a tracker."""
 ROUNDS = 6
 SWEEPS = 3
-"""Fits that look for wild readings; chosen: each leaves out what the last found."""
+"""Fits that look for outliers; chosen: each leaves out what the last found."""
 STILL = 1e-9
 """Step in m and rad below which a fit has converged."""
 
@@ -53,11 +53,11 @@ def fitted(readings: Readings, redraw: bool) -> RigidFit:
     return _fit_until_stable(readings, fit.geometry, redraw=True) if redraw else fit
 
 
-def wild_readings(readings: Readings) -> Float[np.ndarray, " rows"]:
-    """Return how far wild readings are from the fitted rigid arm, in m; 0: not wild.
+def outlier_distances(readings: Readings) -> Float[np.ndarray, " rows"]:
+    """Return how far outliers are from the fitted rigid arm, in m; 0: none is.
 
-    A reading is wild where it is far beyond nearly all of its target, and such are
-    rare; the arm is fitted again without them, and all are judged once more.
+    An outlier is far beyond nearly all readings of its target, and such are rare; the
+    arm is fitted again without them, and all are judged once more.
     """
     size = np.zeros(len(readings.seen))
     for _ in range(SWEEPS):

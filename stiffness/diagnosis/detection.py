@@ -182,7 +182,7 @@ class DetectionTest:
 
     @property
     def p_value(self) -> float:
-        """Return the p-value: of any block, of wild poses, or of wild readings."""
+        """Return the p-value: of any block, of overdispersed poses, or of outliers."""
         over = self.dispersion / self.scatter.dispersion_limit
         beyond = float(chi2.sf(self.poses * over, self.poses))
         beyond = min(beyond, self.scatter.p_value(self.scatter_limit))
@@ -191,8 +191,8 @@ class DetectionTest:
     @property
     def scatter_limit(self) -> float:
         """Return the scatter of readings that is still taken for noise."""
-        wild = self.scatter.dispersion_limit
-        return SCATTERED if wild == MEASURED else wild
+        limit = self.scatter.dispersion_limit
+        return SCATTERED if limit == MEASURED else limit
 
     @property
     def excess(self) -> float:

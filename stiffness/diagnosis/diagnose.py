@@ -52,7 +52,7 @@ from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.diagnosis.verdict import answer_of, judge, nominal_of
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis
-from stiffness.experiment.outliers import outlier_text, outliers_of, without
+from stiffness.experiment.outliers import outlier_text, outliers_of, without_outliers
 from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.sensor_noise import average_encoders, with_measured_noise
 from stiffness.regression.testing import SIGNIFICANCE, SMALLEST
@@ -272,7 +272,7 @@ def diagnose(
     mistakes = setup_errors(recording, arm)
     if mistakes:
         return _stopped(recording, mistakes, started)
-    recording, prepared, wild = _prepared(recording, arm)
+    recording, prepared, outliers = _prepared(recording, arm)
     case = build_problem(prepared, hypotheses)
     nominal = np.arange(case.library.nominal)
     everyone = np.ones(len(case.split.fold), dtype=bool)
@@ -287,7 +287,9 @@ def diagnose(
     )
     detection = _detection(prepared, case, found)
     ids = np.unique(recording.posture_id)
-    remarks = [Warned("outliers", "tracker", outlier_text(wild))] if wild else []
+    remarks = (
+        [Warned("outliers", "tracker", outlier_text(outliers))] if outliers else []
+    )
     if unstated:
         remarks.append(Warned("noise_statement", "tracker", unstated))
     common = {
@@ -298,7 +300,7 @@ def diagnose(
         "downweighted": tuple(
             (r, recording.markers[m].name, s) for r, m, s in prepared.downweighted
         ),
-        "outliers": wild,
+        "outliers": outliers,
     }
     if found.p_value >= SIGNIFICANCE:
         common["warnings"] += scattered(found.dispersion)
@@ -316,15 +318,15 @@ def diagnose(
 def _prepared(
     recording: Recording, arm: Arm
 ) -> tuple[Recording, Prepared, tuple[Outlier, ...]]:
-    """Make a recording ready, wild readings left out: those it shows, and the rest."""
-    wild = outliers_of(recording)
-    recording = without(recording, wild)
+    """Make a recording ready, outliers left out: those it shows, and the rest."""
+    outliers = outliers_of(recording)
+    recording = without_outliers(recording, outliers)
     prepared = prepare(recording, arm)
     late = outliers_of(recording, prepared.readings.value)
     if late:
-        recording = without(recording, late)
+        recording = without_outliers(recording, late)
         prepared = prepare(recording, arm)
-    return recording, prepared, tuple(sorted((*wild, *late), key=lambda o: o.row))
+    return recording, prepared, tuple(sorted((*outliers, *late), key=lambda o: o.row))
 
 
 def _detection(

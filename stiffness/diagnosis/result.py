@@ -211,7 +211,7 @@ class Diagnosis:
         nominal: What was fitted silently; None where a mistake stopped the fit.
         held_out: Ids of the poses that naming has not seen.
         downweighted: Readings that counted less: row, marker's name, size in sigma.
-        outliers: Wild readings, which were left out.
+        outliers: Outliers, which were left out.
         seconds: How long it took.
         shares: Of each name, where many were selected together: what the others would
             not explain without it, as a share of the mismatch on poses left out.

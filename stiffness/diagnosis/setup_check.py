@@ -53,7 +53,7 @@ from stiffness.diagnosis.setup_alternatives import (
     of_signs,
 )
 from stiffness.diagnosis.setup_loads import load_setup_errors
-from stiffness.experiment.outliers import outliers_of, without
+from stiffness.experiment.outliers import outliers_of, without_outliers
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import (
     MARKER_POSITION_SIGMA,
@@ -358,14 +358,14 @@ def setup_errors(recording: Recording, arm: Arm) -> Told:
     if recording.points is None or recording.tracker is None:
         return ()
     told = _errors(recording, arm)
-    wild = outliers_of(recording)
-    if not wild or any(w.code == "marker_names" for w in told):
+    outliers = outliers_of(recording)
+    if not outliers or any(w.code == "marker_names" for w in told):
         return told
-    return _errors(without(recording, wild), arm)
+    return _errors(without_outliers(recording, outliers), arm)
 
 
 def _errors(recording: Recording, arm: Arm) -> Told:
-    """Return the mistakes of readings, the wild ones among them."""
+    """Return the mistakes of readings, outliers among them."""
     told: Told = ()
     if recording.displacement == "absolute":
         told = detect_unit_errors(recording, arm)

@@ -81,7 +81,7 @@ RESIDUAL_SHARE_LIMIT = 0.1
 """Residual near a name over what the name explains from which it is withheld. Chosen: a
 name may stand beside an unknown effect that is ten times weaker; one that is not may be
 what imitates it."""
-MOST = 0.5
+MAJORITY = 0.5
 """Share of what is explained or left that withheld names and the residual have, above
 which weaker names go too."""
 INHOMOGENEITY_LIMIT = 0.01
@@ -243,11 +243,11 @@ def _outweighed(
     wrong = [of_name[name] for name in contradicted]
     right = sum(gain for name, gain in of_name.items() if name not in contradicted)
     share = (sum(wrong) + excess) / max(sum(wrong) + excess + right, 1e-12)
-    if share <= MOST:
+    if share <= MAJORITY:
         return []
     reason = "weaker than a withheld name, and most of the mismatch has no name"
     return [
-        Decision(name, "outweighed", False, share, MOST, reason)
+        Decision(name, "outweighed", False, share, MAJORITY, reason)
         for name, gain in of_name.items()
         if name not in contradicted and gain < max(wrong, default=0.0)
     ]

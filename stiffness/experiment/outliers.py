@@ -1,4 +1,4 @@
-"""Outliers: wild readings of single marks, found by rigid bodies and by their visits.
+"""Outliers: readings of single marks far off, found by rigid bodies and by visits.
 
 Marks of one body keep their distances and the volumes that they span:
 
@@ -25,8 +25,8 @@ Valid       bodies with one or two marks
 Ignores     what is not far beyond the largest that effects leave
 ==========  ==========================================================================
 
-A reading that is wild is left out, as if the mark had not been seen, and is listed. One
-that is often wild is none: then the mark moves, and that is a finding.
+An outlier is left out, as if the mark had not been seen, and is listed. One
+that is often far off is none: then the mark moves, and that is a finding.
 """
 
 from collections.abc import Iterable, Sequence
@@ -38,8 +38,8 @@ from jaxtyping import Bool, Float, Int
 
 from bench.shared.recording import Recording
 
-WILD = 8.0
-"""Robust sigmas from which a reading is wild; chosen: normal noise is there once in
+OUTLIER_SIGMAS = 8.0
+"""Robust sigmas from which a reading is one; chosen: normal noise is there once in
 1e14 readings, a mark that slips stays there, and that is no outlier."""
 CLOSE = 4.0
 """Robust sigmas within which the other marks of its body fit; chosen."""
@@ -49,17 +49,17 @@ chosen: more are what the mark does."""
 LEAST = 1e-7
 """Spread below which all is rounding, in m; chosen."""
 NEAR, FAR = 0.9, 5.0
-"""Quantile of a mark's residuals, and the multiple of it beyond which one is wild;
+"""Quantile of a mark's residuals, and the multiple of it beyond which one is far off;
 chosen: 12 sigma of normal noise."""
 SHOWN = 5
-"""Wild readings that are named in a sentence; the whole list is in the answer."""
+"""Outliers that are named in a sentence; the whole list is in the answer."""
 CONSISTENT = 1.4826
 """Standard deviation of a normal law over its median absolute deviation."""
 
 
 @dataclass(frozen=True)
 class Outlier:
-    """A wild reading.
+    """A reading far off.
 
     Attributes:
         row: Of the recording.
@@ -77,7 +77,7 @@ class Outlier:
 def outliers_of(
     recording: Recording, residual: Float[np.ndarray, "rows markers 3"] | None = None
 ) -> tuple[Outlier, ...]:
-    """Return the wild readings of a recording, by rows.
+    """Return the outliers of a recording, by rows.
 
     Args:
         recording: With markers, or without: then there are none.
@@ -105,7 +105,7 @@ def outliers_of(
     )
 
 
-def without(recording: Recording, outliers: Iterable[Outlier]) -> Recording:
+def without_outliers(recording: Recording, outliers: Iterable[Outlier]) -> Recording:
     """Return a recording in which some readings were not seen."""
     outliers = tuple(outliers)
     if not outliers:
@@ -134,13 +134,13 @@ def spread_of_bodies(recording: Recording) -> float | None:
     return float(np.median(found)) if found else None
 
 
-def outlier_text(wild: Sequence[Outlier]) -> str:
+def outlier_text(found: Sequence[Outlier]) -> str:
     """Say how many readings were left out, and name the worst."""
-    largest = sorted(wild, key=lambda o: -o.size)
+    largest = sorted(found, key=lambda o: -o.size)
     shown = [f"{o.marker} in pose {o.pose} by {1e3 * o.size:.3g} mm" for o in largest]
-    more = f" and {len(wild) - SHOWN} more" if len(wild) > SHOWN else ""
-    are = "reading was" if len(wild) == 1 else "readings were"
-    return f"{len(wild)} wild {are} left out: {', '.join(shown[:SHOWN])}{more}."
+    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    are = "reading was" if len(found) == 1 else "readings were"
+    return f"{len(found)} outlying {are} left out: {', '.join(shown[:SHOWN])}{more}."
 
 
 def _bodies(recording: Recording) -> list[list[int]]:
@@ -152,17 +152,17 @@ def _bodies(recording: Recording) -> list[list[int]]:
 
 
 def _rare(points: np.ndarray, found: np.ndarray) -> Bool[np.ndarray, "rows markers"]:
-    """Return which readings are wild, of marks that seldom are."""
-    wild = found > 0.0
+    """Return which readings are outliers, of marks that seldom are."""
+    outlying = found > 0.0
     seen = np.isfinite(points).all(axis=2).sum(axis=0)
-    return wild & (wild.sum(axis=0) <= np.maximum(RARE * seen, FEW))
+    return outlying & (outlying.sum(axis=0) <= np.maximum(RARE * seen, FEW))
 
 
 # --- Marks of a rigid body ------------------------------------------------------------
 
 
 def _of_body(points: np.ndarray, marks: list[int], found: np.ndarray) -> None:
-    """Note the sizes of wild readings of a body's marks in `found`."""
+    """Note the sizes of outliers of a body's marks in `found`."""
     y = points[:, marks]
     odd, sigma = _odd_rows(y)
     if not len(odd):
@@ -171,14 +171,15 @@ def _of_body(points: np.ndarray, marks: list[int], found: np.ndarray) -> None:
     if place is None:
         return
     for row in odd:
-        for m, size in _wild_marks(y[row], place, sigma):
+        for m, size in _outlying_marks(y[row], place, sigma):
             found[row, marks[m]] = size
 
 
 def _odd_rows(y: Float[np.ndarray, "rows marks 3"]) -> tuple[np.ndarray, float]:
     """Return rows in which a body is not what it is, and one sigma of a coordinate."""
     count = y.shape[1]
-    apart = [np.linalg.norm(y[:, i] - y[:, j], axis=1) for i, j in _sets(count, 2)]
+    pairs = _combinations(count, 2)
+    apart = [np.linalg.norm(y[:, i] - y[:, j], axis=1) for i, j in pairs]
     spreads = [_spread(values) for values in apart]
     known = [s for s in spreads if np.isfinite(s)]
     if not known:
@@ -187,14 +188,14 @@ def _odd_rows(y: Float[np.ndarray, "rows marks 3"]) -> tuple[np.ndarray, float]:
     odd = np.zeros(len(y), dtype=bool)
     for values, spread in zip(apart, spreads, strict=True):
         odd |= _beyond(values, max(spread, sigma))
-    for i, j, k, m in _sets(count, 4):
+    for i, j, k, m in _combinations(count, 4):
         a, b, c = (y[:, n] - y[:, i] for n in (j, k, m))
         volume = np.einsum("ri,ri->r", np.cross(a, b), c)
         odd |= _beyond(volume, _spread(volume))
     return np.flatnonzero(odd), sigma
 
 
-def _sets(count: int, size: int) -> list[tuple[int, ...]]:
+def _combinations(count: int, size: int) -> list[tuple[int, ...]]:
     """Return sets of marks, few of four of them where there are many marks."""
     sets = list(combinations(range(count), size))
     return sets if size == 2 else [s for s in sets if s[:3] == (0, 1, 2)]
@@ -240,27 +241,27 @@ def _registered(
     return u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v, middle, centre
 
 
-def _wild_marks(
+def _outlying_marks(
     y: Float[np.ndarray, "marks 3"], place: Float[np.ndarray, "marks 3"], sigma: float
 ) -> list[tuple[int, float]]:
-    """Return which marks are wild in one row, and how far off, in m."""
-    wild: list[tuple[int, float]] = []
+    """Return which marks are outliers in one row, and how far off, in m."""
+    found: list[tuple[int, float]] = []
     left = [m for m in range(len(y)) if np.isfinite(y[m]).all()]
-    while len(left) > 2 and _misfit(y, place, left) > CLOSE * sigma:
+    while len(left) > 2 and _distance_errors(y, place, left) > CLOSE * sigma:
         others = [[n for n in left if n != m] for m in left]
-        fits = [_misfit(y, place, some) for some in others]
+        fits = [_distance_errors(y, place, some) for some in others]
         best = int(np.argmin(fits))
         some, m = others[best], left[best]
         if len(some) < 3 and _clear(fits, best) is False:
-            return wild
+            return found
         turn, middle, centre = _registered(place[some], y[some])
         size = float(np.linalg.norm((place[m] - middle) @ turn.T + centre - y[m]))
         if len(some) == 2:
             size = float(np.abs(_distances(y, place, m, some)).max())
-        if size > WILD * sigma:
-            wild.append((m, size))
+        if size > OUTLIER_SIGMAS * sigma:
+            found.append((m, size))
         left = some
-    return wild
+    return found
 
 
 def _clear(fits: list[float], best: int) -> bool:
@@ -269,7 +270,7 @@ def _clear(fits: list[float], best: int) -> bool:
     return fits[best] < rest / 2.0
 
 
-def _misfit(y: np.ndarray, place: np.ndarray, some: list[int]) -> float:
+def _distance_errors(y: np.ndarray, place: np.ndarray, some: list[int]) -> float:
     """Return the largest misfit of marks that move rigidly, in m."""
     off = _onto(y[some], place[some]) - place[some]
     return float(np.linalg.norm(off, axis=1).max())

@@ -273,9 +273,9 @@ def write(folder: Path | str, recording: Recording) -> None:
     try:
         held = sorted(folder.iterdir()) if folder.exists() else []
         ours = {FILE, CSV_FILE, PARQUET_FILE}
-        strangers = [p.name for p in held if p.name not in ours or not p.is_file()]
-        if strangers:
-            shown = ", ".join(quoted(name) for name in strangers[:5])
+        foreign = [p.name for p in held if p.name not in ours or not p.is_file()]
+        if foreign:
+            shown = ", ".join(quoted(name) for name in foreign[:5])
             fault = f"it holds more than a recording ({shown}); give another name."
             raise Unusable(what, [fault])
         if held and not (folder / FILE).is_file():

@@ -173,28 +173,28 @@ def whole_arm(
     without = None
     for again in range(REDRAWN):
         kind = kinds[pool[(trial.number + again) % len(pool)]]
-        stranger = draw_site_and_form(kind, draw, ground)
+        unknown = draw_site_and_form(kind, draw, ground)
         low, high = OUTSIDE_CHI2
         asked = low * (high / low) ** draw.uniform(0.0, 1.0)
         try:
-            if weigh(stranger).poses < FEWEST:
+            if weigh(unknown).poses < FEWEST:
                 continue  # at no size more of them show it
-            stranger, weight = as_large_as(stranger, asked, weigh)
-            every = (*effects, stranger)
+            unknown, weight = as_large_as(unknown, asked, weigh)
+            every = (*effects, unknown)
             quiet, recording = bench.quiet(every), bench.seen(every, trial.instruments)
         except BenchError as error:
             fault = str(error).partition("\n")[0]
             continue
         oracle = arm_oracle(recording, quiet, model, effects)
         without = without or arm_oracle(recording, clean, model, effects)
-        left = oracle.left - without.left
+        left = oracle.residual - without.residual
         if left >= LEAST_LEFT:
             return every, recording, {
                 "own_chi2": (*without.own, left),
                 "oracle_share": oracle.share,
-                "outside": {"where": stranger.where, "chi2": weight.chi2, "left": left},
+                "outside": {"where": unknown.where, "chi2": weight.chi2, "left": left},
             }  # fmt: skip
-        fault = f"The names explain {stranger.name} at {stranger.where}."
+        fault = f"The names explain {unknown.name} at {unknown.where}."
     raise OutOfReach(fault or "Too few poses show a mechanism outside.")
 
 
@@ -271,7 +271,7 @@ def _simulate(
     twin = ""
     if trial.stratum.effects:
         effects = draw_whole_arm(trial.stratum, draw, ground)
-    elif trial.stratum.alike:
+    elif trial.stratum.has_twin:
         effect, twin = draw_twins(kinds[0], draw, ground)
         effects = [effect]
     else:

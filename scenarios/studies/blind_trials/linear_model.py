@@ -71,11 +71,11 @@ def linear_model_of(
         choices: Of each name, the shapes that it may have.
         with_shapes: Whether shapes are fitted too, from those that were chosen.
     """
-    case = _laid_out(prepared)
+    case = _columns_of_terms(prepared)
     fit = _chosen(case, choices)
     if fit.members:
         softer = total_softening(case, prepared, fit)
-        case = _laid_out(prepared, softer, fit)
+        case = _columns_of_terms(prepared, softer, fit)
         fit = _chosen(case, choices)
     if with_shapes:
         terms = fit_shapes(case, fit.members)
@@ -83,7 +83,7 @@ def linear_model_of(
     return LinearModel(case, fit)
 
 
-def _laid_out(
+def _columns_of_terms(
     prepared: Prepared,
     softer: Float[np.ndarray, " springs"] | None = None,
     fit: ModelFit | None = None,

@@ -20,7 +20,7 @@ Equation    own χ² = loss of a name (`linear_model`) in readings of instrument
 Source      as there
 Valid       effects that the library has a law of
 Ignores     that laws of the library are not those of the simulator: what they leave of
-            noise-free readings is `left`
+            noise-free readings is `residual`
 ==========  ==========================================================================
 """
 
@@ -452,12 +452,12 @@ class ArmOracle:
     Attributes:
         own: χ² of each effect on its own; 0 where the library has no law at its place.
         share: Of the mismatch on poses kept back that the true names explain.
-        left: χ² of noise-free readings that the true names do not explain.
+        residual: χ² of noise-free readings that the true names do not explain.
     """
 
     own: tuple[float, ...]
     share: float
-    left: float
+    residual: float
 
 
 def arm_oracle(

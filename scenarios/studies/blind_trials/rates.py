@@ -289,7 +289,7 @@ def by_arm(scores: Sequence[TrialScore]) -> list[dict[str, Any]]:
         visible = [hit for arm in arms for _, hit in arm.visible]
         names = [hit for arm in arms for _, hit in arm.names]
         held = [i.holds for s in own for i in s.intervals]
-        strangers = [arm.outside for arm in arms if arm.outside is not None]
+        outside = [arm.outside for arm in arms if arm.outside is not None]
         shares = [arm.share or 0.0 for arm in arms]
         rows.append(
             {
@@ -304,8 +304,8 @@ def by_arm(scores: Sequence[TrialScore]) -> list[dict[str, Any]]:
                 "explained_least": float(np.min(shares)),
                 "oracle_median": float(np.median([arm.oracle for arm in arms])),
                 "place_first": sum(arm.place_first for arm in arms),
-                "outside_said": sum(strangers) if strangers else None,
-                "names_lost": sum(lost_names(scores, own)) if strangers else None,
+                "outside_said": sum(outside) if outside else None,
+                "names_lost": sum(lost_names(scores, own)) if outside else None,
                 "intervals": len(held),
                 "intervals_hold": sum(held),
                 "median_seconds": float(np.median([s.seconds for s in own])),

@@ -307,7 +307,7 @@ def _arm_score(answer: Mapping, truth: Mapping, effects: Sequence[Mapping]) -> A
         where = effect["where"]
         by_place[where] = by_place.get(where, 0.0) + own
     located = [place["where"] for place in answer.get("located", [])]
-    stranger = truth.get("outside", {}).get("where")
+    outside = truth.get("outside", {}).get("where")
     left = [place["where"] for place in answer.get("unexplained_places", [])]
     proved = answer.get("explained_share")
     return ArmScore(
@@ -324,7 +324,7 @@ def _arm_score(answer: Mapping, truth: Mapping, effects: Sequence[Mapping]) -> A
         oracle=truth["oracle_share"],
         place_first=max(by_place, key=lambda w: by_place[w])
         in _places_said(located[:1], given),
-        outside=None if stranger is None else stranger in left,
+        outside=None if outside is None else outside in left,
     )
 
 

@@ -108,7 +108,7 @@ class Stratum:
         arm_of: Stratum whose trials have the same arms, without the one mechanism
             outside the vocabulary that is here added to each; empty: none is.
         most: Largest projected χ², drawn log-uniformly from the least; 0: the least.
-        alike: Whether the answer is asked for the twin of its effect: the same at
+        has_twin: Whether the answer is asked for the twin of its effect: the same at
             another place, `arms.draw_twins`.
     """
 
@@ -123,7 +123,7 @@ class Stratum:
     effects: int = 0
     arm_of: str = ""
     most: float = 0.0
-    alike: bool = False
+    has_twin: bool = False
 
     @property
     def said(self) -> str:
@@ -160,8 +160,8 @@ def _whole_arms() -> tuple[Stratum, ...]:
     return tuple(found)
 
 
-def _alike(name: str, what: str, effect: str) -> Stratum:
-    return Stratum(name, what, (400.0,), pool=(effect,), most=40_000.0, alike=True)
+def _with_twin(name: str, what: str, effect: str) -> Stratum:
+    return Stratum(name, what, (400.0,), pool=(effect,), most=40_000.0, has_twin=True)
 
 
 STRATA = {
@@ -210,13 +210,13 @@ STRATA = {
         ),
         Stratum("one_45", "one effect that should just show", (45.0,)),
         *_whole_arms(),
-        _alike("alike_drift", "drift of the base or of the tracker", "drift"),
-        _alike("alike_mass", "mass on link 3 or on link 4", "gravity_load"),
-        _alike("alike_tilt", "a tilt, and that of the next axis", "bearing_tilt"),
+        _with_twin("alike_drift", "drift of the base or of the tracker", "drift"),
+        _with_twin("alike_mass", "mass on link 3 or on link 4", "gravity_load"),
+        _with_twin("alike_tilt", "a tilt, and that of the next axis", "bearing_tilt"),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""
-USUAL = tuple(name for name, s in STRATA.items() if not (s.effects or s.alike))
+USUAL = tuple(name for name, s in STRATA.items() if not (s.effects or s.has_twin))
 """Strata that are tried unless others are asked for."""
 
 

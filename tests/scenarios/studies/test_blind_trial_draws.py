@@ -106,7 +106,7 @@ def drawing(trial, ground):
     for attempt in range(ATTEMPTS):
         if trial.stratum.effects:
             effects = draw_whole_arm(trial.stratum, chance, here)
-        elif trial.stratum.alike:
+        elif trial.stratum.has_twin:
             (kind,) = kinds_of(trial, chance, attempt)
             effect, twin = draw_twins(kind, chance, here)
             effects = [effect]

@@ -51,7 +51,7 @@ from scenarios.studies.blind_trials.visibility import scale_of
 from stiffness.diagnosis.result import Name
 
 ARMS = [name for name, stratum in STRATA.items() if stratum.effects]
-TWINS = [name for name, stratum in STRATA.items() if stratum.alike]
+TWINS = [name for name, stratum in STRATA.items() if stratum.has_twin]
 
 # --- Drawing --------------------------------------------------------------------------
 
@@ -196,7 +196,7 @@ def test_true_names_leave_what_a_mechanism_outside_does(kr10, recorded: Recorder
     effects = (Hysteresis("a2", 2e-4),)
     alone = arm_oracle(*recorded(*effects), kr10, effects)
     outside = arm_oracle(*recorded(*effects, Softening("a3")), kr10, effects)
-    assert outside.left > alone.left + 1000.0
+    assert outside.residual > alone.residual + 1000.0
     assert outside.share < alone.share - 0.1
 
 

@@ -25,7 +25,7 @@ from scenarios.studies import ur10_calibration
 from stiffness.calibration import model as geometry
 from stiffness.calibration.columns import candidates_of
 from stiffness.calibration.model import CalibrationState, readings_of, spatial_folds_of
-from stiffness.calibration.rigid_fit import fitted, wild_readings
+from stiffness.calibration.rigid_fit import fitted, outlier_distances
 
 ROOT = Path(__file__).resolve().parents[3]
 UR10 = ROOT / "mjcf" / "ur10" / "ur10.xml"
@@ -275,10 +275,10 @@ def test_wild_positions_are_found_and_no_sound_one_is_taken_for_wild(recording):
     points = recording.points.copy()
     points[rows, 0] += off[:, None] * np.array([0.6, 0.0, -0.8])
     seen = readings_of(replace(recording, points=points), arm_of(UR10))
-    size = wild_readings(seen)
+    size = outlier_distances(seen)
     assert np.flatnonzero(size).tolist() == rows.tolist()
     assert np.allclose(size[rows], off, atol=3e-4)
-    assert not wild_readings(readings_of(recording, arm_of(UR10))).any()
+    assert not outlier_distances(readings_of(recording, arm_of(UR10))).any()
 
 
 def test_calibration_lists_wild_positions_and_is_otherwise_as_without_them(

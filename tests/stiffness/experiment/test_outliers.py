@@ -1,4 +1,4 @@
-"""Wild readings are listed, left out, and cost nothing but themselves."""
+"""Outliers are listed, left out, and cost nothing but themselves."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from small_bench import FEW, arm, recording
 
 from bench.shared.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.experiment.outliers import Outlier, outliers_of, without
+from stiffness.experiment.outliers import Outlier, outliers_of, without_outliers
 
 SHARE = 1e-3
 MM = 1e-3
@@ -101,8 +101,8 @@ def test_wild_readings_cost_nothing_but_themselves(count):
 def test_left_out_reading_is_as_one_that_was_not_seen():
     made = recording()
     name = made.markers[2].name
-    left = without(made, [Outlier(5, int(made.posture_id[5]), name, MM)])
+    left = without_outliers(made, [Outlier(5, int(made.posture_id[5]), name, MM)])
     assert left.points is not None and made.points is not None
     assert np.isnan(left.points[5, 2]).all()
     assert np.isnan(left.points).sum() == np.isnan(made.points).sum() + 3
-    assert without(made, ()) is made
+    assert without_outliers(made, ()) is made
