@@ -25,6 +25,7 @@ from stiffness.effects.base import Hypothesis, sprung
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
 from stiffness.experiment.visits import (
+    ALIKE,
     BEFORE,
     GRAVITY,
     NOTHING,
@@ -87,11 +88,7 @@ class Creep(Hypothesis):
         k = situation.axis(where)
         time, own = shape[0], round(shape[1])
         beside = [followed(situation, k, f * time, own) for f in (1 / 3, 3.0)]
-        others = [
-            followed(situation, k, time, memory)
-            for memory in memories(situation.recording.visit)
-            if memory != own
-        ]
+        others = [followed(situation, k, time, memory) for memory in ALIKE[own]]
         return turn(k, *beside, *others)
 
     @override

@@ -24,6 +24,7 @@ from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
 from stiffness.experiment.visits import (
+    ALIKE,
     BEFORE,
     GRAVITY,
     NOTHING,
@@ -77,11 +78,7 @@ class Hysteresis(Hypothesis):
         k = situation.axis(where)
         slip, own = shape[0], round(shape[1])
         spread = [stop(situation, k, f * slip, own) for f in (0.3, 0.6, 1.7, 3.0)]
-        others = [
-            stop(situation, k, slip, memory)
-            for memory in memories(situation.recording.visit)
-            if memory != own
-        ]
+        others = [stop(situation, k, slip, memory) for memory in ALIKE[own]]
         soft = [rounded(situation, k, f * slip, own) for f in (0.5, 1.0, 2.0)]
         slope = situation.softness_of(k)
         return turn(k, *(slope * law for law in (*spread, *others, *soft)))

@@ -133,6 +133,9 @@ NOTHING, GRAVITY, BEFORE = 0, 1, 2
 zero there; gravity's torque, under which it came to rest; what the visit before and the
 way from it left."""
 MEMORIES = (NOTHING, GRAVITY, BEFORE)
+ALIKE = {NOTHING: (GRAVITY,), GRAVITY: (NOTHING,), BEFORE: ()}
+"""Memories between which a gear may be: it came to rest in part. What a visit before
+left is known wholly or not at all."""
 
 
 def memories(visit: Int[np.ndarray, " rows"]) -> tuple[int, ...]:
