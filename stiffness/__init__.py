@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from stiffness.methods.dt_cnn import DtCnn
     from stiffness.methods.ft_mlp import FtMlp
     from stiffness.methods.gp_residual import GpResidual
-    from stiffness.methods.method import Fitted, Method
-    from stiffness.methods.method import Rigid
+    from stiffness.methods.method import Fitted, Method, Rigid
     from stiffness.methods.vjm import Vjm
     from stiffness.robot.arm import Arm
 

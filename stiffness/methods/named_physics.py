@@ -61,7 +61,7 @@ MECHANISMS = tuple(
     and "within_visit" in CATALOGUE[law.effect].visible_in
 )
 """Laws by which an arm gives way under a load."""
-LAWS = {law.effect: law for law in MECHANISMS}
+NAMES = frozenset(law.effect for law in MECHANISMS)
 
 
 @dataclass(frozen=True)
@@ -129,14 +129,14 @@ class NamedPhysicsFit(Fitted):
         None where nothing was named that gives way under a load.
         """
         nominal, known = self.diagnosis.nominal, self.mechanics
-        named = [e for e in self.diagnosis.named if e.name.effect in LAWS]
+        named = [e for e in self.diagnosis.named if e.name.effect in NAMES]
         if nominal is None or known is None or not named:
             return None
         own = list(known.springs)
         return replace(
             known,
             softer=nominal.compliance[own] - known.situation.compliance[own],
-            terms=tuple(_term(e) for e in named),
+            terms=tuple(_term(e, known.situation) for e in named),
             coefficients=tuple(np.array(e.coefficients, float) for e in named),
         )
 
@@ -322,15 +322,26 @@ FAINTEST = 1e-6
 """The same of a law that is not there; chosen: a thousandth of a standard error."""
 LEAST_FITTED = 1e-3
 """Coefficients fitted with a law, as a number, below which it is not there; chosen."""
+ROUNDING = 1e-9
+"""Added to what readings know of a column, as a share; chosen: above what sums leave."""
 ROUNDS = 100
 SETTLED = 0.02
 """Change of a variance's logarithm, times what is fitted with it, that ends the rounds;
 chosen."""
 
 
-def _term(effect: NamedEffect) -> ModelTerm:
-    law, shape = LAWS[effect.name.effect], np.array(effect.shape, dtype=float)
-    return ModelTerm(law, effect.name.where, shape)
+def _term(effect: NamedEffect, situation: StaticState) -> ModelTerm:
+    """Return a named effect as the law by which it was named; a name may have several."""
+    where, shape = effect.name.where, np.array(effect.shape, dtype=float)
+    laws = [law for law in MECHANISMS if law.effect == effect.name.effect]
+    terms = [
+        ModelTerm(law, where, shape)
+        for law in laws
+        if len(law.shape_names) == len(shape)
+    ]
+    sizes = len(effect.coefficients)
+    own = (t for t in terms if t.jacobian(situation).columns == sizes)
+    return next(own, ModelTerm(laws[0], where, shape))
 
 
 def _mechanics_of(
@@ -347,7 +358,7 @@ def _mechanics_of(
         Springs and laws; None where there is no law.
     """
     here = prepared.situation
-    bands = [[_term(e)] for e in diagnosis.named if e.name.effect in LAWS]
+    bands = [[_term(e, here)] for e in diagnosis.named if e.name.effect in NAMES]
     named = len(bands)
     if others:
         bands += [
@@ -434,7 +445,8 @@ def shrunken_fit(
     for b in range(count):
         unit[band == b] = known[band == b].mean()
     scale = np.where(unit > 0.0, 1.0 / np.sqrt(np.where(unit > 0.0, unit, 1.0)), 0.0)
-    normal = Normal(gram * scale * scale[:, None], score * scale, square, 0)
+    white = gram * scale * scale[:, None] + ROUNDING * np.eye(len(gram))
+    normal = Normal(white, score * scale, square, 0)
     variance, alive = np.full(count, FIRST_VARIANCE), np.ones(count, dtype=bool)
     found = _solved(normal, band, variance)
     for _ in range(ROUNDS):
