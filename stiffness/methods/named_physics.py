@@ -322,8 +322,9 @@ FAINTEST = 1e-6
 """The same of a law that is not there; chosen: a thousandth of a standard error."""
 LEAST_FITTED = 1e-3
 """Coefficients fitted with a law, as a number, below which it is not there; chosen."""
-ROUNDING = 1e-9
-"""Added to what readings know of a column, as a share; chosen: above what sums leave."""
+ROUNDING = 1e-8
+"""Least that readings know of a direction, as a share of what they know of the best;
+chosen: above what sums in single precision leave."""
 ROUNDS = 100
 SETTLED = 0.02
 """Change of a variance's logarithm, times what is fitted with it, that ends the rounds;
@@ -331,7 +332,7 @@ chosen."""
 
 
 def _term(effect: NamedEffect, situation: StaticState) -> ModelTerm:
-    """Return a named effect as the law by which it was named; a name may have several."""
+    """Return a named effect as the law, of several with its name, that was fitted."""
     where, shape = effect.name.where, np.array(effect.shape, dtype=float)
     laws = [law for law in MECHANISMS if law.effect == effect.name.effect]
     terms = [
@@ -445,7 +446,9 @@ def shrunken_fit(
     for b in range(count):
         unit[band == b] = known[band == b].mean()
     scale = np.where(unit > 0.0, 1.0 / np.sqrt(np.where(unit > 0.0, unit, 1.0)), 0.0)
-    white = gram * scale * scale[:, None] + ROUNDING * np.eye(len(gram))
+    value, vector = np.linalg.eigh(gram * scale * scale[:, None])
+    value = np.maximum(value, ROUNDING * value.max(initial=1.0))
+    white = (vector * value) @ vector.T
     normal = Normal(white, score * scale, square, 0)
     variance, alive = np.full(count, FIRST_VARIANCE), np.ones(count, dtype=bool)
     found = _solved(normal, band, variance)
