@@ -108,6 +108,9 @@ def evaluate_model(
 # --- Intervals of parameters ----------------------------------------------------------
 
 LEVEL = SETTINGS.confidence
+FORM = 0.9
+"""Share of the way from the interval's end to nothing by which another shape or form of
+its law may widen the interval of a size that is not nothing; chosen."""
 SLIGHT = 0.01
 """Share of an interval that an estimate is nothing beside, and share of what is
 physical from which on an interval is wide; chosen."""
@@ -118,7 +121,6 @@ def parameters_of(
     springs: Sequence[int],
     look: ModelEvaluation,
     split: Split,
-    of_one_form: bool = False,
 ) -> list[dict[str, Parameter]]:
     """Return every member's parameters of the vocabulary with 95 % intervals.
 
@@ -127,7 +129,6 @@ def parameters_of(
         springs: Axes whose compliance is nominal.
         look: The fitted set.
         split: Which poses may be looked at.
-        of_one_form: Whether the laws are true in the form in which they were fitted.
     """
     fit, found = look.fit, look.slopes
     known = found.gram.shape[1] - sum(len(block) for block in look.forms)
@@ -144,7 +145,7 @@ def parameters_of(
         np.maximum(np.diag(spread) / np.maximum(np.diag(inverse), 1e-300), 1.0)
     )
     cov = inverse * grow * grow[:, None] * scale * scale[:, None]
-    shift = 0.0 * fitted if of_one_form else shift_by_forms(look, split) - fitted
+    shift = shift_by_forms(look, split) - fitted
     quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, len(score) - 1)))
     answers = []
     every = zip(fit.members, fit.coefficients, _columns_of_members(look), strict=True)
@@ -257,18 +258,37 @@ def _of_member(situation, springs, member, fitted, cov, shift, quantile):
         up, down = parameters(high), parameters(low)
         slope[:, i] = [(up[k] - down[k]) / (2 * step) for k in names]
     spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, cov, slope), 0.0))
+    given = _given_shapes(cov, len(member.shape))
+    fixed = np.einsum(
+        "ki,ij,kj->k", slope[:, : len(given)], given, slope[:, : len(given)]
+    )
+    fixed = np.sqrt(np.maximum(fixed, 0.0))
     moved = slope @ shift
+    nothing = {name: 0.0 for name in member.hypothesis.magnitudes}
+    nothing |= dict(member.hypothesis.neutral)
     law, found = member.hypothesis, {}
     grain = law.grain(situation)
-    for name, s, by in zip(names, spread, moved, strict=True):
-        half = float(quantile * np.hypot(s, by) + grain.get(name, 0.0))
+    for name, s, by, own in zip(names, spread, moved, fixed, strict=True):
         value = float(here[name])
+        half = float(quantile * own + grain.get(name, 0.0))
+        wide = float(quantile * np.hypot(s, by) + grain.get(name, 0.0))
+        if name in nothing and half < abs(value - nothing[name]):
+            # poses left out need it, in whatever form and shape
+            wide = min(wide, half + FORM * (abs(value - nothing[name]) - half))
         if name in law.logarithmic and value > 0.0:
-            factor = float(np.exp(min(half / value, 50.0)))
+            factor = float(np.exp(min(wide / value, 50.0)))
             found[name] = Parameter(value, value / factor, value * factor)
         else:
-            found[name] = Parameter(value, value - half, value + half)
+            found[name] = Parameter(value, value - wide, value + wide)
     return found
+
+
+def _given_shapes(cov: np.ndarray, shapes: int) -> np.ndarray:
+    """Return the covariance of all but the last parameters, these held."""
+    count = len(cov) - shapes
+    side = cov[:count, count:]
+    inner = np.linalg.pinv(cov[count:, count:], hermitian=True)
+    return cov[:count, :count] - side @ inner @ side.T
 
 
 def as_held(
@@ -308,9 +328,11 @@ def beyond_limits(
 
 
 def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Parameter]) -> bool:
-    """Return whether all that an effect could be holds zero, interval by interval.
+    """Return whether all that an effect could be may be nothing, by the intervals.
 
-    A stiffness whose interval holds zero may be without end.
+    A stiffness whose interval holds zero may be without end; a ratio is nothing at its
+    neutral value.
     """
-    sizes = [p for name, p in parameters.items() if name in hypothesis.magnitudes]
-    return bool(sizes) and all(p.low <= 0.0 <= p.high for p in sizes)
+    nothing = {name: 0.0 for name in hypothesis.magnitudes} | dict(hypothesis.neutral)
+    sizes = [(p, nothing[name]) for name, p in parameters.items() if name in nothing]
+    return bool(sizes) and all(p.low <= value <= p.high for p, value in sizes)

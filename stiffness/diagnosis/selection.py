@@ -174,10 +174,38 @@ def _first_search(problem: GroupProblem) -> GroupSelection:
         gain = FactorisedSet.of(problem, [k]).gain
         if gain > alone.get(group.name, (0.0, 0))[0]:
             alone[group.name] = (gain, k)
-    starts = [k for _, k in sorted(alone.values(), reverse=True)[1:STARTS]]
+    starts = [k for _, k in sorted(alone.values(), reverse=True)[1 : STARTS + 1]]
     for k in starts:
         if k not in best.groups:
             other = select_groups(problem, [k])
+            best = max(best, other, key=lambda found: found.log_evidence)
+    return best
+
+
+def _from_rivals(search: Search, selected: GroupSelection, fine: int) -> GroupSelection:
+    """Search a small set again with each rival in each name's place; return the best.
+
+    One name may do what two true ones do; only from one of these is the pair found.
+
+    Args:
+        search: With the rivals' fine shapes among its first terms.
+        selected: The set that was found.
+        fine: How many terms come first.
+    """
+    problem, terms, groups = search.problem, search.terms, selected.groups
+    if not 0 < len(groups) <= SMALL_SET:
+        return selected
+    held = {terms[k].name for k in groups}
+    best = selected
+    for name in held:
+        rest = [k for k in groups if terms[k].name != name]
+        gains: dict[Name, tuple[float, int]] = {}
+        for k in range(fine):
+            gain = FactorisedSet.of(problem, [*rest, k]).gain
+            if terms[k].name not in held and gain > gains.get(terms[k].name, (0.0,))[0]:
+                gains[terms[k].name] = (gain, k)
+        for _, k in sorted(gains.values(), reverse=True)[:STARTS]:
+            other = select_groups(problem, [*rest, k])
             best = max(best, other, key=lambda found: found.log_evidence)
     return best
 
@@ -254,6 +282,7 @@ class SelectedModel:
         case: As laid out under everything that was found.
         fit: The set.
         fine: Fine shapes of its names and of what could stand in their place.
+        refused: Names that would be physically impossible here.
         parameters: Of each term, with 95 % intervals.
         lost: What each term's leaving costs each training pose, left out.
         statistics: What poses say of the set.
@@ -266,6 +295,7 @@ class SelectedModel:
     case: SelectionProblem
     fit: ModelFit
     fine: tuple[ModelTerm, ...]
+    refused: frozenset[Name]
     parameters: tuple[dict[str, Parameter], ...]
     lost: tuple[Float[np.ndarray, " poses"], ...]
     statistics: PoseStatistics
@@ -306,7 +336,8 @@ def exchange_search(model: SelectedModel) -> Search:
     Args:
         model: The set; its members come first.
     """
-    return Search.of(model.case, [*model.fit.members, *model.fine])
+    fine = [term for term in model.fine if term.name not in model.refused]
+    return Search.of(model.case, [*model.fit.members, *fine], model.refused)
 
 
 def select_model(
@@ -335,7 +366,9 @@ def select_model(
     for turn in range(AGAIN + 1):
         fine = _at_fine_shapes(search, selected.groups)
         search = Search.of(case, [*own, *fine])
-        selected = select_groups(search.problem, range(len(own)))
+        selected = _from_rivals(
+            search, select_groups(search.problem, range(len(own))), len(own) + len(fine)
+        )
         terms = fit_shapes(case, _one_each(search, selected.groups))
         fit = fit_model(case.data, case.situation, case.nominal, terms, case.split)
         if turn == AGAIN or not changes(case, prepared, fit):
@@ -374,8 +407,8 @@ def _judged(
         look = evaluate_model(
             case.data, case.situation, case.nominal, terms, case.split
         )
-        own = (case.situation, case.springs, look, case.split)
-        withheld = _withheld(case, terms, parameters_of(*own, of_one_form=True))
+        parameters = parameters_of(case.situation, case.springs, look, case.split)
+        withheld = _withheld(case, terms, parameters)
         if not withheld:
             break
         z = dict(zip(gated.names, gated.z, strict=True))
@@ -393,7 +426,8 @@ def _judged(
         case,
         look.fit,
         tuple(fine),
-        tuple(parameters_of(*own)),
+        frozenset(refused),
+        tuple(parameters),
         gated.lost,
         statistics,
         _dispersion(case, look),

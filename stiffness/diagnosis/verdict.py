@@ -8,7 +8,8 @@ the mismatch withholds nothing: it is of second order.
 ==========  ==========================================================================
 Equation    P(name) = sum of exp(w_j / phi) over the name and its first three
             equivalents, over the same of all candidates and of none; w_j the worth of
-            the set with j in the name's place, phi the dispersion of poses
+            the set with j in the name's place, grown by one name where that is worth
+            more; phi the dispersion of poses, or what forms of laws leave uncertain
 Source      exchange probabilities of a sampler over sets (George and McCulloch 1997),
             the others held; tempered by the dispersion: Cameron and Miller 2015
 Valid       a set that no single exchange makes worth more
@@ -63,6 +64,7 @@ from stiffness.diagnosis.result import (
     UnexplainedPlace,
 )
 from stiffness.diagnosis.selection import (
+    LIVE,
     SelectedModel,
     exchange_search,
     last_of_each,
@@ -149,7 +151,9 @@ def judge(model: SelectedModel) -> JudgedModel:
             found[member.name] = Decision(
                 member.name, "homogeneity", False, ratio, INHOMOGENEITY_LIMIT, reason
             )
-    if large or found:
+    of_name = dict(zip((m.name for m in members), gains, strict=True))
+    wrong = sum(of_name[name] for name in found) / max(model.fit.gain, 1e-12)
+    if large or wrong > SMALL_RESIDUAL:
         for weak in _replaced_by_generic(model, places, set(found)):
             found[weak.candidate] = weak
     for weak in _outweighed(model, gains, excess if large else 0.0, set(found)):
@@ -300,6 +304,9 @@ def largest_residual_site(found: DetectionTest) -> str:
 # --- Posterior ------------------------------------------------------------------------
 
 ALIKE = SETTINGS.equivalent_log_bayes
+LAW_ACCURACY = 0.0025
+"""Share of what a name explains by which the form of a law may be wrong: log Bayes
+factors are no more certain. Chosen: a twentieth of its amplitude, squared."""
 MOST_EQUIVALENTS = 3
 """Equivalents that are counted with a name; the rule of the answer."""
 MOST_RIVALS = 5
@@ -329,11 +336,14 @@ def exchange_posteriors(model: SelectedModel) -> tuple[ExchangePosterior, ...]:
     search = exchange_search(model)
     some = range(len(model.fit.members))
     found = []
-    for member in model.fit.members:
-        worth, without = exchange_worths(search.problem, some, member.name)
+    gains = model.drop_one_gains
+    for member, gain in zip(model.fit.members, gains, strict=True):
+        worth, without = exchange_worths(search.problem, some, member.name, LIVE)
         names = list(worth)
         own = names.index(member.name)
-        log = np.array([*worth.values(), without]) / model.dispersion
+        accuracy = LAW_ACCURACY * gain / (2.0 * ALIKE)
+        log = np.array([*worth.values(), without])
+        log /= max(model.dispersion, 1.0 + accuracy)
         weight = np.exp(log - log.max())
         weight /= weight.sum()
         order = [int(k) for k in np.argsort(-weight[:-1], kind="stable") if k != own]
@@ -399,7 +409,9 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         model.fit, list(judged.chi_square_gains), found.p_value, case.situation
     )
     if not complete:
-        located = _with_places_of_map(case, located, {where for _, where in named})
+        sure_places = {where for _, where in named}
+        own = sum(judged.chi_square_gains)
+        located = _with_places_of_map(case, located, sure_places, own)
     unexplained = None
     if not explained:
         loose = loose_marker(case, found, last if effects else found)
@@ -436,9 +448,19 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
 
 
 def _with_places_of_map(
-    case: SelectionProblem, located: tuple[Located, ...], sure: set[str]
+    case: SelectionProblem,
+    located: tuple[Located, ...],
+    sure: set[str],
+    explained: float,
 ) -> tuple[Located, ...]:
-    """Return places of sure names, then where the map shows the whole mismatch."""
+    """Return places of sure names and of the map together, strongest first.
+
+    Args:
+        case: What was looked at.
+        located: Places of all members, with shares of what they explain.
+        sure: Places of the names that were given.
+        explained: What all members explain each by itself, as a whitened square.
+    """
     of_map = places_of_map(
         case.library,
         case.normal_equations,
@@ -446,10 +468,11 @@ def _with_places_of_map(
         np.arange(case.library.nominal),
         case.seed,
     )
-    total = max(sum(captured for _, _, captured, _ in of_map), 1e-12)
-    kept = [one for one in located if one.where in sure]
-    mapped = [Located(w, p, c / total, d, "") for w, p, c, d in of_map]
-    return (*kept, *(one for one in mapped if one.where not in sure))
+    kept = [replace(x, share=x.share * explained) for x in located if x.where in sure]
+    mapped = [Located(w, p, c, d, "") for w, p, c, d in of_map if w not in sure]
+    total = max(sum(x.share for x in (*kept, *mapped)), 1e-12)
+    both = (replace(x, share=x.share / total) for x in (*kept, *mapped))
+    return tuple(sorted(both, key=lambda x: -x.share))
 
 
 def unexplained_of(

@@ -29,6 +29,7 @@ class AngleDependentStiffness(Hypothesis):
     """Compliance of an axis that varies with a few periods per turn."""
 
     effect: ClassVar[str] = "angle_dependent_stiffness"
+    neutral: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
     shape_names: ClassVar[tuple[str, ...]] = ("order",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.0, 1.0),

@@ -48,6 +48,8 @@ class Hypothesis(ABC):
             is
             absent: if all of them may be so, the effect is not named. Ratios and
             parameters that are no size, such as a phase, are not listed.
+        neutral: Values at which other parameters do nothing, as ratios: an effect may
+            be nothing where all these and all magnitudes may.
         logarithmic: Parameters whose error is a factor rather than a difference.
         linear: Whether its displacement is proportional to the loads of a row, and
             depends on nothing else.
@@ -58,6 +60,7 @@ class Hypothesis(ABC):
     shape_names: ClassVar[tuple[str, ...]] = ()
     limits: ClassVar[Mapping[str, tuple[float, float]]]
     magnitudes: ClassVar[tuple[str, ...]] = ()
+    neutral: ClassVar[Mapping[str, float]] = {}
     logarithmic: ClassVar[tuple[str, ...]] = ()
     linear: ClassVar[bool] = False
     log_prior: ClassVar[float] = 0.0

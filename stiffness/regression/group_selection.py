@@ -301,22 +301,17 @@ class Residual:
     blocks: tuple[Float[np.ndarray, "_ _ _"], ...]
 
 
-def select_groups(
-    problem: GroupProblem, start: Sequence[int] = (), most_names: int | None = None
-) -> GroupSelection:
+def select_groups(problem: GroupProblem, start: Sequence[int] = ()) -> GroupSelection:
     """Search the set that is worth most.
 
     Args:
         problem: The normal equations.
         start: A set to begin with, such as the last solution.
-        most_names: How many names it may have; None: any number.
 
     Returns:
         A set that no group's leaving, coming or exchange makes worth more.
     """
     groups, most = tuple(start), len(problem.names)
-    if most_names is not None:
-        most = min(most, most_names)
     for _ in range(ROUNDS):
         before = groups
         groups = _grown(problem, groups, most)
@@ -479,7 +474,7 @@ def _with_several_for_one(
 
 
 def exchange_worths(
-    problem: GroupProblem, groups: Sequence[int], name: Name
+    problem: GroupProblem, groups: Sequence[int], name: Name, live: float = 0.0
 ) -> tuple[dict[Name, float], float]:
     """Return what a set is worth with each other name, or none, in the place of one.
 
@@ -490,6 +485,8 @@ def exchange_worths(
         problem: The normal equations.
         groups: The set.
         name: Which of its names gives way.
+        live: By how much a name may trail and grow by one more: two names may do
+            together what one imitates.
 
     Returns:
         Worth with the best group of each name that the rest has not, the name itself
@@ -499,14 +496,26 @@ def exchange_worths(
     whole = _residual(problem, here)
     places = _places_of_names(problem, here.groups)
     rest = _residual_without(problem, here, whole, places[name])
-    beside = _best_of_names(problem, _additions(problem, whole, len(problem.names)))
-    instead = _best_of_names(problem, _additions(problem, rest, len(problem.names)))
+    every = len(problem.names)
+    beside = _best_of_names(problem, _additions(problem, whole, every))
+    rise = _additions(problem, rest, every)
+    instead = _best_of_names(problem, rise)
     found = {
-        other: rest.worth + rise - max(beside[other], 0.0)
-        for other, rise in instead.items()
+        other: rest.worth + more - max(beside[other], 0.0)
+        for other, more in instead.items()
         if other not in places
     }
     found[name] = max(whole.worth, rest.worth + instead[name])
+    close = [n for n, w in found.items() if n != name and w > found[name] - live]
+    of_name = problem.number_of_name == problem.names.index(name)
+    for other in close:
+        own = problem.number_of_name == problem.names.index(other)
+        best = int(np.argmax(np.where(own, rise, -np.inf)))
+        with_it = FactorisedSet.of(problem, [*rest.groups, best])
+        more = np.where(
+            of_name, -np.inf, _additions(problem, _residual(problem, with_it), every)
+        )
+        found[other] += max(float(more.max()), 0.0)
     return found, rest.worth
 
 
