@@ -478,6 +478,7 @@ class Curves:
         held: Rows that nothing was fitted to.
         visit: Of each row.
         slides: Whether each axis slides (then N, and m).
+        noise: One sigma of an axis' turn that noise of the marks makes, in rad.
     """
 
     axes: tuple[str, ...]
@@ -487,6 +488,13 @@ class Curves:
     held: np.ndarray
     visit: np.ndarray
     slides: tuple[bool, ...]
+    noise: Float[np.ndarray, " axes"]
+
+    @property
+    def visible(self) -> tuple[bool, ...]:
+        """Whether noise makes less than half of the square of each axis' turn."""
+        square = np.mean(self.before**2, axis=0)
+        return tuple(bool(x) for x in square > 2.0 * self.noise**2)
 
 
 def curves_of(simulated: Proof) -> Curves:
@@ -499,6 +507,8 @@ def curves_of(simulated: Proof) -> Curves:
     after = residual_of(world, patched, gauge)[:, : 3 * markers].reshape(shape)
     assumed = simulated.nominal
     arm = assumed.rig.anatomy
+    chance = np.random.default_rng(0).normal(0.0, simulated.mode.sigma, shape)
+    errors = joint_rotation_estimates(world, assumed, seen, chance)
     return Curves(
         axes=tuple(f"a{k + 1}" for k in range(len(world.order))),
         torque=torques_of(world, assumed, seen),
@@ -507,6 +517,7 @@ def curves_of(simulated: Proof) -> Curves:
         held=np.isin(world.recording.posture_id, simulated.held_out),
         visit=world.replay.visit,
         slides=tuple(arm.slides[k] for k in world.order),
+        noise=np.sqrt(np.mean(errors**2, axis=0)),
     )
 
 

@@ -294,6 +294,11 @@ COUNTS = ("order",)
 
 
 NOT_HELD = "(not held by these data)"
+PDG = 3.55
+"""Leading digits of an error below which two of them are kept (Particle Data Group)."""
+WAVE = ("amplitude_rad", "peak to peak", "µrad", 2e6)
+"""A wave's amplitude in answers; for people its peak-to-peak value, with its unit and
+factor."""
 
 
 def size(name: str, value: float | str | None) -> str:
@@ -322,11 +327,33 @@ def span(name: str, interval: Interval) -> str:
     if isinstance(interval.estimate, str) or interval.low == interval.high:
         return text
     factor = unit_of(name)[1]
-    ends = [
-        _digits(x * factor) if isinstance(x, float) else "?"
-        for x in (interval.low, interval.high)
+    told = [
+        rounded(interval, factor, x) if isinstance(x, float) else "?"
+        for x in (interval.estimate, interval.low, interval.high)
     ]
-    return f"{text} ({ends[0]} to {ends[1]})"
+    if all(x.endswith(".0") or x == "?" for x in told):
+        told = [x.removesuffix(".0") for x in told]
+    return f"{told[0]}{text[len(text.split(' ')[0]) :]} ({told[1]} to {told[2]})"
+
+
+def rounded(interval: Interval, factor: float, value: float) -> str:
+    """Return a number with the digits that its interval allows.
+
+    Half the interval's width keeps one digit, two where they are below 36, as the
+    Particle Data Group rounds; without both ends the number has three digits.
+
+    Args:
+        interval: In SI.
+        factor: From SI to the unit that is shown.
+        value: Number that is shown, such as the estimate or an end.
+    """
+    low, high, shown = interval.low, interval.high, factor * value
+    if not isinstance(low, float) or not isinstance(high, float) or high <= low:
+        return _digits(shown)
+    half = abs(factor) * (high - low) / 2.0
+    digits = -math.floor(math.log10(half))
+    digits += half * 10.0**digits < PDG
+    return f"{round(shown, digits) + 0.0:.{max(digits, 0)}f}"
 
 
 def _whole(name: str, interval: Interval) -> str:
@@ -349,6 +376,8 @@ def unit_of(name: str) -> tuple[str, float]:
     """Return a parameter's display unit and the factor from SI to it, by its name."""
     if name.startswith("phase"):
         return DEGREES
+    if name == WAVE[0]:
+        return WAVE[2:]
     if name.startswith("delay"):
         return MILLISECONDS
     for ending in sorted(WORDS, key=len, reverse=True):
@@ -359,6 +388,8 @@ def unit_of(name: str) -> tuple[str, float]:
 
 def label(name: str) -> str:
     """Return a parameter's name without its unit."""
+    if name == WAVE[0]:
+        return WAVE[1]
     for ending in sorted(WORDS, key=len, reverse=True):
         if name.endswith(f"_{ending}"):
             return name.removesuffix(f"_{ending}").replace("_", " ")

@@ -57,15 +57,19 @@ def of_axes(curves: Curves, named: frozenset[str], file: Path | None = None) -> 
     rows = np.arange(len(curves.torque))
     if len(rows) > MOST_POINTS:
         rows = rows[:: -(-len(rows) // MOST_POINTS)]
-    limit = _limit(curves)
+    limit, drawn = _limit(curves), []
     for k, name in enumerate(curves.axes):
-        _one(axes[k], curves, k, rows, name in named, limit[k])
+        if curves.visible[k]:
+            _one(axes[k], curves, k, rows, name in named, limit[k])
+            drawn.append(axes[k])
+        else:
+            _not_seen(axes[k], curves, k)
     for empty in axes[count:]:
         empty.set_visible(False)
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper center", ncols=len(labels), markerscale=3
-    )
+    if drawn:
+        handles, labels = drawn[0].get_legend_handles_labels()
+        place = {"loc": "outside upper center", "ncols": len(labels)}
+        figure.legend(handles, labels, **place, markerscale=3)
     return save(figure, file)
 
 
@@ -171,6 +175,17 @@ def _one(
     axes.set_ylim(-limit, limit)
     axes.set_xlabel(torque)
     axes.set_ylabel(f"turn [{unit}]")
+
+
+def _not_seen(axes: Axes, curves: Curves, k: int) -> None:
+    """Say how uncertain an axis' turn is, where a cloud of points would show noise."""
+    unit = "µm" if curves.slides[k] else "µrad"
+    size = MICRO * curves.noise[k]
+    axes.set_title(curves.axes[k], loc="left", fontsize=10)
+    text = f"no turn beyond what noise makes\n(± {size:.2g} {unit})"
+    look = {"ha": "center", "va": "center", "color": GREY}
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, **look)
+    axes.set(xticks=[], yticks=[])
 
 
 def _limit(curves: Curves) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A report as headings, paragraphs, tables and figures, in Markdown and HTML.
+"""A report as headings, paragraphs, tables, figures and folds, in Markdown and HTML.
 
 `report.md` is for the repository, `report.html` is one file to hand over: its pictures
 are inside it.
@@ -53,7 +53,24 @@ class Figure:
     kind: str = "figure"
 
 
-Block = Heading | Paragraph | Table | Figure
+@dataclass(frozen=True)
+class Points:
+    """Sentences, one below the other."""
+
+    texts: Sequence[str]
+    kind: str = "points"
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Blocks that are shown on demand, below a line that says what they are."""
+
+    text: str
+    blocks: Sequence["Block"]
+    kind: str = "fold"
+
+
+Block = Heading | Paragraph | Table | Figure | Points | Fold
 
 
 def write(folder: Path, title: str, summary: str, blocks: Sequence[Block]) -> None:

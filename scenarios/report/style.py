@@ -5,11 +5,16 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axis import Axis
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
 ORANGE, GREY, BLUE, GREEN, RED = "#f06400", "#8a8a8a", "#1f6fb4", "#3a923a", "#c03d3e"
 """Orange is this tool, grey the paper or reference, others in order of appearance."""
+HEAT = LinearSegmentedColormap.from_list(
+    "heat", [(0.0, "#d9dcdf"), (0.6, ORANGE), (1.0, "#96141e")]
+)
+"""Of a share or an error: none, more than half, the largest."""
 
 mpl.rcParams.update(
     {

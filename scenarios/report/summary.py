@@ -1,6 +1,7 @@
 """A diagnosis in sentences, for the terminal, the report and the playback.
 
 `sentences` states detection, sites, named effects, their proof and what stays open;
+`headlines` is what to read first of many names;
 `narrative` is its five lines, of any engine's answer; `sentence` and `rows` give the
 springs that were fitted as nuisance parameters and differ from the model's; `tell`
 prints all of it, with a table of the named effects.
@@ -20,11 +21,13 @@ from scenarios.pipelines.schema import (
     Called,
     Interval,
     Left,
+    Open,
     Placed,
     chance,
     label,
     span,
 )
+from scenarios.report.error_budget import MANY, error_budget, grouped, percent
 from stiffness.diagnosis.diagnose import SCATTER
 from stiffness.diagnosis.result import Nominal
 
@@ -93,12 +96,13 @@ def sentences(finding: Result) -> Iterator[str]:
         return
     if a.located:
         yield _where(a.located)
-    for called in a.named:
-        yield _named(called)
+    yield from _names(a, finding.recording.posture.shape[1])
     if not a.named:
         yield "What: no name of the list explains it; none is given."
     if a.unexplained is not None:
         yield _open(a.unexplained)
+    if len(a.unexplained_places) > 1 or (a.unexplained_places and len(a.named) >= MANY):
+        yield _open_places(a.unexplained_places)
     if a.confounded:
         pairs = [f"{x.effect} at {x.where} with {y.effect} at {y.where}"
                  for x, y in a.confounded[:3]]  # fmt: skip
@@ -111,6 +115,21 @@ def sentences(finding: Result) -> Iterator[str]:
         path = " ".join(f"{x:g}" for x in step.load_path_kg)
         pose = " ".join(f"{x:.0f}" for x in step.pose_deg)
         yield f"Next: pose [{pose}]°, load {path} kg; it {step.why}."
+
+
+def headlines(finding: Result) -> Iterator[str]:
+    """Yield what to read first of many names: mismatch, proof, names, what is open."""
+    answer = finding.answer
+    if answer.verdict == "unproved":
+        yield _unproved(finding)
+    yield _detected(answer)
+    if finding.proof is not None:
+        yield _proved(finding.proof)
+    yield from _names(answer, finding.recording.posture.shape[1])
+    if answer.unexplained_places:
+        yield _open_places(answer.unexplained_places)
+    elif answer.unexplained is not None:
+        yield _open(answer.unexplained)
 
 
 def _where(located: Sequence[Placed]) -> str:
@@ -157,6 +176,37 @@ def _named(called: Called) -> str:
         others = [f"{e.effect} at {e.where}" for e in called.equivalents[:3]]
         text += f" As well by these data: {_list(others)}."
     return text
+
+
+def _names(answer: Answer, axes: int) -> Iterator[str]:
+    """Yield a sentence for each name, or for each effect where there are many names."""
+    if len(answer.named) < MANY:
+        yield from map(_named, answer.named)
+        return
+    yield (
+        f"What: {len(answer.named)} names. In brackets: the share of the mismatch that "
+        "the others would not explain."
+    )
+    yield from grouped(answer, axes)
+    if rest := error_budget(answer).jointly:
+        yield f"{percent(rest)} is explained by several of them only jointly."
+    unsure = [n for n in answer.named if n.equivalents]
+    if unsure:
+        told = [
+            f"{n.equivalents[0].effect} at {n.equivalents[0].where} for {n.effect} at "
+            f"{n.where}" for n in unsure[:MOST_SHOWN]
+        ]  # fmt: skip
+        if more := len(unsure) - len(told):
+            told.append(f"{more} more")
+        yield f"As well by these data: {_list(told)}."
+
+
+def _open_places(places: Sequence[Open]) -> str:
+    told = []
+    for p in places:
+        words = [percent(p.share), *filter(None, (_list(p.depends_on), p.law))]
+        told.append(f"{p.where} ({'; '.join(words)})")
+    return f"Something without a name is left at {_list(told)}."
 
 
 def _open(left: Left) -> str:
@@ -226,11 +276,13 @@ def _list(words) -> str:
 # --- The narrative in five lines ------------------------------------------------------
 
 MOST_SHOWN = 3
-"""Names of which the story gives the parameters."""
+"""Names of which alternatives are told."""
 
 
 def narrative(answer: Answer) -> Iterator[str]:
     """Yield verdict, mismatch, places, names with proof, and what stays open.
+
+    Many names are told by effect, as `sentences` does.
 
     Args:
         answer: Of any engine.
@@ -240,10 +292,7 @@ def narrative(answer: Answer) -> Iterator[str]:
     yield _detected(answer)
     if answer.located:
         yield _where(answer.located)
-    for called in answer.named[:MOST_SHOWN]:
-        yield _named(called)
-    if more := [f"{n.effect} at {n.where}" for n in answer.named[MOST_SHOWN:]]:
-        yield f"And {_list(more)}."
+    yield from _names(answer, 0)
     if answer.proof is not None:
         yield _proof_line(answer)
     if answer.unexplained is not None:

@@ -6,7 +6,7 @@ springs, outliers and confounded pairs. `write_diagnosis` writes all files.
 """
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +16,14 @@ from bench.proof.proof_checks import ProofCheck
 from bench.shared.effect_catalogue import usual
 from bench.shared.errors import BenchError, UnknownName
 from scenarios.pipelines import schema
-from scenarios.pipelines.diagnosis import MICRO, Result, channel_of, curves_of
+from scenarios.pipelines.diagnosis import MICRO, Curves, Result, channel_of, curves_of
 from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import chance, label, size, span
-from scenarios.report import data_files, figures, page, playback, summary
+from scenarios.report import arm_figure, data_files, figures, page, playback, summary
+from scenarios.report.error_budget import MANY, error_budget, percent, share_of
 from scenarios.report.figures import of_law
 from scenarios.report.output_folder import DECISIONS, FILES, write_folder
-from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from scenarios.report.page import Block, Figure, Fold, Heading, Paragraph, Points, Table
 from stiffness.diagnosis.diagnose import SCATTER
 from stiffness.diagnosis.result import in_words, strongest_withheld
 
@@ -211,6 +212,8 @@ def title_of(finding: Result) -> str:
 
 def blocks_of(finding: Result, folder: Path) -> list[Block]:
     """Return the report, its pictures drawn into a folder."""
+    if len(finding.answer.named) >= MANY:
+        return list(_by_place(finding, folder))
     blocks: list[Block] = [Paragraph(s) for s in list(summary.sentences(finding))[1:]]
     blocks += _what(finding)
     blocks += _pictures(finding, folder)
@@ -218,6 +221,113 @@ def blocks_of(finding: Result, folder: Path) -> list[Block]:
     blocks += doubts(finding)
     blocks += data(finding)
     return blocks
+
+
+def _by_place(finding: Result, folder: Path) -> Iterator[Block]:
+    """Yield a report on many names: the arm, a line an effect, all else folded."""
+    answer, simulated = finding.answer, finding.simulated
+    budget = error_budget(answer)
+    if simulated is not None:
+        channel, unit = (None, "")
+        if finding.proof is not None:
+            channel, unit = channel_of(finding.proof)
+        view = arm_figure.arm_view(simulated)
+        arm_figure.of_arm(view, budget, channel, unit, folder / "arm.png")
+        yield Figure(
+            "A share is of the square, beyond noise, by which the nominal arm misses; "
+            "each link has the colour of its axis or its own, the darker. Several "
+            "names may explain a part only jointly, so that none of them alone owns "
+            "it.",
+            "arm.png",
+        )
+    yield Points(list(summary.headlines(finding))[1:])
+    yield Heading("Place by place: sizes and curves")
+    curves = None
+    if simulated is not None and finding.recording.markers:
+        curves = curves_of(simulated)
+    for where in budget.of:
+        yield Fold(_place(answer, where), list(_at(finding, where, curves, folder)))
+    yield Heading("In detail")
+    yield Fold("The whole story", [Points(list(summary.sentences(finding)))])
+    yield Fold("Error budget", list(_budget(answer)))
+    blocks: list[Block] = [*_what(finding)]
+    if curves is not None and simulated is not None:
+        blocks.append(Heading("Errors by body"))
+        figures.of_bodies(simulated, finding.proof is not None, folder / "bodies.png")
+        blocks.append(Figure("Error of the marks by body, all rows.", "bodies.png"))
+    blocks += proof(finding, folder)
+    blocks += doubts(finding)
+    blocks += data(finding)
+    yield from _folded(blocks)
+
+
+def _place(answer: schema.Answer, where: str) -> str:
+    names = [n for n in answer.named if n.where == where]
+    share = percent(sum(map(share_of, names)))
+    effects = ", ".join(dict.fromkeys(n.effect.replace("_", " ") for n in names))
+    return f"{where}: {effects} ({share})"
+
+
+def _at(
+    finding: Result, where: str, curves: Curves | None, folder: Path
+) -> Iterator[Block]:
+    """Yield the sizes of what is named at a place, and its law's curve."""
+    names = [n for n in finding.answer.named if n.where == where]
+    rows = [
+        [n.effect, label(k), span(k, p)] for n in names for k, p in n.parameters.items()
+    ]
+    yield Table(f"Named at {where}.", ["effect", "parameter", "estimate, 95 %"], rows)
+    if curves is None or finding.proof is None or where not in curves.axes:
+        return
+    k = curves.axes.index(where)
+    if not curves.visible[k]:
+        unit = "µm" if curves.slides[k] else "µrad"
+        yield Paragraph(
+            f"No curve: of {where}'s own turn, noise alone makes more than half "
+            f"(± {MICRO * curves.noise[k]:.2g} {unit})."
+        )
+        return
+    file = f"law_{where}.png"
+    of_law(curves, where, folder / file)
+    caption = f"Turn about {where}'s own axis: what was put in, beside what marks show."
+    yield Figure(caption, file)
+
+
+def _budget(answer: schema.Answer) -> Iterator[Block]:
+    """Yield tables of the shares by effect and by kind."""
+    budget = error_budget(answer)
+    kinds = [
+        [arm_figure.FAMILIES[family][0], percent(share)]
+        for family, share in budget.of_families.items()
+    ]
+    if budget.unexplained is not None:
+        kinds.append(["only jointly", percent(budget.jointly)])
+        kinds.append(["no name", percent(budget.unexplained)])
+    caption = "Share of the mismatch by kind of effect; noise is not in it."
+    yield Table(caption, ["kind", "share"], kinds)
+    order = sorted(answer.named, key=lambda n: -share_of(n))
+    rows = [[n.effect, n.where, percent(share_of(n))] for n in order]
+    header = ["effect", "where", "share"]
+    yield Table("What comes back without each name alone.", header, rows)
+    if answer.unexplained_places:
+        rows = [
+            [p.where, percent(p.share), ", ".join(p.depends_on), p.law]
+            for p in answer.unexplained_places
+        ]
+        header = ["where", "share", "depends on", "law"]
+        yield Table("Significant, and without a name.", header, rows)
+
+
+def _folded(blocks: Sequence[Block]) -> Iterator[Block]:
+    """Yield a fold for each heading, with what stands below it."""
+    title, below = "", []
+    for block in (*blocks, Heading("")):
+        if isinstance(block, Heading):
+            if below:
+                yield Fold(title, below)
+            title, below = block.text, []
+        else:
+            below.append(block)
 
 
 def _what(finding: Result) -> Iterator[Block]:
@@ -351,9 +461,11 @@ def write_diagnosis(folder: Path, finding: Result) -> None:
     if simulated is not None and (simulated.patch.effects or simulated.patch.laws):
         write_patch(folder, simulated.patch, simulated.patched.rig)
     blocks = blocks_of(finding, folder)
-    first = next(summary.sentences(finding))
+    many = len(finding.answer.named) >= MANY
+    first = next((summary.headlines if many else summary.sentences)(finding))
     page.write(folder, title_of(finding), first, blocks)
-    for picture in (*sorted(folder.glob("law_*.png")), folder / "axes.png"):
+    laws = sorted(folder.glob("law_*.png"))
+    for picture in (folder / "arm.png", *laws, folder / "axes.png"):
         if picture.exists():
             shutil.copy(picture, folder / "picture.png")
             break
