@@ -304,8 +304,8 @@ def _labels(axes: Axes, view: ArmView, budget: ErrorBudget, looked: np.ndarray) 
             side = "left" if right else "right"
             shade = "#8a8a8a" if faint else "#1c1c1c"
             weight = "normal" if faint else "bold"
-            look = {"ha": side, "va": "center", "color": shade, "weight": weight}
-            axes.text(x, y, f" {told} ", fontsize=9.5, **look)
+            word = axes.text(x, y, f" {told} ", fontsize=9.5, color=shade)
+            word.set(ha=side, va="center", weight=weight)
     wide = 0.36 * tall
     across = (low[0] - margin - wide, high[0] + margin + wide)
     axes.plot(across, (low[1] - 0.1 * tall, high[1] + 0.08 * tall), alpha=0.0)
@@ -313,8 +313,8 @@ def _labels(axes: Axes, view: ArmView, budget: ErrorBudget, looked: np.ndarray) 
     beside = [w for w in places if w not in spots]
     if beside:
         told = [f"{w} {percent(shares[w]) if w in shares else 'open'}" for w in beside]
-        where = {"transform": axes.transAxes, "va": "bottom", "fontsize": 9.5}
-        axes.text(0.02, 0.0, f"Beside the arm: {', '.join(told)}", **where)
+        text = axes.text(0.02, 0.0, f"Beside the arm: {', '.join(told)}", fontsize=9.5)
+        text.set(va="bottom", transform=axes.transAxes)
 
 
 def _apart(heights: list[float], least: float) -> list[float]:

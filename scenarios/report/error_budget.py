@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from bench.shared.effect_catalogue import CATALOGUE
-from scenarios.pipelines.schema import Answer, Called, rounded, unit_of
+from scenarios.pipelines.schema import Answer, Called, Interval, rounded, unit_of
 
 MANY = 4
 """Number of names from which an answer is told in groups; chosen: up to three lines
@@ -255,13 +255,10 @@ def _sizes(effect: str, together: Sequence[Called]) -> str:
     names, word = (PLAIN.get(effect) or ("", "", "", "", ""))[3:]
     names = names.split()
     known = [
-        (name, n.parameters[name])
+        (name, n.parameters[name], ends)
         for n in together
         for name in names
-        if name in n.parameters
-        and isinstance(n.parameters[name].estimate, float)
-        and isinstance(n.parameters[name].low, float)
-        and isinstance(n.parameters[name].high, float)
+        if name in n.parameters and (ends := _numbers(n.parameters[name])) is not None
     ]
     if not known:
         return ""
@@ -269,10 +266,18 @@ def _sizes(effect: str, together: Sequence[Called]) -> str:
     factor *= PEAK_TO_PEAK.get((effect, known[0][0]), 1.0)
     if effect in SHARES:
         unit, factor = "%", 100.0 * factor
-    known.sort(key=lambda x: float(x[1].estimate))
-    first, last = known[0][1], known[-1][1]
-    told = [rounded(p, factor, float(p.estimate)) for p in (first, last)]
+    known.sort(key=lambda x: x[2][0])
+    told = [rounded(p, factor, at[0]) for _, p, at in (known[0], known[-1])]
     if len(known) == 1:
-        told = [rounded(first, factor, float(x)) for x in (first.low, first.high)]
+        _, one, (_, low, high) = known[0]
+        told = [rounded(one, factor, low), rounded(one, factor, high)]
     text = told[0] if told[0] == told[1] else f"{told[0]} to {told[1]}"
     return " ".join(filter(None, (text, unit, word)))
+
+
+def _numbers(interval: Interval) -> tuple[float, float, float] | None:
+    """Return estimate, low and high; None where the data do not hold all three."""
+    value, low, high = interval.estimate, interval.low, interval.high
+    if not (isinstance(value, float) and isinstance(low, float)):
+        return None
+    return (value, low, high) if isinstance(high, float) else None

@@ -183,8 +183,9 @@ def _not_seen(axes: Axes, curves: Curves, k: int) -> None:
     size = MICRO * curves.noise[k]
     axes.set_title(curves.axes[k], loc="left", fontsize=10)
     text = f"no turn beyond what noise makes\n(± {size:.2g} {unit})"
-    look = {"ha": "center", "va": "center", "color": GREY}
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, **look)
+    middle = {"ha": "center", "va": "center", "transform": axes.transAxes}
+    drawn = axes.text(0.5, 0.5, text, color=GREY)
+    drawn.set(**middle)
     axes.set(xticks=[], yticks=[])
 
 

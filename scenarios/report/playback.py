@@ -1,9 +1,10 @@
 """Rerun playbacks of a diagnosis, a calibration and a comparison of encoders.
 
 Of a diagnosis, on the timeline `pose`: the arm as recorded under its largest load, each
-body coloured by its markers' distance from the nominal simulation; arrows are the error
-before and after the patch, magnified; beside the arm stand the wind-up curves, measured
-and simulated.
+body coloured by its markers' distance from the nominal simulation, or, of many names,
+by its place's share of the mismatch; a ghost that gives way as the patch does and
+arrows, the error before and after it, are magnified; beside the arm stand the wind-up
+curves, measured and simulated.
 
 Of a calibration, on the timeline `pose`: the links as calibrated; arrows are the
 simulator's error on the held-out poses before and after, magnified.
@@ -13,7 +14,7 @@ Of a comparison of encoders: their difference over time, before and after.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,8 +26,11 @@ from jaxtyping import Float
 from bench.meshes import shapes
 from bench.proof.comparison import residual_of
 from bench.proof.proof import Proof
+from bench.proof.simulation import NominalState
+from bench.viewer import magnify
 from scenarios.pipelines.diagnosis import MICRO, Curves, Result, courses_of, curves_of
-from scenarios.report import summary
+from scenarios.report import arm_figure, summary
+from scenarios.report.error_budget import MANY, ErrorBudget, error_budget, percent
 
 if TYPE_CHECKING:
     from scenarios.pipelines.calibration_proof import CalibrationProof
@@ -82,53 +86,55 @@ def curves(stream: rr.RecordingStream, finding: Result, curves: Curves) -> None:
 
 
 def shown_axes(finding: Result, curves: Curves) -> list[int]:
-    """Return up to three axes to show: those named or located, else the first two."""
+    """Return up to three axes to show: those named or located, else the first two.
+
+    Of many names, all whose turn is more than noise.
+    """
     places = [n.where for n in finding.answer.named]
     places += [x.where for x in finding.answer.located]
     found = [k for k, name in enumerate(curves.axes) if name in places]
+    if len(finding.answer.named) >= MANY:
+        return [k for k in found if curves.visible[k]]
     return (found or list(range(min(2, len(curves.axes)))))[:3]
 
 
 # --- The arm --------------------------------------------------------------------------
 
 COLD, WARM, HOT = (196, 200, 204), (240, 100, 0), (150, 20, 30)
+Colour = tuple[int, int, int, int]
 
 
 def bodies(
     stream: rr.RecordingStream,
+    root: str,
     simulated: Proof,
-    rows: np.ndarray,
-    heat: dict[str, np.ndarray],
+    pose: Float[np.ndarray, "rows bodies 4 4"],
+    colours: Mapping[str, np.ndarray | Colour],
     times: list[rr.TimeColumn],
 ) -> None:
-    """Log the bodies, their poses and their colours by error.
+    """Log the bodies, their poses and their colours.
 
     Args:
         stream: Stream that they are logged to.
+        root: Path below which they are.
         simulated: Simulation whose bodies are shown.
-        rows: One row of each visit.
-        heat: Colour value of each body with markers, 0 to 1, by visit.
+        pose: Of all its bodies, base_from_body, in m.
+        colours: Of each body, by row or one for all; of those without one, grey.
         times: Times of the rows.
     """
-    states = simulated.simulation.see(simulated.patched).states
-    base, turn = simulated.simulation.base
+    names = simulated.simulation.see(simulated.patched).states.bodies
     placed = set()
     for i, shape in enumerate(shapes(simulated.patched.rig.nominal)):
-        if shape.body not in states.bodies:
+        if shape.body not in names:
             continue
-        path, b = f"/cell/arm/{shape.body}", states.bodies.index(shape.body)
+        path, b = f"{root}/{shape.body}", names.index(shape.body)
         if shape.body not in placed:
             placed.add(shape.body)
-            stream.send_columns(
-                path,
-                indexes=times,
-                columns=rr.Transform3D.columns(
-                    translation=((states.position[rows, b] - base) @ turn).astype(
-                        np.float32
-                    ),
-                    mat3x3=(turn.T @ states.rotation[rows, b]).astype(np.float32),
-                ),
+            columns = rr.Transform3D.columns(
+                translation=pose[:, b, :3, 3].astype(np.float32),
+                mat3x3=pose[:, b, :3, :3].astype(np.float32),
             )
+            stream.send_columns(path, indexes=times, columns=columns)
         flat = shape.vertex[shape.face].reshape(-1, 3).astype(np.float32)
         normal = np.cross(flat[1::3] - flat[::3], flat[2::3] - flat[::3])
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
@@ -137,15 +143,76 @@ def bodies(
             vertex_normals=np.repeat(normal, 3, axis=0).astype(np.float32),
         )
         stream.log(f"{path}/shape_{i}", mesh, static=True)
-        if shape.body in heat:
-            colours = _colours(heat[shape.body])
-            columns = rr.Mesh3D.columns(albedo_factor=colours)
+        colour = colours.get(shape.body, (*COLD, 255))
+        if isinstance(colour, np.ndarray):
+            columns = rr.Mesh3D.columns(albedo_factor=colour)
             stream.send_columns(f"{path}/shape_{i}", indexes=times, columns=columns)
         else:
-            plain = rr.Mesh3D.from_fields(
-                albedo_factor=rr.components.AlbedoFactor((*COLD, 255))
-            )
-            stream.log(f"{path}/shape_{i}", plain, static=True)
+            plain = rr.components.AlbedoFactor(colour)
+            one = rr.Mesh3D.from_fields(albedo_factor=plain)
+            stream.log(f"{path}/shape_{i}", one, static=True)
+
+
+def poses_of(
+    simulated: Proof, assumed: NominalState, rows: np.ndarray
+) -> Float[np.ndarray, "rows bodies 4 4"]:
+    """Return where all bodies are in some rows, base_from_body, in m."""
+    states = simulated.simulation.see(assumed).states
+    base, turn = simulated.simulation.base
+    pose = np.zeros((len(rows), len(states.bodies), 4, 4))
+    pose[..., :3, :3] = turn.T @ states.rotation[rows]
+    pose[..., :3, 3] = (states.position[rows] - base) @ turn
+    pose[..., 3, 3] = 1.0
+    return pose
+
+
+SWAY = 0.12
+"""Largest displacement of the magnified ghost, in m; chosen: seen, and still an arm."""
+FAINT: Colour = (240, 110, 20, 75)
+"""Colour of the ghost."""
+
+
+def ghost_poses(
+    simulated: Proof, rows: np.ndarray
+) -> tuple[float, Float[np.ndarray, "rows bodies 4 4"]]:
+    """Return a factor, and the patched arm's poses beyond the nominal ones, magnified.
+
+    Bodies are at nominal + factor (patched - nominal); the farthest moves by `SWAY` at
+    most.
+    """
+    nominal = poses_of(simulated, simulated.nominal, rows)
+    patched = poses_of(simulated, simulated.patched, rows)
+    moved = np.linalg.norm((patched - nominal)[..., :3, 3], axis=-1)
+    factor = _round(SWAY / max(float(moved.max(initial=0.0)), 1e-9))
+    return factor, magnify(nominal, patched, factor)
+
+
+def marked_places(
+    stream: rr.RecordingStream,
+    simulated: Proof,
+    budget: ErrorBudget,
+    pose: Float[np.ndarray, "rows bodies 4 4"],
+    times: list[rr.TimeColumn],
+) -> None:
+    """Log a labelled point at each axis that has a share of the mismatch."""
+    names = simulated.simulation.see(simulated.patched).states.bodies
+    links = simulated.nominal.rig.anatomy.links
+    colour = arm_figure.shades(budget)
+    for i, k in enumerate(simulated.simulation.order, 1):
+        where = f"a{i}"
+        if where not in budget.of_places:
+            continue
+        at = pose[:, names.index(links[k]), :3, 3].astype(np.float32)
+        path = f"/cell/places/{where}"
+        columns = rr.Points3D.columns(positions=at)
+        stream.send_columns(path, indexes=times, columns=columns)
+        style = rr.Points3D.from_fields(
+            colors=[tuple(round(255 * c) for c in colour[where])],
+            labels=[f"{where} {percent(budget.of_places[where])}"],
+            show_labels=True,
+            radii=0.02,
+        )
+        stream.log(path, style, static=True)
 
 
 def heat_of(simulated: Proof, residual: np.ndarray) -> dict[str, np.ndarray]:
@@ -184,18 +251,28 @@ def show_diagnosis(finding: Result, file: Path | None) -> None:
     """Save the playback, or stream it to a viewer where no file is given."""
     stream = rr.RecordingStream("stiffness_diagnosis", recording_id=_id(finding))
     _begin(stream, file, _diagnosis_blueprint(finding))
-    words = "\n\n".join(summary.sentences(finding))
+    many = len(finding.answer.named) >= MANY
+    said = list((summary.headlines if many else summary.sentences)(finding))
+    if many:
+        said = [said[0], *(f"- {text}" for text in said[1:])]
+    words = "\n\n".join(said)
     document = rr.TextDocument(words, media_type=rr.MediaType.MARKDOWN)
     stream.log("/read_me", document, static=True)
     simulated = finding.simulated
     if simulated is not None and finding.recording.markers:
-        _arm(stream, simulated, finding.proof is not None)
+        budget = error_budget(finding.answer) if many else None
+        _arm(stream, simulated, finding.proof is not None, budget)
         curves(stream, finding, curves_of(simulated))
     stream.flush()
     stream.disconnect()
 
 
-def _arm(stream: rr.RecordingStream, simulated: Proof, proved: bool) -> None:
+def _arm(
+    stream: rr.RecordingStream,
+    simulated: Proof,
+    proved: bool,
+    budget: ErrorBudget | None,
+) -> None:
     world, gauge = simulated.simulation, simulated.mode
     seen = world.see(simulated.nominal)
     rows = _most_loaded(simulated)
@@ -208,8 +285,23 @@ def _arm(stream: rr.RecordingStream, simulated: Proof, proved: bool) -> None:
         for a in (simulated.nominal, simulated.patched)
     ]
     stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    heat = heat_of(simulated, left[0])
-    bodies(stream, simulated, rows, heat, times)
+    pose = poses_of(simulated, simulated.nominal, rows)
+    if budget is None:
+        heat = heat_of(simulated, left[0])
+        colours = {body: _colours(of_body) for body, of_body in heat.items()}
+    else:
+        colours = _colours_of_shares(simulated, budget)
+        marked_places(stream, simulated, budget, pose, times)
+    bodies(stream, "/cell/arm", simulated, pose, colours, times)
+    said = ""
+    if proved:
+        factor, larger = ghost_poses(simulated, rows)
+        faint = dict.fromkeys(seen.states.bodies, FAINT)
+        bodies(stream, "/cell/ghost", simulated, larger, faint, times)
+        said = (
+            " The ghost gives way as the patch does beyond the nominal arm, "
+            f"{factor:g} times as far."
+        )
     usual = np.nanquantile(np.linalg.norm(left[0][rows], axis=2), 0.98)
     magnified = _round(LONGEST / max(float(usual), 1e-9))
     markers = shape[1]
@@ -241,9 +333,22 @@ def _arm(stream: rr.RecordingStream, simulated: Proof, proved: bool) -> None:
         stream.log(f"/error/{name}", lines, static=True)
     note = (
         f"Arrows: what the simulation misses, magnified {magnified:.0f} times. Grey: "
-        "nominal arm. Orange: with the patch."
+        f"nominal arm. Orange: with the patch.{said}"
     )
+    if budget is not None:
+        note += " The darker a place, the larger its share of the mismatch."
     stream.log("/note", rr.TextDocument(note), static=True)
+
+
+def _colours_of_shares(simulated: Proof, budget: ErrorBudget) -> dict[str, Colour]:
+    """Return the colour of each body: of its own share or its axis', the larger."""
+    anatomy, found = simulated.nominal.rig.anatomy, {}
+    number = {f"link_{i}": k for i, k in enumerate(simulated.simulation.order, 1)}
+    for where, rgb in arm_figure.body_shades(budget).items():
+        body = anatomy.links[number[where]] if where in number else anatomy.body(where)
+        red, green, blue = (round(255 * c) for c in rgb)
+        found[body] = (red, green, blue, 255)
+    return found
 
 
 def _most_loaded(simulated: Proof) -> np.ndarray:
@@ -256,38 +361,82 @@ def _most_loaded(simulated: Proof) -> np.ndarray:
     return order[np.flatnonzero(np.diff(visit[order], append=-1))]
 
 
+FIELD = np.radians(40.0)
+"""Angle of view that all that is shown fits into; chosen: below the viewer's 55° from
+top to bottom, for a view may be narrower than high."""
+SIGHT = np.array([0.62, -0.68, 0.39]) / np.linalg.norm([0.62, -0.68, 0.39])
+"""Direction from the arm to the eye."""
+
+
+def eye_on(points: Float[np.ndarray, "points 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """Return where to look from and at, in m, so that all points are in view."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    centre = (low + high) / 2.0
+    radius = max(float(np.linalg.norm(points - centre, axis=1).max()), 0.1)
+    return centre + radius / np.sin(FIELD / 2.0) * SIGHT, centre
+
+
+def shown_points(simulated: Proof) -> Float[np.ndarray, "points 3"]:
+    """Return corners of the arm and of its ghost in all poses shown, in m."""
+    rows = _most_loaded(simulated)
+    names = simulated.simulation.see(simulated.patched).states.bodies
+    some = [
+        poses_of(simulated, simulated.nominal, rows), ghost_poses(simulated, rows)[1]
+    ]  # fmt: skip
+    found = [pose[:, :, :3, 3].reshape(-1, 3) for pose in some]
+    for shape in shapes(simulated.patched.rig.nominal):
+        if shape.body not in names:
+            continue
+        b = names.index(shape.body)
+        ends = np.stack([shape.vertex.min(axis=0), shape.vertex.max(axis=0)])
+        corner = np.array(np.meshgrid(*ends.T)).reshape(3, -1).T
+        for pose in some:
+            turned = np.einsum("rij,cj->rci", pose[:, b, :3, :3], corner)
+            found.append((turned + pose[:, b, None, :3, 3]).reshape(-1, 3))
+    return np.concatenate(found)
+
+
 def _diagnosis_blueprint(finding: Result) -> rrb.Blueprint:
+    simulated, many = finding.simulated, len(finding.answer.named) >= MANY
+    drawn = simulated is not None and bool(finding.recording.markers)
+    points = np.array([[-0.3, -0.7, 0.0], [1.0, 0.7, 1.2]])
+    if simulated is not None and drawn:
+        points = shown_points(simulated)
+    eye, centre = eye_on(points)
     camera = rrb.EyeControls3D(
-        position=(1.7, -1.6, 1.25), look_target=(0.35, 0.0, 0.6), eye_up=(0, 0, 1)
+        position=tuple(eye), look_target=tuple(centre), eye_up=(0, 0, 1)
     )
-    simulated = finding.simulated
-    views: list = [rrb.TextDocumentView(origin="/read_me", name="what was found")]
-    if simulated is not None and finding.recording.markers:
+    words = rrb.TextDocumentView(origin="/read_me", name="what was found")
+    plots: list = []
+    if simulated is not None and drawn:
         found = curves_of(simulated)
         for k in shown_axes(finding, found):
             name = found.axes[k]
             view = rrb.Spatial2DView(
                 origin=f"/curves/{name}",
-                name=f"{name}: turn beyond the nominal arm against torque, 3 visits",
+                name=f"{name}: turn" if many else f"{name}: turn over torque, 3 visits",
                 background=[250, 250, 250],
                 visual_bounds=rrb.VisualBounds2D(x_range=ACROSS, y_range=DOWN),
             )
-            views.append(view)
-        views.append(rrb.TimeSeriesView(origin="/error", name="rms error [µm]"))
+            plots.append(view)
+        if many and plots:
+            plots = [rrb.Tabs(*plots)]
+        plots.append(rrb.TimeSeriesView(origin="/error", name="rms error [µm]"))
+    name = "what the nominal arm misses" if not many else "share of the mismatch"
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
                 rrb.Spatial3DView(
                     origin="/cell",
-                    name="the arm, coloured by what the nominal simulation misses",
+                    name=name,
                     eye_controls=camera,
                     background=[250, 250, 250],
                     line_grid=False,
                 ),
                 rrb.TextDocumentView(origin="/note", name="what is drawn"),
-                row_shares=[9, 1],
+                row_shares=[6, 1],
             ),
-            rrb.Vertical(*views),
+            rrb.Vertical(words, *plots, row_shares=[2, *[1] * len(plots)]),
             column_shares=[3, 2],
         ),
         rrb.TimePanel(timeline=POSE, state="collapsed", fps=4.0),
