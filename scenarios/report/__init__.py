@@ -3,6 +3,7 @@
 What to use when: `command_line` runs a command with its flags; `route` diagnoses and
 writes the answer, whole or not at all (`output_folder`); `page` writes report.md and
 report.html from the same blocks, `sections` make those of each engine; `summary` is a
-diagnosis in sentences, `figures` and `playback` show it; `data_files` writes tidy csv
-files, `style` holds what all figures share.
+diagnosis in sentences, `error_budget` its shares by place and the arm drawn by them;
+`figures` and `playback` show it; `data_files` writes tidy csv files, `style` holds what
+all figures share.
 """

@@ -1,16 +1,32 @@
-"""Error budget of an answer with many names, and its names grouped in plain words.
+"""Error budget of an answer with many names, and the arm drawn by it.
 
 The budget is of the mismatch: the square, beyond noise, by which the fitted nominal arm
 misses the poses kept back. The share of a name is what all others would not explain
 without it. What several names explain only together belongs to none of them; the rest
 is open.
+
+The figure has at the left the arm in a recorded posture, links and axes coloured by
+their share; at the right what the simulator misses before and after the patch, beside
+noise, and the budget by place.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+
+from bench.meshes import shapes
+from bench.proof.explained_share import Channel
+from bench.proof.proof import Proof
 from bench.shared.effect_catalogue import CATALOGUE
-from scenarios.pipelines.schema import Answer, Called, Interval, rounded, unit_of
+from scenarios.pipelines.diagnosis import MICRO
+from scenarios.pipelines.schema import Answer, Called
+from scenarios.report.style import BLUE, GREEN, GREY, HEAT, ORANGE, RED, save
 
 MANY = 4
 """Number of names from which an answer is told in groups; chosen: up to three lines
@@ -52,7 +68,7 @@ class ErrorBudget:
         return dict(sorted(found.items(), key=lambda x: -x[1]))
 
 
-def error_budget(answer: Answer) -> ErrorBudget:
+def budget_of(answer: Answer) -> ErrorBudget:
     """Return how much of the mismatch each place and family of effects makes."""
     found: dict[str, dict[str, float]] = {}
     for one in sorted(answer.named, key=lambda n: along_the_arm(n.where)):
@@ -102,182 +118,308 @@ def percent(share: float) -> str:
     return f"{100 * share:.0f} %" if share >= 0.0995 else f"{100 * share:.1f} %"
 
 
-# --- Names in groups ------------------------------------------------------------------
+# --- What is drawn --------------------------------------------------------------------
 
-COUNTS = (
-    *("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine"),
-    *("ten", "eleven", "twelve"),
-)
+TALL = 1.6
+"""Height over breadth up to which a taller posture shows more; chosen: the picture's
+place is as tall."""
 
-PLAIN: Mapping[str, tuple[str, str, str, str, str]] = {
-    "joint_compliance": ("axis", "gives way", "give way", "compliance_rad_per_nm", ""),
-    "hardening": ("gear", "hardens", "harden", "stiffness_ratio", "times as stiff"),
-    "asymmetric_stiffness": (
-        *("gear", "is stiffer one way", "are stiffer one way"),
-        *("ratio", "times"),
-    ),
-    "lost_motion": ("gear", "has play", "have play", "width_rad", "wide"),
-    "hysteresis": (
-        *("gear", "holds back wind-up", "hold back wind-up"),
-        *("width_rad", "wide"),
-    ),
-    "creep": ("gear", "creeps under load", "creep under load", "ratio", "of wind-up"),
-    "angle_dependent_stiffness": (
-        *("gear", "is stiffer at some angles", "are stiffer at some angles"),
-        *("ratio", "of the stiffness, peak to peak"),
-    ),
-    "wrist_coupling": (
-        *("axis", "is turned by another's torque", "are turned by others' torque"),
-        *("compliance_rad_per_nm", ""),
-    ),
-    "bearing_tilt": ("bearing", "tilts", "tilt", "u_rad_per_nm v_rad_per_nm", ""),
-    "link_bending": ("link", "bends", "bend", "bending_nm2", "stiff"),
-    "base_compliance": (
-        *("", "gives way", "give way"),
-        *("rx_rad_per_nm ry_rad_per_nm", ""),
-    ),
-    "gravity_load": (
-        *("link", "weighs other than modelled", "weigh other than modelled"),
-        *("mass_kg", ""),
-    ),
-    "gravity_compensator": (
-        *("axis", "is helped by a spring", "are helped by springs"),
-        *("torque_nm", ""),
-    ),
-    "transmission_error": (
-        *("gear", "errs with the angle", "err with the angle"),
-        *("amplitude_rad", "peak to peak"),
-    ),
-    "encoder_offset": (
-        *("encoder", "is off by a constant", "are off by constants"),
-        *("offset_rad", ""),
-    ),
-    "geometry_error": ("link", "is not as drawn", "are not as drawn", "", ""),
-    "pulley_friction": ("", "has a pulley that rubs", "", "ratio", "of the pull"),
-    "wrench_bias": ("", "reads an offset", "", "", ""),
-    "wrench_gain": ("", "reads a wrong scale", "", "", ""),
-    "wrench_misalignment": ("", "is turned or beside its place", "", "", ""),
-    "tracker_scale": ("", "reads a wrong scale", "", "", ""),
-    "tracker_misalignment": ("", "is not where it is stated", "", "", ""),
-    "drift": ("", "wanders with time", "wander with time", "", ""),
-    "marker_slip": ("", "moved on its body", "moved on their bodies", "", ""),
-    "channel_delay": ("", "lags", "lag", "delay_s", ""),
+
+@dataclass(frozen=True)
+class ArmView:
+    """An arm in one posture, in the base's frame, in m.
+
+    Attributes:
+        triangles: Corners of all visible triangles.
+        body: Of each triangle, the place of its body, `base` or `link_k`.
+        axes: Origin of each axis, a1 first.
+        base: Origin of the base.
+        flange: Origin of the flange.
+    """
+
+    triangles: Float[np.ndarray, "triangles 3 3"]
+    body: tuple[str, ...]
+    axes: Float[np.ndarray, "axes 3"]
+    base: Float[np.ndarray, "3"]
+    flange: Float[np.ndarray, "3"]
+
+    def point(self, where: str) -> Float[np.ndarray, "3"] | None:
+        """Return where a place is; None where it is not on the arm."""
+        ends = {"base": self.base, "flange": self.flange, "tool": self.flange}
+        if where in ends:
+            return ends[where]
+        number = where.removeprefix("link_").removeprefix("a").partition(":")[0]
+        if not number.isdigit() or not 1 <= int(number) <= len(self.axes):
+            return None
+        k = int(number) - 1
+        if where.startswith("a"):
+            return self.axes[k]
+        beyond = self.axes[k + 1] if k + 1 < len(self.axes) else self.flange
+        return (self.axes[k] + beyond) / 2.0
+
+
+def arm_view(simulated: Proof) -> ArmView:
+    """Return the arm in the recorded posture that shows its axes farthest apart."""
+    world, anatomy = simulated.simulation, simulated.nominal.rig.anatomy
+    states = world.see(simulated.nominal).states
+    base, turn = world.base
+    position = (states.position - base) @ turn
+    rotation = turn.T @ states.rotation
+    links = [states.bodies.index(anatomy.links[k]) for k in world.order]
+    model = simulated.nominal.rig.nominal
+    joints = [model.joint(anatomy.axes[k]).pos for k in world.order]
+    origins = np.stack(
+        [
+            position[:, b] + rotation[:, b] @ at
+            for b, at in zip(links, joints, strict=True)
+        ],
+        axis=1,
+    )
+    spread = np.ptp(origins[:, :, 2], axis=1)
+    across = np.linalg.norm(np.ptp(origins[:, :, :2], axis=1), axis=1)
+    row = int(np.argmax(np.minimum(spread, TALL * across)))
+    of_body = {anatomy.base: "base"}
+    of_body |= {anatomy.links[k]: f"link_{i}" for i, k in enumerate(world.order, 1)}
+    triangles, owner = [np.zeros((0, 3, 3))], []
+    for shape in shapes(model):
+        if shape.body not in states.bodies:
+            continue
+        b = states.bodies.index(shape.body)
+        corner = shape.vertex @ rotation[row, b].T + position[row, b]
+        triangles.append(corner[shape.face])
+        owner += [of_body.get(shape.body, "")] * len(shape.face)
+    flange = states.bodies.index(anatomy.flange)
+    return ArmView(
+        np.concatenate(triangles),
+        tuple(owner),
+        origins[row],
+        position[row, states.bodies.index(anatomy.base)],
+        position[row, flange],
+    )
+
+
+# --- The figure -----------------------------------------------------------------------
+
+FAMILIES = {
+    "gear": ("gears", ORANGE),
+    "structure": ("bearings, links and foot", BLUE),
+    "weight": ("weight", GREEN),
+    "geometry": ("geometry and encoders", "#7e57c2"),
+    "rope": ("rope", "#8d6e63"),
+    "instrument": ("instruments", "#00838f"),
+    "other": ("other", "#455a64"),
 }
-"""Of each effect: the part, what one and several do, the sizes to tell, and a word
-after them."""
-PLACES = {
-    "base": "foot",
-    "rig": "rope",
-    "wrench_sensor": "force sensor",
-}
-"""Words for places that are no axis or link."""
+"""Words and colour of each family of effects."""
+TOGETHER = "#c9c9c9"
 
 
-def grouped(answer: Answer, axes: int) -> Iterator[str]:
-    """Yield one sentence for each effect at all its places, largest share first.
+def of_arm(
+    view: ArmView,
+    budget: ErrorBudget,
+    channel: Channel | None,
+    unit: str,
+    file: Path | None = None,
+) -> Figure:
+    """Draw the arm by place, error before and after beside noise, and the budget.
 
     Args:
-        answer: With names.
-        axes: Number of axes of the arm.
+        view: The arm.
+        budget: Of its mismatch.
+        channel: Of the proof; None where nothing was proved.
+        unit: Of the channel, times a million.
+        file: Where the picture goes; None: it is only returned.
     """
-    groups: dict[str, list[Called]] = {}
-    for one in sorted(answer.named, key=lambda n: along_the_arm(n.where)):
-        groups.setdefault(one.effect, []).append(one)
-    order = sorted(groups, key=lambda e: -sum(map(share_of, groups[e])))
-    for effect in order:
-        together = groups[effect]
-        sizes = _sizes(effect, together)
-        share = percent(sum(map(share_of, together)))
-        text = f"{_who_does(effect, together, axes)}{f': {sizes}' if sizes else ''}"
-        yield f"{text} ({share})."
+    figure = Figure(figsize=(11.5, 6.2), layout="constrained")
+    parts = figure.add_gridspec(2, 2, width_ratios=(1.25, 1), height_ratios=(1, 3.4))
+    _arm(figure.add_subplot(parts[:, 0]), view, budget)
+    bars = figure.add_subplot(parts[0, 1])
+    _before_after(bars, channel, unit)
+    _budget(figure.add_subplot(parts[1, 1]), budget)
+    return save(figure, file)
 
 
-def _who_does(effect: str, together: Sequence[Called], axes: int) -> str:
-    """Return the parts and what they do, with a capital: `All six gears harden`."""
-    places = tuple(dict.fromkeys(n.where for n in together))
-    part, one, several, *_ = PLAIN.get(effect, ("", "", "", "", ""))
-    several = several or one
-    if not one:  # no words for it: its name in the vocabulary
-        return f"{effect.replace('_', ' ')} at {_listed(places)}".capitalize()
-    of_axes = all(place[1:].isdigit() and place[0] == "a" for place in places)
-    links = [place for place in places if place.startswith("link_")]
-    everywhere = {"axes": axes, "links": axes - 1}
-    kind = "axes" if of_axes else "links" if len(links) == len(places) else ""
-    count = len(places)
-    if kind and count > 2 and count == everywhere[kind]:
-        word = COUNTS[count] if count < len(COUNTS) else str(count)
-        return f"All {word} {_plural(part or kind[:-1])} {several}"
-    if kind == "links":
-        numbers = [place.removeprefix("link_") for place in places]
-        word = "Link" if count == 1 else "Links"
-        return f"{word} {_listed(numbers)} {one if count == 1 else several}"
-    if kind == "axes":
-        word = part or "axis"
-        if word == "axis":
-            told = f"{'Axis' if count == 1 else 'Axes'} {_listed(places)}"
-        else:
-            told = f"The {word if count == 1 else _plural(word)} of {_listed(places)}"
-        return f"{told} {one if count == 1 else several}"
-    told = _listed([_placed(place) for place in places])
-    return f"{told[:1].upper()}{told[1:]} {one if count == 1 else several}"
+def _before_after(axes: Axes, channel: Channel | None, unit: str) -> None:
+    title = "Missed on poses kept back"
+    if channel is not None and (share := channel.explained) is not None:
+        title += f": {percent(share.estimate)} of what is not noise is explained"
+    axes.set_title(title, loc="left", size=10)
+    axes.grid(visible=False)
+    if channel is None:
+        axes.axis("off")
+        axes.text(0, 0.5, "Not proved in the simulator.", transform=axes.transAxes)
+        return
+    values = [MICRO * x for x in (channel.before, channel.after, channel.noise)]
+    names = ("before", "after", "noise alone")
+    bars = axes.barh([2, 1, 0], values, 0.72, color=(GREY, ORANGE, BLUE))
+    words = [f"{value:.3g} {unit}" for value in values]
+    axes.bar_label(bars, words, padding=4, fontsize=10)
+    axes.set_yticks([2, 1, 0], names)
+    axes.set_xlim(0, 1.2 * max(values))
+    axes.set_xticks([])
+    axes.spines["bottom"].set_visible(False)
+    axes.tick_params(left=False)
 
 
-def _placed(where: str) -> str:
-    if where.startswith("marker:"):
-        return f"mark {where.removeprefix('marker:')}"
-    if where.startswith("link_"):
-        return where.replace("_", " ")
-    if where in PLACES or where in ("flange", "tool", "tracker"):
-        return f"the {PLACES.get(where, where)}"
-    return where
+def _budget(axes: Axes, budget: ErrorBudget) -> None:
+    """Draw a bar for each place, for what is joint, and for what is open."""
+    rows: list[tuple[str, Mapping[str, float], bool]] = []
+    for where, kinds in budget.of.items():
+        rows.append((where, kinds, where in budget.places))
+    for where in budget.places:
+        if where not in budget.of:
+            rows.append((where, {}, True))
+    if budget.jointly > 0.0:
+        rows.append(("only jointly", {"together": budget.jointly}, False))
+    if budget.unexplained is not None:
+        rows.append(("no name", {"open": budget.unexplained}, False))
+    colours = {k: c for k, (_, c) in FAMILIES.items()}
+    colours |= {"together": TOGETHER, "open": RED}
+    largest = max((sum(kinds.values()) for _, kinds, _ in rows), default=0.0)
+    labelled: set[str] = set()
+    for i, (_, kinds, is_open) in enumerate(rows):
+        start = 0.0
+        for family, share in kinds.items():
+            word = FAMILIES[family][0] if family in FAMILIES else None
+            word = None if word in labelled else word
+            labelled |= {word} if word else set()
+            axes.barh(i, share, 0.72, left=start, color=colours[family], label=word)
+            start += share
+        more = ", and more without a name" if is_open else ""
+        told = f"{percent(start) if start else ''}{more}".removeprefix(", ")
+        axes.text(start + 0.015 * largest, i, told, va="center", fontsize=9)
+    axes.set_yticks(range(len(rows)), [where for where, *_ in rows], fontsize=9)
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.set_xlim(0, 1.25 * max(largest, 1e-9))
+    axes.set_xticks([])
+    axes.grid(visible=False)
+    axes.spines["bottom"].set_visible(False)
+    axes.tick_params(left=False)
+    title = "Share of the mismatch that comes back without it alone"
+    axes.set_title(title, loc="left", size=10)
+    if labelled:
+        axes.legend(loc="lower right", fontsize=9)
 
 
-def _plural(word: str) -> str:
-    return "axes" if word == "axis" else f"{word}s"
+# --- The arm --------------------------------------------------------------------------
+
+LIGHT = np.array([0.35, -0.5, 0.8]) / np.linalg.norm([0.35, -0.5, 0.8])
+RAISED, ASIDE = np.radians(14.0), np.radians(20.0)
+"""How far above the arm's level and beside its side it is looked at from; chosen."""
 
 
-def _listed(words: Sequence[str]) -> str:
-    if len(words) < 2:
-        return "".join(words)
-    return f"{', '.join(words[:-1])} and {words[-1]}"
+def _looked_at(view: ArmView) -> Float[np.ndarray, "3 3"]:
+    """Return the directions right, up and towards the viewer, seen from the side."""
+    reach = (view.flange - view.base)[:2]
+    away = np.arctan2(reach[1], reach[0]) if np.linalg.norm(reach) > 1e-3 else 0.0
+    away -= np.pi / 2.0 - ASIDE
+    towards = np.array([np.cos(away), np.sin(away), np.tan(RAISED)])
+    towards /= np.linalg.norm(towards)
+    right = np.cross([0.0, 0.0, 1.0], towards)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(towards, right), towards])
 
 
-# --- Their sizes ----------------------------------------------------------------------
-
-SHARES = ("creep", "angle_dependent_stiffness", "pulley_friction")
-"""Effects whose ratio is a share, told in percent."""
-PEAK_TO_PEAK = {("angle_dependent_stiffness", "ratio"): 2.0}
-"""Factor to a wave's peak-to-peak value, where its name alone does not tell."""
-
-
-def _sizes(effect: str, together: Sequence[Called]) -> str:
-    """Return the sizes of a group as one range, each end rounded to its interval."""
-    names, word = (PLAIN.get(effect) or ("", "", "", "", ""))[3:]
-    names = names.split()
-    known = [
-        (name, n.parameters[name], ends)
-        for n in together
-        for name in names
-        if name in n.parameters and (ends := _numbers(n.parameters[name])) is not None
-    ]
-    if not known:
-        return ""
-    unit, factor = unit_of(known[0][0])
-    factor *= PEAK_TO_PEAK.get((effect, known[0][0]), 1.0)
-    if effect in SHARES:
-        unit, factor = "%", 100.0 * factor
-    known.sort(key=lambda x: x[2][0])
-    told = [rounded(p, factor, at[0]) for _, p, at in (known[0], known[-1])]
-    if len(known) == 1:
-        _, one, (_, low, high) = known[0]
-        told = [rounded(one, factor, low), rounded(one, factor, high)]
-    text = told[0] if told[0] == told[1] else f"{told[0]} to {told[1]}"
-    return " ".join(filter(None, (text, unit, word)))
+def shades(budget: ErrorBudget) -> dict[str, tuple[float, float, float]]:
+    """Return the colour of each place: the darker, the larger its share."""
+    shares = budget.of_places
+    most = max(shares.values(), default=0.0) or 1.0
+    return {where: HEAT(share / most)[:3] for where, share in shares.items()}
 
 
-def _numbers(interval: Interval) -> tuple[float, float, float] | None:
-    """Return estimate, low and high; None where the data do not hold all three."""
-    value, low, high = interval.estimate, interval.low, interval.high
-    if not (isinstance(value, float) and isinstance(low, float)):
-        return None
-    return (value, low, high) if isinstance(high, float) else None
+def body_shades(budget: ErrorBudget) -> dict[str, tuple[float, float, float]]:
+    """Return the colour of each link: of its own share or its axis', the larger."""
+    shares, colour = budget.of_places, shades(budget)
+    found = {}
+    for where in shares:
+        number = where.removeprefix("link_").removeprefix("a").partition(":")[0]
+        both = (f"a{number}", f"link_{number}") if number.isdigit() else (where,)
+        largest = max(both, key=lambda w: shares.get(w, 0.0))
+        found[both[-1]] = colour[largest]
+    return found
+
+
+def _arm(axes: Axes, view: ArmView, budget: ErrorBudget) -> None:
+    looked = _looked_at(view)
+    flat = view.triangles @ looked.T
+    cross = np.cross(
+        view.triangles[:, 1] - view.triangles[:, 0],
+        view.triangles[:, 2] - view.triangles[:, 0],
+    )
+    normal = cross / np.maximum(np.linalg.norm(cross, axis=1, keepdims=True), 1e-15)
+    bright = 0.62 + 0.38 * np.abs(normal @ LIGHT)
+    of_body = body_shades(budget)
+    own = np.array([of_body.get(b, HEAT(0.0)[:3]) for b in view.body]).reshape(-1, 3)
+    order = np.argsort(flat[:, :, 2].mean(axis=1))
+    faces = np.clip(own * bright[:, None], 0.0, 1.0)[order]
+    drawn = PolyCollection(list(flat[order][:, :, :2]), facecolors=faces)
+    drawn.set(edgecolor=faces, linewidth=0.3, rasterized=True)
+    axes.add_collection(drawn)
+    spine = np.vstack([view.base, view.axes, view.flange]) @ looked.T
+    if not len(flat):  # a model without visible shapes
+        axes.plot(spine[:, 0], spine[:, 1], "-", color="#b8bcc0", lw=7, zorder=1)
+    _labels(axes, view, budget, looked)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.axis("off")
+    title = "Where it comes from: the darker, the more of the mismatch"
+    axes.set_title(title, loc="left", size=10)
+
+
+def _labels(axes: Axes, view: ArmView, budget: ErrorBudget, looked: np.ndarray) -> None:
+    """Name all places beside the arm, one below the other, with a line to each."""
+    shares, colour = budget.of_places, shades(budget)
+    numbered = [f"a{k + 1}" for k in range(len(view.axes))]
+    places = [*numbered, *(w for w in (*shares, *budget.places) if w not in numbered)]
+    spots = {w: looked @ at for w in places if (at := view.point(w)) is not None}
+    edge = np.vstack([view.triangles.reshape(-1, 3) @ looked.T, *spots.values()])
+    low, high = edge.min(axis=0), edge.max(axis=0)
+    middle = (low[0] + high[0]) / 2.0
+    tall = max(high[1] - low[1], 1e-3)
+    sides = {True: [], False: []}
+    for where in sorted(spots, key=lambda w: -spots[w][1]):
+        sides[bool(spots[where][0] > middle)].append(where)
+    for short, long in ((True, False), (False, True)):  # neither side crowded
+        while len(sides[long]) > len(sides[short]) + 2:
+            nearest = min(sides[long], key=lambda w: abs(spots[w][0] - middle))
+            sides[long].remove(nearest)
+            sides[short].append(nearest)
+    margin = 0.12 * tall
+    for right, some in sides.items():
+        some.sort(key=lambda w: -spots[w][1])
+        heights = _apart([spots[w][1] for w in some], 0.062 * tall)
+        x = high[0] + margin if right else low[0] - margin
+        for where, y in zip(some, heights, strict=True):
+            at = spots[where]
+            share = percent(shares[where]) if where in shares else "–"
+            told = f"{where.replace('_', ' ')}  {share}"
+            told += ", open" if where in budget.places else ""
+            faint = where not in shares and where not in budget.places
+            axes.plot([at[0], x], [at[1], y], "-", color="#9a9a9a", lw=0.7, zorder=5)
+            edged = RED if where in budget.places else "#333333"
+            look = {"mfc": colour.get(where, "white"), "mec": edged, "zorder": 6}
+            axes.plot(*at[:2], "o", ms=11 if where in numbered else 6, **look)
+            side = "left" if right else "right"
+            shade = "#8a8a8a" if faint else "#1c1c1c"
+            weight = "normal" if faint else "bold"
+            word = axes.text(x, y, f" {told} ", fontsize=9.5, color=shade)
+            word.set(ha=side, va="center", weight=weight)
+    wide = 0.36 * tall
+    across = (low[0] - margin - wide, high[0] + margin + wide)
+    axes.plot(across, (low[1] - 0.1 * tall, high[1] + 0.08 * tall), alpha=0.0)
+    axes.margins(0.0)
+    beside = [w for w in places if w not in spots]
+    if beside:
+        told = [f"{w} {percent(shares[w]) if w in shares else 'open'}" for w in beside]
+        text = axes.text(0.02, 0.0, f"Beside the arm: {', '.join(told)}", fontsize=9.5)
+        text.set(va="bottom", transform=axes.transAxes)
+
+
+def _apart(heights: list[float], least: float) -> list[float]:
+    """Return heights, highest first, moved so that none is nearer than the least."""
+    placed = list(heights)
+    for _ in range(50):
+        for i in range(len(placed) - 1):
+            short = least - (placed[i] - placed[i + 1])
+            if short > 0.0:
+                placed[i] += short / 2.0
+                placed[i + 1] -= short / 2.0
+    return placed

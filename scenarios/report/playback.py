@@ -29,8 +29,8 @@ from bench.proof.proof import Proof
 from bench.proof.simulation import NominalState
 from bench.viewer import magnify
 from scenarios.pipelines.diagnosis import MICRO, Curves, Result, courses_of, curves_of
-from scenarios.report import arm_figure, summary
-from scenarios.report.error_budget import MANY, ErrorBudget, error_budget, percent
+from scenarios.report import error_budget, summary
+from scenarios.report.error_budget import MANY, ErrorBudget, budget_of, percent
 
 if TYPE_CHECKING:
     from scenarios.pipelines.calibration_proof import CalibrationProof
@@ -197,7 +197,7 @@ def marked_places(
     """Log a labelled point at each axis that has a share of the mismatch."""
     names = simulated.simulation.see(simulated.patched).states.bodies
     links = simulated.nominal.rig.anatomy.links
-    colour = arm_figure.shades(budget)
+    colour = error_budget.shades(budget)
     for i, k in enumerate(simulated.simulation.order, 1):
         where = f"a{i}"
         if where not in budget.of_places:
@@ -260,7 +260,7 @@ def show_diagnosis(finding: Result, file: Path | None) -> None:
     stream.log("/read_me", document, static=True)
     simulated = finding.simulated
     if simulated is not None and finding.recording.markers:
-        budget = error_budget(finding.answer) if many else None
+        budget = budget_of(finding.answer) if many else None
         _arm(stream, simulated, finding.proof is not None, budget)
         curves(stream, finding, curves_of(simulated))
     stream.flush()
@@ -344,7 +344,7 @@ def _colours_of_shares(simulated: Proof, budget: ErrorBudget) -> dict[str, Colou
     """Return the colour of each body: of its own share or its axis', the larger."""
     anatomy, found = simulated.nominal.rig.anatomy, {}
     number = {f"link_{i}": k for i, k in enumerate(simulated.simulation.order, 1)}
-    for where, rgb in arm_figure.body_shades(budget).items():
+    for where, rgb in error_budget.body_shades(budget).items():
         body = anatomy.links[number[where]] if where in number else anatomy.body(where)
         red, green, blue = (round(255 * c) for c in rgb)
         found[body] = (red, green, blue, 255)

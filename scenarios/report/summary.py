@@ -1,13 +1,14 @@
 """A diagnosis in sentences, for the terminal, the report and the playback.
 
 `sentences` states detection, sites, named effects, their proof and what stays open;
-`headlines` is what to read first of many names;
+`headlines` is what to read first of many names, which
+`grouped` tells by effect;
 `narrative` is its five lines, of any engine's answer; `sentence` and `rows` give the
 springs that were fitted as nuisance parameters and differ from the model's; `tell`
 prints all of it, with a table of the named effects.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from rich.console import Console
@@ -25,9 +26,17 @@ from scenarios.pipelines.schema import (
     Placed,
     chance,
     label,
+    rounded,
     span,
+    unit_of,
 )
-from scenarios.report.error_budget import MANY, error_budget, grouped, percent
+from scenarios.report.error_budget import (
+    MANY,
+    along_the_arm,
+    budget_of,
+    percent,
+    share_of,
+)
 from stiffness.diagnosis.diagnose import SCATTER
 from stiffness.diagnosis.result import Nominal
 
@@ -188,7 +197,7 @@ def _names(answer: Answer, axes: int) -> Iterator[str]:
         "the others would not explain."
     )
     yield from grouped(answer, axes)
-    if rest := error_budget(answer).jointly:
+    if rest := budget_of(answer).jointly:
         yield f"{percent(rest)} is explained by several of them only jointly."
     unsure = [n for n in answer.named if n.equivalents]
     if unsure:
@@ -271,6 +280,182 @@ def _list(words) -> str:
     if len(words) < 2:
         return "".join(words)
     return ", ".join(words[:-1]) + " and " + words[-1]
+
+
+# --- Names in groups ------------------------------------------------------------------
+
+COUNTS = (
+    *("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine"),
+    *("ten", "eleven", "twelve"),
+)
+
+PLAIN: Mapping[str, tuple[str, str, str, str, str]] = {
+    "joint_compliance": ("axis", "gives way", "give way", "compliance_rad_per_nm", ""),
+    "hardening": ("gear", "hardens", "harden", "stiffness_ratio", "times as stiff"),
+    "asymmetric_stiffness": (
+        *("gear", "is stiffer one way", "are stiffer one way"),
+        *("ratio", "times"),
+    ),
+    "lost_motion": ("gear", "has play", "have play", "width_rad", "wide"),
+    "hysteresis": (
+        *("gear", "holds back wind-up", "hold back wind-up"),
+        *("width_rad", "wide"),
+    ),
+    "creep": ("gear", "creeps under load", "creep under load", "ratio", "of wind-up"),
+    "angle_dependent_stiffness": (
+        *("gear", "is stiffer at some angles", "are stiffer at some angles"),
+        *("ratio", "of the stiffness, peak to peak"),
+    ),
+    "wrist_coupling": (
+        *("axis", "is turned by another's torque", "are turned by others' torque"),
+        *("compliance_rad_per_nm", ""),
+    ),
+    "bearing_tilt": ("bearing", "tilts", "tilt", "u_rad_per_nm v_rad_per_nm", ""),
+    "link_bending": ("link", "bends", "bend", "bending_nm2", "stiff"),
+    "base_compliance": (
+        *("", "gives way", "give way"),
+        *("rx_rad_per_nm ry_rad_per_nm", ""),
+    ),
+    "gravity_load": (
+        *("link", "weighs other than modelled", "weigh other than modelled"),
+        *("mass_kg", ""),
+    ),
+    "gravity_compensator": (
+        *("axis", "is helped by a spring", "are helped by springs"),
+        *("torque_nm", ""),
+    ),
+    "transmission_error": (
+        *("gear", "errs with the angle", "err with the angle"),
+        *("amplitude_rad", "peak to peak"),
+    ),
+    "encoder_offset": (
+        *("encoder", "is off by a constant", "are off by constants"),
+        *("offset_rad", ""),
+    ),
+    "geometry_error": ("link", "is not as drawn", "are not as drawn", "", ""),
+    "pulley_friction": ("", "has a pulley that rubs", "", "ratio", "of the pull"),
+    "wrench_bias": ("", "reads an offset", "", "", ""),
+    "wrench_gain": ("", "reads a wrong scale", "", "", ""),
+    "wrench_misalignment": ("", "is turned or beside its place", "", "", ""),
+    "tracker_scale": ("", "reads a wrong scale", "", "", ""),
+    "tracker_misalignment": ("", "is not where it is stated", "", "", ""),
+    "drift": ("", "wanders with time", "wander with time", "", ""),
+    "marker_slip": ("", "moved on its body", "moved on their bodies", "", ""),
+    "channel_delay": ("", "lags", "lag", "delay_s", ""),
+}
+"""Of each effect: the part, what one and several do, the sizes to tell, and a word
+after them."""
+PLACES = {
+    "base": "foot",
+    "rig": "rope",
+    "wrench_sensor": "force sensor",
+}
+"""Words for places that are no axis or link."""
+
+
+def grouped(answer: Answer, axes: int) -> Iterator[str]:
+    """Yield one sentence for each effect at all its places, largest share first.
+
+    Args:
+        answer: With names.
+        axes: Number of axes of the arm.
+    """
+    groups: dict[str, list[Called]] = {}
+    for one in sorted(answer.named, key=lambda n: along_the_arm(n.where)):
+        groups.setdefault(one.effect, []).append(one)
+    order = sorted(groups, key=lambda e: -sum(map(share_of, groups[e])))
+    for effect in order:
+        together = groups[effect]
+        sizes = _sizes(effect, together)
+        share = percent(sum(map(share_of, together)))
+        text = f"{_who_does(effect, together, axes)}{f': {sizes}' if sizes else ''}"
+        yield f"{text} ({share})."
+
+
+def _who_does(effect: str, together: Sequence[Called], axes: int) -> str:
+    """Return the parts and what they do, with a capital: `All six gears harden`."""
+    places = tuple(dict.fromkeys(n.where for n in together))
+    part, one, several, *_ = PLAIN.get(effect, ("", "", "", "", ""))
+    several = several or one
+    if not one:  # no words for it: its name in the vocabulary
+        return f"{effect.replace('_', ' ')} at {_list(places)}".capitalize()
+    of_axes = all(place[1:].isdigit() and place[0] == "a" for place in places)
+    links = [place for place in places if place.startswith("link_")]
+    everywhere = {"axes": axes, "links": axes - 1}
+    kind = "axes" if of_axes else "links" if len(links) == len(places) else ""
+    count = len(places)
+    if kind and count > 2 and count == everywhere[kind]:
+        word = COUNTS[count] if count < len(COUNTS) else str(count)
+        return f"All {word} {_plural(part or kind[:-1])} {several}"
+    if kind == "links":
+        numbers = [place.removeprefix("link_") for place in places]
+        word = "Link" if count == 1 else "Links"
+        return f"{word} {_list(numbers)} {one if count == 1 else several}"
+    if kind == "axes":
+        word = part or "axis"
+        if word == "axis":
+            told = f"{'Axis' if count == 1 else 'Axes'} {_list(places)}"
+        else:
+            told = f"The {word if count == 1 else _plural(word)} of {_list(places)}"
+        return f"{told} {one if count == 1 else several}"
+    told = _list([_placed(place) for place in places])
+    return f"{told[:1].upper()}{told[1:]} {one if count == 1 else several}"
+
+
+def _placed(where: str) -> str:
+    if where.startswith("marker:"):
+        return f"mark {where.removeprefix('marker:')}"
+    if where.startswith("link_"):
+        return where.replace("_", " ")
+    if where in PLACES or where in ("flange", "tool", "tracker"):
+        return f"the {PLACES.get(where, where)}"
+    return where
+
+
+def _plural(word: str) -> str:
+    return "axes" if word == "axis" else f"{word}s"
+
+
+# --- Their sizes ----------------------------------------------------------------------
+
+SHARES = ("creep", "angle_dependent_stiffness", "pulley_friction")
+"""Effects whose ratio is a share, told in percent."""
+PEAK_TO_PEAK = {("angle_dependent_stiffness", "ratio"): 2.0}
+"""Factor to a wave's peak-to-peak value, where its name alone does not tell."""
+
+
+def _sizes(effect: str, together: Sequence[Called]) -> str:
+    """Return the sizes of a group as one range, each end rounded to its interval."""
+    names, word = (PLAIN.get(effect) or ("", "", "", "", ""))[3:]
+    names = names.split()
+    known = [
+        (name, n.parameters[name], ends)
+        for n in together
+        for name in names
+        if name in n.parameters and (ends := _numbers(n.parameters[name])) is not None
+    ]
+    if not known:
+        return ""
+    unit, factor = unit_of(known[0][0])
+    factor *= PEAK_TO_PEAK.get((effect, known[0][0]), 1.0)
+    if effect in SHARES:
+        unit, factor = "%", 100.0 * factor
+    known.sort(key=lambda x: x[2][0])
+    told = [rounded(p, factor, at[0]) for _, p, at in (known[0], known[-1])]
+    if len(known) == 1:
+        _, one, (_, low, high) = known[0]
+        told = [rounded(one, factor, low), rounded(one, factor, high)]
+    told = [x.removesuffix(".0") for x in told]
+    text = told[0] if told[0] == told[1] else f"{told[0]} to {told[1]}"
+    return " ".join(filter(None, (text, unit, word)))
+
+
+def _numbers(interval: Interval) -> tuple[float, float, float] | None:
+    """Return estimate, low and high; None where the data do not hold all three."""
+    value, low, high = interval.estimate, interval.low, interval.high
+    if not (isinstance(value, float) and isinstance(low, float)):
+        return None
+    return (value, low, high) if isinstance(high, float) else None
 
 
 # --- The narrative in five lines ------------------------------------------------------

@@ -19,8 +19,8 @@ from scenarios.pipelines import schema
 from scenarios.pipelines.diagnosis import MICRO, Curves, Result, channel_of, curves_of
 from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import chance, label, size, span
-from scenarios.report import arm_figure, data_files, figures, page, playback, summary
-from scenarios.report.error_budget import MANY, error_budget, percent, share_of
+from scenarios.report import data_files, error_budget, figures, page, playback, summary
+from scenarios.report.error_budget import MANY, budget_of, percent, share_of
 from scenarios.report.figures import of_law
 from scenarios.report.output_folder import DECISIONS, FILES, write_folder
 from scenarios.report.page import Block, Figure, Fold, Heading, Paragraph, Points, Table
@@ -226,13 +226,13 @@ def blocks_of(finding: Result, folder: Path) -> list[Block]:
 def _by_place(finding: Result, folder: Path) -> Iterator[Block]:
     """Yield a report on many names: the arm, a line an effect, all else folded."""
     answer, simulated = finding.answer, finding.simulated
-    budget = error_budget(answer)
+    budget = budget_of(answer)
     if simulated is not None:
         channel, unit = (None, "")
         if finding.proof is not None:
             channel, unit = channel_of(finding.proof)
-        view = arm_figure.arm_view(simulated)
-        arm_figure.of_arm(view, budget, channel, unit, folder / "arm.png")
+        view = error_budget.arm_view(simulated)
+        error_budget.of_arm(view, budget, channel, unit, folder / "arm.png")
         yield Figure(
             "A share is of the square, beyond noise, by which the nominal arm misses; "
             "each link has the colour of its axis or its own, the darker. Several "
@@ -295,9 +295,9 @@ def _at(
 
 def _budget(answer: schema.Answer) -> Iterator[Block]:
     """Yield tables of the shares by effect and by kind."""
-    budget = error_budget(answer)
+    budget = budget_of(answer)
     kinds = [
-        [arm_figure.FAMILIES[family][0], percent(share)]
+        [error_budget.FAMILIES[family][0], percent(share)]
         for family, share in budget.of_families.items()
     ]
     if budget.unexplained is not None:

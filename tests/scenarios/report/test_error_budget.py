@@ -22,8 +22,8 @@ from scenarios.pipelines.schema import (
     Proved,
     span,
 )
-from scenarios.report import arm_figure, figures, page, playback, summary
-from scenarios.report.error_budget import PLAIN, error_budget, grouped, percent
+from scenarios.report import error_budget, figures, page, playback, summary
+from scenarios.report.error_budget import budget_of, percent
 from scenarios.report.page import Fold, Paragraph, Points, Table
 from scenarios.report.sections import diagnosis
 from stiffness.diagnosis.result import Detection, Diagnosis
@@ -79,7 +79,7 @@ def answer():
 
 
 def test_budget_adds_up_to_the_whole_mismatch(answer):
-    budget = error_budget(answer)
+    budget = budget_of(answer)
     own = sum(budget.of_places.values())
     assert budget.unexplained == pytest.approx(0.1)
     assert own + budget.jointly + budget.unexplained == pytest.approx(1.0)
@@ -90,7 +90,7 @@ def test_budget_adds_up_to_the_whole_mismatch(answer):
 
 def test_budget_without_a_proof_claims_nothing_of_what_is_open(answer):
     unproved = msgspec.structs.replace(answer, explained_share=None)
-    budget = error_budget(unproved)
+    budget = budget_of(unproved)
     assert (budget.jointly, budget.unexplained) == (0.0, None)
 
 
@@ -106,7 +106,7 @@ def test_a_share_is_said_with_two_digits_at_most(share, said):
 
 
 def test_thirty_names_are_a_line_for_each_effect_the_largest_first(answer):
-    told = list(grouped(answer, 6))
+    told = list(summary.grouped(answer, 6))
     assert len(NAMES) == 30
     assert len(told) == len({n.effect for n in NAMES}) == 10
     assert told[0] == "All six gears hold back wind-up: 20 to 120 µrad wide (30 %)."
@@ -123,7 +123,7 @@ def test_thirty_names_are_a_line_for_each_effect_the_largest_first(answer):
 
 
 def test_every_effect_has_plain_words():
-    assert set(PLAIN) == set(CATALOGUE)
+    assert set(summary.PLAIN) == set(CATALOGUE)
 
 
 def test_a_name_that_would_do_as_well_is_said(answer):
@@ -165,7 +165,7 @@ def view():
     """Six axes up a mast, one triangle at each link."""
     axes = np.array([[0.1 * k, 0.0, 0.2 * k] for k in AXES])
     triangle = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0, 0.1]])
-    return arm_figure.ArmView(
+    return error_budget.ArmView(
         np.stack([triangle + at for at in axes]),
         tuple(f"link_{k}" for k in AXES),
         axes,
@@ -179,8 +179,8 @@ def words_of(figure: Picture) -> str:
 
 
 def test_arm_is_drawn_with_every_place_its_share_and_what_is_beside_it(answer, view):
-    budget = error_budget(answer)
-    figure = arm_figure.of_arm(view, budget, None, "")
+    budget = budget_of(answer)
+    figure = error_budget.of_arm(view, budget, None, "")
     said = words_of(figure)
     for where, share in budget.of_places.items():
         if where in ("tracker", "marker:link3_a"):
@@ -193,8 +193,8 @@ def test_arm_is_drawn_with_every_place_its_share_and_what_is_beside_it(answer, v
 
 
 def test_the_larger_a_share_the_darker_its_place(answer):
-    budget = error_budget(answer)
-    bright = {w: sum(rgb) for w, rgb in arm_figure.shades(budget).items()}
+    budget = budget_of(answer)
+    bright = {w: sum(rgb) for w, rgb in error_budget.shades(budget).items()}
     assert min(bright, key=lambda w: bright[w]) == max(
         budget.of_places, key=lambda w: budget.of_places[w]
     )
@@ -203,7 +203,7 @@ def test_the_larger_a_share_the_darker_its_place(answer):
 
 def test_a_model_without_visible_shapes_is_drawn_as_a_line(answer, view):
     bare = replace(view, triangles=np.zeros((0, 3, 3)), body=())
-    figure = arm_figure.of_arm(bare, error_budget(answer), None, "")
+    figure = error_budget.of_arm(bare, budget_of(answer), None, "")
     assert "a1  " in words_of(figure)
 
 
