@@ -46,7 +46,7 @@ def main(settings: Settings) -> CalibrationOutcome:
 
     from scenarios.pipelines.calibration import calibrate_and_prove
     from scenarios.pipelines.inputs import arm_of, read_for
-    from scenarios.report.output_folder import refuse_folder
+    from scenarios.report.data_files import refuse_folder
     from scenarios.report.sections.calibration import show, write_files
 
     refuse_folder(settings.out, settings.recording)

@@ -47,7 +47,7 @@ def main(settings: Settings) -> Judgement:
     from bench.shared.errors import collect
     from scenarios.pipelines.inputs import arm_of, read_for
     from scenarios.pipelines.judgement import judge
-    from scenarios.report.output_folder import refuse_folder
+    from scenarios.report.data_files import refuse_folder
     from scenarios.report.sections.proof import first_sentence, write_judgement
 
     s = settings

@@ -1,4 +1,7 @@
-"""Data files beside a report: tidy tables as CSV, and run.json.
+"""Output folder: written whole or not at all, with tidy tables as CSV and run.json.
+
+All files are made in a folder beside it and moved there at the end, one by one; files
+of an earlier answer that the new one does not have are removed.
 
 A tidy table has one number a row; its other columns say what the number is. run.json
 holds the command, settings and versions that make a result again.
@@ -9,13 +12,19 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
 import platform
+import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
+
+from bench.shared.errors import Unusable
+from bench.user_model import ASSETS
 
 if TYPE_CHECKING:
     from stiffness.diagnosis.result import Decision
@@ -93,3 +102,101 @@ def write_run_file(
     }
     text = json.dumps(content, indent=2, default=str)
     (folder / "run.json").write_text(text + "\n", encoding="utf-8")
+
+
+# --- The folder -----------------------------------------------------------------------
+
+FILES = (
+    "diagnosis.json", "report.html", "picture.png", "diagnosis.rrd", "model.xml",
+    "patch.json", "controller.csv",
+)  # fmt: skip
+"""Files of a diagnosis; its pictures are inside the report."""
+DECISIONS = "decisions.csv"
+"""Each gate's verdict on each candidate, where the gates have left any."""
+ANSWERS = frozenset(
+    {
+        *FILES,
+        DECISIONS,
+        "proof.json",
+        "report.md",
+        "before_after.png",
+        "gears.png",
+        "residual_map.png",
+    }
+    | {"looks_like.png"}
+)
+"""Files of an answer of any engine; all others in the folder are not touched."""
+
+
+def refuse_folder(folder: Path, recording: Path, patch: Path | None = None) -> None:
+    """Refuse a folder that cannot hold an answer, before anything is computed.
+
+    Args:
+        folder: Where the answer goes.
+        recording: Folder of the recording.
+        patch: Folder of the patch that is judged; None: there is none.
+
+    Raises:
+        Unusable: Where it is a file, or one of the other folders.
+    """
+    what, faults = f"Folder {str(folder)!r}", []
+    if folder.exists() and not folder.is_dir():
+        faults.append("it is not a folder; give another --out.")
+    if folder.resolve() == recording.resolve():
+        faults.append("it is the recording itself; give another --out.")
+    if patch is not None and folder.resolve() == patch.resolve():
+        faults.append("it is the folder of the patch itself; give another --out.")
+    if faults:
+        raise Unusable(what, faults)
+
+
+def write_folder(
+    folder: Path, make: Callable[[Path], None], kept: Collection[str] = ANSWERS
+) -> None:
+    """Make an answer beside a folder and move it there whole.
+
+    Args:
+        folder: Where it goes; made if it is not there.
+        make: Writes the files into the folder that it is given.
+        kept: Names of the files that are moved; others were only needed on the way.
+
+    Raises:
+        Unusable: Where nothing can be written; then nothing is.
+    """
+    waiting: Path | None = None
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        waiting = Path(mkdtemp(prefix=".answer-", dir=folder.parent))
+        make(waiting)
+        folder.mkdir(exist_ok=True)
+        for name in sorted(ANSWERS):
+            if name in kept and (waiting / name).exists():
+                os.replace(waiting / name, folder / name)
+            else:
+                (folder / name).unlink(missing_ok=True)
+        if (waiting / ASSETS).is_dir():
+            move_into(waiting / ASSETS, folder / ASSETS)
+    except OSError as error:
+        fault = f"it cannot be written: {error}."
+        raise Unusable(f"Folder {str(folder)!r}", [fault]) from error
+    finally:
+        if waiting is not None:
+            shutil.rmtree(waiting, ignore_errors=True)
+
+
+def move_into(waiting: Path, folder: Path) -> None:
+    """Move all that is in one folder into another, whose other files stay.
+
+    Args:
+        waiting: Folder that is left empty of files.
+        folder: Made if it is not there.
+
+    Raises:
+        OSError: Where a file cannot be put there.
+    """
+    folder.mkdir(exist_ok=True)
+    for part in sorted(waiting.iterdir()):
+        if part.is_dir():
+            move_into(part, folder / part.name)
+        else:
+            os.replace(part, folder / part.name)

@@ -27,7 +27,7 @@ from scenarios.pipelines.inputs import arm_of, read_for, said_of_one_pose
 from scenarios.pipelines.recording_check import replicate_noise
 from scenarios.pipelines.schema import Answer, Called
 from scenarios.report import summary
-from scenarios.report.output_folder import refuse_folder, write_folder
+from scenarios.report.data_files import refuse_folder, write_folder
 from scenarios.report.sections import diagnosis
 from stiffness.regression.splits import subsample_poses
 from stiffness.robot.arm import Arm

@@ -15,7 +15,7 @@ from scenarios.pipelines.calibration_proof import CalibrationProof, ResidualSumm
 from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import Answer, label, size, span
 from scenarios.report import data_files, figures, page, playback
-from scenarios.report.output_folder import DECISIONS, write_folder
+from scenarios.report.data_files import DECISIONS, write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from stiffness.calibration.result import Calibrated
 

@@ -20,9 +20,9 @@ from scenarios.pipelines.diagnosis import MICRO, Curves, Result, channel_of, cur
 from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import chance, label, size, span
 from scenarios.report import data_files, error_budget, figures, page, playback, summary
+from scenarios.report.data_files import DECISIONS, FILES, write_folder
 from scenarios.report.error_budget import MANY, budget_of, percent, share_of
 from scenarios.report.figures import of_law
-from scenarios.report.output_folder import DECISIONS, FILES, write_folder
 from scenarios.report.page import Block, Figure, Fold, Heading, Paragraph, Points, Table
 from stiffness.diagnosis.diagnose import SCATTER
 from stiffness.diagnosis.result import in_words, strongest_withheld

@@ -17,8 +17,8 @@ from scenarios.pipelines.encoder_axes import WINDOW, Axis, rms, whole_rms
 from scenarios.pipelines.patching import write_patch_of_axes
 from scenarios.pipelines.schema import Answer, label, size, span
 from scenarios.report import data_files, page
+from scenarios.report.data_files import DECISIONS, write_folder
 from scenarios.report.figures import encoders_before_after, followed, looks_like
-from scenarios.report.output_folder import DECISIONS, write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.report.playback import PLAYBACK, show_comparison
 from stiffness.dual_encoder.fit import SelectionStep, columns, fitted

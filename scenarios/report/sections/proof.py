@@ -9,7 +9,7 @@ from bench.proof.explained_share import Channel
 from scenarios.pipelines.judgement import FAR, FILE, AxisCoverage, Judgement, text_of
 from scenarios.pipelines.schema import Interval
 from scenarios.report import figures, page
-from scenarios.report.output_folder import write_folder
+from scenarios.report.data_files import write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 
 # --- The result in words --------------------------------------------------------------

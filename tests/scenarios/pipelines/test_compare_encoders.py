@@ -19,8 +19,7 @@ from scenarios.pipelines.compare_encoders import (
 from scenarios.pipelines.encoder_axes import heldout_comparison, rms, whole_rms
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.recording_check import abilities
-from scenarios.report.data_files import read_table
-from scenarios.report.output_folder import DECISIONS
+from scenarios.report.data_files import DECISIONS, read_table
 from scenarios.report.sections.dual_encoder import (
     headline,
     write_files,

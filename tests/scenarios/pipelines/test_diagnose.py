@@ -40,7 +40,7 @@ from scenarios.pipelines.schema import (
 )
 from scenarios.report import route, summary
 from scenarios.report.command_line import run
-from scenarios.report.output_folder import DECISIONS, FILES, write_folder
+from scenarios.report.data_files import DECISIONS, FILES, write_folder
 from scenarios.report.sections import diagnosis
 from stiffness.diagnosis.diagnose import scattered
 from stiffness.diagnosis.model_evaluation import is_held, may_be_nothing

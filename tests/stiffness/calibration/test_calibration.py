@@ -18,8 +18,7 @@ from bench.shared.instrument_specs import TrackerSpec
 from bench.shared.recording import UNLOADED, Marker, Payload, Recording
 from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.inputs import arm_of
-from scenarios.report.data_files import read_table, write_decisions
-from scenarios.report.output_folder import DECISIONS
+from scenarios.report.data_files import DECISIONS, read_table, write_decisions
 from scenarios.report.sections.calibration import figure, show, write_files
 from scenarios.studies import ur10_calibration
 from stiffness.calibration import model as geometry

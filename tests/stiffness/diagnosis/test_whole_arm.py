@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose
 from small_bench import arm, prepared, recording
 
 from scenarios.pipelines.diagnosis import answer_of
-from scenarios.report.data_files import read_table, write_decisions
-from scenarios.report.output_folder import DECISIONS
+from scenarios.report.data_files import DECISIONS, read_table, write_decisions
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import (
     gate_terms,
