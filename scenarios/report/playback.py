@@ -166,8 +166,9 @@ def poses_of(
     return pose
 
 
-SWAY = 0.12
-"""Largest displacement of the magnified ghost, in m; chosen: seen, and still an arm."""
+SWAY = 0.2
+"""Displacement of the magnified ghost that one pose in ten exceeds, in m; chosen: seen,
+and still an arm."""
 FAINT: Colour = (240, 110, 20, 75)
 """Colour of the ghost."""
 
@@ -177,13 +178,12 @@ def ghost_poses(
 ) -> tuple[float, Float[np.ndarray, "rows bodies 4 4"]]:
     """Return a factor, and the patched arm's poses beyond the nominal ones, magnified.
 
-    Bodies are at nominal + factor (patched - nominal); the farthest moves by `SWAY` at
-    most.
+    Bodies are at nominal + factor (patched - nominal).
     """
     nominal = poses_of(simulated, simulated.nominal, rows)
     patched = poses_of(simulated, simulated.patched, rows)
-    moved = np.linalg.norm((patched - nominal)[..., :3, 3], axis=-1)
-    factor = _round(SWAY / max(float(moved.max(initial=0.0)), 1e-9))
+    moved = np.linalg.norm((patched - nominal)[..., :3, 3], axis=-1).max(axis=1)
+    factor = _round(SWAY / max(float(np.quantile(moved, 0.9)), 1e-9))
     return factor, magnify(nominal, patched, factor)
 
 
@@ -361,7 +361,7 @@ def _most_loaded(simulated: Proof) -> np.ndarray:
     return order[np.flatnonzero(np.diff(visit[order], append=-1))]
 
 
-FIELD = np.radians(40.0)
+FIELD = np.radians(50.0)
 """Angle of view that all that is shown fits into; chosen: below the viewer's 55° from
 top to bottom, for a view may be narrower than high."""
 SIGHT = np.array([0.62, -0.68, 0.39]) / np.linalg.norm([0.62, -0.68, 0.39])
@@ -372,8 +372,10 @@ def eye_on(points: Float[np.ndarray, "points 3"]) -> tuple[np.ndarray, np.ndarra
     """Return where to look from and at, in m, so that all points are in view."""
     low, high = points.min(axis=0), points.max(axis=0)
     centre = (low + high) / 2.0
-    radius = max(float(np.linalg.norm(points - centre, axis=1).max()), 0.1)
-    return centre + radius / np.sin(FIELD / 2.0) * SIGHT, centre
+    towards = (points - centre) @ SIGHT
+    aside = np.linalg.norm(points - centre - towards[:, None] * SIGHT, axis=1)
+    away = max(float(np.max(towards + aside / np.tan(FIELD / 2.0))), 0.3)
+    return centre + away * SIGHT, centre
 
 
 def shown_points(simulated: Proof) -> Float[np.ndarray, "points 3"]:

@@ -366,7 +366,7 @@ def grouped(answer: Answer, axes: int) -> Iterator[str]:
     order = sorted(groups, key=lambda e: -sum(map(share_of, groups[e])))
     for effect in order:
         together = groups[effect]
-        sizes = _sizes(effect, together)
+        sizes = _magnitudes(effect, together)
         share = percent(sum(map(share_of, together)))
         text = f"{_who_does(effect, together, axes)}{f': {sizes}' if sizes else ''}"
         yield f"{text} ({share})."
@@ -424,7 +424,7 @@ PEAK_TO_PEAK = {("angle_dependent_stiffness", "ratio"): 2.0}
 """Factor to a wave's peak-to-peak value, where its name alone does not tell."""
 
 
-def _sizes(effect: str, together: Sequence[Called]) -> str:
+def _magnitudes(effect: str, together: Sequence[Called]) -> str:
     """Return the sizes of a group as one range, each end rounded to its interval."""
     names, word = (PLAIN.get(effect) or ("", "", "", "", ""))[3:]
     names = names.split()

@@ -246,7 +246,7 @@ def _by_place(finding: Result, folder: Path) -> Iterator[Block]:
     if simulated is not None and finding.recording.markers:
         curves = curves_of(simulated)
     for where in budget.of:
-        yield Fold(_place(answer, where), list(_at(finding, where, curves, folder)))
+        yield Fold(_names_at(answer, where), list(_at(finding, where, curves, folder)))
     yield Heading("In detail")
     yield Fold("The whole story", [Points(list(summary.sentences(finding)))])
     yield Fold("Error budget", list(_budget(answer)))
@@ -261,7 +261,7 @@ def _by_place(finding: Result, folder: Path) -> Iterator[Block]:
     yield from _folded(blocks)
 
 
-def _place(answer: schema.Answer, where: str) -> str:
+def _names_at(answer: schema.Answer, where: str) -> str:
     names = [n for n in answer.named if n.where == where]
     share = percent(sum(map(share_of, names)))
     effects = ", ".join(dict.fromkeys(n.effect.replace("_", " ") for n in names))
