@@ -297,7 +297,8 @@ def _budget(axes: Axes, budget: ErrorBudget) -> None:
     title = "Share of the mismatch that comes back without it alone"
     axes.set_title(title, loc="left", size=10)
     if labelled:
-        axes.legend(loc="lower right", fontsize=9)
+        below = {"loc": "upper center", "bbox_to_anchor": (0.45, 0.0), "ncols": 3}
+        axes.legend(**below, fontsize=9, columnspacing=1.2, handlelength=1.4)
 
 
 # --- The arm --------------------------------------------------------------------------
