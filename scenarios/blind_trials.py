@@ -5,9 +5,11 @@ the truth is sealed by its hash and written to another once the answers are hash
 they come from a process that was given recordings and the robot's model alone.
 
 Every kind of trial is tried N times; trial k of a kind is the same whatever N is. What
-is finished is kept: the same command goes on, and a larger N adds to it. Whole arms of
-6, 12 or all effects, with or without a mechanism outside the vocabulary, and effects
-that have a twin are tried where `--strata` asks for them: `arm_12 arm_12_outside`.
+is finished is kept in OUT/rows: the same command goes on, and a larger N adds to it.
+`--first K` begins with trial K, for a part on another machine: files of its OUT/rows
+are copied beside those of the first, and the report is on all that are there. Whole
+arms of 6, 12 or all effects, with or without a mechanism outside the vocabulary, and
+effects that have a twin are tried where `--strata` asks for them: `arm_12`.
 
 Run:    python -m scenarios.blind_trials --trials 4 --seed 0 --out results/blind_trials
 Takes:  about 15 s of one core a trial: 10 min for 48 trials on two; of a whole arm 40 s
@@ -37,6 +39,8 @@ class Settings:
     """Folder for everything."""
     trials: int = 4
     """Trials of each kind."""
+    first: int = 0
+    """Number of the first trial of each kind."""
     seed: int = 0
     """Of everything that is drawn."""
     strata: tuple[str, ...] = USUAL
@@ -51,7 +55,9 @@ class Settings:
     arm: Literal["kr10", "six", "seven", "column"] = "kr10"
     """The KR10, or one drawn from the seed: six or seven axes, or six on a column."""
     jobs: int = 2
-    """Trials that run side by side."""
+    """Trials that run side by side on this machine; 0: in this process."""
+    scheduler: str = "local"
+    """Where trials run: local, dask:ADDRESS or ray:ADDRESS; see scenarios/README.md."""
 
 
 def main(settings: Settings) -> list[TrialScore]:
@@ -59,32 +65,25 @@ def main(settings: Settings) -> list[TrialScore]:
     from scenarios.report import data_files
     from scenarios.studies.blind_trials import report
     from scenarios.studies.blind_trials.arms import arm_of
-    from scenarios.studies.blind_trials.draw import trials_of
     from scenarios.studies.blind_trials.report import print_summary
     from scenarios.studies.blind_trials.run import (
         Sweep,
-        opened,
         refuse_other_trials,
         run_trials,
+        scored,
     )
-    from scenarios.studies.blind_trials.score import score_answer
 
     s = settings
     _check(s)
-    sweep = Sweep(s.out, s.poses, s.proof, s.keep, s.jobs)
+    sweep = Sweep(s.out, s.seed, s.arm, s.poses, s.proof, s.keep, s.jobs, s.scheduler)
     text = f"{s.arm}, seed {s.seed}, {s.poses} poses"
     refuse_other_trials(s.out, f"{text}, {'with' if s.proof else 'without'} proof\n")
-    arm = arm_of(s.arm, s.seed, s.out / "models")
-    trials = list(trials_of(s.seed, s.strata, 0, s.trials, arm))
+    arm_of(s.arm, s.seed, s.out / "models")  # for people: workers make their own
     with progress_bar() as progress:
-        task = progress.add_task("concealing, asking", total=len(trials))
-        for done in run_trials(sweep, trials):
+        task = progress.add_task("concealing, asking", total=s.trials * len(s.strata))
+        for done in run_trials(sweep, s.strata, s.first, s.trials):
             progress.update(task, advance=done)
-    scores, codes = [], set()
-    for trial in trials:
-        answer, truth, code = opened(s.out, trial.name)
-        scores.append(score_answer(trial.label, trial.name, answer, truth))
-        codes.add(code)
+    scores, codes = scored(sweep)
     facts = {
         "seed": s.seed,
         "arm": s.arm,
@@ -93,6 +92,8 @@ def main(settings: Settings) -> list[TrialScore]:
     }
     report.write(s.out, scores, facts)
     command = f"python -m scenarios.blind_trials --trials {s.trials} --seed {s.seed}"
+    if s.first:
+        command += f" --first {s.first}"
     if s.arm != "kr10":
         command += f" --arm {s.arm}"
     if s.strata != USUAL:
@@ -104,7 +105,8 @@ def main(settings: Settings) -> list[TrialScore]:
 
 def _check(settings: Settings) -> None:
     faults = []
-    for flag, least in (("trials", 1), ("seed", 0), ("poses", 1), ("jobs", 1)):
+    least_of = {"trials": 1, "first": 0, "seed": 0, "poses": 1, "jobs": 0}
+    for flag, least in least_of.items():
         value = getattr(settings, flag)
         if value < least:
             faults.append(f"--{flag} is {value}, expected at least {least}.")

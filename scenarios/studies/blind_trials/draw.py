@@ -128,17 +128,21 @@ def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> Blind
     chance = np.random.SeedSequence(seed, spawn_key=(kind, number))
     nuisance, further = chance.spawn(2)
     draw = np.random.default_rng(nuisance)
-    concealed = hashlib.sha256(f"{seed}/{stratum}/{number}".encode()).hexdigest()
     return BlindTrial(
         stratum=STRATA[stratum],
         robot=arm.file,
         number=number,
-        name=concealed[:12],
+        name=name_of(seed, stratum, number),
         seed=int(draw.integers(2**31)),
         stiffness=SPREAD ** draw.uniform(-1.0, 1.0, arm.axes),
         instruments=instruments_of(STRATA[stratum], number),
         chance=further,
     )
+
+
+def name_of(seed: int, stratum: str, number: int) -> str:
+    """Return a trial's name, which does not disclose what it is."""
+    return hashlib.sha256(f"{seed}/{stratum}/{number}".encode()).hexdigest()[:12]
 
 
 def kinds_of(

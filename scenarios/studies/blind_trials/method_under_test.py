@@ -1,12 +1,13 @@
 """Answers the questions of blind trials, in a process that has recordings alone.
 
 This is the method under test, in a process of its own. It is given recordings, the
-robot's model and names to be taken out of the library; the truth is on no disk yet.
-Each answer is diagnosis.json.
+robot's model, names to be taken out of the library and the hash of the truth, which is
+on no disk yet. Each answer is diagnosis.json with this hash.
 
-Run:    python -m scenarios.studies.blind_trials.method_under_test QUESTIONS.json
+Run:    python -m scenarios.studies.blind_trials.method_under_test < QUESTIONS
 Takes:  5 to 20 s for each recording of 151 poses
-Expect: one answer for each question, where the question says
+Expect: for each line, a question in JSON, an answer where the question says, and a line
+        that it is there
 """
 
 import json
@@ -14,11 +15,9 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import msgspec
 import numpy as np
-import tyro
 
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.recording import Recording
@@ -46,6 +45,7 @@ class Question(msgspec.Struct, frozen=True):
         recording: Folder of the recording.
         model: The robot's model file.
         answer: File of the answer.
+        truth_sha256: Hash of the truth, which goes into the answer unseen.
         without: Names that are taken out of the library.
         proof: Whether named effects are proved in the simulator.
         share: Whether the answer also says what share of the mismatch on the poses kept
@@ -55,30 +55,33 @@ class Question(msgspec.Struct, frozen=True):
     recording: str
     model: str
     answer: str
+    truth_sha256: str
     without: tuple[str, ...] = ()
     proof: bool = False
     share: bool = False
 
 
+ANSWERED = b"answered\n"
+"""What is said on standard output after each answer."""
+
+
 @dataclass(frozen=True)
 class Settings:
-    """Flags of the method under test."""
-
-    questions: Annotated[Path, tyro.conf.Positional]
-    """JSON file with a list of questions."""
+    """No flags: questions come by standard input."""
 
 
-def main(settings: Settings) -> None:
-    """Answer every question."""
-    try:
-        text = settings.questions.read_bytes()
-        questions = msgspec.json.decode(text, type=list[Question])
-    except (OSError, msgspec.MsgspecError) as error:
-        raise Unusable(f"Questions {str(settings.questions)!r}", [str(error)]) from None
-    for question in questions:
-        waiting = Path(f"{question.answer}.part")
-        waiting.write_text(answered(question), encoding="utf-8")
-        waiting.replace(question.answer)
+def main(_: Settings) -> None:
+    """Answer every question, until there are no more."""
+    for line in sys.stdin.buffer:
+        try:
+            question = msgspec.json.decode(line, type=Question)
+        except msgspec.MsgspecError as error:
+            raise Unusable("A question", [str(error)]) from None
+        answer = json.loads(answered(question))
+        sealed = answer | {"truth_sha256": question.truth_sha256}
+        Path(question.answer).write_text(json.dumps(sealed), encoding="utf-8")
+        sys.stdout.buffer.write(ANSWERED)
+        sys.stdout.flush()
 
 
 def answered(question: Question) -> str:
@@ -93,7 +96,7 @@ def answered(question: Question) -> str:
         if question.proof:
             simulated, why = proved(found, recording, arm, Path(question.model))
     except (BenchError, ArithmeticError, LookupError, ValueError) as error:
-        print(f"{question.recording}: {error}", file=sys.stderr)
+        print(f"{question.recording}: {error}", file=sys.stderr, flush=True)
         told = {"failed": f"{type(error).__name__}: {error}"}
         return msgspec.json.encode(told).decode() + "\n"
     seconds = time.perf_counter() - started if question.proof else found.seconds

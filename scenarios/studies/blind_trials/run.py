@@ -1,89 +1,79 @@
-"""Runs blind trials: recordings out, answers committed by hash, truth written last.
+"""Runs blind trials: recordings out, truths committed by hash, answers, truths last.
 
-For every trial the recording is written and the hash of its truth published, while the
-truth stays in memory; `method_under_test` answers in another process; the answer's hash
-is published; then the truth is written. So the answer cannot depend on the truth, and
-neither can be changed later: `opened` compares both with their hashes. Finished trials
-are kept, and an interrupted sweep goes on with the others.
+A worker generates a trial and keeps its truth in memory. `method_under_test` answers in
+a process of its own, which is given recording, model and the hash of the truth, and
+puts this hash into its answer. So the answer cannot depend on the truth, and the truth
+was fixed before the answer. Only then both go to the process that runs the sweep, which
+alone writes: a row of JSON with answer, truth and the hashes of both, that `opened`
+compares. Finished trials are kept, and a sweep that was stopped goes on.
 """
 
-import hashlib
 import json
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
+from tempfile import TemporaryDirectory, TemporaryFile
+from typing import Any
 
 import msgspec
-from joblib import Parallel, delayed
 
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.format.folder import write
-from scenarios.studies.blind_trials.draw import BlindTrial
+from scenarios.studies.blind_trials.arms import arm_of
+from scenarios.studies.blind_trials.draw import name_of, trial_of
 from scenarios.studies.blind_trials.generation import generate_trial
-from scenarios.studies.blind_trials.method_under_test import Question
+from scenarios.studies.blind_trials.method_under_test import ANSWERED, Question
 from scenarios.studies.blind_trials.oracle import oracle_gain_mm
+from scenarios.studies.blind_trials.score import TrialScore, score_answer
+from scenarios.studies.blind_trials.strata import STRATA
+from scenarios.studies.sweep import (
+    KEY,
+    ONE_THREAD,
+    ROOT,
+    SECONDS,
+    Rows,
+    Task,
+    compact,
+    digest_of_code,
+    run,
+)
 
 # --- Commitments ----------------------------------------------------------------------
 
-ROOT = Path(__file__).parents[3]
+SEALED = "truth_sha256"
+"""Field of an answer: the hash that its process was given before it answered."""
 
 
-def opened(folder: Path, name: str) -> tuple[dict, dict, str]:
+def opened(row: Mapping[str, Any]) -> tuple[dict, dict, str]:
     """Return answer and truth of a finished trial, and the hash of the method's code.
 
-    Args:
-        folder: Folder of the sweep.
-        name: Name of the trial.
-
     Raises:
-        Unusable: Where either differs from its published hash.
+        Unusable: Where one differs from its published hash, or the answer was given
+            before the truth was fixed.
     """
-    answer = (folder / "answers" / f"{name}.json").read_bytes()
-    truth = (folder / "truth" / f"{name}.json").read_bytes()
-    seal = json.loads((folder / "seals" / f"{name}.json").read_text(encoding="utf-8"))
     faults = [
-        f"the {kind} of trial {name} is not the one that was sealed."
-        for kind, content in (("answer", answer), ("truth", truth))
-        if digest(content) != seal[f"{kind}_sha256"]
+        f"the {kind} of trial {row[KEY]} is not the one that was sealed."
+        for kind in ("answer", "truth")
+        if digest(row[kind]) != row["seal"][f"{kind}_sha256"]
     ]
+    if row["answer"].get(SEALED) != row["seal"]["truth_sha256"]:
+        faults.append(f"the answer of trial {row[KEY]} does not seal its truth.")
     if faults:
-        raise Unusable(f"Sweep {str(folder)!r}", faults)
-    return json.loads(answer), json.loads(truth), seal["code_sha256"]
+        raise Unusable("The sweep", faults)
+    answer = {**row["answer"], "seconds": row[SECONDS]}
+    return answer, row["truth"], row["seal"]["code_sha256"]
 
 
-def digest(content: bytes) -> str:
-    """Return the SHA-256 of some bytes."""
-    return hashlib.sha256(content).hexdigest()
-
-
-def digest_of_code() -> str:
-    """Return the SHA-256 of paths and contents of all Python files of `stiffness`."""
-    total = hashlib.sha256()
-    for file in sorted((ROOT / "stiffness").rglob("*.py")):
-        total.update(file.relative_to(ROOT).as_posix().encode() + file.read_bytes())
-    return total.hexdigest()
-
-
-def publish_hashes(file: Path, hashes: Mapping[str, str]) -> None:
-    """Write hashes to a file in JSON, whole or not at all."""
-    write_whole(file, json.dumps(hashes, indent=2) + "\n")
-
-
-def write_whole(file: Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    waiting = file.with_suffix(".part")
-    waiting.write_text(text, encoding="utf-8")
-    waiting.replace(file)
+def digest(content: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of a mapping, as JSON in one line with sorted keys."""
+    return sha256(compact(content).encode()).hexdigest()
 
 
 # --- The sweep ------------------------------------------------------------------------
-
-AT_ONCE = 12
-"""Trials that one process answers; chosen: its start takes seconds."""
 
 
 @dataclass(frozen=True)
@@ -92,108 +82,197 @@ class Sweep:
 
     Attributes:
         folder: Folder of all its files.
+        seed: Of everything that is drawn.
+        arm: Name of the arm.
         poses: Number of postures of each recording.
         proof: Whether names are proved in the simulator.
         keep: Whether recordings are kept after they were answered.
         jobs: Number of processes.
+        scheduler: Where they are, as `sweep.run` reads it.
     """
 
     folder: Path
+    seed: int = 0
+    arm: str = "kr10"
     poses: int = 151
     proof: bool = False
     keep: bool = False
     jobs: int = 2
+    scheduler: str = "local"
 
-    def file(self, kind: str, trial: BlindTrial) -> Path:
-        """Return the file of a trial: its `answers`, `truth` or `seals`."""
-        return self.folder / kind / f"{trial.name}.json"
+    @property
+    def rows(self) -> Rows:
+        """Its finished trials."""
+        return Rows(self.folder / "rows")
 
-    def done(self, trial: BlindTrial) -> bool:
-        """Return whether a trial is finished; the truth is written last."""
-        return self.file("truth", trial).is_file()
+    def request(self, stratum: str, number: int) -> "Request":
+        """Return all that is sent to the worker of a trial."""
+        drawn = (self.seed, stratum, number, self.arm)
+        return Request(*drawn, self.poses, self.proof, self.keep)
 
 
-def run_trials(sweep: Sweep, trials: Sequence[BlindTrial]) -> Iterator[int]:
+@dataclass(frozen=True)
+class Request:
+    """One trial that is asked for: all that a worker is sent.
+
+    Attributes:
+        seed: Of the sweep.
+        stratum: Name of its stratum.
+        number: Number within its stratum.
+        arm: Name of its arm.
+        poses: Number of postures.
+        proof: Whether names are proved in the simulator.
+        keep: Whether the recording comes back too.
+    """
+
+    seed: int
+    stratum: str
+    number: int
+    arm: str
+    poses: int
+    proof: bool
+    keep: bool
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What comes back of a trial.
+
+    Attributes:
+        row: Its row: `key`, `answer`, `truth`, `seal` and `seconds`.
+        files: Contents of files that are kept, by path within the sweep's folder.
+    """
+
+    row: dict[str, Any]
+    files: dict[str, bytes] = field(default_factory=dict)
+
+
+def run_trials(
+    sweep: Sweep, strata: Sequence[str], first: int, trials: int
+) -> Iterator[int]:
     """Run the unfinished trials; yields the number newly done, first the finished ones.
+
+    Args:
+        sweep: Folder and settings.
+        strata: Names of the strata, of which one each is tried in turn.
+        first: Number of the first of each stratum.
+        trials: How many of each.
 
     Raises:
         BenchError: Where a trial cannot be generated, or the answering process fails.
     """
-    for kind in ("recordings", "answers", "truth", "seals", "models"):
-        (sweep.folder / kind).mkdir(parents=True, exist_ok=True)
-    left = [trial for trial in trials if not sweep.done(trial)]
-    yield len(trials) - len(left)
-    chunks = [left[at : at + AT_ONCE] for at in range(0, len(left), AT_ONCE)]
-    pool = Parallel(n_jobs=sweep.jobs, return_as="generator_unordered")
-    for done in pool(delayed(tried)(sweep, chunk) for chunk in chunks):
-        yield int(done or 0)
+    asked = {
+        name_of(sweep.seed, stratum, number): sweep.request(stratum, number)
+        for number in range(first, first + trials)
+        for stratum in strata
+    }
+    done = sweep.rows.read().keys() & asked.keys()
+    yield len(done)
+    append = sweep.rows.writer(list(asked))
+    tasks = [Task(key, request) for key, request in asked.items() if key not in done]
+    for _, made in run(tried, tasks, None, sweep.scheduler, sweep.jobs):
+        for name, content in made.files.items():
+            file = sweep.folder / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(content)
+        append(made.row)
+        yield 1
 
 
-def tried(sweep: Sweep, trials: Sequence[BlindTrial]) -> int:
-    """Generate, answer and commit a few trials; returns their number."""
-    truths, questions = {}, []
-    for trial in trials:
-        made = generate_trial(trial, sweep.folder / "models", sweep.poses)
-        place = sweep.folder / "recordings" / trial.name
+def tried(request: Request, _shared: object = None) -> Tried:
+    """Generate one trial, have it answered and commit both; the work of a worker."""
+    with TemporaryDirectory(prefix="blind-trial-") as name:
+        folder = Path(name)
+        arm = arm_of(request.arm, request.seed, folder / "models")
+        trial = trial_of(request.seed, request.stratum, request.number, arm)
+        made = generate_trial(trial, folder / "models", request.poses)
+        place = folder / "recordings" / trial.name
+        place.parent.mkdir()
         write(place, made.recording)
         truth = made.truth
-        if sweep.proof:
-            gain = oracle_gain_mm(place, made.model, made.rig)
-            truth = truth | {"oracle_gain_mm": gain}
-        truths[trial.name] = json.dumps(truth, indent=2) + "\n"
-        publish_hashes(
-            sweep.file("seals", trial),
-            {"truth_sha256": digest(truths[trial.name].encode())},
+        if request.proof:
+            truth |= {"oracle_gain_mm": oracle_gain_mm(place, made.model, made.rig)}
+        truth = json.loads(compact(truth))  # as it is read: lists, no tuples
+        seal = {"truth_sha256": digest(truth)}
+        question = Question(
+            recording=str(place),
+            model=str(made.model),
+            answer=str(folder / "answer.json"),
+            truth_sha256=seal["truth_sha256"],
+            without=made.left_out,
+            proof=request.proof,
+            share=bool(trial.stratum.effects),
         )
-        answer = sweep.file("answers", trial)
-        answer.unlink(missing_ok=True)
-        questions.append(
-            Question(
-                recording=str(place.resolve()),
-                model=str(made.model.resolve()),
-                answer=str(answer.resolve()),
-                without=made.left_out,
-                proof=sweep.proof,
-                share=bool(trial.stratum.effects),
-            )
-        )
-    _asked(sweep, questions, trials[0].name)
-    for trial in trials:
-        answer = sweep.file("answers", trial).read_bytes()
-        hashes = {
-            "truth_sha256": digest(truths[trial.name].encode()),
-            "answer_sha256": digest(answer),
-            "code_sha256": digest_of_code(),
+        ask(question)
+        text = Path(question.answer).read_text(encoding="utf-8")
+        answer = json.loads(text.replace(name, ""))
+        seconds = answer.pop("seconds", 0.0)
+        code = digest_of_code("stiffness")
+        seal |= {"answer_sha256": digest(answer), "code_sha256": code}
+        row = {"answer": answer, "truth": truth, "seal": seal, SECONDS: seconds}
+        kept = [*place.iterdir(), made.model] if request.keep else []
+        files = {
+            file.relative_to(folder).as_posix(): file.read_bytes()
+            for file in kept
+            if file.is_relative_to(folder)
         }
-        publish_hashes(sweep.file("seals", trial), hashes)
-        write_whole(sweep.file("truth", trial), truths[trial.name])
-        if not sweep.keep:
-            shutil.rmtree(sweep.folder / "recordings" / trial.name)
-    return len(trials)
+        return Tried({KEY: trial.name, **row}, files)
 
 
-def _asked(sweep: Sweep, questions: Sequence[Question], label: str) -> None:
-    """Have questions answered by a process that is given nothing else."""
-    file = sweep.folder / f".questions-{label}.json"
-    file.write_bytes(msgspec.json.encode(questions))
-    try:
-        done = subprocess.run(
-            [
-                sys.executable,
-                "-m",
-                "scenarios.studies.blind_trials.method_under_test",
-                str(file.resolve()),
-            ],
+def scored(sweep: Sweep) -> tuple[list[TrialScore], set[str]]:
+    """Return the marks of all finished trials, and the hashes of the codes they had.
+
+    Raises:
+        Unusable: Where a trial is not what was sealed.
+    """
+    found, codes, order = [], set(), list(STRATA)
+    for name, row in sweep.rows.read().items():
+        answer, truth, code = opened(row)
+        place = truth["number"], order.index(truth["stratum"])
+        label = f"{truth['stratum']} {truth['number']}"
+        found.append((place, score_answer(label, name, answer, truth)))
+        codes.add(code)
+    return [score for _, score in sorted(found, key=lambda one: one[0])], codes
+
+
+# --- The process that answers ---------------------------------------------------------
+
+_asked: list[tuple[subprocess.Popen, Any]] = []
+"""The process of this worker that answers, and its error output: its start takes
+seconds, so it goes on with the next trial."""
+
+
+def ask(question: Question) -> None:
+    """Have a question answered by a process that is given nothing else.
+
+    Raises:
+        BenchError: Where the process stops.
+    """
+    if not _asked:
+        errors = TemporaryFile("w+", encoding="utf-8", errors="replace")
+        command = [sys.executable, "-m", Question.__module__]
+        asked = subprocess.Popen(
+            command,
             cwd=ROOT,
-            env={**os.environ, "OMP_NUM_THREADS": "1"},
-            capture_output=True,
-            text=True,
-            check=False,
+            env={**os.environ, **ONE_THREAD},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=errors,
         )
-    finally:
-        file.unlink()
-    if done.returncode:
-        raise BenchError(f"The diagnosis stopped: {done.stderr.strip()[-2000:]}")
+        _asked.append((asked, errors))
+    asked, errors = _asked[0]
+    assert asked.stdin and asked.stdout
+    try:
+        asked.stdin.write(msgspec.json.encode(question) + b"\n")
+        asked.stdin.flush()
+        ended = any(line == ANSWERED for line in asked.stdout)
+    except BrokenPipeError:
+        ended = False
+    if not ended:
+        _asked.clear()
+        asked.wait()
+        errors.seek(0)
+        raise BenchError(f"The diagnosis stopped: {errors.read().strip()[-2000:]}")
 
 
 def refuse_other_trials(folder: Path, mine: str) -> None:
