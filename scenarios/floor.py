@@ -29,7 +29,9 @@ class Settings:
     seed: int = 0
     """Of the instruments, the split and the networks."""
     jobs: int = 2
-    """How many cells are worked at once."""
+    """How many cells are worked at once on this machine; 0: in this process."""
+    scheduler: str = "local"
+    """Where cells are worked: local, dask:ADDRESS or ray:ADDRESS."""
     poses: int = 151
     """How many of the 151 postures there are; fewer only to try things out."""
     known: int | None = None
@@ -44,7 +46,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
 
     from bench.study_arm import default_truth
     from scenarios.report import data_files, page
-    from scenarios.studies.paper.cells import swept
+    from scenarios.studies.paper.cells import Spread, swept
     from scenarios.studies.paper.experiment import Material, carry_out
     from scenarios.studies.paper.floor import (
         NudgeCell,
@@ -78,7 +80,8 @@ def main(settings: Settings) -> list[dict[str, object]]:
     named = NamedPhysicsCell(seed)
     nudges = [NudgeCell(k, settings.poses, seed) for k in range(-1, count)]
     judged = [mlp, cnn, plain, named]
-    results = swept([*judged, *nudges], material, out / "cells", settings.jobs)
+    spread = Spread(out / "cells", settings.jobs, settings.scheduler)
+    results = swept([*judged, *nudges], material, spread)
     still, *moved = (results[cell] for cell in nudges)
     data = every_plateau(material.arm, material.recording)
     noise = 1e3 * data.deflection - still["experiment"]

@@ -37,7 +37,9 @@ class Settings:
     seed: int = 0
     """Of the instruments, the draws and the networks."""
     jobs: int = 2
-    """How many cells are worked at once."""
+    """How many cells are worked at once on this machine; 0: in this process."""
+    scheduler: str = "local"
+    """Where cells are worked: local, dask:ADDRESS or ray:ADDRESS."""
     poses: int = 151
     """How many of the 151 postures there are; fewer only to try things out."""
     effort: Effort = field(default_factory=Effort)
@@ -48,14 +50,14 @@ def main(settings: Settings) -> list[dict[str, object]]:
     """Run the comparison and write everything into the folder."""
     from scenarios.report import data_files, page
     from scenarios.studies.paper import few_poses
-    from scenarios.studies.paper.cells import swept
+    from scenarios.studies.paper.cells import Spread, swept
     from scenarios.studies.paper.experiment import Material, carry_out
     from scenarios.studies.paper.few_poses import (
         FewPosesNamed,
         FewPosesNetworks,
         FewPosesPlain,
         draw_courses,
-        prepared,
+        prepared_files,
     )
     from scenarios.studies.paper.fresh_postures import unseen
 
@@ -64,8 +66,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     out.mkdir(parents=True, exist_ok=True)
     fresh = unseen(experiment.rig, experiment.arm, settings.unseen, seed)
     material = Material.of(experiment, fresh)
-    for kind in ("mlp", "cnn"):  # once, before the cells that share them
-        prepared(kind, material, settings.effort, seed, out / "cells")
+    beside = prepared_files(material, settings.effort, seed, out / "cells")
     every, some = (range(seed, seed + n) for n in (splits, settings.network_splits))
     cells = [
         *(FewPosesPlain(n, draw) for n, draw in product(settings.counts, every)),
@@ -78,7 +79,8 @@ def main(settings: Settings) -> list[dict[str, object]]:
             for n, draw in product(settings.counts, some)
         ),
     ]
-    results = swept(cells, material, out / "cells", settings.jobs)
+    spread = Spread(out / "cells", settings.jobs, settings.scheduler, beside)
+    results = swept(cells, material, spread)
     found = {count: {} for count in settings.counts}
     for cell in cells:
         found[cell.poses].setdefault(cell.draw, {}).update(results[cell])

@@ -34,14 +34,15 @@ class Settings:
     out: Path
     """Folder for report, tables, figures and the recording."""
     budget: Literal["quick", "full", "tiny"] = "quick"
-    """quick: minutes on two cores; full: the numbers that are committed; tiny: to see
-    that everything runs, the numbers mean nothing."""
+    """quick: minutes; full: the numbers committed; tiny: only to see that it runs."""
     seed: int = 0
     """Of the instruments and of everything that is drawn."""
     method: str | None = None
     """A method of your own, package.module:Class, built from an arm; judged beside."""
     jobs: int = 2
-    """How many cells are worked at once, each on one core."""
+    """How many cells are worked at once on this machine; 0: in this process."""
+    scheduler: str = "local"
+    """Where cells are worked: local, dask:ADDRESS or ray:ADDRESS."""
     poses: int = 151
     """How many of the 151 postures; fewer only to try things out; 55 and more show all
     six springs."""
@@ -64,7 +65,7 @@ def main(settings: Settings) -> discussion.Study:
     )
     from scenarios.studies.paper import tables_06_07 as imitation_tables
     from scenarios.studies.paper.budget import budget
-    from scenarios.studies.paper.cells import Cell, CellResult, swept
+    from scenarios.studies.paper.cells import Cell, CellResult, Spread, swept
     from scenarios.studies.paper.comparison import contenders
     from scenarios.studies.paper.experiment import Material, carry_out
     from scenarios.studies.paper.fresh_postures import unseen
@@ -88,7 +89,8 @@ def main(settings: Settings) -> discussion.Study:
                 playback.show_curve(stream, curve)
 
     cells = [*transfer.cells(spent, own), *imitation.cells(spent, seed)]
-    results = swept(cells, material, out / "cells", settings.jobs, told)
+    spread = Spread(out / "cells", settings.jobs, settings.scheduler)
+    results = swept(cells, material, spread, told)
     methods = contenders(spent, results, own)
     blocks = [
         *linear_fit.report(experiment, found, seed, out),

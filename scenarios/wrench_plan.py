@@ -35,7 +35,9 @@ class Settings:
     seed: int = 0
     """Of the experiment."""
     jobs: int = 2
-    """How many cells are worked at once."""
+    """How many cells are worked at once on this machine; 0: in this process."""
+    scheduler: str = "local"
+    """Where cells are worked: local, dask:ADDRESS or ray:ADDRESS."""
     poses: int = 151
     """How many of the 151 postures there are; fewer only to try things out."""
     effort: Transfer = field(default_factory=lambda: budget("quick", 0).transfer)
@@ -50,7 +52,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     from scenarios.studies.paper import comparison
     from scenarios.studies.paper import wrench_plan as study
     from scenarios.studies.paper.budget import PLANS
-    from scenarios.studies.paper.cells import swept
+    from scenarios.studies.paper.cells import Spread, swept
     from scenarios.studies.paper.experiment import Material, carry_out
     from scenarios.studies.paper.fresh_postures import unseen
     from scenarios.studies.paper.transfer import (
@@ -82,7 +84,8 @@ def main(settings: Settings) -> list[dict[str, object]]:
         *(("ft_mlp", plan, networks[plan], "best") for plan in PLANS),
     ]
     cells = dict.fromkeys(cell for c in chosen for cell in c[2].values())
-    results = swept(list(cells), material, out / "cells", settings.jobs)
+    spread = Spread(out / "cells", settings.jobs, settings.scheduler)
+    results = swept(list(cells), material, spread)
     everywhere = [
         comparison.of_results(
             method, plan, {s: results[c] for s, c in cells.items()}, name

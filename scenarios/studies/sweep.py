@@ -202,7 +202,11 @@ def _dask(
     address: str, work: Work, tasks: Sequence[Task], shared: Any
 ) -> Iterator[tuple[str, Answer]]:
     try:
-        from dask.distributed import Client, KilledWorker, as_completed
+        from dask.distributed import (  # pyright: ignore[reportMissingImports]
+            Client,
+            KilledWorker,
+            as_completed,
+        )
     except ImportError:
         raise _not_installed("dask") from None
     what = f"--scheduler 'dask:{address}'"
@@ -227,7 +231,7 @@ def _dask(
             sent = (work, task.argument, beside, fingerprint())
             future = client.submit(_worked, *sent, key=f"{task.key}-{sweep}")
             keys[future] = task.key
-        for future in as_completed(list(keys)):
+        for future in as_completed(list(keys), loop=client.loop):
             key = keys.pop(future)
             try:
                 answer = future.result()
@@ -244,7 +248,7 @@ def _ray(
     address: str, work: Work, tasks: Sequence[Task], shared: Any
 ) -> Iterator[tuple[str, Answer]]:
     try:
-        import ray
+        import ray  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise _not_installed("ray") from None
     try:

@@ -1,27 +1,29 @@
-"""Cells of a study: pieces of work that are cached and worked in parallel.
+"""Cells of a study: pieces of work whose results are kept, on this machine or others.
 
 `results` works a sweep of cells and keeps each finished one in a file, a plain archive
 of arrays, named by the cell, its settings, the data and the library's version. An
 interrupted sweep continues with the same numbers, since a cell follows from its
-settings and the data alone. `swept` does the same under a progress bar.
+settings and the data alone; files of several machines merge by copying them together.
+Workers return arrays; this process writes them. `swept` does the same under a progress
+bar.
 """
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from tempfile import NamedTemporaryFile
-from typing import cast
+from tempfile import NamedTemporaryFile, TemporaryDirectory
 from zipfile import BadZipFile
 
 import numpy as np
 import torch
-from joblib import Parallel, delayed, parallel_config
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from scenarios.report.command_line import progress_bar
 from scenarios.studies.paper.experiment import Material
+from scenarios.studies.sweep import Task, run
 
 # --- Cells and their cache ------------------------------------------------------------
 
@@ -47,11 +49,37 @@ class Cell(ABC):
         """
 
 
+@dataclass(frozen=True)
+class Spread:
+    """Where the cells of a sweep are worked, and where their results are kept.
+
+    Attributes:
+        folder: Folder of the kept results.
+        jobs: Number of processes of this machine, each on one core; 0: this process.
+        scheduler: Where workers are, as `sweep.run` reads it.
+        beside: Names of files in the folder that cells need: workers of a cluster are
+            sent their contents.
+    """
+
+    folder: Path
+    jobs: int = 2
+    scheduler: str = "local"
+    beside: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """What each worker is sent: the data, and either our folder or files out of it."""
+
+    material: Material
+    folder: Path | None
+    files: Mapping[str, bytes]
+
+
 def results(
     cells: Sequence[Cell],
     material: Material,
-    folder: Path,
-    jobs: int,
+    spread: Spread,
     told: Callable[[Cell, CellResult], None] = lambda _cell, _result: None,
 ) -> list[CellResult]:
     """Return the results of cells, working those that are not kept yet.
@@ -59,13 +87,13 @@ def results(
     Args:
         cells: In any order; the most expensive are worked first.
         material: The data of all of them.
-        folder: Folder of the kept results.
-        jobs: Number of processes, each on one core.
+        spread: Where they are worked and kept.
         told: Called with every cell and its result, kept ones first.
 
     Returns:
         The results, in the order of the cells.
     """
+    folder = spread.folder
     folder.mkdir(parents=True, exist_ok=True)
     files = [folder / _name(cell, material.digest()) for cell in cells]
     found = [_kept(file) for file in files]
@@ -74,22 +102,34 @@ def results(
             told(cell, result)
     missing = [i for i, result in enumerate(found) if result is None]
     missing.sort(key=lambda i: -cells[i].cost)
-    work = (delayed(_worked)(i, cells[i], material, files[i]) for i in missing)
-    with parallel_config(backend="loky", inner_max_num_threads=1):
-        team = Parallel(
-            n_jobs=jobs, return_as="generator_unordered", pre_dispatch="all"
-        )
-        for i, result in cast(Iterator[tuple[int, CellResult]], team(work)):
-            found[i] = result
-            told(cells[i], result)
+    tasks = [Task(str(i), (cells[i], files[i].stem)) for i in missing]
+    shared = _Shared(material, folder.absolute(), {})
+    if spread.scheduler != "local":
+        contents = {name: (folder / name).read_bytes() for name in spread.beside}
+        shared = _Shared(material, None, contents)
+    for key, result in run(_worked, tasks, shared, spread.scheduler, spread.jobs):
+        _keep(files[int(key)], result)
+        found[int(key)] = result
+        told(cells[int(key)], result)
     return [result for result in found if result is not None]
 
 
-def _worked(
-    i: int, cell: Cell, material: Material, file: Path
-) -> tuple[int, CellResult]:
-    scratch = file.with_suffix(".training.npz")
-    result = {k: np.asarray(v) for k, v in cell.work(material, scratch).items()}
+def _worked(sent: tuple[Cell, str], shared: _Shared) -> CellResult:
+    """Work one cell, in a worker; only a training's state is written here."""
+    cell, name = sent
+    with TemporaryDirectory(prefix="cell-") as aside:
+        folder = shared.folder or Path(aside)
+        for file, content in shared.files.items():
+            (folder / file).write_bytes(content)
+        scratch = folder / f"{name}.training.npz"
+        found = cell.work(shared.material, scratch)
+        result = {k: np.asarray(v) for k, v in found.items()}
+        scratch.unlink(missing_ok=True)
+    return result
+
+
+def _keep(file: Path, result: CellResult) -> None:
+    """Write a finished cell, whole or not at all."""
     with NamedTemporaryFile(dir=file.parent, suffix=".partial", delete=False) as beside:
         try:
             np.savez(beside, **result)  # pyright: ignore[reportArgumentType]
@@ -98,8 +138,6 @@ def _worked(
         except BaseException:
             Path(beside.name).unlink(missing_ok=True)
             raise
-    scratch.unlink(missing_ok=True)
-    return i, result
 
 
 def _kept(file: Path) -> CellResult | None:
@@ -122,8 +160,7 @@ def _name(cell: Cell, digest: str) -> str:
 def swept(
     cells: Sequence[Cell],
     material: Material,
-    folder: Path,
-    jobs: int,
+    spread: Spread,
     told: Callable[[Cell, CellResult], None] | None = None,
 ) -> dict[Cell, CellResult]:
     """Work all cells under a progress bar that counts their cost.
@@ -131,8 +168,7 @@ def swept(
     Args:
         cells: Cells to be worked; kept results are taken from their files.
         material: The data of all of them.
-        folder: Folder of the kept results.
-        jobs: Number of processes.
+        spread: Where they are worked and kept.
         told: Called with every cell and its result.
 
     Returns:
@@ -157,6 +193,4 @@ def swept(
             if told is not None:
                 told(cell, result)
 
-        return dict(
-            zip(cells, results(cells, material, folder, jobs, tell), strict=True)
-        )
+        return dict(zip(cells, results(cells, material, spread, tell), strict=True))

@@ -77,6 +77,7 @@ def springs_of(arm: Arm, few: Recording) -> tuple[VjmFit, tuple[str, ...]]:
 # --- Networks from few poses ----------------------------------------------------------
 
 PLAN = "spanning"
+NETWORKS = ("mlp", "cnn")
 
 
 def prepared(
@@ -96,7 +97,20 @@ def prepared(
     )
     settings = Pretraining(shape, training=Training(steps=steps), seed=seed)
     folder.mkdir(parents=True, exist_ok=True)
-    return pretrain(domain, settings, folder / f"model-springs-{kind}.npz")
+    return pretrain(domain, settings, folder / _file(kind))
+
+
+def prepared_files(
+    material: Material, effort: Effort, seed: int, folder: Path
+) -> tuple[str, ...]:
+    """Pre-train both networks, once for all cells; return the names of their files."""
+    for kind in NETWORKS:
+        prepared(kind, material, effort, seed, folder)
+    return tuple(map(_file, NETWORKS))
+
+
+def _file(kind: str) -> str:
+    return f"model-springs-{kind}.npz"
 
 
 def gone_on(
@@ -174,7 +188,7 @@ class FewPosesNetworks(Cell):
                 self.effort.on,
                 self.seed,
             )
-            for kind in ("mlp", "cnn")
+            for kind in NETWORKS
         )
         tuning = FineTuning(epochs=self.effort.epochs, seed=self.draw)
         tuned = FtMlp(material.arm, tuning=tuning, held=held, pretrained=mlp)

@@ -1,6 +1,9 @@
 import json
 import shutil
+import sys
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -52,7 +55,14 @@ from scenarios.studies.blind_trials.rates import (
     confusion,
     failures,
 )
-from scenarios.studies.blind_trials.run import Sweep, digest, opened, tried
+from scenarios.studies.blind_trials.run import (
+    Sweep,
+    Tried,
+    ask,
+    digest,
+    opened,
+    run_trials,
+)
 from scenarios.studies.blind_trials.score import covered_by, score_answer
 from scenarios.studies.blind_trials.strata import BARS, STRATA, USUAL
 from scenarios.studies.blind_trials.visibility import (
@@ -296,65 +306,107 @@ def test_model_is_rigid_where_a_compliance_is_the_finding(tmp_path):
     assert np.flatnonzero(stiffness == 0.0).tolist() == [axis]
 
 
+STRATA_TRIED = ("null", "null_nuisance")
+
+
 @pytest.fixture(scope="module")
 def stubbed(tmp_path_factory):
     """A sweep of two trials in which nothing was there, and what could be read of it.
 
-    The accused is a stub that always sees nothing.
+    The method under test is a stub that always sees nothing.
     """
     readable, folder = [], tmp_path_factory.mktemp("sweep")
 
-    def asked(sweep, questions, label):
-        for question in questions:
-            readable.append(sorted(p.name for p in (sweep.folder / "truth").iterdir()))
-            text = json.dumps(NO_MISMATCH)
-            with open(question.answer, "w", encoding="utf-8") as file:
-                file.write(text)
+    def asked(question):
+        near = Path(question.answer).parent.rglob("*")
+        readable.append({p.name for p in (*near, *folder.rglob("*")) if p.is_file()})
+        answer = NO_MISMATCH | {"truth_sha256": question.truth_sha256}
+        Path(question.answer).write_text(json.dumps(answer), encoding="utf-8")
 
-    trials = list(trials_of(0, ("null", "null_nuisance"), 0, 1))
-    for kind in ("recordings", "answers", "truth", "seals", "models"):
-        (folder / kind).mkdir()
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(sweeping, "_asked", asked)
-        tried(Sweep(folder, poses=4), trials)
-    return folder, trials, readable
+        patched.setattr(sweeping, "ask", asked)
+        sweep = Sweep(folder, poses=4, jobs=0)
+        assert list(run_trials(sweep, STRATA_TRIED, 0, 1)) == [0, 1, 1]
+    return folder, readable
 
 
 @pytest.fixture
 def finished(stubbed, tmp_path):
     """A copy of that sweep."""
-    folder, trials, _ = stubbed
-    copy = shutil.copytree(folder, tmp_path / "sweep")
-    return Sweep(copy, poses=4), trials
+    return Sweep(shutil.copytree(stubbed[0], tmp_path / "sweep"), poses=4, jobs=0)
 
 
-def test_truth_is_on_no_disk_while_the_accused_answers(finished, stubbed):
-    sweep, trials = finished
-    assert stubbed[2] == [[], []]
-    assert all(sweep.done(trial) for trial in trials)
-    assert list((sweep.folder / "recordings").iterdir()) == []
+def test_truth_is_on_no_disk_while_the_method_answers(stubbed):
+    """Of the trial itself; the second sees the finished row of the first."""
+    first, second = stubbed[1]
+    assert first == {"samples.csv", "recording.toml"}
+    assert {name.partition(".")[2] for name in second - first} == {"jsonl"}
 
 
-@pytest.mark.parametrize("kind", ["answers", "truth"])
+@pytest.mark.parametrize("kind", ["answer", "truth"])
 def test_what_was_changed_after_it_was_sealed_is_refused(finished, kind):
-    sweep, trials = finished
-    answer, truth, _ = opened(sweep.folder, trials[0].name)
-    assert (answer, truth["stratum"]) == (NO_MISMATCH, "null")
-    file = sweep.file(kind, trials[0])
-    file.write_text(file.read_text() + " ")
-    with pytest.raises(Unusable, match="not the one that was sealed"):
-        opened(sweep.folder, trials[0].name)
+    row = next(iter(finished.rows.read().values()))
+    answer, truth, _ = opened(row)
+    assert (answer["verdict"], truth["stratum"]) == ("no_mismatch", "null")
+    changed = {**row, kind: {**row[kind], "recording": "another"}}
+    with pytest.raises(Unusable, match=f"the {kind} of trial .* not the one"):
+        opened(changed)
+
+
+def test_answer_that_was_given_before_the_truth_was_fixed_is_refused(finished):
+    row = next(iter(finished.rows.read().values()))
+    truth = {**row["truth"], "number": 7}
+    later = {**row["seal"], "truth_sha256": digest(truth)}
+    with pytest.raises(Unusable, match="does not seal its truth"):
+        opened({**row, "truth": truth, "seal": later})
+
+
+def test_slices_of_two_machines_are_the_whole(finished, monkeypatch):
+    (file,) = finished.rows.folder.iterdir()
+    first, second = file.read_text().splitlines(keepends=True)
+    file.write_text(first)
+    (finished.rows.folder / "of_another_machine.jsonl").write_text(second)
+    monkeypatch.setattr(sweeping, "tried", None)  # nothing may be carried out again
+    assert list(run_trials(finished, STRATA_TRIED, 0, 1)) == [2]
+    assert list(run_trials(finished, STRATA_TRIED[1:], 0, 1)) == [1]
+
+
+def test_slice_begins_where_it_is_told(tmp_path, monkeypatch):
+    begun = []
+
+    def tried(request, _shared):
+        begun.append((request.stratum, request.number))
+        return Tried({"key": f"{request.number}"})
+
+    monkeypatch.setattr(sweeping, "tried", tried)
+    list(run_trials(Sweep(tmp_path, jobs=0), ("null", "removed"), 3, 2))
+    assert begun == [(s, n) for n in (3, 4) for s in ("null", "removed")]
 
 
 def test_answer_names_what_went_wrong_instead_of_stopping(tmp_path):
-    question = Question(str(tmp_path / "none"), str(tmp_path / "none.xml"), "")
+    question = Question(str(tmp_path / "none"), str(tmp_path / "none.xml"), "", "")
     assert "There is no model file" in json.loads(answered(question))["failed"]
 
 
-def test_accused_refuses_questions_that_are_none(tmp_path):
-    (tmp_path / "questions.json").write_text("[{}]")
+def test_method_under_test_refuses_questions_that_are_none(monkeypatch):
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=[b"{}\n"]))
     with pytest.raises(Unusable, match="missing required field"):
-        main(Settings(tmp_path / "questions.json"))
+        main(Settings())
+
+
+@pytest.mark.slow
+def test_process_that_answers_puts_the_hash_it_was_given_into_its_answer(tmp_path):
+    """Two questions, one process; it ends when it is asked something else."""
+    recording, model, file = (str(tmp_path / n) for n in ("none", "none.xml", "answer"))
+    for given in ("ab", "cd"):
+        ask(Question(recording, model, file, given))
+        answer = json.loads((tmp_path / "answer").read_text())
+        assert answer["truth_sha256"] == given
+        assert answer["failed"]
+    with pytest.raises(
+        BenchError, match=r"The diagnosis stopped: (?s:.*)A question cannot"
+    ):
+        ask({})  # pyright: ignore[reportArgumentType]
 
 
 # --- Marking -------------------------------------------------------------------------
@@ -538,13 +590,14 @@ def test_every_bar_is_of_a_kind_and_a_mark_that_exist():
 
 def settings(folder, **others):
     return blind_trials.Settings(
-        folder, trials=1, strata=("null", "null_nuisance"), poses=4, **others
+        folder, trials=1, strata=STRATA_TRIED, poses=4, jobs=0, **others
     )
 
 
 def test_finished_trials_are_kept_and_reported(finished, monkeypatch, capsys):
-    folder = finished[0].folder
-    before = digest(finished[0].file("answers", finished[1][0]).read_bytes())
+    folder = finished.folder
+    (rows,) = finished.rows.folder.iterdir()
+    before = rows.read_bytes()
     monkeypatch.setattr(sweeping, "tried", None)  # nothing may be carried out again
     found = blind_trials.main(settings(folder))
     assert [s.detected for s in found] == [False, False]
@@ -561,14 +614,14 @@ def test_finished_trials_are_kept_and_reported(finished, monkeypatch, capsys):
         "| null_nuisance | nothing there, but instruments at their worst | 1 |" in told
     )
     assert "|---|\n\n" not in told
-    assert digest(finished[0].file("answers", finished[1][0]).read_bytes()) == before
+    assert rows.read_bytes() == before
     assert "met    detected: null and null_nuisance: 0/2" in capsys.readouterr().out
 
 
 def test_folder_of_another_seed_is_refused(finished):
-    blind_trials.main(settings(finished[0].folder))
+    blind_trials.main(settings(finished.folder))
     with pytest.raises(Unusable, match="it holds trials of kr10, seed 0, 4 poses"):
-        blind_trials.main(settings(finished[0].folder, seed=1))
+        blind_trials.main(settings(finished.folder, seed=1))
 
 
 def test_wrong_flags_are_named_all_at_once(tmp_path):

@@ -49,7 +49,7 @@ def material(small):
 def test_how_many_poses_runs_small(experiment, tmp_path, monkeypatch):
     monkeypatch.setattr(paper_experiment, "carry_out", lambda *_: experiment)
     settings = how_many_poses.Settings(
-        tmp_path, (8, 25), 2, 1, 10, jobs=1, poses=POSES, effort=EFFORT
+        tmp_path, (8, 25), 2, 1, 10, jobs=0, poses=POSES, effort=EFFORT
     )
     rows = how_many_poses.main(settings)
     draws = {r["method"]: r["draws"] for r in rows}
@@ -75,7 +75,7 @@ def test_wrench_plan_runs_small(experiment, tmp_path, monkeypatch):
         unseen=12,
         seeds=(0, 2),
         seeds_of_table_5=(0,),
-        jobs=1,
+        jobs=0,
         poses=POSES,
         effort=replace(TRANSFER, epochs=3),
     )
@@ -102,7 +102,7 @@ MEASURES = ("share_of_the_way", "ME_mm", "P99_mm")
 def test_floor_runs_small(experiment, tmp_path, monkeypatch):
     monkeypatch.setattr(paper_experiment, "carry_out", lambda *_: experiment)
     settings = floor.Settings(
-        tmp_path, 10, jobs=1, poses=POSES, known=1, effort=TRANSFER
+        tmp_path, 10, jobs=0, poses=POSES, known=1, effort=TRANSFER
     )
     rows = {r["method"]: r for r in floor.main(settings)}
     assert rows["oracle"]["share_of_the_way"] == 1.0

@@ -37,7 +37,7 @@ def study(tmp_path_factory):
 
 def kill_halfway(out: Path) -> None:
     """Begin the small study from the command line and end it by force."""
-    words = "--budget tiny --jobs 1 --seed 4".split()
+    words = "--budget tiny --jobs 0 --seed 4".split()
     words += ["--poses", str(POSES), "--out", str(out)]
     root = Path(__file__).parents[3]
     program = [sys.executable, "-m", "scenarios.study"]
@@ -58,7 +58,7 @@ def finished(out: Path) -> list[Path]:
 
 def small(out: Path) -> Settings:
     """As many postures as training folds need to show six axes, and few steps."""
-    return Settings(out=out, budget="tiny", jobs=1, poses=POSES, seed=4)
+    return Settings(out=out, budget="tiny", jobs=0, poses=POSES, seed=4)
 
 
 def rerun(*words):
@@ -183,7 +183,7 @@ def test_too_few_postures_are_refused_before_anything_is_written(tmp_path):
     with pytest.raises(
         Unusable, match=r"(?s)26 postures.*'a4'.*55 postures or"
     ) as error:
-        main(Settings(out=out, budget="tiny", jobs=1, poses=26))
+        main(Settings(out=out, budget="tiny", jobs=0, poses=26))
     assert "Check the wrench" not in str(error.value)
     assert not out.exists()
 

@@ -1,4 +1,5 @@
 import importlib
+import os
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +19,15 @@ from scenarios.report import data_files
 from scenarios.studies.paper import imitation, table_08, table_09, table_10, transfer
 from scenarios.studies.paper import tables_06_07 as imitation_tables
 from scenarios.studies.paper.budget import PLANS, budget
-from scenarios.studies.paper.cells import Cell, CellResult, results, swept
+from scenarios.studies.paper.cells import (
+    Cell,
+    CellResult,
+    Spread,
+    _Shared,
+    _worked,
+    results,
+    swept,
+)
 from scenarios.studies.paper.comparison import MEASURES, contenders, p99, pooled
 from scenarios.studies.paper.fresh_postures import GRID, fresh_postures
 from scenarios.studies.paper.playback import curves, worst_poses
@@ -53,7 +62,7 @@ def worked(material, tmp_path_factory):
     out = tmp_path_factory.mktemp("study")
     own = OwnMethod.named("study_material:Mean")
     cells = [*transfer.cells(TINY, own), *imitation.cells(TINY, 0)]
-    found = swept(cells, material, out / "cells", jobs=1)
+    found = swept(cells, material, Spread(out / "cells", jobs=0))
     methods = contenders(TINY, found, own)
     with mpl.rc_context({"savefig.dpi": 20}):
         imitation_tables.report(TINY, found, 0, out)
@@ -151,32 +160,74 @@ class Counted(Cell):
         return {"square": np.array(self.number**2)}
 
 
+@dataclass(frozen=True)
+class Beside(Cell):
+    """Reads a file beside its scratch, and says where and by whom it was worked."""
+
+    name: str
+    home: str
+
+    @property
+    @override
+    def cost(self) -> float:
+        return 1.0
+
+    @override
+    def work(self, material, scratch):
+        scratch.touch()
+        content = int((scratch.parent / self.name).read_text())
+        at_home = scratch.parent == Path(self.home)
+        found = {"content": content, "at_home": at_home, "process": os.getpid()}
+        return {name: np.array(value) for name, value in found.items()}
+
+
 def test_interrupted_sweep_goes_on_and_ends_with_the_same_numbers(material, tmp_path):
     log, stop = tmp_path / "log", tmp_path / "log.stop2"
     cells = [Counted(k, str(log)) for k in range(4)]
     stop.touch()
     with pytest.raises(KeyboardInterrupt):
-        results(cells, material, tmp_path / "cells", jobs=1)
+        results(cells, material, Spread(tmp_path / "cells", jobs=0))
     stop.unlink()
-    found = results(cells, material, tmp_path / "cells", jobs=1)
+    found = results(cells, material, Spread(tmp_path / "cells", jobs=0))
     assert [int(r["square"]) for r in found] == [0, 1, 4, 9]
     assert log.read_text().split() == ["0", "1", "2", "2", "3"]
 
 
+@pytest.mark.slow
+def test_cell_of_a_worker_is_the_same_and_is_written_by_the_sweep_alone(
+    material, tmp_path
+):
+    """A worker of a cluster has files it needs beside it, not those of the sweep."""
+    cells = [Beside("known", str(tmp_path))]
+    (tmp_path / "known").write_text("7")
+    spread = Spread(tmp_path, jobs=1, beside=("known",))
+    (here,) = results(cells, material, spread)
+    shared = _Shared(material, None, {"known": b"7"})
+    there = _worked((cells[0], "name"), shared)
+    assert (here["content"], there["content"]) == (7, 7)
+    assert (here["at_home"], there["at_home"]) == (1, 0)
+    assert here["process"] != there["process"] == os.getpid()
+    names = {file.name.partition("-")[0] for file in tmp_path.iterdir()}
+    assert names == {"known", "beside"}
+
+
 def test_damaged_cell_is_worked_again(material, tmp_path):
     cells = [Counted(3, str(tmp_path / "log"))]
-    results(cells, material, tmp_path / "cells", jobs=1)
+    results(cells, material, Spread(tmp_path / "cells", jobs=0))
     next((tmp_path / "cells").glob("counted-*.npz")).write_bytes(b"PK\x03\x04 cut")
-    assert int(results(cells, material, tmp_path / "cells", jobs=1)[0]["square"]) == 9
+    assert (
+        int(results(cells, material, Spread(tmp_path / "cells", jobs=0))[0]["square"])
+        == 9
+    )
 
 
 def test_cells_of_other_data_are_not_taken(material, tmp_path):
     log = tmp_path / "log"
     cells = [Counted(1, str(log))]
-    results(cells, material, tmp_path / "cells", jobs=1)
+    results(cells, material, Spread(tmp_path / "cells", jobs=0))
     wrench = material.recording.wrench * (1.0 + 1e-15)
     other = replace(material, recording=replace(material.recording, wrench=wrench))
-    results(cells, other, tmp_path / "cells", jobs=1)
+    results(cells, other, Spread(tmp_path / "cells", jobs=0))
     assert len(log.read_text().split()) == 2
 
 
