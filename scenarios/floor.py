@@ -47,7 +47,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     from bench.study_arm import default_truth
     from scenarios.report import data_files, page
     from scenarios.studies.paper.cells import Spread, swept
-    from scenarios.studies.paper.experiment import Material, carry_out
+    from scenarios.studies.paper.experiment import Material, carry_out, unseen
     from scenarios.studies.paper.floor import (
         NudgeCell,
         columns_against_simulator,
@@ -59,7 +59,6 @@ def main(settings: Settings) -> list[dict[str, object]]:
         report_table,
         summary,
     )
-    from scenarios.studies.paper.fresh_postures import unseen
     from scenarios.studies.paper.transfer import (
         ConvolutionCell,
         NamedPhysicsCell,
@@ -79,9 +78,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     cnn = ConvolutionCell(seed, "spanning", effort)
     named = NamedPhysicsCell(seed)
     nudges = [NudgeCell(k, settings.poses, seed) for k in range(-1, count)]
-    judged = [mlp, cnn, plain, named]
-    spread = Spread(out / "cells", settings.jobs, settings.scheduler)
-    results = swept([*judged, *nudges], material, spread)
+    results = swept([mlp, cnn, plain, named, *nudges], material, Spread.of(settings))
     still, *moved = (results[cell] for cell in nudges)
     data = every_plateau(material.arm, material.recording)
     noise = 1e3 * data.deflection - still["experiment"]

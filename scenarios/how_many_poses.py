@@ -51,7 +51,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     from scenarios.report import data_files, page
     from scenarios.studies.paper import few_poses
     from scenarios.studies.paper.cells import Spread, swept
-    from scenarios.studies.paper.experiment import Material, carry_out
+    from scenarios.studies.paper.experiment import Material, carry_out, unseen
     from scenarios.studies.paper.few_poses import (
         FewPosesNamed,
         FewPosesNetworks,
@@ -59,14 +59,13 @@ def main(settings: Settings) -> list[dict[str, object]]:
         draw_courses,
         prepared_files,
     )
-    from scenarios.studies.paper.fresh_postures import unseen
 
     out, seed, splits = settings.out, settings.seed, settings.splits
     experiment = carry_out(seed, settings.poses)
     out.mkdir(parents=True, exist_ok=True)
     fresh = unseen(experiment.rig, experiment.arm, settings.unseen, seed)
     material = Material.of(experiment, fresh)
-    beside = prepared_files(material, settings.effort, seed, out / "cells")
+    attached = prepared_files(material, settings.effort, seed, out / "cells")
     every, some = (range(seed, seed + n) for n in (splits, settings.network_splits))
     cells = [
         *(FewPosesPlain(n, draw) for n, draw in product(settings.counts, every)),
@@ -79,8 +78,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
             for n, draw in product(settings.counts, some)
         ),
     ]
-    spread = Spread(out / "cells", settings.jobs, settings.scheduler, beside)
-    results = swept(cells, material, spread)
+    results = swept(cells, material, Spread.of(settings, attached))
     found = {count: {} for count in settings.counts}
     for cell in cells:
         found[cell.poses].setdefault(cell.draw, {}).update(results[cell])
@@ -106,8 +104,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
             "their range is too narrow as an interval."
         ),
     ]
-    summary = few_poses.summary(rows)
-    page.write(out, "How many poses are enough?", summary, blocks)
+    page.write(out, "How many poses are enough?", few_poses.summary(rows), blocks)
     command = "python -m scenarios.how_many_poses --counts"
     command += f" {' '.join(map(str, settings.counts))} --splits {settings.splits}"
     command += f" --network-splits {settings.network_splits} --seed {seed}"

@@ -67,8 +67,7 @@ def main(settings: Settings) -> discussion.Study:
     from scenarios.studies.paper.budget import budget
     from scenarios.studies.paper.cells import Cell, CellResult, Spread, swept
     from scenarios.studies.paper.comparison import contenders
-    from scenarios.studies.paper.experiment import Material, carry_out
-    from scenarios.studies.paper.fresh_postures import unseen
+    from scenarios.studies.paper.experiment import Material, carry_out, unseen
 
     out, seed = settings.out, settings.seed
     spent = budget(settings.budget, seed)
@@ -89,8 +88,7 @@ def main(settings: Settings) -> discussion.Study:
                 playback.show_curve(stream, curve)
 
     cells = [*transfer.cells(spent, own), *imitation.cells(spent, seed)]
-    spread = Spread(out / "cells", settings.jobs, settings.scheduler)
-    results = swept(cells, material, spread, told)
+    results = swept(cells, material, Spread.of(settings), told)
     methods = contenders(spent, results, own)
     blocks = [
         *linear_fit.report(experiment, found, seed, out),

@@ -53,8 +53,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     from scenarios.studies.paper import wrench_plan as study
     from scenarios.studies.paper.budget import PLANS
     from scenarios.studies.paper.cells import Spread, swept
-    from scenarios.studies.paper.experiment import Material, carry_out
-    from scenarios.studies.paper.fresh_postures import unseen
+    from scenarios.studies.paper.experiment import Material, carry_out, unseen
     from scenarios.studies.paper.transfer import (
         NamedPhysicsCell,
         PerceptronCell,
@@ -84,8 +83,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
         *(("ft_mlp", plan, networks[plan], "best") for plan in PLANS),
     ]
     cells = dict.fromkeys(cell for c in chosen for cell in c[2].values())
-    spread = Spread(out / "cells", settings.jobs, settings.scheduler)
-    results = swept(list(cells), material, spread)
+    results = swept(list(cells), material, Spread.of(settings))
     everywhere = [
         comparison.of_results(
             method, plan, {s: results[c] for s, c in cells.items()}, name

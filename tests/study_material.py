@@ -3,8 +3,7 @@
 import numpy as np
 from typing_extensions import override
 
-from scenarios.studies.paper.experiment import Experiment, Material, carry_out
-from scenarios.studies.paper.fresh_postures import unseen
+from scenarios.studies.paper.experiment import Experiment, Material, carry_out, unseen
 from stiffness.methods.method import Fitted, Method
 from stiffness.methods.vjm import Vjm
 from stiffness.robot.arm import Arm

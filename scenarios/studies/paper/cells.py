@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryDirectory
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -57,14 +58,19 @@ class Spread:
         folder: Folder of the kept results.
         jobs: Number of processes of this machine, each on one core; 0: this process.
         scheduler: Where workers are, as `sweep.run` reads it.
-        beside: Names of files in the folder that cells need: workers of a cluster are
+        attached: Names of files in the folder that cells need: workers of a cluster are
             sent their contents.
     """
 
     folder: Path
     jobs: int = 2
     scheduler: str = "local"
-    beside: tuple[str, ...] = ()
+    attached: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, flags: Any, attached: tuple[str, ...] = ()) -> "Spread":
+        """Return what a command's flags `out`, `jobs` and `scheduler` say."""
+        return cls(flags.out / "cells", flags.jobs, flags.scheduler, attached)
 
 
 @dataclass(frozen=True)
@@ -105,7 +111,7 @@ def results(
     tasks = [Task(str(i), (cells[i], files[i].stem)) for i in missing]
     shared = _Shared(material, folder.absolute(), {})
     if spread.scheduler != "local":
-        contents = {name: (folder / name).read_bytes() for name in spread.beside}
+        contents = {name: (folder / name).read_bytes() for name in spread.attached}
         shared = _Shared(material, None, contents)
     for key, result in run(_worked, tasks, shared, spread.scheduler, spread.jobs):
         _keep(files[int(key)], result)

@@ -35,8 +35,7 @@ from bench.study_arm import Truth, default_truth
 from scenarios.report import page, style
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import MEASURES, Draws, pooled
-from scenarios.studies.paper.experiment import KR10, REVISITS, Material
-from scenarios.studies.paper.fresh_postures import fresh_plan
+from scenarios.studies.paper.experiment import KR10, REVISITS, Material, fresh_plan
 from stiffness.experiment.deflections import every_plateau
 
 # --- The oracle -----------------------------------------------------------------------

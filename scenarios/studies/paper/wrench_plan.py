@@ -23,8 +23,7 @@ from scenarios.studies.paper.comparison import (
     pooled,
     verdict,
 )
-from scenarios.studies.paper.experiment import Experiment
-from scenarios.studies.paper.fresh_postures import Unseen
+from scenarios.studies.paper.experiment import Experiment, Unseen
 from stiffness.experiment.deflections import LoadCases
 
 # --- Loads in other directions --------------------------------------------------------

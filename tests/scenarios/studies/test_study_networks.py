@@ -29,7 +29,7 @@ from scenarios.studies.paper.cells import (
     swept,
 )
 from scenarios.studies.paper.comparison import MEASURES, contenders, p99, pooled
-from scenarios.studies.paper.fresh_postures import GRID, fresh_postures
+from scenarios.studies.paper.experiment import GRID, fresh_postures
 from scenarios.studies.paper.playback import curves, worst_poses
 from scenarios.studies.paper.published_values import TABLE_10_MM
 from scenarios.studies.paper.tables_06_07 import of_doubling
@@ -200,7 +200,7 @@ def test_cell_of_a_worker_is_the_same_and_is_written_by_the_sweep_alone(
     """A worker of a cluster has files it needs beside it, not those of the sweep."""
     cells = [Beside("known", str(tmp_path))]
     (tmp_path / "known").write_text("7")
-    spread = Spread(tmp_path, jobs=1, beside=("known",))
+    spread = Spread(tmp_path, jobs=1, attached=("known",))
     (here,) = results(cells, material, spread)
     shared = _Shared(material, None, {"known": b"7"})
     there = _worked((cells[0], "name"), shared)
