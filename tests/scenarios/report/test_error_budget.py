@@ -81,6 +81,7 @@ def answer():
 def test_budget_adds_up_to_the_whole_mismatch(answer):
     budget = budget_of(answer)
     own = sum(budget.of_places.values())
+    assert budget.unexplained is not None
     assert budget.unexplained == pytest.approx(0.1)
     whole = [own, budget.jointly, budget.unexplained]
     assert sum(share or 0.0 for share in whole) == pytest.approx(1.0)
