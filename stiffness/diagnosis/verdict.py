@@ -410,7 +410,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     )
     if not complete:
         sure_places = {where for _, where in named}
-        own = sum(judged.chi_square_gains)
+        own = float(sum(judged.chi_square_gains))
         located = _with_places_of_map(case, located, sure_places, own)
     unexplained = None
     if not explained:
