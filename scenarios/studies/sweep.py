@@ -221,7 +221,8 @@ def _dask(
         except TimeoutError:
             fault = f"it has no workers after {WAIT} s; start some with dask worker."
             raise Unusable(what, [fault]) from None
-        if max(client.nthreads().values()) > 1:
+        threads: Any = client.nthreads()
+        if max(threads.values()) > 1:
             fault = "a worker takes several tasks at once; start it with --nthreads 1."
             raise Unusable(what, [fault])
         sweep = uuid4().hex
