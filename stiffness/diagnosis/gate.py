@@ -97,9 +97,7 @@ def pose_statistics(
     laws = [term.jacobian(here) for term in terms]
     forms = [t.hypothesis.variants(here, t.where, t.shape) for t in terms]
     every = [part for part in (*laws, *forms, *generic) if part.columns]
-    found = per_pose_scores(
-        data := case.data, [*case.nominal, *every], training(case.split)
-    )
+    found = per_pose_scores(case.data, [*case.nominal, *every], training(case.split))
     widths = [part.columns for part in (*laws, *forms, *generic)]
     ends = np.cumsum([case.library.nominal, *widths])
     blocks = tuple(np.arange(a, b) for a, b in pairwise(ends))
@@ -110,7 +108,7 @@ def pose_statistics(
         blocks[: len(laws)],
         blocks[len(laws) : 2 * len(laws)],
         blocks[2 * len(laws) :],
-        mismatch_of_poses(data)[~held_out],
+        mismatch_of_poses(case.data)[~held_out],
     )
 
 
@@ -136,18 +134,17 @@ amplitude, squared."""
 
 
 def gate_terms(
-    statistics: PoseStatistics, some: Sequence[int] | None = None
+    statistics: PoseStatistics,
 ) -> tuple[GatedNames, tuple[Decision, ...]]:
     """Gate terms on poses left out, weaker ones beside other forms of stronger laws.
 
     Args:
         statistics: What poses say of the terms; generic blocks are always fitted too.
-        some: Which terms; None: all.
 
     Returns:
         What passed, and the decisions on what did not pass the second time.
     """
-    kept = list(range(len(statistics.terms)) if some is None else some)
+    kept = list(range(len(statistics.terms)))
     slight: list[Decision] = []
     while True:
         own = [(statistics.terms[t].name, statistics.owned[t]) for t in kept]

@@ -166,18 +166,18 @@ class HomogeneityTest:
 
 
 def homogeneity_tests(
-    case: SelectionProblem, fit: ModelFit
+    case: SelectionProblem, fit: ModelFit, after: After
 ) -> tuple[HomogeneityTest, ...]:
     """Return the kind of groups between which each member's law differs most.
 
     Args:
         case: What may be looked at.
         fit: The set.
+        after: The recording once the set is named.
     """
     if not fit.members:
         return ()
     kinds = groups_of(case.situation)
-    after = residual_after(case, fit)
     pieces = [
         [_in_groups(_as_fitted(case, m, c), group) for group in kinds.values()]
         for m, c in zip(fit.members, fit.coefficients, strict=True)

@@ -17,7 +17,7 @@ Ignores     exchanges of two names at once
 ==========  ==========================================================================
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -98,7 +98,6 @@ class JudgedModel:
     Attributes:
         model: The selected set.
         chi_square_gains: What each member explains that the others do not.
-        beyond: Normal equations of all columns once the set is named.
         residual: Test of the residual.
         unexplained_places: Where the residual is significant.
         withheld: Of each member, whether it is contradicted.
@@ -108,7 +107,6 @@ class JudgedModel:
 
     model: SelectedModel
     chi_square_gains: tuple[float, ...]
-    beyond: ResidualEquations
     residual: DetectionTest
     unexplained_places: tuple[UnexplainedPlace, ...]
     withheld: tuple[bool, ...]
@@ -132,7 +130,7 @@ def judge(model: SelectedModel) -> JudgedModel:
     gains = model.drop_one_gains
     beyond = residual_equations(case, model.fit)
     left = residual_test(case, beyond)
-    uneven = homogeneity_tests(case, model.fit)
+    uneven = homogeneity_tests(case, model.fit, beyond.after)
     places = _unexplained_places(model, beyond) if left.p_value < SIGNIFICANCE else ()
     excess = _largest_excess(left)
     share = excess / max(excess + model.fit.gain, 1e-12)
@@ -156,7 +154,7 @@ def judge(model: SelectedModel) -> JudgedModel:
     if large or wrong > SMALL_RESIDUAL:
         for weak in _replaced_by_generic(model, places, set(found)):
             found[weak.candidate] = weak
-    for weak in _outweighed(model, gains, excess if large else 0.0, set(found)):
+    for weak in _outweighed(of_name, excess if large else 0.0, set(found)):
         found[weak.candidate] = weak
     kinds = [
         d.grouping for d, g in zip(uneven, gains, strict=True) if is_inhomogeneous(d, g)
@@ -164,7 +162,6 @@ def judge(model: SelectedModel) -> JudgedModel:
     return JudgedModel(
         model,
         gains,
-        beyond,
         left,
         places,
         tuple(member.name in found for member in members),
@@ -234,8 +231,7 @@ def _replaced_by_generic(
 
 
 def _outweighed(
-    model: SelectedModel,
-    gains: Sequence[float],
+    of_name: Mapping[tuple[str, str], float],
     excess: float,
     contradicted: set[tuple[str, str]],
 ) -> list[Decision]:
@@ -243,7 +239,6 @@ def _outweighed(
 
     What explains less than an unknown effect does may be part of how it is imitated.
     """
-    of_name = dict(zip((t.name for t in model.fit.members), gains, strict=True))
     wrong = [of_name[name] for name in contradicted]
     right = sum(gain for name, gain in of_name.items() if name not in contradicted)
     share = (sum(wrong) + excess) / max(sum(wrong) + excess + right, 1e-12)

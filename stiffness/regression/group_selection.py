@@ -311,12 +311,12 @@ def select_groups(problem: GroupProblem, start: Sequence[int] = ()) -> GroupSele
     Returns:
         A set that no group's leaving, coming or exchange makes worth more.
     """
-    groups, most = tuple(start), len(problem.names)
+    groups = tuple(start)
     for _ in range(ROUNDS):
         before = groups
-        groups = _grown(problem, groups, most)
-        groups = _with_exchanges(problem, _pruned(problem, groups), most)
-        groups = _with_several_for_one(problem, groups, most)
+        groups = _grown(problem, groups)
+        groups = _with_exchanges(problem, _pruned(problem, groups))
+        groups = _with_several_for_one(problem, groups)
         if groups == before:
             break
     here = FactorisedSet.of(problem, groups)
@@ -371,9 +371,7 @@ def _worth_without(
     return 0.5 * (here.gain - lost) - problem.price(rest, rank)
 
 
-def _additions(
-    problem: GroupProblem, left: Residual, most: int
-) -> Float[np.ndarray, " groups"]:
+def _additions(problem: GroupProblem, left: Residual) -> Float[np.ndarray, " groups"]:
     """Return by how much the worth rises with each group; less than 0: it falls."""
     rise = np.full(len(problem.groups), -np.inf)
     for (some, index), block in zip(problem.by_width, left.blocks, strict=True):
@@ -389,18 +387,14 @@ def _additions(
     known_name = known[problem.number_of_name]
     rise -= np.where(known_name, 0.0, problem.price_of_name)
     rise[list(left.groups)] = -np.inf
-    if np.sum(known) >= most:
-        rise[~known_name] = -np.inf
     return rise
 
 
-def _grown(
-    problem: GroupProblem, groups: tuple[int, ...], most: int
-) -> tuple[int, ...]:
+def _grown(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
     """Add the group that is worth most, as long as one is worth anything."""
     while len(groups) < len(problem.groups):
         left = _residual(problem, FactorisedSet.of(problem, groups))
-        rise = _additions(problem, left, most)
+        rise = _additions(problem, left)
         best = int(np.argmax(rise))
         if rise[best] <= RISES:
             break
@@ -423,9 +417,7 @@ def _pruned(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
     return groups
 
 
-def _with_exchanges(
-    problem: GroupProblem, groups: tuple[int, ...], most: int
-) -> tuple[int, ...]:
+def _with_exchanges(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
     """Put the best group in each one's place, where that is worth more."""
     if not groups:
         return groups
@@ -434,7 +426,7 @@ def _with_exchanges(
     for k in groups:
         place = here.groups.index(k)
         rest = _residual_without(problem, here, whole, [place])
-        rise = _additions(problem, rest, most)
+        rise = _additions(problem, rest)
         best = int(np.argmax(rise))
         if best != k and rest.worth + max(rise[best], 0.0) > whole.worth + RISES:
             more = (best,) if rise[best] > 0.0 else ()
@@ -446,7 +438,7 @@ def _with_exchanges(
 
 
 def _with_several_for_one(
-    problem: GroupProblem, groups: tuple[int, ...], most: int
+    problem: GroupProblem, groups: tuple[int, ...]
 ) -> tuple[int, ...]:
     """Put several names in the place of one of many columns, where that is worth more.
 
@@ -460,7 +452,7 @@ def _with_several_for_one(
         tried = tuple(g for g in groups if problem.groups[g].name != name)
         for _ in range(AT_MOST_FOR_ONE):
             left = _residual(problem, FactorisedSet.of(problem, tried))
-            rise = _additions(problem, left, most)
+            rise = _additions(problem, left)
             rise[[len(g.columns) >= MANY_COLUMNS for g in problem.groups]] = -np.inf
             best = int(np.argmax(rise))
             if rise[best] <= RISES:
@@ -496,9 +488,8 @@ def exchange_worths(
     whole = _residual(problem, here)
     places = _places_of_names(problem, here.groups)
     rest = _residual_without(problem, here, whole, places[name])
-    every = len(problem.names)
-    beside = _best_of_names(problem, _additions(problem, whole, every))
-    rise = _additions(problem, rest, every)
+    beside = _best_of_names(problem, _additions(problem, whole))
+    rise = _additions(problem, rest)
     instead = _best_of_names(problem, rise)
     found = {
         other: rest.worth + more - max(beside[other], 0.0)
@@ -513,7 +504,7 @@ def exchange_worths(
         best = int(np.argmax(np.where(own, rise, -np.inf)))
         with_it = FactorisedSet.of(problem, [*rest.groups, best])
         more = np.where(
-            of_name, -np.inf, _additions(problem, _residual(problem, with_it), every)
+            of_name, -np.inf, _additions(problem, _residual(problem, with_it))
         )
         found[other] += max(float(more.max()), 0.0)
     return found, rest.worth
@@ -546,7 +537,7 @@ def _decisions(
     places = _places_of_names(problem, here.groups)
     for name, own in places.items():
         found[name] = worth - _worth_without(problem, here, own)
-    rise = _additions(problem, _residual(problem, here), len(problem.names))
+    rise = _additions(problem, _residual(problem, here))
     for name, best in _best_of_names(problem, rise).items():
         found.setdefault(name, best)
     return tuple(

@@ -18,7 +18,7 @@ from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.residual_checks import homogeneity_tests
+from stiffness.diagnosis.residual_checks import homogeneity_tests, residual_after
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.regression.testing import SIGNIFICANCE, sign_flip_test
@@ -153,19 +153,20 @@ def test_right_law_is_the_same_in_all_groups_and_a_wrong_one_is_not():
     """A foot that lifts off its plate is no foot that gives way."""
     right = build_problem(prepared("hysteresis@a2"), FEW)
     law = ModelTerm(Hysteresis(), "a2", np.array([22.3, 0.0]))
-    (even,) = homogeneity_tests(right, _fitted(right, law))
+    (even,) = _tested(right, law)
     assert even.p_value >= SIGNIFICANCE
     rig = Rig(MODEL, effects=(FootLiftOff("base", 2e-6, preload_nm=20.0),))
     seen = record(rig, table_one_plan(poses=40), Instruments(), seed=1)
     wrong = build_problem(prepare(seen, arm()), FEW)
     law = ModelTerm(BaseTilt(), "base", np.zeros(0))
-    (uneven,) = homogeneity_tests(wrong, _fitted(wrong, law))
+    (uneven,) = _tested(wrong, law)
     assert uneven.p_value < SIGNIFICANCE
     assert uneven.captured > 25.0
 
 
-def _fitted(case, *members):
-    return fit_model(case.data, case.situation, case.nominal, members, case.split)
+def _tested(case, *members):
+    fit = fit_model(case.data, case.situation, case.nominal, members, case.split)
+    return homogeneity_tests(case, fit, residual_after(case, fit))
 
 
 def test_poses_that_differ_wildly_are_a_mismatch_though_signs_average_out():
