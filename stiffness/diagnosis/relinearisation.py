@@ -8,7 +8,7 @@ Source      Gauss-Newton in springs, fixed point in loads: these turn what gives
             whose columns then hold the product of both
 Valid       lever arms held: they move by a thousandth
 Ignores     where the arm rests under it all: that stays as it was prepared; what else
-            changes the pull on springs: compensators, a rope's friction
+            changes the pull on springs: a rope's friction
 ==========  ==========================================================================
 """
 
@@ -172,7 +172,7 @@ def _change(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> float:
     for new, old in loads:
         change, size = (np.sqrt(np.mean(x**2, axis=(0, 2))) for x in (new - old, old))
         shares.extend(change / np.maximum(size, TINY))
-    if now.softness is not None or then.softness is not None:
+    if now.curved or then.curved:
         every = range(len(now.axes))
         new, old = (np.stack([x.softness_of(k) for k in every]) for x in (now, then))
         shares.append(float(np.sqrt(np.max(np.mean((new - old) ** 2, axis=1)))))

@@ -1,8 +1,9 @@
 """Angle-dependent stiffness of a gear: compliance varies with harmonics of the angle.
 
 ==========  ==========================================================================
-Equation    θ = τ (C + a cos nq + b sin nq); K(q) = K (1 + ratio cos(nq + φ)) with ρ =
-            √(a² + b²)/2C, ratio = 2ρ/(1 + ρ²), φ = atan2(b, -a)
+Equation    θ = C τ + s u (a cos nq + b sin nq), u and s = du/dτ as in `hysteresis`, τ
+            and 1 for a linear spring; K(q) = K (1 + ratio cos(nq + φ)), K at no torque,
+            with ρ = √(a² + b²) K/2, ratio = 2ρ/(1 + ρ²), φ = atan2(b, -a)
 Source      Fourier series of 1/(1 + e cos x): Gradshteyn, Ryzhik, "Table of integrals,
             series and products", 3.613
 Valid       orders n up to 6, q the reported angle, wind-ups small against a period
@@ -59,7 +60,8 @@ class AngleDependentStiffness(Hypothesis):
         k = situation.axis(where)
         phase = shape[0] * situation.recording.posture[:, k]
         torque = situation.torque[:, k]
-        return turn(k, torque * np.cos(phase), torque * np.sin(phase))
+        felt = situation.softness_of(k) * situation.wound(k, torque)
+        return turn(k, felt * np.cos(phase), felt * np.sin(phase))
 
     @override
     def variants(
@@ -68,8 +70,15 @@ class AngleDependentStiffness(Hypothesis):
         where: str,
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
-        others = (self.jacobian(situation, where, n * shape) for n in (2.0, 3.0))
-        return hstack([*others])
+        others = [self.jacobian(situation, where, n * shape) for n in (2.0, 3.0)]
+        k = situation.axis(where)
+        if (
+            k in situation.curved
+        ):  # all of the spring varies, not its slope at no torque
+            wound = situation.wound(k, situation.torque[:, k])
+            phase = shape[0] * situation.recording.posture[:, k]
+            others.append(turn(k, wound * np.cos(phase), wound * np.sin(phase)))
+        return hstack(others)
 
     @override
     def parameters(
@@ -80,7 +89,8 @@ class AngleDependentStiffness(Hypothesis):
         coefficients: Float[np.ndarray, " columns"],
     ) -> Mapping[str, float]:
         a, b = coefficients
-        rho = np.hypot(a, b) / (2.0 * situation.compliance[situation.axis(where)])
+        mean = situation.unloaded_compliance(situation.axis(where))
+        rho = np.hypot(a, b) / (2.0 * mean)
         return {
             "ratio": 2.0 * rho / (1.0 + rho**2),
             "order": shape[0],

@@ -1,7 +1,8 @@
 """Asymmetric stiffness of a gear: compliance depends on the sign of the torque.
 
 ==========  ==========================================================================
-Equation    θ = C τ + a |τ|; ratio = K+/K- = (C - a)/(C + a)
+Equation    θ = C τ + a s |u|, u and s = du/dτ as in `hysteresis`, τ and 1 for a linear
+            spring; ratio = K+/K- = (C - a)/(C + a), C at no torque
 Source      even part of any law of two slopes; no source for a gear
 Valid       torques of either sign; C the mean compliance of both ways
 Ignores     hardening of either side
@@ -43,7 +44,8 @@ class AsymmetricStiffness(Hypothesis):
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
         k = situation.axis(where)
-        return turn(k, np.abs(situation.torque[:, k]))
+        wound = situation.wound(k, situation.torque[:, k])
+        return turn(k, situation.softness_of(k) * np.abs(wound))
 
     @override
     def parameters(
@@ -53,5 +55,6 @@ class AsymmetricStiffness(Hypothesis):
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
     ) -> Mapping[str, float]:
-        mean, half = situation.compliance[situation.axis(where)], coefficients[0]
+        mean = situation.unloaded_compliance(situation.axis(where))
+        half = coefficients[0]
         return {"ratio": (mean - half) / (mean + half)}

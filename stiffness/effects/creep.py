@@ -3,7 +3,7 @@
 ==========  ==========================================================================
 Equation    T dx/dt = τ(t) - x; at arrival x is 0, or gravity's torque where the arm has
             come to rest under it, or what the visit before and the way left
-            (`MEMORIES`); θ = C τ + ratio C x
+            (`MEMORIES`); θ = C τ + ratio C x, C of the spring at no torque
 Source      standard linear solid: Zener 1948, "Elasticity and anelasticity of metals"
 Valid       loads that are constant from `load_time` on, until the next row's
             `load_time`; a way that begins at the last reading and ends at the first
@@ -46,6 +46,7 @@ class Creep(Hypothesis):
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
     shape_names: ClassVar[tuple[str, ...]] = ("time_s", "memory")
     logarithmic: ClassVar[tuple[str, ...]] = ("time_s",)
+    size_of_variants: ClassVar[float | None] = 1.0
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.0, 2.0),
         "time_s": (0.0, np.inf),
@@ -100,7 +101,7 @@ class Creep(Hypothesis):
         shape: Float[np.ndarray, " parameters"],
         coefficients: Float[np.ndarray, " columns"],
     ) -> Mapping[str, float]:
-        compliance = situation.compliance[situation.axis(where)]
+        compliance = situation.unloaded_compliance(situation.axis(where))
         return {"ratio": coefficients[0] / compliance, "time_s": shape[0]}
 
 

@@ -13,7 +13,7 @@ Ignores     free length; the spring's share of the axis' stiffness, about torque
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -59,6 +59,23 @@ class GravityCompensator(Hypothesis):
         if 1.0 not in orders(situation, k):
             return encoder_offset_response(situation, k)
         return turn(k, np.sin(angle), np.cos(angle))
+
+    @override
+    def acting(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> StaticState:
+        k = situation.axis(where)
+        if len(coefficients) != 2 or situation.compliance[k] <= 0.0:
+            return situation
+        angle, (s, c) = situation.recording.posture[:, k], coefficients
+        torque = situation.torque.copy()
+        helped = (s * np.sin(angle) + c * np.cos(angle)) / situation.compliance[k]
+        torque[:, k] += helped
+        return replace(situation, torque=torque)
 
     @override
     def parameters(

@@ -11,7 +11,7 @@ Ignores     hysteresis; a stiffness that grows without a knee (its variants)
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -21,7 +21,7 @@ from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian, turn
-from stiffness.experiment.static_state import StaticState
+from stiffness.experiment.static_state import CurvedSpring, StaticState
 
 MIDDLE, SECOND = 0.15, 3.5
 """m and r; chosen: between the table's sizes 25 and 32. Where no torque reaches T2, K3
@@ -42,6 +42,7 @@ class Hardening(Hypothesis):
 
     effect: ClassVar[str] = "hardening"
     shape_names: ClassVar[tuple[str, ...]] = ("torque_nm",)
+    size_of_variants: ClassVar[float | None] = 1.0
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "stiffness_ratio": (1.0, 10.0),
         "torque_nm": (0.0, np.inf),
@@ -97,14 +98,19 @@ class Hardening(Hypothesis):
         stiff = float(situation.compliance[k])
         if stiff <= 0.0 or stiff + a <= 0.0:
             return situation
-        torque, knee = situation.torque[:, k], shape[0]
-        lost = (1.0 - MIDDLE) * slope(torque, knee)
-        lost = lost + MIDDLE * slope(torque, SECOND * knee)
-        softness = np.ones((situation.rows, len(situation.axes)))
-        if situation.softness is not None:
-            softness = situation.softness.copy()
-        softness[:, k] *= (stiff + a * lost) / (stiff + a)
-        return replace(situation, softness=softness)
+        knee, share = float(shape[0]), a / (stiff + a)
+
+        def both(law: Law, torque: np.ndarray) -> np.ndarray:
+            return (1.0 - MIDDLE) * law(torque, knee) + MIDDLE * law(
+                torque, SECOND * knee
+            )
+
+        spring = CurvedSpring(
+            (stiff + a) / stiff,
+            lambda torque: (1.0 - share) * torque + share * both(bent, torque),
+            lambda torque: (1.0 - share) + share * both(slope, torque),
+        )
+        return replace(situation, curved={**situation.curved, k: spring})
 
     @override
     def parameters(
@@ -119,15 +125,19 @@ class Hardening(Hypothesis):
         return {"stiffness_ratio": ratio, "torque_nm": shape[0]}
 
 
-def bent(torque: Float[np.ndarray, " rows"], knee: float) -> Float[np.ndarray, " rows"]:
+Law = Callable[[np.ndarray, float], np.ndarray]
+"""Of a torque and of a knee."""
+
+
+def bent(torque: Float[np.ndarray, "*rows"], knee: float) -> Float[np.ndarray, "*rows"]:
     """Return a torque that saturates at a knee, both in N m."""
     width = ROUND * knee
     return 0.5 * (np.hypot(torque + knee, width) - np.hypot(torque - knee, width))
 
 
 def slope(
-    torque: Float[np.ndarray, " rows"], knee: float
-) -> Float[np.ndarray, " rows"]:
+    torque: Float[np.ndarray, "*rows"], knee: float
+) -> Float[np.ndarray, "*rows"]:
     """Return the slope of `bent` at a torque; 1 far below the knee, 0 far beyond."""
     width = ROUND * knee
     above, below = torque + knee, torque - knee

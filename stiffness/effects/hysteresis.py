@@ -1,14 +1,16 @@
 """Hysteresis of a gear: friction holds back part of the wind-up after a reversal.
 
 ==========  ==========================================================================
-Equation    θ = C τ - s(τ) w/2 z(τ path), s the slope of the axis' wind-up over the
-            slope at no torque, 1 for a linear spring; z in -1 … 1: the play operator's
-            distance from its middle, z = (τ - P[τ]) / r, P the play of half width r
+Equation    θ = C τ - s(τ) w/2 z(u path), s the slope of the axis' wind-up over the
+            slope at no torque, u = ∫ s dτ, 1 and τ for a linear spring; z in -1 … 1:
+            sum over j = 1, 2, 3 of j z_j / 6, z_j = (u - P_j[u]) / r_j the stop beside
+            the play P_j of half width r_j = j r / 3
 Source      Visintin 1994, "Differential Models of Hysteresis", chapter III (play and
-            stop); the stop z is one Maxwell-slip element as a function of torque
+            stop); evenly spread slips: Iwan 1966, "A distributed-element model for
+            hysteresis"; a stop is one Maxwell-slip element as a function of torque
 Valid       slow loads; rate-independent; a gear that arrives with one of `MEMORIES`
-Ignores     the spread of several slipping elements and a rounded stop, dz = (1 - z
-            sign(dτ)) dτ / r (Dahl 1968), its variants; ways that are not straight
+Ignores     a single slip, other spreads and a rounded stop, dz = (1 - z sign(dτ)) dτ /
+            r (Dahl 1968), its variants; ways that are not straight
 ==========  ==========================================================================
 """
 
@@ -32,6 +34,9 @@ from stiffness.experiment.visits import (
     memories,
 )
 
+SPREAD = (1.0 / 3.0, 2.0 / 3.0, 1.0)
+"""Slips over the largest; chosen: three of an even spread."""
+
 
 @dataclass(frozen=True)
 class Hysteresis(Hypothesis):
@@ -41,6 +46,7 @@ class Hysteresis(Hypothesis):
     shape_names: ClassVar[tuple[str, ...]] = ("slip_nm", "memory")
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"width_rad": (0.0, 1e-2)}
     magnitudes: ClassVar[tuple[str, ...]] = ("width_rad",)
+    size_of_variants: ClassVar[float | None] = -2.0
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:
@@ -53,7 +59,7 @@ class Hysteresis(Hypothesis):
         self, situation: StaticState, where: str
     ) -> Float[np.ndarray, "shapes parameters"]:
         largest = np.max(np.abs(situation.load_torque[:, situation.axis(where)]))
-        slips = largest * np.array([0.03, 0.1, 0.25, 0.6])
+        slips = largest * np.array([0.03, 0.09, 0.22, 0.55])
         kept = memories(situation.recording.visit)
         return np.array([(slip, float(memory)) for memory in kept for slip in slips])
 
@@ -66,7 +72,7 @@ class Hysteresis(Hypothesis):
     ) -> EffectJacobian:
         k = situation.axis(where)
         half = 0.5 * situation.softness_of(k)
-        return turn(k, -half * stop(situation, k, shape[0], round(shape[1])))
+        return turn(k, -half * spread_stop(situation, k, shape[0], round(shape[1])))
 
     @override
     def variants(
@@ -77,11 +83,14 @@ class Hysteresis(Hypothesis):
     ) -> EffectJacobian:
         k = situation.axis(where)
         slip, own = shape[0], round(shape[1])
-        spread = [stop(situation, k, f * slip, own) for f in (0.3, 0.6, 1.7, 3.0)]
-        others = [stop(situation, k, slip, memory) for memory in ALIKE[own]]
+        spread = [stop(situation, k, f * slip, own) for f in (0.3, 0.6, 1.0, 1.7)]
+        others = [spread_stop(situation, k, slip, memory) for memory in ALIKE[own]]
         soft = [rounded(situation, k, f * slip, own) for f in (0.5, 1.0, 2.0)]
         slope = situation.softness_of(k)
-        return turn(k, *(slope * law for law in (*spread, *others, *soft)))
+        forms = [slope * law for law in (*spread, *others, *soft)]
+        if k in situation.curved:  # friction in series with the spring, not beside it
+            forms.append(spread_stop(situation, k, slip, own))
+        return turn(k, *forms)
 
     @override
     def parameters(
@@ -114,6 +123,21 @@ def stop(
     else:
         state = _along_all(situation, axis, slip, slipped, is_stop=True)
     return state / max(slip, np.finfo(float).tiny)  # 0: never loaded
+
+
+def spread_stop(
+    situation: StaticState, axis: int, slip: float, memory: int = NOTHING
+) -> Float[np.ndarray, " rows"]:
+    """Return stops of evenly spread slips and equal stiffness together, in -1 … 1.
+
+    Args:
+        situation: With the torque and the order of rows.
+        axis: Its index, counted from 0.
+        slip: Largest half width of a play, in N m.
+        memory: As in `stop`.
+    """
+    one = [share * stop(situation, axis, share * slip, memory) for share in SPREAD]
+    return np.sum(one, axis=0) / sum(SPREAD)
 
 
 def rounded(
@@ -155,7 +179,7 @@ def _along_visits(
         at_rest: Whether it is 0 at the first reading, not at no torque.
         moved: The law.
     """
-    path = situation.torque[situation.steps, axis]  # (visits, longest) N m
+    path = situation.wound(axis, situation.torque[situation.steps, axis])
     before = path[:, 0] if at_rest else np.zeros(len(path))
     return situation.from_steps(_states(path, before, np.zeros(len(path)), moved))
 
@@ -172,8 +196,8 @@ def _along_all(
         moved: The law.
         is_stop: Whether it sums changes of torque between bounds.
     """
-    within = situation.torque[situation.steps, axis]  # (visits, longest) N m
-    way = situation.way_torque[:, :, axis]
+    within = situation.wound(axis, situation.torque[situation.steps, axis])
+    way = situation.wound(axis, situation.way_torque[:, :, axis])
     path = np.hstack([way, within])
     before = np.concatenate([[0.0], within[:-1, -1]])
     least, most = (

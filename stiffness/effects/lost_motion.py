@@ -41,6 +41,7 @@ class LostMotion(Hypothesis):
         "width_rad": (0.0, 1e-2),
     }
     magnitudes: ClassVar[tuple[str, ...]] = ("width_rad",)
+    size_of_variants: ClassVar[float | None] = 1.0
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:

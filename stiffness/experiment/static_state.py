@@ -18,8 +18,8 @@ Ignores     compliance beyond the axes' own springs
 ==========  ==========================================================================
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,6 +41,22 @@ WAY_POINTS = 25
 which gravity's torque hardly bends."""
 AT_ONCE = 400
 """Ways that are laid out together; chosen: some 10 MB."""
+
+
+@dataclass(frozen=True)
+class CurvedSpring:
+    """Spring of an axis whose slope changes with its torque, by a named effect.
+
+    Attributes:
+        initial: Its slope at no torque over the compliance that is fitted beside it.
+        wound: Torque that winds a spring of that slope up as far as a torque does this
+            one, both in N m.
+        slope: Slope at a torque over the slope at no torque.
+    """
+
+    initial: float
+    wound: Callable[[np.ndarray], np.ndarray]
+    slope: Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +92,7 @@ class StaticState:
             None: as stated.
         giving: Named effects that are linear in the loads: for each the blocks of its
             Jacobian in any static state.
-        softness: Of each axis under its torque: slope of its wind-up over the slope at
-            no torque, by named effects; None: as by linear springs, one everywhere.
+        curved: Springs of axes that named effects curve; others are linear.
     """
 
     recording: Recording
@@ -99,7 +114,7 @@ class StaticState:
     tracker: Float[np.ndarray, "4 4"] | None = None
     marker_positions: Float[np.ndarray, "markers 3"] | None = None
     giving: tuple[Callable[["StaticState"], tuple], ...] = ()
-    softness: Float[np.ndarray, "rows axes"] | None = None
+    curved: Mapping[int, CurvedSpring] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -192,7 +207,24 @@ class StaticState:
 
     def softness_of(self, axis: int) -> Float[np.ndarray, " rows"]:
         """Return the slope of an axis' wind-up over the slope at no torque."""
-        return np.ones(self.rows) if self.softness is None else self.softness[:, axis]
+        spring = self.curved.get(axis)
+        return (
+            np.ones(self.rows) if spring is None else spring.slope(self.torque[:, axis])
+        )
+
+    def wound(
+        self, axis: int, torque: Float[np.ndarray, "*_"]
+    ) -> Float[np.ndarray, "*_"]:
+        """Return torques of an axis that would wind it up alike were it linear."""
+        spring = self.curved.get(axis)
+        return torque if spring is None else spring.wound(torque)
+
+    def unloaded_compliance(self, axis: int) -> float:
+        """Return the slope of an axis' wind-up at no torque, in rad/(N m)."""
+        spring = self.curved.get(axis)
+        return float(self.compliance[axis]) * (
+            1.0 if spring is None else spring.initial
+        )
 
     def some(self, rows: Int[np.ndarray, " some"]) -> "StaticState":
         """Return some rows of the same, for laws that act on each row separately."""
@@ -201,8 +233,6 @@ class StaticState:
             "seat", "wrench", "sensor", "sensor_axes",
         )  # fmt: skip
         taken = {name: getattr(self, name)[rows] for name in per_row}
-        if self.softness is not None:
-            taken["softness"] = self.softness[rows]
         return replace(self, recording=self.recording.take(rows), **taken)
 
 

@@ -82,11 +82,25 @@ def test_hardening_that_was_named_narrows_the_loop_by_the_slope_of_its_law():
     want = slope / (1.5 * situation.compliance[1])
     assert_allclose(named.softness_of(1), want, rtol=1e-3)
     assert_array_equal(named.softness_of(0), 1.0)
+    as_wound = situation.torque.copy()
+    as_wound[:, 1] = wound(situation.torque) / (1.5 * situation.compliance[1])
+    assert_allclose(named.wound(1, situation.torque[:, 1]), as_wound[:, 1], rtol=1e-9)
+    linear, shape = replace(situation, torque=as_wound), np.array([3.0, 0.0])
     loop = truth.BY_NAME["hysteresis"]
-    before, after = (
-        turned(loop.jacobian(s, "a2", np.array([3.0, 0.0]))) for s in (situation, named)
-    )
+    before, after = (turned(loop.jacobian(s, "a2", shape)) for s in (linear, named))
     assert_allclose(after, before * want, rtol=1e-3, atol=1e-12)
+
+
+def test_ratios_beside_hardening_are_of_the_spring_at_no_torque():
+    """Creep and waves of a gear's stiffness are shares of its first slope, K1."""
+    situation, law = truth.showing("hardening"), truth.BY_NAME["hardening"]
+    stiff = situation.compliance[1]
+    named = law.acting(situation, "a2", np.array([4.0]), np.array([0.5 * stiff]))
+    assert named.unloaded_compliance(1) == pytest.approx(1.5 * stiff)
+    assert named.unloaded_compliance(0) == situation.compliance[0]
+    creep = truth.BY_NAME["creep"]
+    size, shape = np.array([0.03 * 1.5 * stiff]), np.array([20.0, 0.0])
+    assert creep.parameters(named, "a2", shape, size)["ratio"] == pytest.approx(0.03)
 
 
 PULLING = {"gravity_load", "wrench_bias", "wrench_gain", "wrench_misalignment"}

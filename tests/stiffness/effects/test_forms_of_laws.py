@@ -15,7 +15,7 @@ from stiffness.effects.creep import Creep
 from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
-from stiffness.effects.jacobian import EffectJacobian, rotate, turn
+from stiffness.effects.jacobian import EffectJacobian, rotate, turn, values
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_gain import WrenchGain
@@ -118,3 +118,26 @@ def test_wrench_about_another_point_is_a_sensor_beside_its_place():
     for name, size in one.parameters.items():
         assert size.low < true[name] < size.high
         assert size.high - size.low < 0.01
+
+
+# --- Sizes of other forms -------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("law", "shape"),
+    [
+        (LostMotion(), [1e-3]),  # closed at every torque
+        (Hysteresis(), [1e-3, 0.0]),  # slipped at every reading
+        (Hardening(), [1e5]),  # below its knee at every torque
+        (Creep(), [1e-3, 0.0]),  # at rest at every reading
+    ],
+    ids=lambda case: getattr(case, "effect", ""),
+)
+def test_form_of_a_law_adds_its_size_to_the_laws_coefficient(law, shape):
+    """Where all forms are alike, a unit of one is that much of the law itself."""
+    situation, shape = prepared().situation, np.array(shape)
+    (own,) = law.jacobian(situation, "a2", shape).parts
+    (forms,) = law.variants(situation, "a2", shape).parts
+    want = law.size_of_variants * values(own)
+    near = np.abs(values(forms) - want) < 0.05 * np.abs(want).max()
+    assert near.mean(axis=0).min() > 0.6  # the first of a visit tell forms apart
