@@ -5,12 +5,14 @@ is worth what it explains less its size. The search adds, drops and exchanges gr
 until nothing raises that worth; a gate on observations that were left out follows.
 
 ==========  ==========================================================================
-Equation    worth(S) = gain(S) / 2 - (rank + shapes) ln(n) / 2 + sum over names of
-            (log prior - ln(candidates)), gain = b_S' G_SS^+ b_S with the nominal
-            columns projected out, n the units of information, candidates the names
+Equation    worth(S) = gain(S) / 2 - (rank + shapes) ln(n) / 2 + sum over names of log
+            prior + sum over effects of ln [B(c + m, c N + M - m) / B(c, c N + M)]; gain
+            = b_S' G_SS^+ b_S with the nominal columns projected out, n the units of
+            information, N names, of an effect m named of M sites, c = `COMMON`
 Source      unit-information prior: Kass and Wasserman 1995; forward selection with
             exchange: Miller 2002, "Subset Selection in Regression", 2nd ed., chapter 3;
-            groups: Yuan and Lin 2006
+            groups: Yuan and Lin 2006; names: Scott and Berger 2010, "Bayes and
+            empirical-Bayes multiplicity adjustment", an inclusion rate for each effect
 Valid       a set of less rank than its units of information
 Ignores     priors of shapes beyond their count; that errors may be misstated
 ==========  ==========================================================================
@@ -36,6 +38,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import qr
+from scipy.special import betaln
 
 from stiffness.regression.elimination import projection_coefficients, schur_complement
 
@@ -47,6 +50,10 @@ RISES = 1e-6
 MANY_COLUMNS, AT_MOST_FOR_ONE = 3, 4
 """Columns of a name from which several others are tried in its place, and how many;
 chosen: a length, a mass or a drift imitates two or three offsets."""
+COMMON = 0.05
+"""First parameter of the Beta prior of how often an effect occurs at its sites; its
+mean is one in all names. Chosen: one name of an effect makes it ten times as likely at
+its other sites, as gears of one arm are alike."""
 ROUNDS = 50
 """Rounds of drops, exchanges and additions at most; a few do."""
 Name = tuple[str, str]
@@ -187,10 +194,26 @@ class GroupProblem:
         return tuple(found)
 
     @cached_property
-    def price_of_name(self) -> Float[np.ndarray, " groups"]:
-        """What each group's name costs where no other group of the set has it."""
-        rarer = np.array([group.log_prior for group in self.groups])
-        return np.log(max(len(self.names), 1)) - rarer
+    def kind_of_name(self) -> Int[np.ndarray, " names"]:
+        """Number of the effect of each name, wherever it is."""
+        number = {
+            kind: k for k, kind in enumerate(dict.fromkeys(n[0] for n in self.names))
+        }
+        return np.array([number[name[0]] for name in self.names], dtype=int)
+
+    def prices(self, groups: Sequence[int]) -> Float[np.ndarray, " groups"]:
+        """Return what each group's name costs beside a set that has it not.
+
+        Args:
+            groups: The set.
+        """
+        kinds = self.kind_of_name
+        named = kinds[np.unique(self.number_of_name[list(groups)])]
+        count = np.bincount(named, minlength=len(kinds))[kinds]
+        sites = np.bincount(kinds)[kinds]
+        rest = np.maximum(sites - count - 1, 0) + COMMON * len(self.names)
+        price = np.log(rest / (COMMON + count))[self.number_of_name]
+        return price - np.array([group.log_prior for group in self.groups])
 
     @cached_property
     def shape_parameters(self) -> Int[np.ndarray, " groups"]:
@@ -205,9 +228,17 @@ class GroupProblem:
             rank: Of its columns together.
         """
         first = {self.groups[k].name: k for k in reversed(groups)}
-        named = sum(float(self.price_of_name[k]) for k in first.values())
+        rarer = sum(self.groups[k].log_prior for k in first.values())
+        kinds = self.kind_of_name
+        named = np.bincount(
+            kinds[np.unique(self.number_of_name[list(groups)])], minlength=len(kinds)
+        )[: kinds.max(initial=-1) + 1]
+        sites = np.bincount(kinds)
+        absent = COMMON * len(self.names)
+        odds = betaln(COMMON + named, absent + sites - named)
+        chosen = float(np.sum(betaln(COMMON, absent + sites) - odds))
         numbers = rank + int(self.shape_parameters[list(groups)].sum())
-        return 0.5 * numbers * np.log(self.units) + named
+        return 0.5 * numbers * np.log(self.units) + chosen - rarer
 
 
 @dataclass(frozen=True, eq=False)
@@ -385,7 +416,7 @@ def _additions(problem: GroupProblem, left: Residual) -> Float[np.ndarray, " gro
     known = np.zeros(len(problem.names), dtype=bool)
     known[problem.number_of_name[list(left.groups)]] = True
     known_name = known[problem.number_of_name]
-    rise -= np.where(known_name, 0.0, problem.price_of_name)
+    rise -= np.where(known_name, 0.0, problem.prices(left.groups))
     rise[list(left.groups)] = -np.inf
     return rise
 
@@ -465,9 +496,24 @@ def _with_several_for_one(
     return groups
 
 
+@dataclass(frozen=True)
+class Exchanges:
+    """What a set is worth with another name, or none, in the place of one.
+
+    Attributes:
+        worth: With each name.
+        without: With none.
+        price: Part of it that is prior: what each name costs beside the rest.
+    """
+
+    worth: dict[Name, float]
+    without: float
+    price: dict[Name, float]
+
+
 def exchange_worths(
     problem: GroupProblem, groups: Sequence[int], name: Name, live: float = 0.0
-) -> tuple[dict[Name, float], float]:
+) -> Exchanges:
     """Return what a set is worth with each other name, or none, in the place of one.
 
     What another name would explain beside the whole set is no reason to exchange, and
@@ -481,8 +527,8 @@ def exchange_worths(
             together what one imitates.
 
     Returns:
-        Worth with the best group of each name that the rest has not, the name itself
-        among them, and worth of the rest alone.
+        With the best group of each name that the rest has not, the name itself among
+        them.
     """
     here = FactorisedSet.of(problem, groups)
     whole = _residual(problem, here)
@@ -507,7 +553,19 @@ def exchange_worths(
             of_name, -np.inf, _additions(problem, _residual(problem, with_it))
         )
         found[other] += max(float(more.max()), 0.0)
-    return found, rest.worth
+    price = _best_of_names(problem, problem.prices(rest.groups))
+    return Exchanges(found, rest.worth, {other: price[other] for other in found})
+
+
+def best_groups_beside(problem: GroupProblem, groups: Sequence[int]) -> dict[Name, int]:
+    """Return of each name that a set has not the group that would do most beside it."""
+    here = FactorisedSet.of(problem, groups)
+    rise = _additions(problem, _residual(problem, here))
+    best: dict[Name, int] = {}
+    for k in np.argsort(-rise, kind="stable"):
+        if np.isfinite(rise[k]):
+            best.setdefault(problem.groups[k].name, int(k))
+    return {n: k for n, k in best.items() if n not in _places_of_names(problem, groups)}
 
 
 def _best_of_names(

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from stiffness.regression.group_selection import (
+    COMMON,
     ColumnGroup,
     FactorisedSet,
     GroupProblem,
@@ -194,3 +195,20 @@ def test_gate_does_not_depend_on_units_of_columns():
     here, there = (gate_names(u, np.arange(NOMINAL), laws) for u in (one, other))
     assert here.names == there.names
     assert_allclose(here.z, there.z, rtol=1e-5)
+
+
+# --- Prior of names -------------------------------------------------------------------
+
+
+def test_effect_that_one_site_has_is_likelier_at_the_others():
+    """Beta-binomial: worth of the second name over that of the first, by hand."""
+    case, sites = problem(readings()), LAWS
+    none = case.prices([])
+    first = case.prices([0])
+    absent = COMMON * sites
+    assert_allclose(none, np.log((sites - 1 + absent) / COMMON))
+    assert_allclose(first[SHAPES:], np.log((sites - 2 + absent) / (COMMON + 1)))
+    one, two = (case.price(set_, 0) for set_ in ([0], [0, SHAPES]))
+    numbers = 0.5 * np.log(UNITS)  # of a shape
+    assert_allclose(one, none[0] + numbers)
+    assert_allclose(two - one, first[SHAPES] + numbers)
