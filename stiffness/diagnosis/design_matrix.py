@@ -20,7 +20,7 @@ from functools import cached_property
 from math import prod
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy import sparse
 
 from stiffness.effects.base import Hypothesis
@@ -133,6 +133,21 @@ class DesignMatrix:
         many = slots.shape[:-1]
         flat = slots.reshape(prod(many), slots.shape[-1])
         return (self._sums @ flat.T).T.reshape(*many, self.count)
+
+    def add(
+        self,
+        total: Float[np.ndarray, "bodies *many columns"],
+        bodies: Bool[np.ndarray, " bodies"],
+        group: Group,
+        moved: Float[np.ndarray, "*many slots"],
+    ) -> None:
+        """Add what the slots of a group do to the columns of some bodies."""
+        column = self.column[group.slots]
+        for body in np.flatnonzero(bodies):
+            if len(np.unique(column)) == len(column):
+                total[body][..., column] += moved
+            else:
+                np.add.at(total[body], (..., column), moved)
 
     def both_joined(
         self, slots: Float[np.ndarray, "slots slots"]

@@ -213,14 +213,14 @@ class WithinVisitContrasts:
         info = self.information
         visits, rows = info.screw.shape[:2]
         bodies = info.carried.shape[1]
-        total = np.zeros((bodies, visits, rows, 6, len(columns.column)))
+        total = np.zeros((bodies, visits, rows, 6, columns.count))
         for group in columns.rotations:
             screw = info.screw[:, :, group.site, :, None]
-            on = info.carried[group.site + 1]
-            total[on, ..., group.slots] = screw * group.values[:, :, None]
+            moved = screw * group.values[:, :, None]
+            columns.add(total, info.carried[group.site + 1], group, moved)
         for group in columns.twists:
-            total[info.carried[group.site], ..., group.slots] = group.values
-        return columns.joined(total.reshape(bodies, visits, rows * 6, -1))
+            columns.add(total, info.carried[group.site], group, group.values)
+        return total.reshape(bodies, visits, rows * 6, -1)
 
     def raw_scores(self, displacement: np.ndarray) -> np.ndarray:
         """Return the pull of motions of bodies, what errors feign included."""

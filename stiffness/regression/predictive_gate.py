@@ -20,6 +20,7 @@ Ignores     that the set was chosen with the same units
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -123,6 +124,29 @@ def gate_names(
         tuple(z[n] for n in names),
         tuple(decided[n] for n in terms_of),
     )
+
+
+def decision_beside(
+    units: UnitStatistics,
+    nominal: Int[np.ndarray, " nominal"],
+    terms: Sequence[tuple[Name, Int[np.ndarray, " _"]]],
+    beside: Sequence[Int[np.ndarray, " _"]],
+    name: Name,
+) -> Decision:
+    """Return the gate's verdict on one name beside all others and more columns.
+
+    Args:
+        units: What each unit says of the columns.
+        nominal: Columns that explain for free.
+        terms: As in `gate_names`.
+        beside: Columns of terms without a name, which are always fitted too.
+        name: Whose verdict.
+    """
+    blocks = [*(columns for _, columns in terms), *beside]
+    white = _WhiteUnits.of(units, nominal, blocks)
+    own = [t for t, (other, _) in enumerate(terms) if other == name]
+    gain, (without,) = white.predict(range(len(blocks)), [own])
+    return _decision(name, sign_flip_p_value(gain - without))
 
 
 def left_out_gain(
@@ -244,11 +268,17 @@ def _z(lost: Float[np.ndarray, " units"]) -> float:
 def sign_flip_p_value(lost: Float[np.ndarray, " units"]) -> float:
     """Return the share of random signs of the units that make as large a sum."""
     some = lost[lost != 0.0]
-    signs = np.random.default_rng(len(some)).choice([-1.0, 1.0], (COMPARED, len(some)))
-    signs[0] = 1.0  # as it was: one of those that could have been
-    sums = signs @ some
+    sums = _random_signs(len(some)) @ some
     slack = 1e-9 * float(np.sum(np.abs(some)))
     return float(np.mean(sums >= sums[0] - slack))
+
+
+@lru_cache(maxsize=8)
+def _random_signs(count: int) -> Float[np.ndarray, "compared units"]:
+    """Return random signs; the first all as they were: one that could have been."""
+    signs = np.random.default_rng(count).choice([-1.0, 1.0], (COMPARED, count))
+    signs[0] = 1.0
+    return signs
 
 
 def _decision(name: Name, p_value: float) -> Decision:
