@@ -33,6 +33,7 @@ from stiffness.regression.group_selection import Decision
 from stiffness.regression.predictive_gate import (
     GatedNames,
     UnitStatistics,
+    decision_beside,
     gate_names,
     left_out_gain,
 )
@@ -132,6 +133,10 @@ SECOND_ORDER = 0.0025
 found beside it: a name near it that explains less is none. Chosen: a twentieth of its
 amplitude, squared."""
 
+OTHER_FORMS = 0.1
+"""Share of what a law explains that another accepted form of it may explain beside it.
+Chosen: a third of its amplitude, squared."""
+
 
 def gate_terms(
     statistics: PoseStatistics,
@@ -222,15 +227,16 @@ def _weak_beside_forms(
             o
             for o in kept
             if terms[o].where == terms[t].where
-            and lost[name] < lost[terms[o].name]
+            and lost[name] < OTHER_FORMS * lost[terms[o].name]
             and len(statistics.forms[o])
         ]
         if not stronger:
             continue
         own = [(terms[o].name, statistics.owned[o]) for o in kept]
         beside = [*statistics.generic, *(statistics.forms[o] for o in stronger)]
-        again = gate_names(statistics.units, statistics.nominal, own, beside)
-        decision = next(d for d in again.decisions if d.candidate == name)
+        decision = decision_beside(
+            statistics.units, statistics.nominal, own, beside, name
+        )
         if not decision.accepted:
             reason = "another form of a stronger law at its place does as well"
             found.append(replace(decision, gate="other_forms", reason=reason))

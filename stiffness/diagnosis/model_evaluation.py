@@ -50,13 +50,20 @@ class ModelEvaluation:
     Attributes:
         fit: Members fitted together with the nominal springs.
         slopes: Statistics of each pose of springs, members, a little more of each
-            shape, and other forms of the members' laws.
-        forms: Columns of each member's other forms, which come last.
+            shape, other forms of the members' laws, and columns beside.
+        forms: Columns of each member's other forms.
+        beside: Columns of each term that was not selected but may be there; the last.
     """
 
     fit: ModelFit
     slopes: PerPoseScores
     forms: tuple[Int[np.ndarray, " _"], ...]
+    beside: tuple[Int[np.ndarray, " _"], ...] = ()
+
+    @property
+    def known(self) -> int:
+        """How many columns are of springs, members and shapes."""
+        return self.slopes.gram.shape[1] - sum(map(len, (*self.forms, *self.beside)))
 
 
 def evaluate_model(
@@ -65,6 +72,7 @@ def evaluate_model(
     nominal: Sequence[EffectJacobian],
     members: Sequence[ModelTerm],
     split: Split,
+    beside: Sequence[ModelTerm] = (),
 ) -> ModelEvaluation:
     """Fit members, and gather what poses say of them, in one pass over the readings.
 
@@ -74,6 +82,7 @@ def evaluate_model(
         nominal: Columns of the springs.
         members: The set.
         split: Which poses may be looked at.
+        beside: Terms that were not selected but may be there.
     """
     own = [m.jacobian(situation) for m in members]
     steps = [
@@ -82,6 +91,7 @@ def evaluate_model(
         for s in shape_columns(situation, m, np.eye(one.columns))
     ]
     forms = [m.hypothesis.variants(situation, m.where, m.shape) for m in members]
+    forms += [m.jacobian(situation) for m in beside]
     some = [form for form in forms if form.columns]
     every = per_pose_scores(data, [*nominal, *own, *steps, *some], training(split))
     first = sum(s.columns for s in (*nominal, *own))
@@ -102,7 +112,8 @@ def evaluate_model(
         at += len(part)
     mix[at:, known:] = np.eye(ends[-1] - known)
     blocks = tuple(np.arange(a, b) for a, b in pairwise(ends))
-    return ModelEvaluation(fit, every.mixed(mix), blocks)
+    count = len(members)
+    return ModelEvaluation(fit, every.mixed(mix), blocks[:count], blocks[count:])
 
 
 # --- Intervals of parameters ----------------------------------------------------------
@@ -131,7 +142,7 @@ def parameters_of(
         split: Which poses may be looked at.
     """
     fit, found = look.fit, look.slopes
-    known = found.gram.shape[1] - sum(len(block) for block in look.forms)
+    known = look.known
     gram = found.gram[1][:known, :known]
     fitted = np.concatenate([fit.springs, *fit.coefficients])
     fitted = np.pad(fitted, (0, len(gram) - len(fitted)))
@@ -185,18 +196,26 @@ def shift_by_forms(
     inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
     first, noise = inverse @ asked, np.diag(inverse)
     prior = np.zeros(len(gram))
-    for block in look.forms:
+    for block in (*look.forms, *look.beside):
         square = float(np.sum(first[block] ** 2 - noise[block]))
         prior[block] = len(block) / max(square, 1e-300)
     inner = gram + np.diag(np.minimum(prior, 1e12))
     fitted = np.linalg.lstsq(inner, asked, rcond=1e-14)[0]
-    known = len(gram) - sum(len(block) for block in look.forms)
-    moved = fitted[:known].copy()
-    for own, block in zip(_columns_of_members(look), look.forms, strict=True):
-        if len(block):
-            pulled = gram[np.ix_(own, block)] @ fitted[block]
-            moved[own] += np.linalg.lstsq(gram[np.ix_(own, own)], pulled, rcond=1e-9)[0]
-    return scale[:known] * moved
+    moved = fitted[: look.known].copy()
+    every = zip(look.fit.members, _columns_of_members(look), look.forms, strict=True)
+    for member, own, block in every:
+        if not len(block):
+            continue
+        rest, pulled = own, gram[np.ix_(own, block)] @ fitted[block]
+        size = member.hypothesis.size_of_variants
+        if size is not None:
+            law = own[0]
+            more = size * float(scale[block] @ fitted[block]) / scale[law]
+            moved[law] += more
+            rest = own[1:]
+            pulled = pulled[1:] - gram[rest, law] * more
+        moved[rest] += np.linalg.lstsq(gram[np.ix_(rest, rest)], pulled, rcond=1e-9)[0]
+    return scale[: look.known] * moved
 
 
 def _columns_of_members(look: ModelEvaluation) -> list[Int[np.ndarray, " _"]]:
@@ -294,14 +313,25 @@ def _given_shapes(cov: np.ndarray, shapes: int) -> np.ndarray:
 def as_held(
     situation: StaticState, member: ModelTerm, parameters: Mapping[str, Parameter]
 ) -> dict[str, Parameter]:
-    """Return parameters without ends where the data do not hold them."""
+    """Return parameters within their limits, without ends where no data hold them."""
     limits = member.hypothesis.limits_at(situation, member.where)
     return {
-        name: p
+        name: _within(limits.get(name), p)
         if is_held(limits.get(name), p.estimate, (p.high - p.low) / 2.0)
         else Parameter(p.estimate, -np.inf, np.inf)
         for name, p in parameters.items()
     }
+
+
+def _within(limits: tuple[float, float] | None, found: Parameter) -> Parameter:
+    """Return a parameter that lies outside its limits at the nearer one."""
+    if limits is None or limits[0] <= found.estimate <= limits[1]:
+        return found
+    low, high = limits
+    half = (found.high - found.low) / 2.0
+    if found.estimate < low:
+        return Parameter(low, low, max(low + half, found.high))
+    return Parameter(high, min(high - half, found.low), high)
 
 
 def is_held(limits: tuple[float, float] | None, value: float, half: float) -> bool:
@@ -315,16 +345,23 @@ def is_held(limits: tuple[float, float] | None, value: float, half: float) -> bo
     return not np.isfinite(low) or value - half > low
 
 
-def beyond_limits(
+def cost_of_limits(
     situation: StaticState, member: ModelTerm, parameters: dict[str, Parameter]
-) -> bool:
-    """Return whether a parameter lies outside its physical limits, interval and all."""
+) -> float:
+    """Return the whitened square that is lost if a parameter keeps to its limits.
+
+    Of the parameter that lies furthest outside; 0 where an interval reaches inside.
+    """
     limits = member.hypothesis.limits_at(situation, member.where)
+    worst = 0.0
     for name, (low, high) in limits.items():
         found = parameters.get(name)
-        if found is not None and (found.high < low or found.low > high):
-            return True
-    return False
+        if found is None or (found.high >= low and found.low <= high):
+            continue
+        apart = max(low - found.estimate, found.estimate - high)
+        sigma = (found.high - found.low) / (2.0 * SETTINGS.standard_errors)
+        worst = max(worst, (apart / max(sigma, 1e-300)) ** 2)
+    return worst
 
 
 def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Parameter]) -> bool:

@@ -13,6 +13,7 @@ Ignores     sets that differ by two names at once from all that were tried
 ==========  ==========================================================================
 """
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -30,7 +31,7 @@ from stiffness.diagnosis.gate import (
 )
 from stiffness.diagnosis.model_evaluation import (
     ModelEvaluation,
-    beyond_limits,
+    cost_of_limits,
     evaluate_model,
     jackknife_covariance,
     may_be_nothing,
@@ -64,10 +65,17 @@ from stiffness.regression.group_selection import (
     GroupProblem,
     GroupSelection,
     Name,
+    best_groups_beside,
     exchange_worths,
     select_groups,
 )
 from stiffness.regression.intervals import Parameter
+
+BEYOND = 0.1
+"""Share of what a name explains that it may lose within its physical limits; chosen: a
+small part of an effect may be out of place beside what was not named."""
+
+NO_COLUMNS = np.zeros(0, dtype=int)
 
 # --- Normal equations of the search ---------------------------------------------------
 
@@ -92,6 +100,7 @@ class Search:
         case: SelectionProblem,
         first: Sequence[ModelTerm] = (),
         refused: Collection[Name] = (),
+        free: Int[np.ndarray, " _"] = NO_COLUMNS,
     ) -> "Search":
         """Lay out a few terms with shapes of their own beside the library.
 
@@ -99,6 +108,7 @@ class Search:
             case: What may be looked at.
             first: Terms that come before those of the library.
             refused: Names of the library that are left out.
+            free: Columns of the library that explain for free, as nominal ones do.
         """
         given, found = case.normal_equations, tuple(first)
         gram, score, raw = given.gram[1], given.score, given.raw
@@ -125,7 +135,7 @@ class Search:
             )
             for term, columns in zip(terms, owned, strict=True)
         ]
-        nominal = width + np.arange(case.library.nominal)
+        nominal = width + np.concatenate([np.arange(case.library.nominal), free])
         asked = score[~case.split.held_out].sum(axis=0)
         problem = GroupProblem.of(gram, asked, raw, nominal, groups, case.poses)
         return cls(case, terms, problem)
@@ -218,7 +228,7 @@ def _at_fine_shapes(search: Search, groups: Sequence[int]) -> list[ModelTerm]:
     for name in dict.fromkeys(terms[k].name for k in groups):
         rest = [k for k in groups if terms[k].name != name]
         lost = 0.5 * (whole - FactorisedSet.of(problem, rest).gain)
-        worth = exchange_worths(problem, groups, name)[0]
+        worth = exchange_worths(problem, groups, name).worth
         margin = max(LIVE, FORMS * lost)
         behind = {n: worth[name] - w for n, w in worth.items() if n != name}
         live = sorted((n for n in behind if behind[n] < margin), key=behind.__getitem__)
@@ -271,6 +281,32 @@ def _one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
     return tuple(search.terms[k] for k in best.values())
 
 
+def names_beside(
+    case: SelectionProblem,
+    terms: Sequence[ModelTerm],
+    suspects: Collection[Name],
+    blocks: Collection[tuple[str, str]],
+) -> frozenset[Name]:
+    """Return the names of a set that are worth it where generic terms come first.
+
+    Args:
+        case: What may be looked at.
+        terms: The set.
+        suspects: Names that are searched anew; the others are there from the start.
+        blocks: Place and kind of each block of the residual map that explains for free.
+    """
+    free = [
+        block.columns
+        for block in case.library.map
+        if (block.where, block.depends_on) in blocks
+    ]
+    every = {term.name for term, _ in _terms_of(case.library)}
+    search = Search.of(case, terms, every, np.concatenate([NO_COLUMNS, *free]))
+    start = [k for k, term in enumerate(terms) if term.name not in suspects]
+    found = select_groups(search.problem, start)
+    return frozenset(search.terms[k].name for k in found.groups)
+
+
 # --- The selected model ---------------------------------------------------------------
 
 
@@ -310,24 +346,34 @@ class SelectedModel:
     @cached_property
     def drop_one_gains(self) -> tuple[float, ...]:
         """What each member explains that the others do not, the springs adapting."""
-        found, place = self.statistics, {}
-        for t, term in enumerate(found.terms):
-            place[term.name] = found.owned[t]
-        blocks = [place[member.name] for member in self.fit.members]
-        used = np.concatenate([found.nominal, *blocks]).astype(int)
-        some = found.units.fold >= 0
-        gram = found.units.gram[some].sum(axis=0)[np.ix_(used, used)]
-        score = found.units.score[some].sum(axis=0)[used]
-        scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-        inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
-        fitted = inverse @ (score * scale)
-        gains, at = [], len(found.nominal)
-        for block in blocks:
-            own = np.arange(at, at + len(block))
-            at += len(block)
-            step = np.linalg.lstsq(inverse[np.ix_(own, own)], fitted[own], rcond=None)
-            gains.append(max(float(fitted[own] @ step[0]), 0.0))
-        return tuple(gains)
+        return drop_one_gains(self.statistics, self.fit.members)
+
+
+def drop_one_gains(
+    found: PoseStatistics, members: Sequence[ModelTerm]
+) -> tuple[float, ...]:
+    """Return what each of some terms explains that the others do not.
+
+    Args:
+        found: What poses say of these terms, or of more.
+        members: The terms.
+    """
+    place = {term.name: own for term, own in zip(found.terms, found.owned, strict=True)}
+    blocks = [place[member.name] for member in members]
+    used = np.concatenate([found.nominal, *blocks]).astype(int)
+    some = found.units.fold >= 0
+    gram = found.units.gram[some].sum(axis=0)[np.ix_(used, used)]
+    score = found.units.score[some].sum(axis=0)[used]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
+    fitted = inverse @ (score * scale)
+    gains, at = [], len(found.nominal)
+    for block in blocks:
+        own = np.arange(at, at + len(block))
+        at += len(block)
+        step = np.linalg.lstsq(inverse[np.ix_(own, own)], fitted[own], rcond=None)
+        gains.append(max(float(fitted[own] @ step[0]), 0.0))
+    return tuple(gains)
 
 
 def exchange_search(model: SelectedModel) -> Search:
@@ -408,8 +454,17 @@ def _judged(
             case.data, case.situation, case.nominal, terms, case.split
         )
         parameters = parameters_of(case.situation, case.springs, look, case.split)
-        withheld = _withheld(case, terms, parameters)
+        gains = drop_one_gains(statistics, terms)
+        withheld = _withheld(case, terms, parameters, gains)
         if not withheld:
+            beside = _of_the_same_kinds(case, terms, refused)
+            if beside:
+                look = evaluate_model(
+                    case.data, case.situation, case.nominal, terms, case.split, beside
+                )
+                parameters = parameters_of(
+                    case.situation, case.springs, look, case.split
+                )
             break
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
@@ -436,20 +491,48 @@ def _judged(
     )
 
 
+ALIKE = {"encoder_offset": "geometry_error"}
+"""Effects that count as another kind: an axis' zero is a turn of the link before it."""
+
+
+def _of_the_same_kinds(
+    case: SelectionProblem, terms: Sequence[ModelTerm], refused: Collection[Name]
+) -> list[ModelTerm]:
+    """Return effects that were named at two sites at least, at their other sites.
+
+    What several axes have the others may have too, though too little to be named; the
+    intervals of what was named allow for it.
+    """
+    count = Counter(ALIKE.get(term.name[0], term.name[0]) for term in terms)
+    kinds = {kind for kind, sites in count.items() if sites > 1}
+    if not kinds:
+        return []
+    search, named = Search.of(case, terms, refused), {term.name for term in terms}
+    best = best_groups_beside(search.problem, range(len(terms)))
+    return [
+        search.terms[k]
+        for name, k in best.items()
+        if ALIKE.get(name[0], name[0]) in kinds and name not in named
+    ]
+
+
 def _withheld(
     case: SelectionProblem,
     terms: Sequence[ModelTerm],
     parameters: Sequence[dict[str, Parameter]],
+    gains: Sequence[float],
 ) -> list[Decision]:
     """Return the names that hold nothing, or more than any arm has."""
     found = []
-    for term, own in zip(terms, parameters, strict=True):
+    for term, own, gain in zip(terms, parameters, gains, strict=True):
         if may_be_nothing(term.hypothesis, own):
             reason = "the intervals of all its magnitudes contain zero"
             found.append(Decision(term.name, "magnitude", False, 0.0, 0.0, reason))
-        elif beyond_limits(case.situation, term, own):
-            reason = "a parameter lies beyond its physical limits, interval and all"
-            found.append(Decision(term.name, "physical", False, 0.0, 0.0, reason))
+            continue
+        share = cost_of_limits(case.situation, term, own) / max(gain, 1e-12)
+        if share > BEYOND:
+            reason = "within its physical limits it explains much less"
+            found.append(Decision(term.name, "physical", False, share, BEYOND, reason))
     return found
 
 

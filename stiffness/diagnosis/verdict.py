@@ -3,7 +3,7 @@
 A name of the selected set is withheld where the residual at its place is large beside
 what it explains, where its law differs between groups of rows, or where the generic
 terms of unexplained places explain as much. A residual of less than `SMALL_RESIDUAL` of
-the mismatch withholds nothing: it is of second order.
+the mismatch withholds no name that explains ten times as much.
 
 ==========  ==========================================================================
 Equation    P(name) = sum of exp(w_j / phi) over the name and its first three
@@ -32,6 +32,7 @@ from stiffness.diagnosis.gate import (
     site_number,
 )
 from stiffness.diagnosis.localisation import (
+    WORDS,
     confounded_with,
     law_of,
     places_of_map,
@@ -68,6 +69,7 @@ from stiffness.diagnosis.selection import (
     SelectedModel,
     exchange_search,
     last_of_each,
+    names_beside,
 )
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects.jacobian import EffectJacobian
@@ -138,12 +140,17 @@ def judge(model: SelectedModel) -> JudgedModel:
     found: dict[tuple[str, str], Decision] = {}
     for member, gain, differs in zip(members, gains, uneven, strict=True):
         near = _residual_near(member, left) / max(gain, 1e-12) if large else 0.0
+        second_order = LAW_ACCURACY * max(
+            g
+            for other, g in zip(members, gains, strict=True)
+            if are_near(member.where, other.where)
+        )
         if near > RESIDUAL_SHARE_LIMIT:
             reason = "the residual at its place is large beside what it explains"
             found[member.name] = Decision(
                 member.name, "residual", False, near, RESIDUAL_SHARE_LIMIT, reason
             )
-        elif is_inhomogeneous(differs, gain):
+        elif is_inhomogeneous(differs, gain) and differs.captured > second_order:
             reason = f"its law differs between {differs.grouping}"
             ratio = differs.captured / max(gain, 1e-12)
             found[member.name] = Decision(
@@ -154,6 +161,8 @@ def judge(model: SelectedModel) -> JudgedModel:
     if large or wrong > SMALL_RESIDUAL:
         for weak in _replaced_by_generic(model, places, set(found)):
             found[weak.candidate] = weak
+    for weak in _imitating(model, places, of_name):
+        found.setdefault(weak.candidate, weak)
     for weak in _outweighed(of_name, excess if large else 0.0, set(found)):
         found[weak.candidate] = weak
     kinds = [
@@ -227,6 +236,40 @@ def _replaced_by_generic(
         replace(d, gate="generic_terms", reason=reason)
         for d in gated.decisions
         if not d.accepted
+    ]
+
+
+def _imitating(
+    model: SelectedModel,
+    places: Sequence[UnexplainedPlace],
+    gains: Mapping[tuple[str, str], float],
+) -> list[Decision]:
+    """Return names near an unexplained place that may be what imitates its mechanism.
+
+    They explain less than ten times what is left there, which is more than the laws
+    near it may be wrong by, and predict nothing beside its generic terms.
+    """
+    members, blocks = model.fit.members, set[tuple[str, str]]()
+    suspects: set[tuple[str, str]] = set()
+    for place in places:
+        left = place.share * model.statistics.whole
+        near = [m.name for m in members if _near(m, place.where)]
+        if left <= LAW_ACCURACY * max((gains[n] for n in near), default=0.0):
+            continue
+        blocks |= {
+            (b.where, b.depends_on)
+            for b in model.case.library.map
+            if b.where == place.where
+            and WORDS.get(b.depends_on, b.depends_on) in place.depends_on
+        }
+        suspects |= {n for n in near if RESIDUAL_SHARE_LIMIT * gains[n] < left}
+    if not suspects:
+        return []
+    kept = names_beside(model.case, members, suspects, blocks)
+    reason = "it is worth nothing beside generic terms of an unexplained place"
+    return [
+        Decision(name, "generic_terms", False, gains[name], 0.0, reason)
+        for name in suspects - kept
     ]
 
 
@@ -333,16 +376,19 @@ def exchange_posteriors(model: SelectedModel) -> tuple[ExchangePosterior, ...]:
     found = []
     gains = model.drop_one_gains
     for member, gain in zip(model.fit.members, gains, strict=True):
-        worth, without = exchange_worths(search.problem, some, member.name, LIVE)
-        names = list(worth)
+        exchanged = exchange_worths(search.problem, some, member.name, LIVE)
+        names = list(exchanged.worth)
         own = names.index(member.name)
         accuracy = LAW_ACCURACY * gain / (2.0 * ALIKE)
-        log = np.array([*worth.values(), without])
-        log /= max(model.dispersion, 1.0 + accuracy)
+        log = np.array([*exchanged.worth.values(), exchanged.without])
+        tempered = max(model.dispersion, 1.0 + accuracy)
+        evidence = log[:-1] + np.array([*exchanged.price.values()])
+        behind = (evidence[own] - evidence) / tempered
+        log /= tempered
         weight = np.exp(log - log.max())
         weight /= weight.sum()
         order = [int(k) for k in np.argsort(-weight[:-1], kind="stable") if k != own]
-        alike = [k for k in order if log[own] - log[k] < ALIKE][:MOST_EQUIVALENTS]
+        alike = [k for k in order if behind[k] < ALIKE][:MOST_EQUIVALENTS]
         found.append(
             ExchangePosterior(
                 float(min(1.0, weight[[own, *alike]].sum())),
@@ -403,9 +449,11 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     located = places_of_names(
         model.fit, list(judged.chi_square_gains), found.p_value, case.situation
     )
-    if not complete:
+    own = float(sum(judged.chi_square_gains))
+    by_name = zip(members, judged.chi_square_gains, strict=True)
+    told = sum(gain for m, gain in by_name if m.name in named)
+    if told <= MAJORITY * own:
         sure_places = {where for _, where in named}
-        own = float(sum(judged.chi_square_gains))
         located = _with_places_of_map(case, located, sure_places, own)
     unexplained = None
     if not explained:

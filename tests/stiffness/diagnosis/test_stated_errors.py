@@ -19,7 +19,7 @@ from bench.standard_plans import table_one_plan
 from scenarios.studies.blind_trials.arms import arm_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED
 from stiffness.diagnosis.diagnose import chi_square_summary, diagnose
-from stiffness.diagnosis.model_evaluation import beyond_limits
+from stiffness.diagnosis.model_evaluation import cost_of_limits
 from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem
 from stiffness.diagnosis.nominal_fit import prepare, rest_of, smooth_basis
 from stiffness.diagnosis.relinearisation import build_problem
@@ -211,7 +211,7 @@ def test_no_more_mass_is_taken_from_a_link_than_it_carries(plain, arm):
     def withdrawn(mass: float) -> bool:
         found = {"mass_kg": Parameter(mass, mass - 0.1, mass + 0.1)}
         law = ModelTerm(GravityLoad(), "link_3", np.zeros(0))
-        return beyond_limits(situation, law, found)
+        return cost_of_limits(situation, law, found) > 0.0
 
     assert not withdrawn(-whole + 0.05)
     assert withdrawn(-whole - 0.2)
