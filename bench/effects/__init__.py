@@ -26,6 +26,7 @@ from bench.effects.lost_motion import LostMotion
 from bench.effects.lost_motion_smooth import SmoothLostMotion
 from bench.effects.marker_slip import MarkerSlip
 from bench.effects.pulley_friction import PulleyFriction
+from bench.effects.reading_lag import ReadingLag
 from bench.effects.tracker_misalignment import TrackerMisalignment
 from bench.effects.tracker_scale import TrackerScale
 from bench.effects.transmission_error import TransmissionError
@@ -57,6 +58,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     # in geometry
     TransmissionError,
     EncoderOffset,
+    ReadingLag,
     GeometryError,
     # in the rope
     PulleyFriction,

@@ -91,10 +91,12 @@ class Command:
     Attributes:
         reference: Angle of each axis at which its spring is slack, in rad.
         stiffness: Stiffness of each axis' spring, in N m/rad.
+        side: Direction in which each axis arrived, 1 or −1; None: it is not known.
     """
 
     reference: Float[np.ndarray, "visits axes"]
     stiffness: Float[np.ndarray, "visits axes"]
+    side: Float[np.ndarray, "visits axes"] | None = None
 
 
 class CommandEffect(Effect):

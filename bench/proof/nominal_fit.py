@@ -159,9 +159,10 @@ def wind_up(
     world: ReplaySimulation, rig: Rig, seen: SimulatedReadings
 ) -> Float[np.ndarray, "rows axes"]:
     """Return by how much every axis of the arm is wound, in rad."""
-    posture = np.zeros(seen.states.axis_angle.shape)
+    posture, side = np.zeros((2, *seen.states.axis_angle.shape))
     posture[:, world.order] = world.recording.posture
-    return seen.states.axis_angle - rig.command(posture).reference
+    side[:, world.order] = world.recording.side
+    return seen.states.axis_angle - rig.command(posture, side).reference
 
 
 def carried(

@@ -63,6 +63,7 @@ class Replay:
         hold: For how long each step lasts, in s.
         visit: Index of each row's stay, from 0, by which differences are taken.
         way: How long the way to each visit took, in s; the first has none.
+        side: Direction in which each axis arrived at each visit, 1 or −1; 0: unknown.
     """
 
     posture: Float[np.ndarray, "visits axes"]
@@ -71,6 +72,7 @@ class Replay:
     hold: Float[np.ndarray, "visits steps"]
     visit: Int[np.ndarray, " rows"]
     way: Float[np.ndarray, " visits"]
+    side: Float[np.ndarray, "visits axes"]
 
     @property
     def rows(self) -> int:
@@ -112,7 +114,8 @@ def replay_of(recording: Recording, waits: bool = True) -> Replay:
     way[1:] = np.maximum(
         recording.load_time[first[1:]] - recording.time[last[:-1]], 0.0
     )
-    return Replay(posture[first], row, read, np.maximum(hold, QUICK), visit, way)
+    hold, side = np.maximum(hold, QUICK), recording.side[first]
+    return Replay(posture[first], row, read, hold, visit, way, side)
 
 
 def _steps(
@@ -341,11 +344,11 @@ class ReplaySimulation:
 
     def _simulated(self, rig: Rig) -> States:
         replay, axes = self.replay, len(rig.anatomy.axes)
-        posture = np.zeros((len(replay.posture), axes))
-        posture[:, self.order] = replay.posture
+        posture, side = np.zeros((2, len(replay.posture), axes))
+        posture[:, self.order], side[:, self.order] = replay.posture, replay.side
         wrench = self.wrench(rig)[replay.row]
         way = replay.way if self.memory == "carried" else None
-        states = rig.respond(posture, wrench, replay.hold, way)
+        states = rig.respond(posture, wrench, replay.hold, way, side)
         return replace(
             states,
             position=replay.to_rows(states.position),

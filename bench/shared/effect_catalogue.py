@@ -313,6 +313,16 @@ _ALL = (
         largest=5e-3,
     ),
     EffectInfo(
+        "reading_lag",
+        "geometry",
+        ("axis",),
+        _magnitudes("lag_rad", -1e-3, 1e-3, CHOSEN),
+        ("direction",),
+        MEANS,
+        "the reported angle lags along the last move: the axis rests elsewhere",
+        largest=5e-3,
+    ),
+    EffectInfo(
         "geometry_error",
         "geometry",
         ("link",),
@@ -452,7 +462,10 @@ def si_unit(parameter: str) -> str:
     return ""
 
 
-ALONG = ("joint_compliance", "hardening", "hysteresis", "lost_motion", "encoder_offset")
+ALONG = (
+    *("joint_compliance", "hardening", "hysteresis", "lost_motion", "encoder_offset"),
+    "reading_lag",
+)
 """Effects whose parameters are of motion and force along a slide, where the axis is
 one: metres and newtons in place of radians and newton metres."""
 _ON_SLIDES = {"_rad_per_nm": "_m_per_n", "_rad": "_m", "_nm": "_n"}

@@ -7,6 +7,7 @@ writing.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -17,6 +18,37 @@ from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
 
 UNLOADED, LOADING, LOADED, UNLOADING = "unloaded", "loading", "loaded", "unloading"
 STAGES = (UNLOADED, LOADING, LOADED, UNLOADING)
+
+
+MOVED = 2e-4
+"""Turn in rad (m along a slide) from which it counts as a move; chosen: ten times the
+error of an encoder."""
+
+
+def last_moves(
+    posture: Float[np.ndarray, "rows axes"],
+) -> Float[np.ndarray, "rows axes"]:
+    """Return the direction in which each axis last moved before or in each row.
+
+    An axis goes on until it has come back by more than `MOVED`.
+
+    Args:
+        posture: Angles in the order of time, in rad (slides in m).
+
+    Returns:
+        1, −1, or 0 before the first move.
+    """
+    side = np.zeros_like(posture)
+    for axis, angles in enumerate(posture.T.tolist()):
+        turn, way = angles[0], 0.0
+        for row, angle in enumerate(angles):
+            gone = angle - turn
+            if abs(gone) > MOVED:
+                way = 1.0 if gone > 0.0 else -1.0
+            if gone * way > 0.0:
+                turn = angle
+            side[row, axis] = way
+    return side
 
 
 @dataclass(frozen=True)
@@ -60,6 +92,9 @@ class Recording:
         posture_id: Id of the posture visited (of the motion, in a stream).
         visit: Counts visits from 0; the same pose again is another visit.
         posture: Axis angles the controller reports, in rad (slides in m).
+        commanded: Those that it was told, likewise; NaN = not recorded.
+        last_move: Direction in which each axis last moved, see `last_moves`, where
+            rows before were left out; None: as the rows say.
         load_time: When the load of each row last changed, in s.
         stage: One of `STAGES` for each row.
         axes: The model's joints for a1, a2 …; empty: from base to tip.
@@ -103,6 +138,8 @@ class Recording:
     load_mass: Float[np.ndarray, " rows"] | None = None
     markers: tuple[Marker, ...] = ()
     points: Float[np.ndarray, "rows markers 3"] | None = None
+    commanded: Float[np.ndarray, "rows axes"] | None = None
+    last_move: Float[np.ndarray, "rows axes"] | None = None
     link_posture: Float[np.ndarray, "rows axes"] | None = None
     axis_torque: Float[np.ndarray, "rows axes"] | None = None
     temperature: Float[np.ndarray, " rows"] | None = None
@@ -131,6 +168,8 @@ class Recording:
             "wrench": (rows, 6),
             "load_mass": (rows,),
             "points": (rows, len(self.markers), 3),
+            "commanded": (rows, axes),
+            "last_move": (rows, axes),
             "link_posture": (rows, axes),
             "axis_torque": (rows, axes),
             "temperature": (rows,),
@@ -146,16 +185,21 @@ class Recording:
         if faults:
             raise Unusable(f"Recording {self.name!r}", faults)
 
+    @cached_property
+    def side(self) -> Float[np.ndarray, "rows axes"]:
+        """Direction of each axis' last move, 1 or −1; 0 before the first."""
+        return last_moves(self.posture) if self.last_move is None else self.last_move
+
     def take(self, rows: np.ndarray) -> "Recording":
         """Return the same recording with only these rows (indices or a mask)."""
         per_row = {
             "time", "posture_id", "visit", "posture", "load_time", "stage", "wrench",
-            "load_mass", "points", "link_posture", "axis_torque", "temperature",
-            "frames",
+            "load_mass", "points", "commanded", "link_posture", "axis_torque",
+            "temperature", "frames",
         }  # fmt: skip
         kept = {
             name: getattr(self, name)[rows]
             for name in per_row
             if getattr(self, name) is not None
         }
-        return replace(self, **kept)
+        return replace(self, **kept, last_move=self.side[rows])

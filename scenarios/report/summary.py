@@ -332,6 +332,10 @@ PLAIN: Mapping[str, tuple[str, str, str, str, str]] = {
         *("encoder", "is off by a constant", "are off by constants"),
         *("offset_rad", ""),
     ),
+    "reading_lag": (
+        *("axis", "is read before it rests", "are read before they rest"),
+        *("lag_rad", "along the last move"),
+    ),
     "geometry_error": ("link", "is not as drawn", "are not as drawn", "", ""),
     "pulley_friction": ("", "has a pulley that rubs", "", "ratio", "of the pull"),
     "wrench_bias": ("", "reads an offset", "", "", ""),

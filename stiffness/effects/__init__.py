@@ -21,6 +21,7 @@ from stiffness.effects.link_bending import LinkBending
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.marker_slip import MarkerSlip
 from stiffness.effects.pulley_friction import PulleyFriction
+from stiffness.effects.reading_lag import ReadingLag
 from stiffness.effects.tracker_misalignment import TrackerMisalignment
 from stiffness.effects.tracker_scale import TrackerScale
 from stiffness.effects.transmission_error import TransmissionError
@@ -50,6 +51,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     # in geometry
     TransmissionError(),
     EncoderOffset(),
+    ReadingLag(),
     GeometryError(),
     # in the rope and the force sensor
     PulleyFriction(),

@@ -38,6 +38,7 @@ from bench.effects.out_of_library.loose_bearing import LooseBearing
 from bench.effects.out_of_library.softening import Softening
 from bench.effects.out_of_library.warming_gear import WarmingGear
 from bench.effects.places import places_for
+from bench.effects.reading_lag import ReadingLag
 from bench.effects.tracker_misalignment import TrackerMisalignment
 from bench.effects.transmission_error import TransmissionError
 from bench.effects.wrench_bias import WrenchBias
@@ -148,6 +149,7 @@ FORMS: dict[type[Effect], Callable[[Effect, np.random.Generator], Effect]] = {
     TransmissionError: lambda e, d: replace(
         e, order=float(d.integers(1, 4)), phase_rad=_phase(d)
     ),
+    ReadingLag: lambda e, d: replace(e, lag_rad=e.lag_rad * float(d.choice([-1, 1]))),
     BearingTilt: lambda e, d: replace(
         e,
         u_rad_per_nm=2e-6 * float(d.uniform(0.2, 1.0)),

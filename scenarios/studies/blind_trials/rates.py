@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from scenarios.studies.blind_trials.score import VISIBLE, TrialScore
-from scenarios.studies.blind_trials.strata import BARS, STRATA, Bar
+from scenarios.studies.blind_trials.score import VISIBLE, Covered, TrialScore
+from scenarios.studies.blind_trials.strata import BARS, SIGN, SIGNED, SIZE, STRATA, Bar
 from stiffness.regression.intervals import share
 
 # --- Rates and limits -----------------------------------------------------------------
@@ -96,7 +96,7 @@ def bars(scores: Sequence[TrialScore]) -> list[Rate]:
     rates.append(rate(said, gains, least=0.5))
     quick = [s.seconds <= SECONDS for s in scores if not s.failed and s.arm is None]
     rates.append(rate(f"answers within {SECONDS:g} s", quick, least=0.5))
-    return [*rates, *arm_bars(scores), *twin_bars(scores)]
+    return [*rates, *arm_bars(scores), *twin_bars(scores), *sign_bars(scores)]
 
 
 def by_stratum(scores: Sequence[TrialScore]) -> list[dict[str, object]]:
@@ -327,6 +327,25 @@ def twin_bars(scores: Sequence[TrialScore]) -> list[Rate]:
             said = f"{name}: not declared where it is above {APART:g}"
             rates.append(rate(said, apart, least=DECLARED))
     return rates
+
+
+def sign_bars(scores: Sequence[TrialScore]) -> list[Rate]:
+    """Return how often effects with a sign are named with it; none without any."""
+    rates = []
+    for name in SIGNED:
+        own = [s for s in scores if s.stratum == name]
+        if own:
+            sizes = [i for s in own for i in s.intervals]
+            signs = [bool(s.intervals) and all(map(_signed, s.intervals)) for s in own]
+            rates.append(rate(f"{name}: named with its sign", signs, least=SIGN))
+            held = [i.holds for i in sizes]
+            rates.append(rate(f"{name}: intervals that hold it", held, least=SIZE))
+    return rates
+
+
+def _signed(size: Covered) -> bool:
+    """Return whether both ends of an interval have the true sign."""
+    return min(size.low * size.true, size.high * size.true) > 0.0
 
 
 # --- Confusion and calibration --------------------------------------------------------

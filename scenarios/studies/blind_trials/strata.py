@@ -213,11 +213,19 @@ STRATA = {
         _with_twin("alike_drift", "drift of the base or of the tracker", "drift"),
         _with_twin("alike_mass", "mass on link 3 or on link 4", "gravity_load"),
         _with_twin("alike_tilt", "a tilt, and that of the next axis", "bearing_tilt"),
+        Stratum(
+            "reading_lag",
+            "an axis that is read before it rests",
+            (400.0,),
+            pool=("reading_lag",),
+            most=40_000.0,
+        ),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""
-USUAL = tuple(name for name, s in STRATA.items() if not (s.effects or s.has_twin))
-"""Strata that are tried unless others are asked for."""
+USUAL = tuple(name for name, s in STRATA.items() if not (s.effects or s.most))
+"""Strata that are tried unless others are asked for: of one size, and not of a whole
+arm."""
 
 
 # --- Bars -----------------------------------------------------------------------------
@@ -242,6 +250,11 @@ class Bar:
     of: str = ""
 
 
+SIGNED = ("reading_lag",)
+"""Strata whose effect has a sign that the answer has to give."""
+SIGN, SIZE = 0.95, 0.92
+"""Required share of their trials in which the effect is named with its sign, and of the
+intervals that hold its size."""
 BARS = (
     Bar(("null", "null_nuisance"), "detected", 0.01, at_most=True),
     Bar(("one_100",), "detected", 0.95),

@@ -35,6 +35,7 @@ VOCABULARY = {
     "bearing_tilt": {"u_rad_per_nm", "v_rad_per_nm", "centre_m"},
     "wrist_coupling": {"compliance_rad_per_nm", "with"},
     "encoder_offset": {"offset_rad"},
+    "reading_lag": {"lag_rad"},
     "link_bending": {"bending_nm2", "torsion_nm2"},
     "gravity_load": {"mass_kg", "com_x_m", "com_y_m", "com_z_m"}
     | {f"moment_{axis}_kg_m" for axis in "xyz"},
@@ -57,7 +58,7 @@ VOCABULARY = {
 IN_MEANS = (
     *("transmission_error", "encoder_offset", "gravity_load", "gravity_compensator"),
     *("geometry_error", "wrench_bias", "tracker_scale", "tracker_misalignment"),
-    "marker_slip",
+    *("marker_slip", "reading_lag"),
 )
 """What stays the same within a visit, and so cancels in differences."""
 

@@ -1,0 +1,72 @@
+"""Reading lag: the reported angle is not where the axis rests, along its last move.
+
+==========  ==========================================================================
+Equation    angle of the link = reported angle + lag s + wind-up, s = ±1 the direction
+            of the last move (in a stream: of the motion); the load of a sensor beyond
+            turns with it, as under `encoder_offset`
+Source      first-order settling: read at t after an arrival at speed v, a drive of time
+            constant T has v T exp(−t / T) still to go along its move; ISO 9283:1998
+            (position stabilisation)
+Valid       lags that are alike at all visits; absolute readings, since it is constant
+            within a visit with a load
+Ignores     speed and length of the move; a settling that goes on between the readings
+            of one visit; in readings of differences alone the change of lever arms, a
+            thousandth of the deflection per milliradian
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, absolute
+from stiffness.effects.jacobian import EffectJacobian, values, with_values
+from stiffness.effects.statics import encoder_offset_response
+from stiffness.experiment.static_state import StaticState
+
+
+@dataclass(frozen=True)
+class ReadingLag(Hypothesis):
+    """Axis that is read before it rests.
+
+    An axis that always arrives from the same side shows an encoder offset instead.
+    """
+
+    effect: ClassVar[str] = "reading_lag"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"lag_rad": (-0.01, 0.01)}
+    magnitudes: ClassVar[tuple[str, ...]] = ("lag_rad",)
+
+    @override
+    def places(self, situation: StaticState) -> tuple[str, ...]:
+        if not absolute(situation):
+            return ()
+        side = situation.recording.side
+        both = (side > 0.0).any(axis=0) & (side < 0.0).any(axis=0)
+        return tuple(a for a, b in zip(situation.axes, both, strict=True) if b)
+
+    @override
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
+        k = situation.axis(where)
+        side = situation.recording.side[:, k, None]
+        constant = encoder_offset_response(situation, k)
+        parts = (with_values(p, side * values(p)) for p in constant.parts)
+        return EffectJacobian(1, tuple(parts))
+
+    @override
+    def parameters(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return {"lag_rad": coefficients[0]}
