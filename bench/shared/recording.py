@@ -188,7 +188,10 @@ class Recording:
     @cached_property
     def side(self) -> Float[np.ndarray, "rows axes"]:
         """Direction of each axis' last move, 1 or −1; 0 before the first."""
-        return last_moves(self.posture) if self.last_move is None else self.last_move
+        if self.last_move is not None:
+            return self.last_move
+        told = self.posture if self.commanded is None else self.commanded
+        return last_moves(np.where(np.isnan(told), self.posture, told))
 
     def take(self, rows: np.ndarray) -> "Recording":
         """Return the same recording with only these rows (indices or a mask)."""

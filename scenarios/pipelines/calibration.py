@@ -16,7 +16,7 @@ Ignores     that losses of confounded names overlap
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -50,6 +50,7 @@ from scenarios.pipelines.schema import (
     OutlierEntry,
     Placed,
     Proved,
+    Refused,
     Remark,
     verdict_of,
     why_not,
@@ -58,7 +59,7 @@ from stiffness.calibration.columns import Key
 from stiffness.calibration.model import readings_of, spatial_folds_of
 from stiffness.calibration.result import Calibrated, calibrated
 from stiffness.calibration.rigid_fit import outlier_distances
-from stiffness.calibration.selection import BELIEVED, NO_GAIN
+from stiffness.calibration.selection import BELIEVED, IMPOSSIBLE, MARGIN, NO_GAIN
 from stiffness.diagnosis.result import Decision
 from stiffness.experiment.outliers import (
     Outlier,
@@ -144,7 +145,21 @@ def answer_of(
         next_experiments=(),
         seconds=round(seconds, 1),
         settings=asdict(SETTINGS),
+        refused=tuple(_refused(found, names)),
     )
+
+
+def _refused(found: Calibrated, names: tuple[Key, ...]) -> Iterator[Refused]:
+    """Yield what would help at an impossible size, and what is fitted but not named."""
+    for step in found.selected.steps:
+        if step.verdict == IMPOSSIBLE and step.gain > MARGIN * step.error:
+            sizes = zip(step.parameters, step.values, strict=True)
+            parameters = {name: Interval(v, None, None) for name, v in sizes}
+            yield Refused(*step.key, parameters, IMPOSSIBLE_FIT)
+    for key, known in found.estimates.items():
+        if key not in names:
+            parameters = {n: Interval(e.value, e.low, e.high) for n, e in known.items()}
+            yield Refused(*key, parameters, NOT_MISSED)
 
 
 def _located(found: Calibrated, names: tuple[Key, ...]) -> tuple[Placed, ...]:

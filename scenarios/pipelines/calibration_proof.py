@@ -136,13 +136,15 @@ def _residual(
     readings = found.readings
     rig = rig_of(patch, model)
     order = [rig.anatomy.axes.index(name) for name in readings.arm.axes]
-    posture = np.zeros((len(readings.seen), len(rig.anatomy.axes)))
+    posture, side = np.zeros((2, len(readings.seen), len(rig.anatomy.axes)))
     posture[:, order] = readings.posture + pose_repeatability
+    side[:, order] = readings.side
     point = np.empty_like(readings.seen)
     for start in range(0, len(posture), AT_ONCE):
         rows = np.arange(start, min(start + AT_ONCE, len(posture)))
         still = np.zeros((len(rows), 1, 6))
-        states = rig.respond(posture[rows], still, np.full((len(rows), 1), SETTLED))
+        hold = np.full((len(rows), 1), SETTLED)
+        states = rig.respond(posture[rows], still, hold, side=side[rows])
         for m, name in enumerate(readings.bodies):
             own = readings.marker[rows] == m
             body = model_body(recording, rig, name)

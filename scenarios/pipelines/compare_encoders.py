@@ -34,6 +34,7 @@ from scenarios.pipelines.schema import (
     Left,
     Placed,
     Proved,
+    Refused,
     Remark,
     verdict_of,
     why_not,
@@ -308,7 +309,17 @@ def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
         next_experiments=(),
         seconds=round(seconds, 1),
         settings=asdict(SETTINGS),
+        refused=tuple(_refused_sizes(axes)),
     )
+
+
+def _refused_sizes(axes: Sequence[Axis]) -> Iterator[Refused]:
+    for a in axes:
+        for t in a.found.refused:
+            if t.term.effect != FRICTION and not t.term.order:
+                sizes = zip(t.term.parameters, t.coefficients, strict=False)
+                known = {name: Interval(v, None, None) for name, v in sizes}
+                yield Refused(t.term.effect, a.name, known, t.reason)
 
 
 def _p_value(axis: Axis) -> float:

@@ -13,7 +13,7 @@ Everything that the story, the report and the playback speak of, in one place.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -52,6 +52,7 @@ from scenarios.pipelines.schema import (
     OutlierEntry,
     Placed,
     Proved,
+    Refused,
     Remark,
     number,
     verdict_of,
@@ -62,9 +63,18 @@ from stiffness.diagnosis.nominal_fit import (
     states_no_springs,
     with_load_springs,
 )
-from stiffness.diagnosis.result import Decision, Diagnosis, Name, NamedEffect, Warned
+from stiffness.diagnosis.result import (
+    Decision,
+    Diagnosis,
+    Name,
+    NamedEffect,
+    Warned,
+    in_words,
+    refused_with_size,
+)
 from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.experiment.outliers import without_outliers
+from stiffness.regression.intervals import Parameter
 from stiffness.robot.arm import Arm
 
 if TYPE_CHECKING:
@@ -270,9 +280,7 @@ def answer_of(
             for x in d.located
         ),
         explained_share=share,
-        named=tuple(
-            _called(n, d.shares.get(n.name), n.name.where in sliding) for n in d.named
-        ),
+        named=tuple(_called(n, d.shares.get(n.name), sliding) for n in d.named),
         rivals=tuple(
             Other(float(r.probability), tuple(map(_at, r.effects))) for r in d.rivals
         ),
@@ -296,6 +304,11 @@ def answer_of(
         ),
         settings=asdict(SETTINGS),
         outliers=tuple(OutlierEntry(o.pose, o.marker, MM * o.size) for o in d.outliers),
+        refused=tuple(
+            Refused(*stop.candidate, _sizes(*stop.candidate, stop.sizes, sliding), why)
+            for stop in refused_with_size(d)
+            for why in [in_words(stop)]
+        ),
     )
 
 
@@ -367,14 +380,9 @@ def _of_channel(c: Channel, unit: float, name: str) -> dict[str, object]:
     }
 
 
-def _called(named: NamedEffect, share: float | None, slides: bool) -> Called:
-    effect = named.name.effect
-    parameters = {
-        on_slide(effect, name) if slides else name: Interval(
-            number(p.estimate), number(p.low), number(p.high)
-        )
-        for name, p in within_bounds(named).items()
-    }
+def _called(named: NamedEffect, share: float | None, slides: Collection[str]) -> Called:
+    known = within_bounds(named)
+    parameters = _sizes(named.name.effect, named.name.where, known, slides)
     if "with" in parameters:  # a number of an axis, but a name in the vocabulary
         partner = f"a{round(named.parameters['with'].estimate)}"
         parameters["with"] = Interval(partner, partner, partner)
@@ -390,6 +398,18 @@ def _called(named: NamedEffect, share: float | None, slides: bool) -> Called:
         parameters,
         msgspec.UNSET if share is None else float(share),
     )
+
+
+def _sizes(
+    effect: str, where: str, known: Mapping[str, Parameter], sliding: Collection[str]
+) -> dict[str, Interval]:
+    """Return parameters as they are written, along a slide in m."""
+    return {
+        on_slide(effect, name) if where in sliding else name: Interval(
+            number(p.estimate), number(p.low), number(p.high)
+        )
+        for name, p in known.items()
+    }
 
 
 def _with_mass(parameters: dict[str, Interval]) -> dict[str, Interval]:

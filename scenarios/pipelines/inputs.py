@@ -117,6 +117,8 @@ def followed(recording: Recording, arm: Arm) -> tuple[Recording, tuple[str, ...]
         posture=posture,
         axes=tuple(names),
         slides=tuple(slides) if any(slides) else (),
+        commanded=wider(r.commanded),
+        last_move=None,
         link_posture=wider(r.link_posture),
         axis_torque=wider(r.axis_torque),
     )

@@ -41,7 +41,6 @@ from bench.shared.recording import Recording
 from scenarios.pipelines.patching import FROM_SIDES, NEAR
 from scenarios.pipelines.recording_check import SMALL_TORQUE, static_torque
 from scenarios.pipelines.schema import At, Interval, Proved
-from stiffness.calibration.model import sides_of
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import initial_tracker_frame
 
@@ -306,7 +305,7 @@ def patched_arm(
     ]
     rest = tuple(e for e in patch.effects if e not in from_side)
     rig = rig_of(replace(patch, effects=rest), robot)
-    side, short = sides_of(world.replay.posture), np.zeros(world.replay.posture.shape)
+    side, short = world.replay.side, np.zeros(world.replay.posture.shape)
     for effect in from_side:
         k = rig.anatomy.axes.index(rig.anatomy.axis(effect.where))
         own = world.order.tolist().index(k)

@@ -115,6 +115,15 @@ class OutlierEntry(msgspec.Struct, frozen=True):
     size_mm: float
 
 
+class Refused(msgspec.Struct, frozen=True):
+    """An effect whose name was refused, with the size that it would have, and why."""
+
+    effect: str
+    where: str
+    parameters: dict[str, Interval]
+    reason: str
+
+
 class Proved(msgspec.Struct, frozen=True, omit_defaults=True):
     """The proof in the simulator: errors on held-out poses before and after."""
 
@@ -160,6 +169,7 @@ class Answer(msgspec.Struct, frozen=True):
     unexplained_places: tuple[Open, ...] = ()
     settings: dict[str, float] = {}
     outliers: tuple[OutlierEntry, ...] = ()
+    refused: tuple[Refused, ...] = ()
 
 
 # --- The verdict ----------------------------------------------------------------------

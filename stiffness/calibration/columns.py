@@ -14,8 +14,9 @@ Equation    joint_compliance    turn about the axis = c tau
                                 a_n cos n q + b_n sin n q
             lost_motion         a slide's guide: turn about x and about y of its seat
                                 = width / 2 to the side of the moment about each
-            hysteresis          turn about the axis = width / 2 opposite to the
-                                direction of approach (wind-up held by friction)
+            reading_lag         turn about the axis = lag along its last move; below
+                                zero it is hysteresis, a wind-up of width = −2 lag that
+                                friction holds (`stiffness.calibration.result`)
             drift               the arm's base moves and turns with time
             tracker_scale       places = (1 + ratio) places
             tau, moment: of the arm's own weight and its tool's, in N m
@@ -106,7 +107,7 @@ def candidates_of(
             play = _guide_play(k)
             found.append(Candidate("lost_motion", where, ("width_rad",), play, 0.0))
             continue
-        found.append(Candidate("hysteresis", where, ("width_rad",), _side(k), 0.0))
+        found.append(Candidate("reading_lag", where, ("lag_rad",), _side(k)))
         orders = tuple(range(1, min(highest, poses // POSES_PER_ORDER + 1)))
         names = tuple(f"{f}_{n}" for n in orders for f in ("cos", "sin"))
         twice = tuple(n for n in orders for _ in range(2))
@@ -130,7 +131,7 @@ def _shows(candidate: Candidate, stance: CalibrationState) -> bool:
         return bool(np.sqrt(np.mean(lever**2)) * USUAL_TURN > VISIBLE)
     size = np.sqrt(np.mean(candidate.columns(some) ** 2, axis=(0, 1)))
     usual = {
-        "hysteresis": USUAL_TURN,
+        "reading_lag": USUAL_TURN,
         "lost_motion": USUAL_TURN,
         "bearing_tilt": USUAL_TORQUE_COMPLIANCE,
     }
@@ -156,7 +157,7 @@ def _wind_up(k: int):
 
 
 def _side(k: int):
-    return lambda s: (-0.5 * s.lever[k] * s.readings.side[:, k, None])[:, :, None]
+    return lambda s: (s.lever[k] * s.readings.side[:, k, None])[:, :, None]
 
 
 def _tilt(k: int, j: int):

@@ -39,6 +39,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.shared.errors import Unusable
 from bench.shared.recording import UNLOADED, Payload, Recording
+from stiffness.experiment.visits import commanded_lags
 from stiffness.robot.arm import Arm
 from stiffness.robot.chain import Chain, Place
 from stiffness.robot.kinematics import ArmState
@@ -48,9 +49,6 @@ from stiffness.robot.kinematics import ArmState
 FEWEST = 30
 """Minimum number of poses; chosen: as many as the parameters of a six-axis arm's
 geometry."""
-MOVED = 2e-4
-"""Turn in rad (m for a prismatic axis) from which it counts as a motion; chosen: ten
-times the error of an encoder."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +69,8 @@ class Readings:
             unknown.
         stated: Stated standard deviation of a coordinate, in m; NaN where not stated.
         tool: What the arm carries besides its own weight, on the flange.
+        told_lag: How far each reported angle lags behind its command, in rad; NaN =
+            no command was recorded.
     """
 
     arm: Arm
@@ -85,6 +85,7 @@ class Readings:
     places: Float[np.ndarray, "markers 3"]
     stated: float
     tool: Payload
+    told_lag: Float[np.ndarray, " axes"]
 
     def take(self, rows: np.ndarray) -> "Readings":
         """Return the same with only these rows (indices or a mask)."""
@@ -92,6 +93,7 @@ class Readings:
             self.arm, self.posture[rows], self.side[rows], self.seen[rows],
             self.marker[rows], self.posture_id[rows], self.hours[rows],
             self.names, self.bodies, self.places, self.stated, self.tool,
+            self.told_lag,
         )  # fmt: skip
 
 
@@ -141,7 +143,7 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
     return Readings(
         arm=arm,
         posture=posture[v],
-        side=sides_of(posture)[v],
+        side=rest.side[first][v],
         seen=total[v, m] / count[v, m][:, None],
         marker=m,
         posture_id=rest.posture_id[first][v],
@@ -151,6 +153,7 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
         places=np.array(nominal),
         stated=np.nan if sigma is None else float(np.mean(sigma.repeatability)),
         tool=recording.tool or Payload(),
+        told_lag=commanded_lags(recording)[:, 0],
     )
 
 
@@ -161,15 +164,6 @@ def _first_of_each_target(recording: Recording) -> list[int]:
             chosen.append(k)
             known.add(marker.target)
     return chosen
-
-
-def sides_of(posture: Float[np.ndarray, "visits axes"]) -> np.ndarray:
-    """Return the direction of each axis' last move before each visit."""
-    side = np.zeros_like(posture)
-    for v in range(1, len(posture)):
-        step = posture[v] - posture[v - 1]
-        side[v] = np.where(np.abs(step) > MOVED, np.sign(step), side[v - 1])
-    return side
 
 
 # --- Spatial folds --------------------------------------------------------------------

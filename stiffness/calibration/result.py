@@ -29,7 +29,7 @@ Ignores     what is common to several effects: they are fitted together
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -170,6 +170,68 @@ def _clear(found: Estimate, wider: float) -> bool:
     return bool(abs(found.value) > wider * (found.high - found.low) / 2.0)
 
 
+# --- Lag or friction ------------------------------------------------------------------
+
+TOLD = 0.5
+"""Share of a lag that commanded angles have to show for it to be the report's; chosen:
+most of it."""
+
+
+def held_by_friction(
+    estimates: Mapping[Key, Mapping[str, Estimate]],
+    told: Float[np.ndarray, " axes"],
+) -> dict[Key, Key]:
+    """Return the lags that are called hysteresis, with the new key.
+
+    An axis that stops short of what it reports is wound up by its gear's friction, or
+    its report leads: at rest the two look alike, and every gear has friction. Commanded
+    angles that the report leads as well decide for the report.
+
+    Args:
+        estimates: Of all effects.
+        told: How far each report lags behind its command, in rad; NaN = not recorded.
+    """
+    found = {}
+    for effect, where in estimates:
+        if effect == "reading_lag":
+            lag = estimates[effect, where]["lag_rad"].value
+            if lag < 0.0 and not told[int(where[1:]) - 1] < TOLD * lag:
+                found[effect, where] = ("hysteresis", where)
+    return found
+
+
+def _width(lag: Estimate) -> Estimate:
+    return Estimate(-2.0 * lag.value, -2.0 * lag.high, -2.0 * lag.low)
+
+
+def _renamed(chosen: Selected, friction: Mapping[Key, Key]) -> Selected:
+    """Return a selection in which some lags are called hysteresis."""
+
+    def called(key: Key) -> Key:
+        return friction.get(key, key)
+
+    equivalents = {
+        called(key): (key, *others) if key in friction else others
+        for key, others in chosen.equivalents.items()
+    }
+    return replace(
+        chosen,
+        steps=tuple(
+            replace(
+                step,
+                key=called(step.key),
+                parameters=("width_rad",),
+                values=tuple(-2.0 * v for v in step.values),
+            )
+            if step.key in friction
+            else step
+            for step in chosen.steps
+        ),
+        budget={called(key): loss for key, loss in chosen.budget.items()},
+        equivalents=equivalents,
+    )
+
+
 # --- Calibration ----------------------------------------------------------------------
 
 CHOOSING = 129
@@ -279,6 +341,11 @@ def calibrated(
         for (axis, own), h in by_wave
     }
     count = len(np.unique(spatial_folds.region[keep]))
+    friction = held_by_friction(estimates, readings.told_lag)
+    estimates = {friction.get(k, k): v for k, v in estimates.items()}
+    for key in friction.values():
+        estimates[key] = {"width_rad": _width(estimates[key]["lag_rad"])}
+    chosen = _renamed(chosen, friction)
     return Calibrated(
         readings=readings,
         spatial_folds=spatial_folds,

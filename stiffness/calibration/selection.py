@@ -362,6 +362,7 @@ class Step:
         gain: Decrease of the logarithm of the mean square on a fold left out.
         error: Its standard error over folds.
         verdict: `believed`, `no gain` or `out of bounds`.
+        values: The coefficients, fitted beside what was believed before.
     """
 
     key: Key
@@ -370,6 +371,7 @@ class Step:
     gain: float
     error: float
     verdict: str
+    values: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -449,4 +451,5 @@ def _tried(
         square = (left if verdict == BELIEVED else trial.residual_squares).sum()
         rms = float(np.sqrt(max(square, 0.0) / trial.judge.total.count * 3.0))
         names = tuple(blocks.parameter[j] for j in own)
-        yield Step(key, names, rms, gain, error, verdict)
+        sizes = tuple(float(v) for v in x[own])
+        yield Step(key, names, rms, gain, error, verdict, sizes)

@@ -342,6 +342,15 @@ def withheld(decisions: Sequence[Decision], name: Name) -> list[Decision]:
     return [d for d in reversed(own) if not d.accepted]
 
 
+def refused_with_size(found: Diagnosis) -> list[Decision]:
+    """Return the last gate at which each name was stopped that had a size by then."""
+    given = {name for n in found.named for name in (n.name, *n.equivalents)}
+    last = {
+        Name(*d.candidate): d for d in found.decisions if d.sizes and not d.accepted
+    }
+    return [d for name, d in last.items() if name not in given]
+
+
 def strongest_withheld(found: Diagnosis, count: int = 5) -> list[Decision]:
     """Return the gate at which each name was stopped, those first that came furthest.
 

@@ -527,12 +527,13 @@ def _withheld(
     for term, own, gain in zip(terms, parameters, gains, strict=True):
         if may_be_nothing(term.hypothesis, own):
             reason = "the intervals of all its magnitudes contain zero"
-            found.append(Decision(term.name, "magnitude", False, 0.0, 0.0, reason))
+            found.append(Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own))
             continue
         share = cost_of_limits(case.situation, term, own) / max(gain, 1e-12)
         if share > BEYOND:
             reason = "within its physical limits it explains much less"
-            found.append(Decision(term.name, "physical", False, share, BEYOND, reason))
+            one = Decision(term.name, "physical", False, share, BEYOND, reason, own)
+            found.append(one)
     return found
 
 

@@ -420,9 +420,14 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     ):
         sure = one.probability >= SURE
         reason = "probability of it or its equivalents, the other names held"
-        decisions.append(
-            Decision(member.name, "posterior", sure, one.probability, SURE, reason)
-        )
+        sizes = as_held(case.situation, member, model.parameters[k])
+        asked = (member.name, "posterior", sure, one.probability, SURE, reason)
+        decisions = [
+            replace(d, sizes=sizes)
+            if d.candidate == member.name and not d.accepted
+            else d
+            for d in (*decisions, Decision(*asked))
+        ]
         others = every - {member.name}
         for probability, other in one.rivals:
             names = sorted({*others, (other.effect, other.where)})
@@ -436,7 +441,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
                 name=name,
                 probability=one.probability,
                 equivalents=one.equivalents,
-                parameters=as_held(case.situation, member, model.parameters[k]),
+                parameters=sizes,
                 shape=tuple(float(v) for v in member.shape),
                 coefficients=tuple(float(v) for v in model.fit.coefficients[k]),
             )

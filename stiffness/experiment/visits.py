@@ -12,6 +12,9 @@ from typing import Generic, TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.stats import t as student
+
+from bench.shared.recording import Recording
 
 LONGEST = 40
 """Maximum number of rows compared with each other; longer visits are cut into such
@@ -124,6 +127,41 @@ class Kept(Generic[Laid]):
                 del self.laid[next(iter(self.laid))]
             self.laid[key] = lay(visits)
         return self.laid[key]
+
+
+# --- Commanded beside reported angles -------------------------------------------------
+
+
+def commanded_lags(recording: Recording) -> Float[np.ndarray, "axes 2"]:
+    """Return how far reported angles lag behind commanded ones along the last move.
+
+    ==========  ======================================================================
+    Equation    lag = mean over visits of (commanded - reported) s, s = ±1 the last
+                move's direction; ± Student's t times its standard error
+    Source      definition
+    Valid       readings at rest; the unit of independence is the visit
+    Ignores     where the axis rests: the two angles alone do not say that
+    ==========  ======================================================================
+
+    Args:
+        recording: The experiment.
+
+    Returns:
+        Lag of each axis and half its 95 % interval, in rad (m along a slide); NaN where
+        nothing was recorded, or too few visits.
+    """
+    found = np.full((recording.posture.shape[1], 2), np.nan)
+    if recording.commanded is None or recording.rows != "plateaus":
+        return found
+    first = np.unique(recording.visit, return_index=True)[1]
+    side = recording.side[first]
+    ahead = (recording.commanded - recording.posture)[first] * side
+    for k in range(len(found)):
+        own = ahead[np.isfinite(ahead[:, k]) & (side[:, k] != 0.0), k]
+        if len(own) > 2:
+            error = own.std(ddof=1) / np.sqrt(len(own))
+            found[k] = own.mean(), student.ppf(0.975, len(own) - 1) * error
+    return found
 
 
 # --- Memory from visit to visit -------------------------------------------------------

@@ -31,8 +31,8 @@ Ignores     nothing: else the set is factorised anew
 ==========  ==========================================================================
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -41,6 +41,7 @@ from scipy.linalg import qr
 from scipy.special import betaln
 
 from stiffness.regression.elimination import projection_coefficients, schur_complement
+from stiffness.regression.intervals import Parameter
 
 SURVIVES = 1e-7
 """Share of a direction's raw information that must survive what is known; chosen: ten
@@ -90,6 +91,7 @@ class Decision:
         statistic: What was compared.
         threshold: With what.
         reason: In words.
+        sizes: Parameters that the candidate had there, where they were worked out.
     """
 
     candidate: Name
@@ -98,6 +100,7 @@ class Decision:
     statistic: float
     threshold: float
     reason: str
+    sizes: Mapping[str, Parameter] = field(default_factory=dict, compare=False)
 
 
 @dataclass(frozen=True)

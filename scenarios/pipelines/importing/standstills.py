@@ -55,6 +55,8 @@ def plateaus_of(stream: Recording, rests: Standstills) -> Recording:
         posture=posture,
         wrench=wrench,
         points=mean(stream.points),
+        commanded=mean(stream.commanded),
+        last_move=None,
         link_posture=mean(stream.link_posture),
         axis_torque=mean(stream.axis_torque),
         temperature=mean(stream.temperature),

@@ -18,6 +18,7 @@ from scenarios.report import data_files, figures, page, playback
 from scenarios.report.data_files import DECISIONS, write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from stiffness.calibration.result import Calibrated
+from stiffness.calibration.selection import Step
 
 # --- The report -----------------------------------------------------------------------
 
@@ -71,12 +72,15 @@ def _blocks(
         "What was tried. Rms on regions left out of the fit, where it was believed; "
         "the gain there over its standard error. Out of bounds: the best fit is a size "
         "that the effect cannot have.",
-        ("effect", "where", "parameter", "rms [mm]", "gain / its error", "verdict"),
+        (
+            *("effect", "where", "would be", "rms [mm]"),
+            *("gain / its error", "verdict"),
+        ),
         [
             (
                 s.key[0],
                 s.key[1],
-                "".join(map(label, s.parameters[:1])) if len(s.parameters) < 3 else "",
+                _would_be(s),
                 f"{MM * s.rms:.4f}" if s.verdict == "believed" else "",
                 f"{s.gain / max(s.error, 1e-30):.1f}",
                 s.verdict,
@@ -186,6 +190,13 @@ def write_files(
         playback.show_calibration(o.found, o.proof, first, waiting / "diagnosis.rrd")
 
     write_folder(folder, make)
+
+
+def _would_be(step: Step) -> str:
+    """Return the size of what was tried; empty where it has many."""
+    told = zip(step.parameters[: len(step.values)], step.values, strict=False)
+    sizes = [f"{label(name)} {size(name, value)}" for name, value in told]
+    return "; ".join(sizes) if len(sizes) < 3 else ""
 
 
 def figure(outcome: CalibrationOutcome, where: str = "") -> Picture:

@@ -6,6 +6,7 @@ springs, outliers and confounded pairs. `write_diagnosis` writes all files.
 """
 
 import shutil
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -356,11 +357,15 @@ def _what(finding: Result) -> Iterator[Block]:
         yield from _how_sure(answer)
     if stopped := strongest_withheld(finding.diagnosis):
         yield Heading("What was withheld, and why")
+        would_be = defaultdict[tuple[str, str], str](str)
+        for one in answer.refused:
+            told = (f"{label(n)} {span(n, p)}" for n, p in one.parameters.items())
+            would_be[one.effect, one.where] = "; ".join(told)
         yield Table(
             "Names that came furthest without being given; all others, gate by gate, "
             f"are in {DECISIONS}.",
-            ["effect", "where", "why not"],
-            [[*d.candidate, in_words(d)] for d in stopped],
+            ["effect", "where", "would be", "why not"],
+            [[*d.candidate, would_be[d.candidate], in_words(d)] for d in stopped],
         )
 
 

@@ -343,6 +343,7 @@ def state_of(arm, posture, body, place, seen) -> CalibrationState:
         places=place[None],
         stated=NOISE,
         tool=Payload(),
+        told_lag=np.full(len(arm.axes), np.nan),
     )
     drawn = np.zeros(len(geometry.entries_of(arm.chain)))
     start = geometry.Geometry(drawn, np.eye(4), place[None])

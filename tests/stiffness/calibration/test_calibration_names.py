@@ -14,7 +14,10 @@ from scenarios.pipelines.inputs import arm_of
 from scenarios.report.sections.calibration import write_files
 from stiffness.calibration import model
 from stiffness.calibration.model import readings_of
+from stiffness.calibration.result import held_by_friction
 from stiffness.calibration.rigid_fit import fitted
+from stiffness.experiment.visits import commanded_lags
+from stiffness.regression.intervals import Estimate
 
 LINKS = (
     ("link_1", {"x_m": 3e-4, "rx_rad": -6e-4}),
@@ -172,3 +175,53 @@ def test_the_patched_simulator_is_written_and_can_be_loaded(soft, wrist, tmp_pat
         "a2",
         "a3",
     }
+
+
+# --- Angles that were read before the axis rested -------------------------------------
+
+LAG = 4e-4
+LAGS = [PatchEffect("reading_lag", a, {"lag_rad": s * LAG}) for a, s in
+        (("a2", 1.0), ("a3", -1.0))]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def early() -> Recording:
+    """An arm that is read before it rests: a2 has still to go, a3 swings back."""
+    return recorded(UR10, LAGS, 100, 12)
+
+
+@pytest.fixture(scope="module")
+def late(early):
+    return calibrate_and_prove(early, arm_of(UR10), UR10)
+
+
+def test_lag_of_a_reported_angle_is_named_with_its_sign_and_proved(late):
+    (a2,) = [n for n in late.answer.named if n.where == "a2"]
+    assert (a2.effect, a2.equivalents) == ("reading_lag", ())
+    lag = a2.parameters["lag_rad"]
+    assert 0.0 < lag.low <= LAG <= lag.high < 1.5 * LAG
+    assert late.answer.proof.after_rms_mm < 1.2 * late.answer.detection.noise_rms_mm
+    assert ("reading_lag", "a2") in {(e.effect, e.where) for e in late.patch.effects}
+    named = {(n.effect, n.where) for n in late.answer.named}
+    assert not named & {(r.effect, r.where) for r in late.answer.refused}
+
+
+def test_report_that_leads_looks_like_friction_and_both_are_said(late):
+    (a3,) = [n for n in late.answer.named if n.where == "a3"]
+    assert a3.effect == "hysteresis"
+    assert ("reading_lag", "a3") in {(e.effect, e.where) for e in a3.equivalents}
+    assert a3.parameters["width_rad"].low <= 2 * LAG <= a3.parameters["width_rad"].high
+
+
+def test_commanded_angles_tell_a_report_that_leads_from_friction(early, late):
+    sizes = np.array([0.0, LAG, -LAG, 0.0, 0.0, 0.0])
+    told = replace(early, commanded=early.posture + sizes * early.side)
+    lags = commanded_lags(told)[:, 0]
+    np.testing.assert_allclose(lags, sizes, atol=1e-12)
+    (key,) = [k for k in late.found.estimates if k == ("hysteresis", "a3")]
+    wide = late.found.estimates[key]["width_rad"]
+    lag = {"lag_rad": Estimate(-wide.value / 2, -wide.high / 2, -wide.low / 2)}
+    lag_key = ("reading_lag", "a3")
+    assert held_by_friction({lag_key: lag}, np.full(6, np.nan)) == {lag_key: key}
+    assert held_by_friction({lag_key: lag}, 0.2 * lags) == {lag_key: key}
+    assert held_by_friction({lag_key: lag}, lags) == {}
