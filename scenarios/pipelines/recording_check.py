@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from bench.shared.errors import Unusable
 from bench.shared.recording import UNLOADING, Recording
+from stiffness.experiment.visits import commanded_lags
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import ArmState
 from stiffness.robot.wrench import wrench_in_base
@@ -85,6 +86,8 @@ def contents_of(r: Recording) -> Iterator[tuple[str, str]]:
     yield "tracker's noise", noise_of(r)
     yield "wrench", wrench_of(r)
     yield "load path", load_path_of(r)
+    if r.commanded is not None:
+        yield "commanded angles", f"{_measured(r.commanded)} axes; {lags_of(r)}"
     if r.link_posture is not None:
         yield "encoders after the gear", f"{_measured(r.link_posture)} axes"
     if r.axis_torque is not None:
@@ -92,6 +95,20 @@ def contents_of(r: Recording) -> Iterator[tuple[str, str]]:
     if r.temperature is not None:
         low, high = r.temperature.min(), r.temperature.max()
         yield "temperature", f"{low:.1f} to {high:.1f} °C"
+
+
+def lags_of(r: Recording) -> str:
+    """Say how far reported angles lag behind commanded ones along the last move."""
+    told = []
+    for k, (lag, half) in enumerate(commanded_lags(r).tolist()):
+        if abs(lag) > half:
+            way = "lags behind" if lag > 0.0 else "leads"
+            low, high = 1e3 * (abs(lag) - half), 1e3 * (abs(lag) + half)
+            told.append(
+                f"a{k + 1} {way} its command along its last move by "
+                f"{1e3 * abs(lag):.2g} mrad ({low:.2g} to {high:.2g})"
+            )
+    return "; ".join(told) or "no report lags behind its command"
 
 
 def noise_of(r: Recording) -> str:

@@ -170,6 +170,7 @@ def assemble(
         points=np.stack([p for p in points if p is not None], axis=1)
         if points
         else None,
+        commanded=_per_axis(values, layout.axes, "cmd_deg"),
         link_posture=_per_axis(values, layout.axes, "link_deg"),
         axis_torque=_per_axis(values, layout.axes, "tau_nm"),
         temperature=values.get("temperature_c"),
@@ -388,6 +389,7 @@ def _columns(recording: Recording) -> dict[str, pa.Array]:
         if column is not None:
             columns[name] = column
     for end, unit, rows in (
+        ("cmd_deg", DEGREE, r.commanded),
         ("link_deg", DEGREE, r.link_posture),
         ("tau_nm", None, r.axis_torque),
     ):

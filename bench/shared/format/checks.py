@@ -407,7 +407,7 @@ def _beyond_limits(
 # --- Repeated rows --------------------------------------------------------------------
 
 READ = ("posture", "wrench", "points", "load_mass", "link_posture", "axis_torque")
-MORE = ("temperature", "frames")
+MORE = ("commanded", "temperature", "frames")
 
 
 def repeats(recording: Recording) -> Int[np.ndarray, " repeats"]:

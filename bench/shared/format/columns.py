@@ -110,10 +110,11 @@ _FIXED = {
     **dict.fromkeys(WRENCH[3:], "torque"),
 }
 _SPREAD = re.compile(r"(.+)_std(_[xyz]_mm)")
-_AXIS = re.compile(r"a([1-9][0-9]?)_(deg|mm|link_deg|tau_nm)")
+_AXIS = re.compile(r"a([1-9][0-9]?)_(deg|mm|cmd_deg|link_deg|tau_nm)")
 _AXIS_KIND = {
     "deg": "angle",
     "mm": "length",
+    "cmd_deg": "angle",
     "link_deg": "angle",
     "tau_nm": "torque",
 }
@@ -258,9 +259,10 @@ def layout_of(
         )
     slides = tuple(f"a{k}_mm" in there for k in range(1, count + 1))
     faults += [
-        f"{file}: 'a{k}_link_deg' is an angle, but a{k} slides."
+        f"{file}: 'a{k}_{end}' is an angle, but a{k} slides."
         for k in np.flatnonzero(slides) + 1
-        if f"a{k}_link_deg" in held
+        for end in ("cmd_deg", "link_deg")
+        if f"a{k}_{end}" in held
     ]
     unknown = tuple(n or "(no name)" for n in unread if column_of(n, ()) is None)
     return Layout(held, count, slides, unknown, tuple(faults))
@@ -429,7 +431,7 @@ def _missing(
 
 def expected(axes: int, markers: Collection[str]) -> list[str]:
     """Return the format's columns for a number of axes and these markers."""
-    ends = ("deg", "mm", "link_deg", "tau_nm")
+    ends = ("deg", "mm", "cmd_deg", "link_deg", "tau_nm")
     each = [f"a{k}_{end}" for k in range(1, axes + 1) for end in ends]
     others = ["visit", "stage", "load_time_s", "load_kg", "temperature_c", "frames"]
     points = [m + suffix for m in markers for suffix in COORDINATES]

@@ -121,6 +121,14 @@ def test_a_blank_marker_or_link_angle_was_not_seen(folder):
     assert recording.link_posture[0, 1] == np.radians(7.0)
 
 
+def test_commanded_angles_are_read_beside_the_reported_ones(folder):
+    added("a2_cmd_deg", "7")(folder)
+    recording, notes = read(folder)
+    assert notes == () and recording.commanded is not None
+    assert (recording.commanded[:, 1] == np.radians(7.0)).all()
+    assert np.isnan(recording.commanded[:, [0, 2, 3, 4, 5]]).all()
+
+
 def test_a_slide_axis_is_in_millimetres(folder):
     both(renamed("a1_deg", "a1_mm"), every("a1_mm", lambda _: "250"))(folder)
     arm = replace(ARM, slides=(True, *[False] * 5))
@@ -340,6 +348,9 @@ def parts(draw) -> dict:
         load_mass=perhaps(array(0, 50)),
         markers=tuple(Marker(n, "flange", perhaps(array(-1, 1, 3)[0])) for n in names),
         points=gaps(array(-9, 9, len(names), 3)) if names else None,
+        commanded=None
+        if all(slides)
+        else perhaps(np.where(slides, np.nan, array(-3, 3, axes))),
         axis_torque=perhaps(array(-9, 9, axes)),
         temperature=perhaps(array(10, 40)),
         frames=perhaps(draw(hnp.arrays(np.int64, rows, elements=st.integers(1, 99)))),

@@ -227,6 +227,7 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("no header", lambda folder: save(folder, table(folder)[1:]), ("'time_s' is missing",)),
     ("cells apart by ;", lambda folder: save(folder, [[";".join(row)] for row in table(folder)]), ("apart by ';'", 'separator = ";"')),
     ("an angle after a slide", both(renamed("a6_deg", "a6_mm"), added("a6_link_deg", "1")), ("'a6_link_deg' is an angle, but a6 slides",)),
+    ("a commanded angle of a slide", both(renamed("a6_deg", "a6_mm"), added("a6_cmd_deg", "1")), ("'a6_cmd_deg' is an angle, but a6 slides",)),
     ("two postures of one pose", cell(8, "a4_deg", "14.06"), (CSV, "row 8", "'a4_deg'", "0.06° from where pose 2 stood first")),
     ("a mass without end", more("[tool]\nmass_kg = 1e308"), ("tool.mass_kg", "1000000")),
     ("an angle without end", cell(3, "a2_deg", "1e300"), (*A2_ROW_3, "is its unit right?")),

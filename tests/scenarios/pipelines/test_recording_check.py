@@ -194,6 +194,20 @@ def test_contents_names_what_is_there(folder, arm):
     assert notes == ("samples.csv: column 'operator' left alone.",)
 
 
+def test_what_commanded_angles_tell_of_the_reported_ones_is_said(folder, arm):
+    recording, _, _ = read_for(folder, arm)
+    assert "commanded angles" not in dict(contents_of(recording))
+    went = np.abs(recording.side).any(axis=0)
+    lags = np.where(went, 3e-4, 0.0)
+    for sign, word in ((1.0, "lags behind"), (-1.0, "leads"), (0.0, "")):
+        told = recording.posture + sign * lags * recording.side
+        said = dict(contents_of(replace(recording, commanded=told)))["commanded angles"]
+        k = int(np.flatnonzero(went)[0]) + 1
+        assert f"a{k} {word} its command along its last move by 0.3 mrad" in said or (
+            not sign and said.endswith("no report lags behind its command")
+        )
+
+
 # --- The command ---------------------------------------------------------------------
 
 
