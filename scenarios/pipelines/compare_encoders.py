@@ -44,7 +44,7 @@ from stiffness.dual_encoder.fit import SelectionStep
 from stiffness.dual_encoder.motions import axes_read_twice
 from stiffness.dual_encoder.residuals import SHOWS, followed, lasting
 from stiffness.dual_encoder.selection import BORROWED, orders_alike
-from stiffness.dual_encoder.terms import FRICTION, WOUND, Term
+from stiffness.dual_encoder.terms import FRICTION, WIDTHS, WOUND, Term
 from stiffness.regression.testing import SMALLEST
 
 # --- Names and parameters -------------------------------------------------------------
@@ -116,13 +116,17 @@ def _spring(axis: Axis) -> Iterator[Called]:
 
 
 def _widths(axis: Axis) -> Iterator[Called]:
-    for effect in ("hysteresis", "lost_motion"):
+    for effect, size in WIDTHS.items():
         own = [c for c in columns_of(axis) if c[0].effect == effect]
         if own:
             width = sum(float(x[0]) for _, _, x, _ in own)
             half = float(np.hypot.reduce([h[0] for *_, h in own]))
             surest = max((trial for _, trial, _, _ in own), key=_z)
-            yield _name(effect, axis, surest, {"width_rad": _interval(width, half)})
+            named = _name(effect, axis, surest, {size: _interval(width, half)})
+            if effect == "lost_motion":  # a report that leads does the same
+                lag = At("reading_lag", axis.name)
+                named = replace(named, equivalents=(lag,))
+            yield named
 
 
 def _harmonics(axis: Axis) -> list[Called]:

@@ -349,7 +349,7 @@ def _triple(place: np.ndarray) -> tuple[float, float, float]:
 def patch_of_axes(axes: Sequence[Axis]) -> Patch:
     """Return the gears' mechanisms: springs, contacts, play and waves."""
     from scenarios.pipelines.encoder_axes import waves_of
-    from stiffness.dual_encoder.terms import WOUND
+    from stiffness.dual_encoder.terms import WIDTHS, WOUND
 
     springs: dict[str, float | None] = {}
     effects: list[PatchEffect] = []
@@ -360,10 +360,10 @@ def patch_of_axes(axes: Sequence[Axis]) -> Patch:
             springs[a.name] = 1.0 / give
         elif a.model_give and a.give is not None and not a.is_nominal_spring:
             springs[a.name] = None
-        for effect in ("hysteresis", "lost_motion"):
-            width = a.found.value(effect, "width_rad")
+        for effect, size in WIDTHS.items():
+            width = a.found.value(effect, size)
             if width > 0.0:
-                effects.append(PatchEffect(effect, a.name, {"width_rad": width}))
+                effects.append(PatchEffect(effect, a.name, {size: width}))
     return Patch(stiffness_nm_per_rad=springs, effects=tuple(effects))
 
 

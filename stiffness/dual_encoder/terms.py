@@ -22,6 +22,8 @@ Equation    channel_delay       after(t) = before(t − delay); its correction i
             hysteresis          after = before − compliance torque + width / 2 z; z: see
                                 `stop`, of the torque less friction
             lost_motion         after = before − width / 2 sign(speed)
+            reading_lag         after = before + lag sign(speed): the report of the
+                                first encoder lags; one that leads looks like play
             transmission_error  after = before + a cos(order q) + b sin(order q)
 Source      Furgale, Rehder, Siegwart 2013 (delay); Spong 1987 (wind-up); makers' lost
             motion between directions; Tuttle 1992 (transmission error)
@@ -77,6 +79,14 @@ SLIPS = (0.02, 0.04, 0.08, 0.16, 0.32, 0.64)
 MANY = 5.0
 """Minimum friction of a contact in standard deviations of the torque's noise;
 chosen."""
+SIDES = {"lost_motion": -0.5, "reading_lag": 1.0}
+"""Effects that follow the direction alone, opposite ways: what each unit does."""
+WIDTHS = {
+    "hysteresis": "width_rad",
+    "lost_motion": "width_rad",
+    "reading_lag": "lag_rad",
+}
+"""Effects of one size, and what it is called."""
 WOUND = "joint_compliance"
 FRICTION = "motor_friction"
 """A nuisance term: torque from a motor's current includes friction that winds up no
@@ -121,8 +131,8 @@ def _columns(term: Term, motion: Motion) -> Float[np.ndarray, "rows columns"]:
 def _plain(term: Term, motion: Motion) -> Float[np.ndarray, " rows"]:
     if term.effect == "channel_delay":
         return -motion.speed
-    if term.effect == "lost_motion":
-        return -0.5 * np.tanh(motion.speed / CREEPING)
+    if term.effect in SIDES:
+        return SIDES[term.effect] * np.tanh(motion.speed / CREEPING)
     assert motion.torque is not None
     if term.effect == WOUND:
         return -motion.torque
@@ -144,13 +154,14 @@ def plain_terms(
     """Return the candidate terms that are neither waves nor delays.
 
     Hysteresis is searched for only in a measured torque: a load that a model does not
-    include would mimic it.
+    include would mimic it. Where a measured torque winds the gear up, its constant
+    friction does what a lag of the report would, and every motor has friction.
 
     Args:
         motions: Motions of one axis.
         known: Its believed terms.
     """
-    found = [Term("lost_motion", ("width_rad",), 0.0)]
+    found, friction = [Term("lost_motion", ("width_rad",), 0.0)], False
     if all(m.torque is not None and np.ptp(m.torque) > 0.0 for m in motions):
         found += [Term(WOUND, ("compliance_rad_per_nm",), 0.0)]
     if any(t.effect == WOUND for t in known) and all(m.measured for m in motions):
@@ -163,6 +174,11 @@ def plain_terms(
             for s in SLIPS
             if s * swing >= least
         ]
+        friction = True
+    if not friction:
+        found.append(Term("reading_lag", ("lag_rad",), 0.0))
+    if any(t.effect in SIDES for t in known):
+        found = [t for t in found if t.effect not in SIDES]
     have = {(t.effect, t.parameters) for t in known if t.effect != "hysteresis"}
     return tuple(t for t in found if (t.effect, t.parameters) not in have)
 

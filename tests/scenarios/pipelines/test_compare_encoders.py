@@ -28,14 +28,14 @@ from scenarios.studies.public_recordings import kr300_recording
 from stiffness.dual_encoder.motions import SHORTEST
 from stiffness.regression.testing import SMALLEST
 
-TWIST = {"delay": 0.0, "compliance": 0.0, "wave": 0.0, "play": 0.0}
+TWIST = {"delay": 0.0, "compliance": 0.0, "wave": 0.0, "play": 0.0, "lag": 0.0}
 ORDER = 97.0
 
 
-def stream(friction: float = 15.0, **true: float) -> Recording:
+def stream(friction: float = 15.0, seed: int = 7, **true: float) -> Recording:
     """Three motions; a2 is read twice, with gravity, inertia and some friction."""
     size = {**TWIST, **true}
-    random = np.random.default_rng(7)
+    random = np.random.default_rng(seed)
     times, angles, links, torques, motion = [], [], [], [], []
     for m in range(3):
         time = np.arange(0.0, 8.0, 0.004)
@@ -48,6 +48,7 @@ def stream(friction: float = 15.0, **true: float) -> Recording:
         link = np.sin(ago + phase) @ swing - size["compliance"] * pull
         link += size["wave"] * np.sin(ORDER * angle + 0.7)
         link -= 0.5 * size["play"] * np.tanh(speed / 1e-3)
+        link += size["lag"] * np.sign(speed)
         link += random.normal(0.0, 5e-6, len(time))
         times.append(time + 60.0 * m)
         angles.append(angle)
@@ -164,6 +165,25 @@ def test_a_gear_s_wave_is_named_with_its_order():
 def test_play_between_directions_is_named():
     found = named(stream(play=2e-4))
     assert found["lost_motion"]["width_rad"].estimate == pytest.approx(2e-4, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_lag_of_the_report_and_a_delay_are_told_apart(sign, seed):
+    """A report that leads is play as well: both are said."""
+    draw = np.random.default_rng(seed)
+    lag, delay = sign * 10 ** draw.uniform(-4.3, -3.2), sign * draw.uniform(5e-4, 5e-3)
+    found = heldout_comparison(stream(seed=seed, lag=lag), real_kr300.MODEL)
+    (name,) = answer_of("", found, 0.0).named
+    if sign > 0.0:
+        size = name.parameters["lag_rad"]
+        assert name.effect == "reading_lag"
+    else:
+        size = name.parameters["width_rad"]
+        assert name.effect == "lost_motion"
+        assert [e.effect for e in name.equivalents] == ["reading_lag"]
+    assert size.estimate == pytest.approx(lag if sign > 0.0 else -2.0 * lag, rel=0.05)
+    assert set(named(stream(seed=seed, delay=delay))) == {"channel_delay"}
 
 
 def test_nothing_between_the_encoders_is_no_finding():
