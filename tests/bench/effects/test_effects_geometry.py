@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
 from bench.effects.encoder_offset import EncoderOffset
 from bench.effects.geometry_error import GeometryError
+from bench.effects.reading_lag import ReadingLag
 from bench.effects.transmission_error import TransmissionError
 from bench.rig import Rig
 
@@ -26,6 +27,18 @@ def at_rest(arm, effect, posture=(0.0,)):
 def test_axis_stands_beside_the_reported_angle_by_the_encoder_offset(arm):
     angle = at_rest(arm, EncoderOffset("a1", 7e-4), (0.4,)).axis_angle
     assert_allclose(angle, 0.4 + 7e-4, rtol=1e-14)
+
+
+def test_axis_rests_beyond_the_reported_angle_along_its_last_move(arm):
+    """Up, up, down, nowhere, up; before the first move nothing is known."""
+    reported = np.array([0.1, 0.4, 0.6, 0.2, 0.2, 0.3])
+    rig = Rig(arm, (ReadingLag("a1", 5e-4),))
+    posture = np.zeros((6, len(rig.anatomy.axes)))
+    posture[:, 0] = reported
+    beyond = rig.command(posture).reference[:, 0] - reported
+    assert_allclose(beyond, 5e-4 * np.array([0, 1, 1, -1, -1, 1]), atol=1e-15)
+    said = rig.command(posture[3:], side=np.ones_like(posture[3:])).reference[:, 0]
+    assert_allclose(said - reported[3:], 5e-4, rtol=1e-9)
 
 
 @pytest.mark.parametrize("reported", [-1.0, 0.3, 2.0])

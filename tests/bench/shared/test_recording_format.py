@@ -31,7 +31,7 @@ from bench.shared.format.assembly import matrix_of, quaternion_of, unit_quaterni
 from bench.shared.format.columns import UNITS
 from bench.shared.format.folder import read, write
 from bench.shared.instrument_specs import ASSUMED, TrackerSpec, WrenchSpec
-from bench.shared.recording import STAGES, Marker, Payload, Recording
+from bench.shared.recording import STAGES, Marker, Payload, Recording, last_moves
 
 
 @pytest.fixture
@@ -127,6 +127,19 @@ def test_commanded_angles_are_read_beside_the_reported_ones(folder):
     assert notes == () and recording.commanded is not None
     assert (recording.commanded[:, 1] == np.radians(7.0)).all()
     assert np.isnan(recording.commanded[:, [0, 2, 3, 4, 5]]).all()
+
+
+def test_an_axis_moves_on_until_it_has_come_back_by_more_than_noise():
+    """Steps of 0.1 mrad add up; a flicker of 0.1 mrad is no way back."""
+    angle = np.array([0.0, 1e-4, 2e-4, 3e-4, 2e-4, 4e-4, 1e-4])
+    assert last_moves(angle[:, None])[:, 0].tolist() == [0, 0, 0, 1, 1, 1, -1]
+
+
+def test_rows_that_are_taken_out_keep_the_way_they_were_reached(folder):
+    recording, _ = read(folder)
+    some = np.flatnonzero(recording.visit % 2 == 1)
+    np.testing.assert_array_equal(recording.take(some).side, recording.side[some])
+    assert np.abs(recording.side).any()
 
 
 def test_a_slide_axis_is_in_millimetres(folder):
