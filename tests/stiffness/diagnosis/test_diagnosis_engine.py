@@ -13,12 +13,15 @@ from bench.rig import Rig
 from bench.shared.errors import Unusable
 from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
+from scenarios.pipelines.diagnosis import answer_of
+from scenarios.pipelines.schema import Interval
 from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest, Scatter
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.residual_checks import homogeneity_tests, residual_after
+from stiffness.diagnosis.result import Decision, Parameter, refused_with_size
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.regression.testing import SIGNIFICANCE, sign_flip_test
@@ -95,6 +98,20 @@ def test_an_effect_is_found_placed_and_named(effect, name, where):
     assert found.verdict == "explained"
     assert [(e.name.effect, e.name.where) for e in found.named] == [(name, where)]
     assert found.located[0].where == where
+
+
+def test_a_name_that_was_refused_keeps_its_size_and_its_sign():
+    size = {"lag_rad": Parameter(-3e-4, -4e-4, -2e-4)}
+    stop = ("posterior", False, 0.9, 0.95, "probability")
+    refused = Decision(("reading_lag", "a2"), *stop, size)
+    without = Decision(("creep", "a2"), *stop)
+    passed = Decision(("hysteresis", "a2"), "left_out", True, 1.0, 0.0, "", size)
+    found = replace(diagnosis(), decisions=(refused, without, passed))
+    assert refused_with_size(found) == [refused]
+    (said,) = answer_of(found, None, "", (), 0.0).refused
+    assert (said.effect, said.where) == ("reading_lag", "a2")
+    assert said.parameters == {"lag_rad": Interval(-3e-4, -4e-4, -2e-4)}
+    assert said.reason.startswith("Probability")
 
 
 def test_more_than_three_effects_are_named_one_after_the_other():
