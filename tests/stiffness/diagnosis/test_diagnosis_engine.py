@@ -24,6 +24,7 @@ from stiffness.diagnosis.residual_checks import homogeneity_tests, residual_afte
 from stiffness.diagnosis.result import Decision, Parameter, refused_with_size
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.hysteresis import Hysteresis
+from stiffness.effects.reading_lag import ReadingLag
 from stiffness.regression.testing import SIGNIFICANCE, sign_flip_test
 
 CALM = Scatter(1.0, 0.01, 0.0, MISSTATED)
@@ -98,6 +99,16 @@ def test_an_effect_is_found_placed_and_named(effect, name, where):
     assert found.verdict == "explained"
     assert [(e.name.effect, e.name.where) for e in found.named] == [(name, where)]
     assert found.located[0].where == where
+
+
+@pytest.mark.parametrize("lag", [3e-4, -3e-4])
+def test_a_lag_of_the_report_is_named_with_its_sign(lag):
+    made = recording(f"reading_lag@a2,lag_rad={lag}")
+    (named,) = diagnose(made, arm(), (*FEW, ReadingLag())).named
+    assert (named.name.effect, named.name.where) == ("reading_lag", "a2")
+    size = named.parameters["lag_rad"]
+    assert size.low <= lag <= size.high
+    assert size.low * size.high > 0.0
 
 
 def test_a_name_that_was_refused_keeps_its_size_and_its_sign():
