@@ -129,9 +129,9 @@ class _Patching:
         model = self._compiled()
         self._damp(model)
         self._part_touching(model)
+        self._keys(part(self.root, "keyframe") if keys is None else keys, model)
         if keys is not None:
             self.root.append(keys)
-            self._keys(keys, model)
         self._restore_digits(model)
         held = dict(zip(self.arm.axes, map(float, self.held), strict=True))
         missing = (*self.lost, *not_in_a_model(self.rig, self.arm, self.marks))
@@ -264,8 +264,15 @@ class _Patching:
         self._switched = ", ".join(map(str, sorted(groups)))
 
     def _keys(self, section: Element, model: mujoco.MjModel) -> None:
-        """Write the user's key frames with the added joints at rest."""
+        """Write the user's key frames with the added joints at rest, or the held one.
+
+        A start elsewhere is a jump, which play and friction inside gears remember.
+        """
         own = self.own
+        if not own.nkey:
+            rest = numbers(model.qpos_spring)
+            SubElement(section, "key", name=f"{PATCH}held", qpos=rest)
+            return
         for k, key in enumerate(section.findall("key")):
             for name, start, width in (
                 ("qpos", model.qpos_spring, "qposadr"),
@@ -366,7 +373,8 @@ An axis' joint is the motor's side: its angle is what the controller reports, it
 the offset of its encoder. A spring of {rigid:g} N m/rad holds it, as a controller
 does, at
   {held}
-The joint patch:AXIS_gear is the gear's wind-up. To command another posture, set
+The joint patch:AXIS_gear is the gear's wind-up. Start from the first key frame, where
+it is at rest. To command another posture, set
 qpos_spring of the axes' joints (and qpos, to be there at once). To let
 actuators drive instead, set jnt_stiffness of the axes' joints to 0 and switch the
 actuators on{groups}. Keep integrator="discrete": it is

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from bench.cell import pose_in_world
 from bench.kinematic_chain import anatomy
 from bench.model_file import PATCH, load, plain_mjcf
-from bench.patch import Law, Mounted, Patch, PatchEffect, rig_of
+from bench.patch import Law, Mounted, Patch, PatchEffect, Value, rig_of
 from bench.patched_model import PatchedModel, patched_model
 from bench.rig import Rig
 from bench.shared.errors import LeftOut
@@ -163,6 +163,18 @@ def test_plain_mujoco_bends_a_known_arm_as_the_patched_rig(arm, root):
     after = model.compiled()
     assert after.nmesh == before.nmesh
     assert after.ngeom == before.ngeom
+
+
+def test_thirteen_effects_and_offsets_of_10_mrad_bend_as_in_the_rig(root):
+    """Creep goes on while the load stands: ten of its time constants pass here."""
+    slow = PatchEffect("creep", "a3", {"ratio": 0.1, "time_s": SETTLED / 10})
+    axes = [f"a{k}" for k in range(1, 7)]
+    size: dict[str, Value] = {"offset_rad": 1e-2}
+    offsets = [PatchEffect("encoder_offset", axis, size) for axis in axes]
+    effects = [e for e in ALL if e is not OFFSET] + [slow, *offsets]
+    file = root / "mjcf" / "ur10" / "ur10.xml"
+    rig, model = patched(file, effects, dict.fromkeys(axes, 2e4))
+    bends_as_the_rig(rig, model, share=0.003)
 
 
 def test_plain_mujoco_bends_a_users_own_arm_as_the_patched_rig(own):
