@@ -2,11 +2,13 @@
 
 A model of a file is given springs in proportion to what its axes carry, and stands once
 as it is shipped and once on a wall drawn from the seed. What is concealed, and how hard
-springs truly are, is the same for both, so that only the frames differ.
+springs truly are, is the same for both, so that only the frames differ. What hangs on
+the hook is within the payload of the file's arm. Effects are drawn again until each is
+visible with either base, for what no reading shows cannot be named.
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,11 +24,16 @@ from bench.experiment import record
 from bench.instruments import Instruments, Markers
 from bench.kinematic_chain import anatomy, with_axes
 from bench.model_file import load, plain_mjcf
+from bench.payload import payload_of, usual_path
 from bench.rig import RIGID, Rig
 from bench.shared.errors import BenchError, Unusable
+from bench.shared.plan import Plan
+from bench.shared.recording import Recording
 from bench.standard_plans import tour
 from scenarios.pipelines.diagnosis import answer_of, asked, proved
 from scenarios.pipelines.inputs import arm_of
+from scenarios.studies.blind_trials.generation import error_free_instruments
+from scenarios.studies.blind_trials.visibility import Scale, scale_of
 
 CONCEALED = ("hysteresis", "bearing_tilt", "lost_motion", "hardening", "encoder_offset")
 """Effects that are drawn, two at two places; each is visible at a catalogue's size."""
@@ -39,6 +46,11 @@ SPREAD = 2.0
 FURTHEST = 2.0
 """How far a base is moved in each direction, in m; chosen."""
 BASES = ("as shipped", "turned")
+LEAST_CHI2 = 100.0
+"""Size from which a concealed effect counts as visible, after springs, frame and places
+took what they can; chosen: ten standard errors."""
+DRAWS = 40
+"""Draws of two effects before a trial is given up; chosen."""
 
 
 @dataclass(frozen=True)
@@ -103,8 +115,7 @@ def trials_of(
     folder.mkdir(parents=True, exist_ok=True)
     for m, file in enumerate(models):
         for number in range(trials):
-            for base in BASES:
-                yield _trial(file, base, poses, (seed, m, number), folder)
+            yield from _trials_of(file, poses, (seed, m, number), folder)
 
 
 def with_springs(file: Path, base: str, draw: np.random.Generator) -> str:
@@ -157,48 +168,130 @@ def _stiffness(model: mujoco.MjModel) -> dict[str, float]:
     return dict(zip(names, known.tolist(), strict=True))
 
 
-def _draw_effects(rig: Rig, draw: np.random.Generator) -> tuple[Effect, ...]:
-    kinds = {kind.name: kind for kind in EFFECTS}
-    names = draw.choice(CONCEALED, 2, replace=False)
-    axes = [p for p in places_for(("axis",), rig.anatomy) if p[1:].isdigit()]
-    at = draw.choice(axes[: len(rig.anatomy.axes) - 1], 2, replace=False)
-    return tuple(kinds[n](str(a)) for n, a in zip(names, at, strict=True))
+@dataclass(frozen=True)
+class _Setup:
+    """An arm on its base with its true springs, and what is done with it."""
+
+    base: str
+    rig: Rig
+    plan: Plan
+    watch: Instruments
+
+    def seen(self, effects: tuple[Effect, ...], seed: int) -> Recording:
+        return record(replace(self.rig, effects=effects), self.plan, self.watch, seed)
+
+    def weighing(self, seed: int) -> Callable[[Effect], float]:
+        """Return a function that says how visible an effect is, as χ²."""
+        quiet = replace(self, watch=error_free_instruments(self.watch))
+        spread, scale = self.watch.tracker.repeatability, list[Scale]()
+
+        def weigh(effect: Effect) -> float:
+            if not scale:
+                silent = quiet.seen((), seed)
+                scale.append(scale_of(self.rig, silent, spread, known_frame=False))
+            return scale[0].visibility(quiet.seen((effect,), seed)).chi2
+
+        return weigh
 
 
-def _trial(
-    file: Path, base: str, poses: int, key: tuple[int, int, int], folder: Path
-) -> ArmTrial:
-    """Carry out one trial; the same key (seed, arm, number) conceals the same."""
+def _trials_of(
+    file: Path, poses: int, key: tuple[int, int, int], folder: Path
+) -> Iterator[ArmTrial]:
+    """Carry out one trial with each base; a key is seed, arm and number."""
     number = key[2]
-    stand, conceal, springs, instruments = (
+    place, conceal, springs, instruments = (
         np.random.default_rng((*key, part)) for part in range(4)
     )
-    model = folder / f"{file.stem}_{number}_{BASES.index(base)}.xml"
-    truth: tuple[Effect, ...] = ()
-    started = time.perf_counter()
+    started, models, truth = time.perf_counter(), list[Path](), tuple[Effect, ...]()
     try:
-        model.write_text(with_springs(file, base, stand), encoding="utf-8")
-        rig = Rig(model)
-        truth = _draw_effects(rig, conceal)
-        scale = SPREAD ** springs.uniform(-1.0, 1.0, len(rig.springs))
-        true = replace(rig, effects=truth, stiffness=rig.nominal.jnt_stiffness * scale)
+        for b, base in enumerate(BASES):
+            models.append(folder / f"{file.stem}_{number}_{b}.xml")
+            text = with_springs(file, base, place)
+            models[-1].write_text(text, encoding="utf-8")
+        axes = Rig(models[0]).anatomy.axes
+        path = usual_path(payload_of(Rig(file, axes=axes)))
+        scale = SPREAD ** springs.uniform(-1.0, 1.0, len(axes))
         seed = int(instruments.integers(2**31))
-        watch = Instruments(markers=Markers())
-        recording = record(true, tour(rig, poses, seed=seed), watch, seed)
-        arm = arm_of(model).for_recording(recording)
-        started = time.perf_counter()
-        found = asked(recording, arm)
-        simulated, why = proved(found, recording, arm, model)
-        seconds = time.perf_counter() - started
-        answer = answer_of(found, simulated, why, (), seconds)
+        setups = []
+        for base, model in zip(BASES, models, strict=True):
+            rig = Rig(model)
+            rig = replace(rig, stiffness=rig.nominal.jnt_stiffness * scale)
+            plan, watch = (
+                tour(rig, poses, path, seed=seed),
+                Instruments(markers=Markers()),
+            )
+            setups.append(_Setup(base, rig, plan, watch))
+        truth = _visible_effects(setups, seed, conceal)
     except BenchError as error:
-        names = _names(truth)
-        failed = str(error).partition("\n")[0]
         spent = time.perf_counter() - started
-        return ArmTrial(
-            *(file.stem, number, base, names, "", False, False, "failed"),
-            *(np.nan, np.nan, spent, failed),
-        )
+        yield from (_failed(file, number, base, truth, spent, error) for base in BASES)
+        return
+    for setup in setups:
+        started = time.perf_counter()
+        try:
+            recording = setup.seen(truth, seed)
+            started = time.perf_counter()
+            yield _answered(file, number, setup, truth, recording)
+        except BenchError as error:
+            spent = time.perf_counter() - started
+            yield _failed(file, number, setup.base, truth, spent, error)
+
+
+def _visible_effects(
+    setups: list[_Setup], seed: int, draw: np.random.Generator
+) -> tuple[Effect, ...]:
+    """Draw two effects at two places, each visible with every base.
+
+    Raises:
+        Unusable: Where no draw is.
+    """
+    kinds = {kind.name: kind for kind in EFFECTS}
+    arm = setups[0].rig.anatomy
+    axes = [p for p in places_for(("axis",), arm) if p[1:].isdigit()]
+    weighing, known = [s.weighing(seed) for s in setups], dict[tuple[str, str], bool]()
+    for _ in range(DRAWS):
+        names = draw.choice(CONCEALED, 2, replace=False)
+        at = draw.choice(axes[: len(arm.axes) - 1], 2, replace=False)
+        drawn = tuple(kinds[n](str(a)) for n, a in zip(names, at, strict=True))
+        for effect in drawn:
+            if (effect.name, effect.where) not in known:
+                seen = all(weigh(effect) >= LEAST_CHI2 for weigh in weighing)
+                known[effect.name, effect.where] = seen
+        if all(known[e.name, e.where] for e in drawn):
+            return drawn
+    fault = f"no two effects are visible (χ² of {LEAST_CHI2:g}) in {DRAWS} draws."
+    raise Unusable("Trial", [fault])
+
+
+def _failed(
+    file: Path,
+    number: int,
+    base: str,
+    truth: tuple[Effect, ...],
+    seconds: float,
+    error: BenchError,
+) -> ArmTrial:
+    failed = str(error).partition("\n")[0]
+    return ArmTrial(
+        *(file.stem, number, base, _names(truth), "", False, False, "failed"),
+        *(np.nan, np.nan, seconds, failed),
+    )
+
+
+def _answered(
+    file: Path,
+    number: int,
+    setup: _Setup,
+    truth: tuple[Effect, ...],
+    recording: Recording,
+) -> ArmTrial:
+    """Diagnose and prove a recording, and hold the answer against the truth."""
+    started, model = time.perf_counter(), Path(setup.rig.arm_file)
+    arm = arm_of(model).for_recording(recording)
+    found = asked(recording, arm)
+    simulated, why = proved(found, recording, arm, model)
+    seconds = time.perf_counter() - started
+    answer = answer_of(found, simulated, why, (), seconds)
     given = {f"{n.effect}@{n.where}" for n in answer.named}
     declared = given | {
         f"{e.effect}@{e.where}" for n in answer.named for e in n.equivalents[:3]
@@ -207,13 +300,13 @@ def _trial(
     off = after = np.nan
     if simulated is not None and not why:
         fitted = np.minimum(simulated.patched.rig.springs, RIGID)
-        off = float(np.max(np.abs(fitted / true.springs - 1.0)))
+        off = float(np.max(np.abs(fitted / setup.rig.springs - 1.0)))
         if simulated.markers is not None:
             after = simulated.markers.after / simulated.markers.noise
     return ArmTrial(
         model=file.stem,
         number=number,
-        base=base,
+        base=setup.base,
         truth=_names(truth),
         named=" ".join(sorted(given)),
         right=wanted <= declared,
@@ -222,6 +315,7 @@ def _trial(
         springs_off=off,
         after_over_noise=after,
         seconds=seconds,
+        failed=why,
     )
 
 
