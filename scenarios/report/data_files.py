@@ -14,6 +14,7 @@ import json
 import math
 import os
 import platform
+import re
 import shutil
 import sys
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -22,6 +23,7 @@ from importlib.metadata import version
 from pathlib import Path
 from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
+from xml.sax.saxutils import unescape
 
 from bench.shared.errors import Unusable
 from bench.user_model import ASSETS
@@ -169,19 +171,33 @@ def write_folder(
         waiting = Path(mkdtemp(prefix=".answer-", dir=folder.parent))
         make(waiting)
         folder.mkdir(exist_ok=True)
+        stale = _assets_named(folder / "model.xml")
         for name in sorted(ANSWERS):
             if name in kept and (waiting / name).exists():
                 os.replace(waiting / name, folder / name)
             else:
                 (folder / name).unlink(missing_ok=True)
+        for name in stale:
+            (folder / ASSETS / name).unlink(missing_ok=True)
         if (waiting / ASSETS).is_dir():
             move_into(waiting / ASSETS, folder / ASSETS)
+        elif stale and not any((folder / ASSETS).iterdir()):
+            (folder / ASSETS).rmdir()
     except OSError as error:
         fault = f"it cannot be written: {error}."
         raise Unusable(f"Folder {str(folder)!r}", [fault]) from error
     finally:
         if waiting is not None:
             shutil.rmtree(waiting, ignore_errors=True)
+
+
+def _assets_named(model: Path) -> set[str]:
+    """Return the meshes and pictures in `ASSETS` that the model of an answer names."""
+    if not (model.is_file() and (model.parent / ASSETS).is_dir()):
+        return set()
+    text = model.read_text(encoding="utf-8", errors="replace")
+    named = re.findall(rf'="{ASSETS}/([^"]+)"', text)
+    return {unescape(name) for name in named} & set(os.listdir(model.parent / ASSETS))
 
 
 def move_into(waiting: Path, folder: Path) -> None:

@@ -274,6 +274,30 @@ def test_an_answer_takes_the_files_of_an_earlier_one_of_any_engine_away(tmp_path
     assert left == ["draws.csv", "report.html"]
 
 
+def test_meshes_of_an_earlier_model_go_and_files_of_others_stay(tmp_path):
+    def answer(*meshes, extra=()):
+        def makes(folder):
+            named = "".join(f'<mesh file="model_assets/{m}"/>' for m in meshes)
+            (folder / "model.xml").write_text(named or "<none/>", encoding="utf-8")
+            for mesh in meshes:
+                (folder / "model_assets").mkdir(exist_ok=True)
+                (folder / "model_assets" / mesh).write_text("now", encoding="utf-8")
+
+        write_folder(tmp_path / "o", makes)
+        for name in extra:
+            (tmp_path / "o" / "model_assets" / name).write_text("", encoding="utf-8")
+        there = (tmp_path / "o").glob("model_assets/*")
+        return sorted(p.name for p in there)
+
+    assert answer("a.stl", "b.stl") == ["a.stl", "b.stl"]
+    assert answer("b.stl", "c.stl", extra=("own.txt",)) == ["b.stl", "c.stl", "own.txt"]
+    assert answer() == ["own.txt"]
+    (tmp_path / "o" / "model_assets" / "own.txt").unlink()
+    assert answer("d.stl") == ["d.stl"]
+    assert answer() == []
+    assert not (tmp_path / "o" / "model_assets").exists()
+
+
 def test_next_measurements_tell_equivalents_apart(recording, kr10):
     good, _ = folder.read(recording)
     arm = arm_of(kr10)
