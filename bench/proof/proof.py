@@ -2,8 +2,9 @@
 
 The patched simulator does again what was done in the poses held out, with the wrenches
 that were read there, and what it leaves is compared with what the nominal arm leaves.
-What is nominal is fitted on the other poses, for both. Both are simulations: columns
-that found an effect are never its proof.
+What is nominal is fitted on the other poses, for both. Both feel the wrench that was
+read, turned as the patched arm holds the sensor: a soft arm turns it by tens of mrad.
+Both are simulations: columns that found an effect are never its proof.
 """
 
 from collections.abc import Collection, Sequence
@@ -95,7 +96,7 @@ def prove(
     rig = rig_of(patch, arm_file)
     own = effects_of(patch)
     bare = rig_of(replace(patch, effects=(), laws=()), arm_file)
-    world = replay_simulation_of(recording, bare, own)
+    world = replay_simulation_of(recording, rig, own)
     world = replace(world, memory=patch.memory)
     held = np.isin(recording.posture_id, held_out)
     start = _start(recording, patch, rig)

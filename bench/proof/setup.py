@@ -127,16 +127,17 @@ def in_model(recording: Recording, patch: Patch, arm: Anatomy) -> Patch:
 
 
 def replay_simulation_of(
-    recording: Recording, nominal: Rig, effects: tuple = ()
+    recording: Recording, assumed: Rig, effects: tuple = ()
 ) -> ReplaySimulation:
     """Lay out a recording for the simulator.
 
     Args:
         recording: What was done and seen.
-        nominal: The arm with what is mounted on it, no more.
+        assumed: The arm as it is best known, with what is mounted on it: how it gives
+            way turns the force sensor, and so what the readings mean.
         effects: What will be tried; where it creeps, waiting counts.
     """
-    arm = nominal.anatomy
+    arm = assumed.anatomy
     names = recording.axes or arm.axes
     order = np.array([arm.axes.index(name) for name in names])
     waits = any(isinstance(effect, Creep) for effect in effects)
@@ -146,26 +147,26 @@ def replay_simulation_of(
         recording=recording,
         replay=replay,
         order=order,
-        body=tuple(model_body(recording, nominal, m.body) for m in recording.markers),
+        body=tuple(model_body(recording, assumed, m.body) for m in recording.markers),
         sensor_axes=np.tile(np.eye(3), (rows, 1, 1)),
         weight=np.zeros((rows, 6)),
-        base=base_of(nominal),
+        base=base_of(assumed),
     )
     spec = recording.wrench_sensor
     if spec is None or recording.wrench is None:
         return world
-    bare, base_turn = world, world.base[1]
+    so_far, base_turn = world, world.base[1]
     for known in (False, True):  # the sensor turns with the arm, by 1e-3
         wrench = recording.wrench if known else np.zeros((rows, 6))
         done = replace(recording, wrench=wrench)
-        states = replace(bare, recording=done, _known={}).states(nominal)
-        body = states.bodies.index(model_body(recording, nominal, spec.body))
+        states = replace(so_far, recording=done, _known={}).states(assumed)
+        body = states.bodies.index(model_body(recording, assumed, spec.body))
         mounting = Rotation.from_quat(spec.quaternion_wxyz, scalar_first=True)
         axes = base_turn.T @ states.rotation[:, body] @ mounting.as_matrix()
-        bare = replace(bare, sensor_axes=axes)
+        so_far = replace(so_far, sensor_axes=axes)
         at = states.position[:, body] + states.rotation[:, body] @ spec.position
-        bare = replace(bare, weight=_held(recording, nominal, states, at))
-    return replace(world, sensor_axes=bare.sensor_axes, weight=bare.weight)
+        so_far = replace(so_far, weight=_held(recording, assumed, states, at))
+    return replace(world, sensor_axes=so_far.sensor_axes, weight=so_far.weight)
 
 
 def base_of(rig: Rig) -> tuple[np.ndarray, np.ndarray]:

@@ -312,7 +312,9 @@ def patched_arm(
         width = effect.parameters["width_rad"]
         short[:, own] -= float(width or 0.0) / 2 * side[:, own]
     replay = replace(world.replay, posture=world.replay.posture + short)
-    return replace(world, replay=replay, _known={}), rig
+    held = replay_simulation_of(world.recording, rig, rig.effects)
+    moved = replace(world, sensor_axes=held.sensor_axes, weight=held.weight)
+    return replace(moved, replay=replay, _known={}), rig
 
 
 def _framed(

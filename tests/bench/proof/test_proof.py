@@ -210,6 +210,21 @@ def test_an_effect_of_geometry_is_proved_in_absolute_places(kr10, held):
     )
 
 
+def test_a_force_sensor_is_turned_as_the_patched_arm_holds_it(kr10, held):
+    """Soft gears of which one hardens under the arm's weight, by tens of mrad."""
+    true = Hardening("a2", stiffness_ratio=3.0, torque_nm=29.0)
+    rig = Rig(kr10)
+    springs = rig.nominal.jnt_stiffness * [0.3, 0.05, 0.1, 0.1, 0.1, 0.1]
+    plan = tour(rig, POSES, parse_path("0,5,10,5,0"), 0, 0)
+    seen = record(
+        Rig(kr10, (true,), springs), plan, Instruments(markers=Markers()), SEED
+    )
+    known = {f"a{k}": float(s) for k, s in enumerate(springs, start=1)}
+    made = Patch(known, (named(true),), base_from_tracker=frame())
+    marks = of_markers(prove(seen, kr10, made, held, thorough=False))
+    assert marks.after < 1.1 * marks.noise < marks.before / 2
+
+
 def test_a_fault_of_the_force_sensor_is_read_backwards(recording):
     """Reading = (1 + gain) Rᵀ [F; M - offset x F] + bias, solved for F and M."""
     gain = tuple(map(tuple, np.diag([0.02, 0.0, -0.01, 0.03, 0.0, 0.01]).tolist()))
