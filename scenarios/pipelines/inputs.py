@@ -125,6 +125,15 @@ def followed(recording: Recording, arm: Arm) -> tuple[Recording, tuple[str, ...]
     return known, tuple(notes)
 
 
+def legend_of(arm: Arm) -> tuple[str, ...]:
+    """Return which joint each axis is, in one sentence; none where names agree."""
+    pairs = [(f"a{k}", visible(axis)) for k, axis in enumerate(arm.axes, start=1)]
+    if all(name == axis for name, axis in pairs):
+        return ()
+    said = ", ".join(f"{name} is {axis!r}" for name, axis in pairs)
+    return (f"axes go by the recording's columns; in the model {said}.",)
+
+
 def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
     """Read a recording of an arm.
 
@@ -148,4 +157,5 @@ def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
     place = Place(CSV_FILE if in_text else PARQUET_FILE, in_text)
     told = (*said_of_repeats(place, recording), *said_of_one_pose(recording), *added)
     told += (noise,) if noise else ()
-    return shown, arm.for_recording(recording), (*notes, *told)
+    arm = arm.for_recording(recording)
+    return shown, arm, (*notes, *told, *legend_of(arm))

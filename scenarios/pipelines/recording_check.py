@@ -176,7 +176,7 @@ class AxisView:
     """How much of one axis a recording can see.
 
     Attributes:
-        name: The model's joint.
+        name: Of the axis, as in the recording's columns.
         travel: Range of its angle, in rad (m).
         torque: Range of the torque about it from weight and load, in N m; within a
             visit where displacements are relative.
@@ -214,10 +214,10 @@ def axis_views(recording: Recording, arm: Arm) -> list[AxisView]:
         lever = np.fmax(lever, np.max(np.linalg.norm(jacobian, axis=1), axis=0))
     travel, turning = np.ptp(recording.posture, axis=0), np.ptp(torque, axis=0)
     seen |= np.nan_to_num(lever) > SMALL_LEVER
-    each = zip(arm.axes, travel, turning, lever, seen, strict=True)
+    each = zip(travel, turning, lever, seen, strict=True)
     return [
-        AxisView(name, float(a), float(t), float(m), bool(s))
-        for name, a, t, m, s in each
+        AxisView(f"a{k}", float(a), float(t), float(m), bool(s))
+        for k, (a, t, m, s) in enumerate(each, start=1)
     ]
 
 
@@ -251,7 +251,7 @@ def confounded_axes(recording: Recording, arm: Arm) -> list[tuple[str, str]]:
     apart = np.outer(size, size)
     cosine = np.divide(product, apart, out=np.zeros_like(apart), where=apart > 0.0)
     return [
-        (arm.axes[i], arm.axes[j])
+        (f"a{i + 1}", f"a{j + 1}")
         for i, j in zip(*np.triu_indices(len(size), 1), strict=True)
         if abs(cosine[i, j]) > TOO_ALIKE
     ]
@@ -352,6 +352,14 @@ def abilities(
     )
     if r.link_posture is not None and not r.markers:
         yield _between_encoders(r)
+    if r.axis_torque is not None and r.link_posture is None:
+        yield Ability(
+            "masses and friction of the axes",
+            False,
+            f"torque of {_measured(r.axis_torque)} axes is read, which shows them "
+            "along motions; this tool weighs displacements alone",
+            "markers, or encoders after the gears",
+        )
     shown = absolute and bool(r.markers)
     yield Ability("geometry, offsets of encoders", shown, *_of_places(r))
     yield from _of_axes(views, absolute)

@@ -25,7 +25,7 @@ from bench.shared.format.folder import read, write
 from bench.shared.instrument_specs import TrackerSpec
 from bench.shared.recording import Marker
 from scenarios import SAYS, check
-from scenarios.pipelines.inputs import arm_of, read_for
+from scenarios.pipelines.inputs import arm_of, legend_of, read_for
 from scenarios.pipelines.recording_check import (
     abilities,
     axis_views,
@@ -345,6 +345,26 @@ def test_a_program_of_somebody_else_is_interrupted_as_usual(tmp_path):
     done = interrupted_while_loading(tmp_path, "-c", program)
     assert SAYS not in done.stderr
     assert "KeyboardInterrupt" in done.stderr
+
+
+def test_of_a_log_of_torques_alone_it_is_said_what_it_could_show(folder, arm):
+    recording, named, _ = read_for(folder, arm)
+    torque = np.zeros(recording.posture.shape)
+    log = replace(recording, markers=(), points=None, axis_torque=torque)
+    found = {a.question: a for a in abilities(log, named, axis_views(log, named))}
+    told = found["masses and friction of the axes"]
+    assert not told.can
+    assert "torque of 6 axes is read" in told.why
+    assert "displacements alone" in told.why
+    assert not any("masses" in a.question for a in abilities(recording, named, []))
+
+
+def test_axes_go_by_one_name_and_a_legend_says_which_joint_each_is(arm):
+    """The KR10's joints are called as the columns; a UR10's are not."""
+    assert legend_of(arm) == ()
+    other = arm_of(MODEL.parents[1] / "ur10" / "ur10.xml")
+    (said,) = legend_of(other)
+    assert "a1 is 'shoulder_pan_joint', a2 is 'shoulder_lift_joint', a3" in said
 
 
 def test_a_recording_written_again_checks_alike(folder, tmp_path, arm):
