@@ -18,6 +18,7 @@ The gain's interval is a bootstrap over poses (BCa: Efron 1987), because reading
 pose share its errors.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -166,34 +167,47 @@ def explained_share(
     return Share(float((one[0] - one[1]) / (one[0] - one[2])), float(low), float(high))
 
 
+@dataclass(frozen=True)
+class FoldPrediction:
+    """Both arms as fitted without some rows, which they are judged on.
+
+    Attributes:
+        nominal: The arm without the patch.
+        patched: With it.
+        gauge: How readings are compared, with the rows that were fitted.
+        held: The rows that are judged.
+    """
+
+    nominal: NominalState
+    patched: NominalState
+    gauge: ComparisonMode
+    held: Bool[np.ndarray, " rows"]
+
+
 def channels_of(
-    world: ReplaySimulation,
-    nominal: NominalState,
-    patched: NominalState,
-    gauge: ComparisonMode,
-    held: Bool[np.ndarray, " rows"],
+    world: ReplaySimulation, predictions: Sequence[FoldPrediction]
 ) -> tuple[Channel | None, Channel | None]:
-    """Return what markers and encoders say on the rows held out.
+    """Return what markers and encoders say on the rows held out, of all folds together.
 
     Args:
         world: The recording.
-        nominal: The arm without the patch, as fitted.
-        patched: With it.
-        gauge: How readings are compared.
-        held: The rows that are judged.
+        predictions: Of each fold; no row is held out of two.
     """
-    seen = world.see(patched)
-    before = squares(world, residual_of(world, world.see(nominal), gauge))
-    after = squares(world, residual_of(world, seen, gauge))
-    floor = floor_of(world, patched, seen, gauge)
-    if not held.any():
+    pieces: tuple[list, list] = ([], [])
+    for fold in predictions:
+        held, seen = fold.held, world.see(fold.patched)
+        before = squares(world, residual_of(world, world.see(fold.nominal), fold.gauge))
+        after = squares(world, residual_of(world, seen, fold.gauge))
+        floor = floor_of(world, fold.patched, seen, fold.gauge)
+        pose = world.recording.posture_id[held]
+        for own, one, other, noise in zip(pieces, before, after, floor, strict=True):
+            quiet = np.broadcast_to(np.reshape(noise, (-1, 1)), one.shape)
+            own.append((one[held], other[held], quiet[held], pose))
+    if not any(fold.held.any() for fold in predictions):
         return None, None
-    found: list[Channel | None] = []
-    for one, other, noise in zip(before, after, floor, strict=True):
-        quiet = np.broadcast_to(np.reshape(noise, (-1, 1)), one.shape)
-        pose = world.recording.posture_id
-        found.append(channel_of(one[held], other[held], quiet[held], pose[held]))
-    return found[0], found[1]
+    together = [map(np.concatenate, zip(*own, strict=True)) for own in pieces]
+    markers, angles = (channel_of(*channel) for channel in together)
+    return markers, angles
 
 
 def channel_of(

@@ -16,10 +16,10 @@ import numpy as np
 from bench.effects.effect import Effect
 from bench.patch import Patch, effects_of, named, rig_of, with_arm
 from bench.proof.comparison import ComparisonMode, comparison_mode_of, means_count
-from bench.proof.explained_share import Channel, channels_of
+from bench.proof.explained_share import Channel, FoldPrediction, channels_of
 from bench.proof.nominal_fit import fitted
 from bench.proof.proof_checks import ProofCheck, left_outs, placebos
-from bench.proof.refinement import Place, Sensitivity, refined
+from bench.proof.refinement import Place, Sensitivity, refined, with_effects
 from bench.proof.setup import for_simulator, replay_simulation_of
 from bench.proof.simulation import NominalState, ReplaySimulation
 from bench.rig import RIGID, Memory
@@ -33,11 +33,24 @@ refining fits the springs too."""
 
 
 @dataclass(frozen=True)
+class Fold:
+    """Poses that a patch predicts which is fitted without them.
+
+    Attributes:
+        held_out: Ids of the poses.
+        names: Effect and site of what of the patch is named without these poses.
+    """
+
+    held_out: tuple[int, ...]
+    names: frozenset[tuple[str, str]]
+
+
+@dataclass(frozen=True)
 class Proof:
     """What the simulator says of a patch.
 
     Attributes:
-        held_out: Ids of the poses that were judged.
+        held_out: Ids of the poses that were judged, each by arms fitted without it.
         absolute: Whether means of visits counted, or differences within them alone.
         markers: Displacements; None without markers.
         angles: Encoders after the gears; None without.
@@ -49,6 +62,7 @@ class Proof:
         simulation: The recording, for whoever wants to simulate more.
         mode: How readings were compared, and which rows were fitted.
         sensitivity: What the patch's parameters do; None where there are none.
+        folds: Number of fits that judged, each other poses; one where there was one.
     """
 
     held_out: tuple[int, ...]
@@ -63,6 +77,7 @@ class Proof:
     simulation: ReplaySimulation
     mode: ComparisonMode
     sensitivity: Sensitivity | None = None
+    folds: int = 1
 
 
 def prove(
@@ -72,6 +87,7 @@ def prove(
     held_out: Sequence[int],
     thorough: bool = True,
     fixed: Collection[Place] = (),
+    folds: Sequence[Fold] = (),
 ) -> Proof:
     """Prove a patch in the simulator.
 
@@ -83,6 +99,7 @@ def prove(
         held_out: Ids of the poses that nothing may be fitted to.
         thorough: Whether placebos and what is left out are tried too.
         fixed: Parameters of the patch that are not refined: effect, where and name.
+        folds: Further poses that are held out in turn, each from a fit of its own.
 
     Raises:
         BenchError: Where the patch cannot be built or finds no rest.
@@ -91,6 +108,10 @@ def prove(
     placed = for_simulator(recording, patch, arm_file)
     pairs = zip(patch.effects, placed.effects, strict=True)
     now = {(old.effect, old.where): new.where for old, new in pairs}
+    folds = [
+        replace(f, names=frozenset((e, now.get((e, w), w)) for e, w in f.names))
+        for f in folds
+    ]
     fixed = {(e, now.get((e, where), where), name) for e, where, name in fixed}
     patch = placed
     rig = rig_of(patch, arm_file)
@@ -108,14 +129,21 @@ def prove(
         patched = fitted(world, start, gauge, FIRST_ROUNDS)
         patched, sensitivity = refined(world, patched, gauge, fixed)
     tried = tuple(e for e in patched.rig.effects if e not in bare.effects)
-    markers, angles = channels_of(world, nominal, patched, gauge, held)
+    predictions = [FoldPrediction(nominal, patched, gauge, held)]
+    if sensitivity is not None:
+        known = fixed, sensitivity
+        predictions += [
+            _of_fold(world, nominal, patched, gauge, f, *known) for f in folds
+        ]
+    markers, angles = channels_of(world, predictions)
+    judged = [*held_out, *(p for f in folds for p in f.held_out)]
     trials: list[ProofCheck] = []
     if thorough and sensitivity is not None:
         trials += placebos(world, patched, tried, gauge, held)
         used = replace(gauge, keep=np.ones(len(held), dtype=bool))
         trials += left_outs(world, nominal, patched, sensitivity.matrix, used)
     return Proof(
-        held_out=tuple(int(p) for p in held_out),
+        held_out=tuple(int(p) for p in (judged if sensitivity else held_out)),
         absolute=gauge.absolute,
         markers=markers,
         angles=angles,
@@ -127,7 +155,36 @@ def prove(
         simulation=world,
         mode=gauge,
         sensitivity=sensitivity,
+        folds=len(predictions),
     )
+
+
+def _of_fold(
+    world: ReplaySimulation,
+    nominal: NominalState,
+    patched: NominalState,
+    gauge: ComparisonMode,
+    fold: Fold,
+    fixed: Collection[Place],
+    known: Sensitivity,
+) -> FoldPrediction:
+    """Fit both arms again without a fold, the patch with what is named without it.
+
+    Tables without a name were learnt from the fold too, and are left out of it.
+    """
+    held = np.isin(world.recording.posture_id, fold.held_out)
+    gauge = replace(gauge, keep=~held)
+    nominal = fitted(world, nominal, gauge, 1)
+    bare = nominal.rig.effects
+    own = [
+        e
+        for e in patched.rig.effects
+        if e not in bare and (e.name, e.where) in fold.names
+    ]
+    if own:
+        start = with_effects(patched, (*bare, *own))
+        patched, _ = refined(world, start, gauge, fixed, known)
+    return FoldPrediction(nominal, patched if own else nominal, gauge, held)
 
 
 def _thinned(recording: Recording, memory: Memory) -> Recording:

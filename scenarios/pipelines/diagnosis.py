@@ -27,7 +27,7 @@ from bench.proof.comparison import residual_of
 from bench.proof.explained_share import Channel
 from bench.proof.nominal_fit import joint_rotation_estimates, torques_of
 from bench.proof.proof import Channel as ProofChannel
-from bench.proof.proof import Proof, prove
+from bench.proof.proof import Fold, Proof, prove
 from bench.shared.effect_catalogue import on_slide
 from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
@@ -152,8 +152,9 @@ def proved(
     elif not found.held_out:
         why = "too few poses to keep any back."
     try:
-        fixed = fixed_of(found)
-        return prove(recording, robot, patch, found.held_out, fixed=fixed), why
+        fixed, folds = fixed_of(found), _folds_of(found)
+        held_out = found.held_out
+        return prove(recording, robot, patch, held_out, fixed=fixed, folds=folds), why
     except (BenchError, *ODD_NUMBERS) as error:
         why = why or f"the simulator cannot do it ({error})."
     try:  # pictures need the nominal arm alone
@@ -161,6 +162,15 @@ def proved(
         return prove(recording, robot, bare, found.held_out), why
     except (BenchError, *ODD_NUMBERS):
         return None, why
+
+
+def _folds_of(found: Diagnosis) -> list[Fold]:
+    """Return the other splits of few poses, with the answer's names that each gives."""
+    given = {effect.name for effect in found.named}
+    return [
+        Fold(s.held_out, frozenset((n.effect, n.where) for n in s.names & given))
+        for s in found.splits[1:]
+    ]
 
 
 def _odd(recording: Recording, error: Exception) -> BenchError:
@@ -276,7 +286,10 @@ def answer_of(
             number(found.smallest_effect, MM),
         ),
         located=tuple(
-            Placed(x.where, x.p_value, x.share, tuple(x.depends_on), x.zone)
+            Placed(
+                *(x.where, x.p_value, x.share, tuple(x.depends_on), x.zone),
+                split_share=_known(x.split_share),
+            )
             for x in d.located
         ),
         explained_share=share,
@@ -355,7 +368,7 @@ def proof_entry(proof: Proof | None) -> Proved | None:
     """Return the proof's entry; None where nothing was proved."""
     if proof is None or (proof.markers is None and proof.angles is None):
         return None
-    entry: dict[str, object] = {}
+    entry: dict[str, object] = {"folds": proof.folds} if proof.folds > 1 else {}
     channels = ((proof.markers, MM, "mm"), (proof.angles, URAD, "urad"))
     for channel, unit, name in channels:
         if channel is not None:
@@ -397,6 +410,7 @@ def _called(named: NamedEffect, share: float | None, slides: Collection[str]) ->
         tuple(map(_at, named.equivalents)),
         parameters,
         msgspec.UNSET if share is None else float(share),
+        _known(named.split_share),
     )
 
 
@@ -410,6 +424,10 @@ def _sizes(
         )
         for name, p in known.items()
     }
+
+
+def _known(share: float | None) -> float | msgspec.UnsetType:
+    return msgspec.UNSET if share is None else float(share)
 
 
 def _with_mass(parameters: dict[str, Interval]) -> dict[str, Interval]:
@@ -534,7 +552,7 @@ def curves_of(simulated: Proof) -> Curves:
         torque=torques_of(world, assumed, seen),
         before=joint_rotation_estimates(world, assumed, seen, before),
         law=joint_rotation_estimates(world, assumed, seen, before - after),
-        held=np.isin(world.recording.posture_id, simulated.held_out),
+        held=~gauge.keep,
         visit=world.replay.visit,
         slides=tuple(arm.slides[k] for k in world.order),
         noise=np.sqrt(np.mean(errors**2, axis=0)),

@@ -53,18 +53,25 @@ class Detected(msgspec.Struct, frozen=True):
     smallest_effect_that_would_show_mm: Number
 
 
-class Placed(msgspec.Struct, frozen=True):
-    """A site of the mismatch, with its share and what it depends on."""
+class Placed(msgspec.Struct, frozen=True, omit_defaults=True):
+    """A site of the mismatch, with its share and what it depends on.
+
+    `split_share`: of the splits of few poses that give a name there.
+    """
 
     where: str
     p_value: float
     share: float
     depends_on: tuple[str, ...]
     zone: str
+    split_share: float | msgspec.UnsetType = msgspec.UNSET
 
 
 class Called(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A named effect with its probability, equivalents, parameters and share."""
+    """A named effect with its probability, equivalents, parameters and share.
+
+    `split_share`: of the splits of few poses that give it, or one that does as well.
+    """
 
     effect: str
     where: str
@@ -72,6 +79,7 @@ class Called(msgspec.Struct, frozen=True, omit_defaults=True):
     equivalents: tuple[At, ...]
     parameters: dict[str, Interval]
     share: float | msgspec.UnsetType = msgspec.UNSET
+    split_share: float | msgspec.UnsetType = msgspec.UNSET
 
 
 class Open(msgspec.Struct, frozen=True):
@@ -125,10 +133,14 @@ class Refused(msgspec.Struct, frozen=True):
 
 
 class Proved(msgspec.Struct, frozen=True, omit_defaults=True):
-    """The proof in the simulator: errors on held-out poses before and after."""
+    """The proof in the simulator: errors on held-out poses before and after.
+
+    `folds`: of few poses, how many fits judged, each the poses that it had not seen.
+    """
 
     simulator: Literal["mujoco"]
     held_out_poses: int
+    folds: int | msgspec.UnsetType = msgspec.UNSET
     before_rms_mm: Number | msgspec.UnsetType = msgspec.UNSET
     after_rms_mm: Number | msgspec.UnsetType = msgspec.UNSET
     noise_rms_mm: Number | msgspec.UnsetType = msgspec.UNSET

@@ -22,10 +22,10 @@ with the mechanism and never with the columns that found it.
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from bench.shared.recording import Recording
 from stiffness.diagnosis.between_visit import BetweenVisitModel
@@ -41,20 +41,32 @@ from stiffness.diagnosis.model_fit import SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import (
+    Decision,
     Detection,
     Diagnosis,
+    Name,
     Outlier,
+    SplitNames,
     Unexplained,
     Warned,
 )
-from stiffness.diagnosis.selection import select_model
+from stiffness.diagnosis.selection import SelectedModel, select_again, select_model
 from stiffness.diagnosis.setup_check import setup_errors
-from stiffness.diagnosis.verdict import answer_of, judge, nominal_of
+from stiffness.diagnosis.verdict import (
+    SURE,
+    ExchangePosterior,
+    JudgedModel,
+    answer_of,
+    exchange_posteriors,
+    judge,
+    nominal_of,
+)
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis
 from stiffness.experiment.outliers import outlier_text, outliers_of, without_outliers
 from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.sensor_noise import average_encoders, with_measured_noise
+from stiffness.regression.splits import other_splits
 from stiffness.regression.testing import SIGNIFICANCE, SMALLEST
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import point_jacobian
@@ -250,6 +262,103 @@ def scattered(dispersion: float) -> tuple[Warned, ...]:
     return (Warned(SCATTER, "rig", text),)
 
 
+# --- Names over splits of few poses ---------------------------------------------------
+
+MOST_SPLITS = 0.5
+"""Share of the splits that a name must exceed to be given; chosen: what another draw of
+the same poses would more likely not give is no finding."""
+
+
+def split_names(
+    model: SelectedModel, ids: Int[np.ndarray, " poses"]
+) -> tuple[SplitNames, ...]:
+    """Return which of a set's names other splits of its poses give too.
+
+    Args:
+        model: The set.
+        ids: Of the poses.
+
+    Returns:
+        One for each split, the set's own first; none where its poses are many.
+    """
+    members = [member.name for member in model.fit.members]
+    others = list(other_splits(model.case.split)) if members else []
+    if not others:
+        return ()
+    own = _declared(model, exchange_posteriors(model), 0.0)
+    every = frozenset(Name(*name) for name in members)
+    found = [SplitNames(_ids(ids, model.case.split.held_out), every)]
+    for split in others:
+        again = select_again(model, split)
+        given = _declared(again, exchange_posteriors(again), SURE)
+        agreed = {
+            name
+            for name, alike in own.items()
+            if any(name in some or other in alike for other, some in given.items())
+        }
+        found.append(SplitNames(_ids(ids, split.held_out), frozenset(agreed)))
+    return tuple(found)
+
+
+def _ids(
+    ids: Int[np.ndarray, " poses"], mask: Bool[np.ndarray, " poses"]
+) -> tuple[int, ...]:
+    return tuple(int(p) for p in ids[mask])
+
+
+def _declared(
+    model: SelectedModel, posteriors: Sequence[ExchangePosterior], least: float
+) -> dict[Name, set[Name]]:
+    """Return the names of a set that are as probable, each with its equivalents."""
+    names = [Name(*member.name) for member in model.fit.members]
+    return {
+        name: {name, *one.equivalents}
+        for name, one in zip(names, posteriors, strict=True)
+        if one.probability >= least
+    }
+
+
+def _share(name: Name, splits: Sequence[SplitNames]) -> float:
+    return sum(name in split.names for split in splits) / len(splits)
+
+
+def _of_most_splits(judged: JudgedModel, splits: Sequence[SplitNames]) -> JudgedModel:
+    """Withhold the names that most splits do not give."""
+    if not splits:
+        return judged
+    reason = "other draws of the poses that are fitted do not name it"
+    withheld, decisions = list(judged.withheld), list(judged.decisions)
+    for k, member in enumerate(judged.model.fit.members):
+        share = _share(Name(*member.name), splits)
+        if share <= MOST_SPLITS:
+            withheld[k] = True
+            gate = ("splits", False, share, MOST_SPLITS, reason)
+            decisions.append(Decision(member.name, *gate))
+    return replace(judged, withheld=tuple(withheld), decisions=tuple(decisions))
+
+
+def _with_split_shares(answer: dict, splits: tuple[SplitNames, ...]) -> dict:
+    """Return the entries of an answer that say how many splits give names and places.
+
+    A place counts in a split that gives any name of the answer there.
+    """
+    if not splits:
+        return {}
+    named = [
+        replace(effect, split_share=_share(effect.name, splits))
+        for effect in answer["named"]
+    ]
+    given = {effect.name for effect in named}
+    at = [{name.where for name in split.names & given} for split in splits]
+    located = [
+        replace(place, split_share=sum(place.where in own for own in at) / len(at))
+        if any(name.where == place.where for name in given)
+        else place
+        for place in answer["located"]
+    ]
+    return {"named": tuple(named), "located": tuple(located), "splits": splits}
+
+
 # --- Diagnose -------------------------------------------------------------------------
 
 
@@ -311,7 +420,9 @@ def diagnose(
             **common,
         )
     judged = judge(select_model(case, prepared, hypotheses))
-    answer = answer_of(judged, prepared, found)
+    splits = split_names(judged.model, ids)
+    answer = answer_of(_of_most_splits(judged, splits), prepared, found)
+    answer |= _with_split_shares(answer, splits)
     return Diagnosis(**common, **answer, seconds=time.perf_counter() - started)
 
 

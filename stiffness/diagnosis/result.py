@@ -31,6 +31,7 @@ __all__ = [
     "Outlier",
     "Parameter",
     "Rival",
+    "SplitNames",
     "Unexplained",
     "UnexplainedPlace",
     "Warned",
@@ -84,6 +85,8 @@ class Located:
         share: Of the whitened variance that the mismatch explains.
         depends_on: On what the difference depends.
         zone: Where in torque, direction or time it is largest, in words.
+        split_share: Share of the splits of few poses that place a name there; None
+            where there is one split, or no name there.
     """
 
     where: str
@@ -91,6 +94,20 @@ class Located:
     share: float
     depends_on: tuple[str, ...]
     zone: str
+    split_share: float | None = None
+
+
+@dataclass(frozen=True)
+class SplitNames:
+    """What is named where some poses are held out.
+
+    Attributes:
+        held_out: Ids of the poses that this naming has not seen.
+        names: Names of the answer that it gives too, or that would do as well there.
+    """
+
+    held_out: tuple[int, ...]
+    names: frozenset[Name]
 
 
 @dataclass(frozen=True)
@@ -105,6 +122,7 @@ class NamedEffect:
         shape: Its hypothesis' shape parameters.
         coefficients: Its hypothesis' amplitudes.
         settings: Parameters that are no numbers with an interval (a partner's name).
+        split_share: Share of the splits of few poses that give it; None with one split.
     """
 
     name: Name
@@ -114,6 +132,7 @@ class NamedEffect:
     shape: tuple[float, ...] = ()
     coefficients: tuple[float, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
+    split_share: float | None = None
 
 
 @dataclass(frozen=True)
@@ -218,6 +237,8 @@ class Diagnosis:
         unexplained_places: Where the residual of a set of many names is significant,
             strongest first.
         decisions: Of each gate on each candidate of a set of many names.
+        splits: Of few poses, each of which is held out once: what is named without
+            them, the answer's own split first; empty with one split.
     """
 
     recording: str
@@ -237,6 +258,7 @@ class Diagnosis:
     shares: Mapping[Name, float] = field(default_factory=dict)
     unexplained_places: tuple[UnexplainedPlace, ...] = ()
     decisions: tuple[Decision, ...] = ()
+    splits: tuple[SplitNames, ...] = ()
 
     def __getitem__(self, name: tuple[str, str]) -> NamedEffect:
         """Return what was named, by effect and place.
@@ -321,6 +343,7 @@ STATISTICS = {
     "residual": "the residual is {0:.2g} of what it explains, {1:.2g} may be",
     "homogeneity": "they differ by {0:.2g} of what it explains, {1:.2g} may be",
     "posterior": "probability is {0:.2g}, {1:.2g} is needed",
+    "splits": "{0:.0%} of the splits give it, more than {1:.0%} is needed",
 }
 """What a gate compares, in words; of other gates the numbers are given as they are."""
 

@@ -44,6 +44,7 @@ from stiffness.diagnosis.model_fit import (
     SelectionProblem,
     fit_model,
     fit_shapes,
+    training,
     tried,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
@@ -56,6 +57,7 @@ from stiffness.diagnosis.relinearisation import (
 from stiffness.diagnosis.sufficient_statistics import (
     cross_gram,
     given_many,
+    normal_equations_of,
 )
 from stiffness.effects.base import Hypothesis
 from stiffness.regression.group_selection import (
@@ -70,6 +72,7 @@ from stiffness.regression.group_selection import (
     select_groups,
 )
 from stiffness.regression.intervals import Parameter
+from stiffness.regression.splits import Split
 
 BEYOND = 0.1
 """Share of what a name explains that it may lose within its physical limits; chosen: a
@@ -427,6 +430,26 @@ def select_model(
     case = under(model.fit)
     terms = fit_shapes(case, model.fit.members)
     return _judged(case, terms, fine, model.decisions)
+
+
+def select_again(model: SelectedModel, split: Split) -> SelectedModel:
+    """Select from other poses, among a set's names and what could replace each.
+
+    Columns stay as they were laid out under the set.
+
+    Args:
+        model: The set.
+        split: Which poses may be looked at now.
+    """
+    first = model.case
+    library = Library(first.nominal, first.library.nominal, (), ())
+    found = normal_equations_of(first.data, library.jacobians, training(split))
+    case = replace(first, library=library, normal_equations=found, split=split)
+    fine = [term for term in model.fine if term.name not in model.refused]
+    search = Search.of(case, [*model.fit.members, *fine])
+    selected = _first_search(search.problem)
+    terms = fit_shapes(case, _one_each(search, selected.groups))
+    return _judged(case, terms, fine, selected.decisions)
 
 
 def _judged(
