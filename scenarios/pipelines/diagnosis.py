@@ -142,7 +142,7 @@ def proved(
     """
     if found.nominal is None:
         return None, "a mistake of the set-up has to be mended first."
-    recording = without_outliers(recording, found.outliers)
+    recording = _with_noise(without_outliers(recording, found.outliers), found)
     patch = patch_of_diagnosis(found, recording, arm)
     why = ""
     if not (patch.effects or patch.laws):
@@ -162,6 +162,14 @@ def proved(
         return prove(recording, robot, bare, found.held_out), why
     except (BenchError, *ODD_NUMBERS):
         return None, why
+
+
+def _with_noise(recording: Recording, found: Diagnosis) -> Recording:
+    """Return a recording with the noise that was found where another was stated."""
+    if found.reading_noise is None or recording.tracker is None:
+        return recording
+    sigma = np.full(3, found.reading_noise)
+    return replace(recording, tracker=replace(recording.tracker, repeatability=sigma))
 
 
 def _folds_of(found: Diagnosis) -> list[Fold]:
@@ -322,6 +330,7 @@ def answer_of(
             for stop in refused_with_size(d)
             for why in [in_words(stop)]
         ),
+        scatter_rms_mm=None if d.scatter is None else number(d.scatter, MM),
     )
 
 

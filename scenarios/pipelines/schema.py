@@ -182,6 +182,7 @@ class Answer(msgspec.Struct, frozen=True):
     settings: dict[str, float] = {}
     outliers: tuple[OutlierEntry, ...] = ()
     refused: tuple[Refused, ...] = ()
+    scatter_rms_mm: Number = None
 
 
 # --- The verdict ----------------------------------------------------------------------

@@ -149,7 +149,16 @@ def _where(located: Sequence[Placed]) -> str:
         zone = ", everywhere alike"
     rest = [x.where for x in located[1:]]
     also = f" Also: {_list(rest)}." if rest else ""
-    return f"Where: {first.where} ({first.share:.0%} of what differs){on}{zone}.{also}"
+    drawn = _of_splits(first.split_share)
+    place = f"{first.where} ({first.share:.0%} of what differs{drawn})"
+    return f"Where: {place}{on}{zone}.{also}"
+
+
+def _of_splits(share: object) -> str:
+    """Return in how many splits of few poses a name or place was given; empty: one."""
+    if not isinstance(share, float):
+        return ""
+    return ", in every split" if share == 1.0 else f", in {share:.0%} of the splits"
 
 
 def _detected(answer: Answer) -> str:
@@ -174,12 +183,17 @@ def _detected(answer: Answer) -> str:
     return f"Simulation and recording differ ({p}): {sizes}."
 
 
-def _named(called: Called) -> str:
+def _named(called: Called, proved: bool) -> str:
     sizes = [f"{label(n)} {span(n, p)}" for n, p in called.parameters.items()]
     shown = f": {', '.join(sizes)}" if sizes else ""
+    share = called.split_share
+    sure = isinstance(share, float) and share < 1.0
+    probable = f", probability {chance(called.probability)}"
+    if sure or not proved:  # one draw of the poses, or the readings alone, say so
+        probable = "" if sure else ", by the readings alone"
     text = (
-        f"What: {called.effect} at {called.where}, probability "
-        f"{chance(called.probability)}{shown}."
+        f"{'What' if proved else 'Suggested, not proved'}: {called.effect} at "
+        f"{called.where}{probable}{_of_splits(share)}{shown}."
     )
     if called.equivalents:
         others = [f"{e.effect} at {e.where}" for e in called.equivalents[:3]]
@@ -190,13 +204,18 @@ def _named(called: Called) -> str:
 def _names(answer: Answer, axes: int) -> Iterator[str]:
     """Yield a sentence for each name, or for each effect where there are many names."""
     if len(answer.named) < MANY:
-        yield from map(_named, answer.named)
+        proved = answer.verdict != "unproved"
+        yield from (_named(called, proved) for called in answer.named)
         return
     yield (
         f"What: {len(answer.named)} names. In brackets: the share of the mismatch that "
         "the others would not explain."
     )
     yield from grouped(answer, axes)
+    some = [n for n in answer.named if _of_splits(n.split_share).endswith("the splits")]
+    if some:
+        told = [f"{n.effect} at {n.where} ({n.split_share:.0%})" for n in some]
+        yield f"Not given in every split of the poses: {_list(told)}."
     if rest := budget_of(answer).jointly:
         yield f"{percent(rest)} is explained by several of them only jointly."
     unsure = [n for n in answer.named if n.equivalents]
@@ -240,10 +259,17 @@ def _proved(proof: Proof) -> str:
     elif channel.low <= 0.0:
         doubt = " The gain's interval holds zero: they do not prove it."
     return (
-        f"Proof: on {len(proof.held_out)} poses that were kept back, the patched "
+        f"Proof: on {_poses(len(proof.held_out), proof.folds)}, the patched "
         f"simulator misses by {after} instead of {before}; stated noise alone leaves "
         f"{noise}. Gain {_gain(channel, unit)}.{_share(channel)}{doubt}"
     )
+
+
+def _poses(count: int, folds: object) -> str:
+    """Return the poses that judge a patch, in words."""
+    if isinstance(folds, int) and folds > 1:
+        return f"all {count} poses, each kept back once from one of {folds} fits"
+    return f"{count} poses that were kept back"
 
 
 def _unproved(finding: Result) -> str:
@@ -255,7 +281,7 @@ def _unproved(finding: Result) -> str:
         return f"Not proved: what is named below was not confirmed, for {why}"
     worse = "makes it worse" if channel.high < 0.0 else "does not surely help"
     return (
-        f"Not proved: on {len(proof.held_out)} poses that were kept back, what is "
+        f"Not proved: on {_poses(len(proof.held_out), proof.folds)}, what is "
         f"named below {worse}: gain {_gain(channel, unit)}."
     )
 
@@ -267,7 +293,7 @@ def _gain(channel: Channel, unit: str) -> str:
 
 def _share(channel: Channel) -> str:
     share = channel.explained
-    if share is None:
+    if share is None or channel.low <= 0.0:
         return ""
     return (
         f" Of what noise does not explain, {share.estimate:.1%} are explained "
@@ -500,14 +526,14 @@ def _proof_line(answer: Answer) -> str:
         values = [proof.before_rms_urad, proof.after_rms_urad, proof.noise_rms_urad]
     before, after, noise = (_in_unit(v, factor) for v in values)
     said = (
-        f"Proof: on {proof.held_out_poses} poses kept back the simulator misses by "
+        f"Proof: on {_poses(proof.held_out_poses, proof.folds)}, it misses by "
         f"{after} {unit} instead of {before}; noise alone leaves {noise}."
     )
     if isinstance(gain, Interval):
         ends = [_in_unit(v, factor) for v in (gain.estimate, gain.low, gain.high)]
         said += f" Gain {ends[0]} ({ends[1]} to {ends[2]})."
     share = answer.explained_share
-    if share is not None:
+    if share is not None and answer.verdict != "unproved":
         ends = [f"{v:.1%}" for v in (share.estimate, share.low, share.high)
                 if isinstance(v, float)]  # fmt: skip
         said += f" Of what noise does not explain, {ends[0]} are explained"

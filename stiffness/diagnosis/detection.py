@@ -140,9 +140,9 @@ FEWEST_POSES = 10
 """Poses from which random signs can reject: fewer are all alike or all turned in more
 than one of 400 cases, and there are two families."""
 MISSTATED = 4.0
-"""Variance of poses over that of the stated errors that is still taken for misstated
-noise; chosen: twice the stated size. Random signs are blind to a law whose own sign
-changes from pose to pose; this is what it leaves."""
+"""Variance of poses over that of stated errors that fewer than `FEWEST_POSES` must
+exceed to differ; chosen: twice the stated size. Of more poses any such variance is
+taken for noise that was misstated: only where noise is measured it is a finding."""
 MEASURED = 1.5
 """The same where the noise is not only stated but measured; chosen: recordings of
 nothing have 0.7 to 1.1."""
@@ -183,10 +183,29 @@ class DetectionTest:
     @property
     def p_value(self) -> float:
         """Return the p-value: of any block, of overdispersed poses, or of outliers."""
+        if not self.is_noise_known:
+            return self.tested.p_value
         over = self.dispersion / self.scatter.dispersion_limit
         beyond = float(chi2.sf(self.poses * over, self.poses))
         beyond = min(beyond, self.scatter.p_value(self.scatter_limit))
         return min(self.tested.p_value, max(beyond, SMALLEST))
+
+    @property
+    def is_noise_known(self) -> bool:
+        """Return whether more scatter than noise makes is a finding, law or none."""
+        return self.scatter.dispersion_limit == MEASURED or self.poses < FEWEST_POSES
+
+    @property
+    def noise_ratio(self) -> float:
+        """Return the noise that scatter along no law would be, over the present one.
+
+        One where a law is found, one mark moves alone, or poses are few.
+        """
+        of_mark = self.is_overdispersed and self.scatter.marker is not None
+        lawful = self.tested.p_value < SIGNIFICANCE
+        if lawful or of_mark or self.poses < FEWEST_POSES:
+            return 1.0
+        return float(np.sqrt(max(self.scatter.dispersion, self.dispersion)))
 
     @property
     def scatter_limit(self) -> float:
@@ -202,7 +221,9 @@ class DetectionTest:
 
     @property
     def is_overdispersed(self) -> bool:
-        """Return whether readings surely scatter by more than noise does."""
+        """Return whether readings surely scatter by more than known noise does."""
+        if not self.is_noise_known:
+            return False
         return self.scatter.p_value(self.scatter_limit) < SIGNIFICANCE
 
     @property

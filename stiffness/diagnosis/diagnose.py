@@ -40,6 +40,14 @@ from stiffness.diagnosis.detection import (
 from stiffness.diagnosis.model_fit import SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
 from stiffness.diagnosis.relinearisation import build_problem
+from stiffness.diagnosis.residual_checks import (
+    ODD,
+    noise_ratio_of,
+    noise_text,
+    reading_noise,
+    scatter_of_readings,
+    with_noise,
+)
 from stiffness.diagnosis.result import (
     Decision,
     Detection,
@@ -207,8 +215,6 @@ def _left_of_means(
 
 # --- Warnings about the data ----------------------------------------------------------
 
-ODD = 1.1
-"""Measured over stated noise from which it is said; chosen: a tenth."""
 SCATTER = "scatter"
 """Code of the remark that poses differ more than anything stated allows."""
 
@@ -224,8 +230,7 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
         )
         said.append(Warned("few_poses", "rig", text))
     tracker = prepared.situation.recording.tracker
-    odd = prepared.noise > ODD or prepared.noise < 1.0 / ODD
-    if tracker is not None and tracker.is_stated and odd:
+    if tracker is not None and tracker.is_stated and _odd(prepared):
         measured = prepared.noise * float(np.sqrt(np.mean(tracker.repeatability**2)))
         text = (
             f"the stated noise cannot be true: readings scatter {prepared.noise:.2f} "
@@ -241,6 +246,11 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
         text = f"the stiffness of a{k + 1} cannot be seen and was left at the model's."
         said.append(Warned("not_identifiable", f"a{k + 1}", text))
     return tuple(said)
+
+
+def _odd(prepared: Prepared) -> bool:
+    """Return whether noise is clearly another than the one it was held for."""
+    return not 1.0 / ODD <= prepared.noise <= ODD
 
 
 def scattered(dispersion: float) -> tuple[Warned, ...]:
@@ -382,36 +392,39 @@ def diagnose(
     if mistakes:
         return _stopped(recording, mistakes, started)
     recording, prepared, outliers = _prepared(recording, arm)
-    case = build_problem(prepared, hypotheses)
-    nominal = np.arange(case.library.nominal)
-    everyone = np.ones(len(case.split.fold), dtype=bool)
-    found = detect(
-        case.library,
-        case.normal_equations,
-        case.normal_equations.score,
-        nominal,
-        everyone,
-        case.seed,
-        scatter_of(case.data, case.dispersion_limit),
-    )
+    looked = _look(prepared, hypotheses)
+    named = looked.judged is not None and bool(looked.judged.model.fit.members)
+    ratio = noise_ratio_of(prepared, looked.last, named, bool(unstated))
+    if ratio != 1.0:
+        looked = _look(with_noise(prepared, ratio), hypotheses)
+    prepared, case, found = looked.prepared, looked.case, looked.found
     detection = _detection(prepared, case, found)
     ids = np.unique(recording.posture_id)
     remarks = (
         [Warned("outliers", "tracker", outlier_text(outliers))] if outliers else []
     )
-    if unstated:
+    if unstated and (prepared.degrees_of_freedom or ratio == 1.0):
         remarks.append(Warned("noise_statement", "tracker", unstated))
+    noise = reading_noise(prepared)
+    scatter = scatter_of_readings(detection.noise_rms, ratio)
+    told = noise_text(prepared, looked.last, scatter, ratio, bool(unstated))
+    said = data_warnings(prepared)
+    if told:
+        told = Warned("noise_statement", "tracker", told)
+        said = (told, *(w for w in said if w.code != told.code))
     common = {
         "recording": recording.name,
         "detection": detection,
-        "warnings": (*remarks, *data_warnings(prepared)),
-        "held_out": tuple(int(p) for p in ids[case.split.held_out]),
+        "warnings": (*remarks, *said),
+        "held_out": _ids(ids, case.split.held_out),
         "downweighted": tuple(
             (r, recording.markers[m].name, s) for r, m, s in prepared.downweighted
         ),
         "outliers": outliers,
+        "scatter": scatter,
+        "reading_noise": noise if unstated or _odd(prepared) else None,
     }
-    if found.p_value >= SIGNIFICANCE:
+    if looked.judged is None:
         common["warnings"] += scattered(found.dispersion)
         return Diagnosis(
             verdict="no_mismatch",
@@ -419,11 +432,49 @@ def diagnose(
             seconds=time.perf_counter() - started,
             **common,
         )
-    judged = judge(select_model(case, prepared, hypotheses))
-    splits = split_names(judged.model, ids)
-    answer = answer_of(_of_most_splits(judged, splits), prepared, found)
+    splits = split_names(looked.judged.model, ids)
+    judged = _of_most_splits(looked.judged, splits)
+    answer = answer_of(judged, prepared, found)
     answer |= _with_split_shares(answer, splits)
+    if scatter and prepared.degrees_of_freedom and answer["verdict"] == "explained":
+        text = "readings scatter by more than their measured noise, along no law"
+        answer["verdict"], answer["unexplained"] = (
+            "partly_explained",
+            Unexplained("", text, {}),
+        )
     return Diagnosis(**common, **answer, seconds=time.perf_counter() - started)
+
+
+@dataclass(frozen=True, eq=False)
+class _Looked:
+    """A recording under one noise: what was found, and the set if anything was."""
+
+    prepared: Prepared
+    case: SelectionProblem
+    found: DetectionTest
+    judged: JudgedModel | None
+
+    @property
+    def last(self) -> DetectionTest:
+        """The last test: of the set's residual, or of everything."""
+        return self.found if self.judged is None else self.judged.residual
+
+
+def _look(prepared: Prepared, hypotheses: Sequence[Hypothesis]) -> _Looked:
+    case = build_problem(prepared, hypotheses)
+    found = detect(
+        case.library,
+        case.normal_equations,
+        case.normal_equations.score,
+        np.arange(case.library.nominal),
+        np.ones(len(case.split.fold), dtype=bool),
+        case.seed,
+        scatter_of(case.data, case.dispersion_limit),
+    )
+    judged = None
+    if found.p_value < SIGNIFICANCE:
+        judged = judge(select_model(case, prepared, hypotheses))
+    return _Looked(prepared, case, found, judged)
 
 
 def _prepared(

@@ -237,6 +237,10 @@ class Diagnosis:
         unexplained_places: Where the residual of a set of many names is significant,
             strongest first.
         decisions: Of each gate on each candidate of a set of many names.
+        scatter: Rms of a reading that fits no law and was taken for noise, in m; None
+            where noise is as stated or measured.
+        reading_noise: One sigma of one frame's coordinates that was used where it is
+            not the stated one, in m; None elsewhere.
         splits: Of few poses, each of which is held out once: what is named without
             them, the answer's own split first; empty with one split.
     """
@@ -259,6 +263,8 @@ class Diagnosis:
     unexplained_places: tuple[UnexplainedPlace, ...] = ()
     decisions: tuple[Decision, ...] = ()
     splits: tuple[SplitNames, ...] = ()
+    scatter: float | None = None
+    reading_noise: float | None = None
 
     def __getitem__(self, name: tuple[str, str]) -> NamedEffect:
         """Return what was named, by effect and place.

@@ -77,9 +77,11 @@ def data(finding: Result) -> Iterator[Block]:
         header = ["pose [°]", "load [kg]", "why", "tells (log Bayes factor)"]
         yield Table("What to measure next.", header, rows)
     rows_, poses = len(recording.time), len(np.unique(recording.posture_id))
+    splits, kept = finding.diagnosis.splits, len(finding.diagnosis.held_out)
     yield Paragraph(
-        f"{rows_} rows in {poses} poses; {len(finding.diagnosis.held_out)} poses were "
-        f"kept back before anything was fitted. It took {answer.seconds:.1f} s."
+        f"{rows_} rows in {poses} poses; {kept} poses were kept back before anything "
+        f"was fitted{f', the others in {len(splits) - 1} splits' if splits else ''}. "
+        f"It took {answer.seconds:.1f} s."
     )
 
 
@@ -120,6 +122,7 @@ def proof(finding: Result, folder: Path) -> Iterator[Block]:
     channel, unit = channel_of(proof)
     if channel is None:
         return
+    folded = proof.folds > 1
     yield Heading("Before and after")
     means = (
         "Readings are compared as they are."
@@ -145,6 +148,7 @@ def proof(finding: Result, folder: Path) -> Iterator[Block]:
     caption = (
         f"Rms over {len(proof.held_out)} poses kept back; interval of the gain by "
         "BCa bootstrap over poses."
+        + (f" Each pose is kept back once, in {proof.folds} fits." if folded else "")
     )
     yield Table(caption, header, rows)
     figures.of_poses(channel, unit, folder / "poses.png")
