@@ -140,7 +140,6 @@ class Proved(msgspec.Struct, frozen=True, omit_defaults=True):
 
     simulator: Literal["mujoco"]
     held_out_poses: int
-    folds: int | msgspec.UnsetType = msgspec.UNSET
     before_rms_mm: Number | msgspec.UnsetType = msgspec.UNSET
     after_rms_mm: Number | msgspec.UnsetType = msgspec.UNSET
     noise_rms_mm: Number | msgspec.UnsetType = msgspec.UNSET
@@ -149,6 +148,7 @@ class Proved(msgspec.Struct, frozen=True, omit_defaults=True):
     after_rms_urad: Number | msgspec.UnsetType = msgspec.UNSET
     noise_rms_urad: Number | msgspec.UnsetType = msgspec.UNSET
     gain_urad: Interval | msgspec.UnsetType = msgspec.UNSET
+    folds: int | msgspec.UnsetType = msgspec.UNSET
 
 
 class Next(msgspec.Struct, frozen=True):

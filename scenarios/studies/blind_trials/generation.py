@@ -27,6 +27,7 @@ from bench.instruments.tracker import STILL
 from bench.model_file import load, plain_mjcf
 from bench.rig import Rig
 from bench.shared.errors import BenchError
+from bench.shared.instrument_specs import ASSUMED
 from bench.shared.plan import DEFAULT_PATH, Plan, parse_path
 from bench.shared.recording import Recording
 from bench.standard_plans import tour
@@ -48,7 +49,7 @@ from scenarios.studies.blind_trials.oracle import (
     explained,
     log_bayes_factor,
 )
-from scenarios.studies.blind_trials.strata import STRATA
+from scenarios.studies.blind_trials.strata import STRATA, Stratum
 from scenarios.studies.blind_trials.visibility import Visibility, scale_of
 
 # --- Magnitudes on ideal instruments --------------------------------------------------
@@ -299,6 +300,7 @@ def _simulate(
             "chi2": [w.chi2 for w in weights],
             "weights": [asdict(w) for w in weights],
         }
+    recording = as_stated(recording, trial.stratum)
     if twin:
         quiet = bench.quiet(effects)
         factor = log_bayes_factor(recording, quiet, given, effects[0], twin)
@@ -316,6 +318,25 @@ def _simulate(
         "drawn_again": attempt,
     }
     return Made(recording, given, without, true, truth)
+
+
+def as_stated(recording: Recording, stratum: Stratum) -> Recording:
+    """Return a recording with the marks that are kept and the noise that is stated."""
+    if stratum.marks and recording.points is not None:
+        recording = replace(
+            recording,
+            markers=recording.markers[: stratum.marks],
+            points=recording.points[:, : stratum.marks],
+        )
+    tracker = recording.tracker
+    if tracker is None or stratum.stated == 1.0:
+        return recording
+    if stratum.stated:
+        sigma = stratum.stated * tracker.repeatability
+        said = replace(tracker, repeatability=sigma)
+    else:
+        said = replace(tracker, repeatability=np.full(3, ASSUMED), is_stated=False)
+    return replace(recording, tracker=said)
 
 
 def _given(trial: BlindTrial, rigid: Sequence[str], folder: Path) -> Path:

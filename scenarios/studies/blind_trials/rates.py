@@ -96,7 +96,8 @@ def bars(scores: Sequence[TrialScore]) -> list[Rate]:
     rates.append(rate(said, gains, least=0.5))
     quick = [s.seconds <= SECONDS for s in scores if not s.failed and s.arm is None]
     rates.append(rate(f"answers within {SECONDS:g} s", quick, least=0.5))
-    return [*rates, *arm_bars(scores), *twin_bars(scores), *sign_bars(scores)]
+    found = [*rates, *arm_bars(scores), *twin_bars(scores), *sign_bars(scores)]
+    return [*found, *split_bars(scores), *noise_bars(scores)]
 
 
 def by_stratum(scores: Sequence[TrialScore]) -> list[dict[str, object]]:
@@ -346,6 +347,53 @@ def sign_bars(scores: Sequence[TrialScore]) -> list[Rate]:
 def _signed(size: Covered) -> bool:
     """Return whether both ends of an interval have the true sign."""
     return min(size.low * size.true, size.high * size.true) > 0.0
+
+
+
+
+# --- Few poses, and noise that is stated wrongly --------------------------------------
+
+MOST_SPLITS, TRUE, SAID = 0.9, 0.95, 0.60
+"""Share of the splits from which a name is stable, the share of such names that is to
+be true, and the share of effects of `LARGE` that is to be said."""
+LARGE = 400.0
+AS_OFTEN, ALARMS = 0.90, 0.02
+"""Share of the names that are right with the true noise stated that is right without,
+and the share of recordings of nothing that may alarm."""
+
+
+def split_bars(scores: Sequence[TrialScore]) -> list[Rate]:
+    """Return how often stable names of few poses are true, and how many are said."""
+    if not any(s.splits for s in scores):
+        return []
+    stable = [hit for s in scores for share, hit in s.splits if share >= MOST_SPLITS]
+    own = [s for s in scores if len(s.truth) == 1 and min(s.chi2, default=0.0) >= LARGE]
+    said = [s.right for s in own if s.arm is None and STRATA[s.stratum].known]
+    return [
+        rate(f"names of {MOST_SPLITS:.0%} of the splits true", stable, least=TRUE),
+        rate(f"effects with a χ² of {LARGE:g} or more said", said, least=SAID),
+    ]
+
+
+def noise_bars(scores: Sequence[TrialScore]) -> list[Rate]:
+    """Return what another noise than the true one does to names; none where untried."""
+    right = {s.label: s.right for s in scores}
+    rates = []
+    for name, stratum in STRATA.items():
+        own = [s for s in scores if s.stratum == name]
+        if not own or not stratum.marks:
+            continue
+        if not stratum.least:
+            alarms = [s.detected for s in own]
+            rates.append(rate(f"detected: {name}", alarms, most=ALARMS))
+        elif stratum.arm_of:
+            wrong_names = [s.wrong_name for s in own]
+            rates.append(rate(f"wrong name: {name}", wrong_names, most=ALARMS))
+            pairs = ((s, s.label.replace(name, stratum.arm_of)) for s in own)
+            both = [s.right for s, other in pairs if right.get(other, False)]
+            said = f"right of those right with the true noise: {name}"
+            rates.append(rate(said, both, least=AS_OFTEN))
+    return rates
 
 
 # --- Confusion and calibration --------------------------------------------------------

@@ -134,6 +134,8 @@ class TrialScore:
         intervals: Coverage of the parameters of true names that were given.
         gain: Held-out gain over that of the true effect; None without a proof.
         seconds: How long the answer took.
+        splits: Of each name of few poses, the share of splits that give it, and whether
+            it or one of the equivalents that count is true.
         arm: Marks of a whole arm; None for other trials.
         twin: Marks of an effect with a twin; None for other trials.
     """
@@ -159,6 +161,7 @@ class TrialScore:
     intervals: tuple[Covered, ...]
     gain: float | None
     seconds: float
+    splits: tuple[tuple[float, bool], ...] = ()
     arm: "ArmScore | None" = None
     twin: "TwinScore | None" = None
 
@@ -211,6 +214,11 @@ def score_answer(label: str, name: str, answer: Mapping, truth: Mapping) -> Tria
         ),
         gain=_gain(answer, truth),
         seconds=float(answer.get("seconds", 0.0)),
+        splits=tuple(
+            (float(one["split_share"]), hit)
+            for one, hit in zip(given, covering, strict=True)
+            if "split_share" in one
+        ),
         arm=_arm_score(answer, truth, effects) if "own_chi2" in truth else None,
         twin=_twin_score(answer, truth) if "twin" in truth else None,
     )

@@ -55,6 +55,17 @@ ALONE = ("joint_compliance", "pulley_friction")
 """Effects that need a model or a sensor of their own: never combined or removed."""
 TOGETHER = tuple(name for name in SINGLE if name not in ALONE)
 """Effects that can be combined with others, and whose names can be taken out."""
+OF_LOADS = (
+    "hardening",
+    "asymmetric_stiffness",
+    "lost_motion",
+    "hysteresis",
+    "creep",
+    "angle_dependent_stiffness",
+    "bearing_tilt",
+    "base_compliance",
+)
+"""Effects that one mark can show, load by load."""
 OUTSIDE = (
     "softening",
     "thrust_turn",
@@ -105,11 +116,15 @@ class Stratum:
             laws under the same names, or mechanisms outside the vocabulary.
         effects: How many effects a whole arm has, `ALL` for every one that arms have
             everywhere; 0: the trial is none of a whole arm.
-        arm_of: Stratum whose trials have the same arms, without the one mechanism
-            outside the vocabulary that is here added to each; empty: none is.
+        arm_of: Stratum whose trials have the same arms: without the one mechanism
+            outside the vocabulary that is here added to each, or with another noise
+            stated; empty: none is.
         most: Largest projected χ², drawn log-uniformly from the least; 0: the least.
         has_twin: Whether the answer is asked for the twin of its effect: the same at
             another place, `arms.draw_twins`.
+        marks: Marks that the recording keeps, the first of those it has; 0: all. One or
+            two do not measure the tracker's noise.
+        stated: Noise of the tracker that is stated, over the true one; 0: none is.
     """
 
     name: str
@@ -124,6 +139,8 @@ class Stratum:
     arm_of: str = ""
     most: float = 0.0
     has_twin: bool = False
+    marks: int = 0
+    stated: float = 1.0
 
     @property
     def said(self) -> str:
@@ -162,6 +179,27 @@ def _whole_arms() -> tuple[Stratum, ...]:
 
 def _with_twin(name: str, what: str, effect: str) -> Stratum:
     return Stratum(name, what, (400.0,), pool=(effect,), most=40_000.0, has_twin=True)
+
+
+def _noise_statements() -> tuple[Stratum, ...]:
+    """Return strata of one mark, whose noise is stated rightly, wrongly or not."""
+    found = []
+    for start, what, least in (
+        ("one_mark", "one effect, one mark", (1600.0,)),
+        ("null_mark", "nothing there, one mark", ()),
+    ):
+        own = Stratum(start, what, least, "flange", pool=OF_LOADS, marks=1)
+        found.append(own)
+        for end, said, stated in (
+            ("unstated", "noise not stated", 0.0),
+            ("small", "noise stated three times too small", 1.0 / 3.0),
+            ("large", "noise stated three times too large", 3.0),
+        ):
+            name, text = f"{start}_{end}", f"{what}, {said}"
+            found.append(
+                replace(own, name=name, what=text, arm_of=start, stated=stated)
+            )
+    return tuple(found)
 
 
 STRATA = {
@@ -220,12 +258,13 @@ STRATA = {
             pool=("reading_lag",),
             most=40_000.0,
         ),
+        *_noise_statements(),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""
-USUAL = tuple(name for name, s in STRATA.items() if not (s.effects or s.most))
-"""Strata that are tried unless others are asked for: of one size, and not of a whole
-arm."""
+USUAL = tuple(name for name, s in STRATA.items() if not (s.effects or s.most or s.marks))
+"""Strata that are tried unless others are asked for: of one size, not of a whole arm,
+and with the noise stated as it is."""
 
 
 # --- Bars -----------------------------------------------------------------------------

@@ -27,7 +27,7 @@ from bench.proof.nominal_fit import (
     torques_of,
     turned_by,
 )
-from bench.proof.proof import Proof, prove
+from bench.proof.proof import Fold, Proof, prove
 from bench.proof.refinement import (
     Change,
     refined_parameters,
@@ -108,6 +108,25 @@ def test_the_true_patch_reaches_the_noise_on_poses_held_out(proof):
     assert marks.gain == pytest.approx(marks.before - marks.after)
     assert len(marks.before_of) == len(proof.held_out) == len(marks.posture_id)
     assert not proof.absolute
+
+
+def test_folds_judge_every_pose_once_by_fits_without_it(recording, kr10, held, proof):
+    """A fold that does not name the effect predicts its poses without it."""
+    ids = [int(p) for p in np.unique(recording.posture_id) if p not in held]
+    true = frozenset({("hysteresis", "a2")})
+    folds = [Fold(tuple(ids[::2]), true), Fold(tuple(ids[1::2]), frozenset())]
+    mine = patch(Hysteresis("a2", width_rad=2e-4))
+    whole = prove(recording, kr10, mine, held, thorough=False, folds=folds)
+    marks = of_markers(whole)
+    assert whole.folds == 3
+    assert sorted(whole.held_out) == sorted([*held, *ids]) == marks.posture_id.tolist()
+    assert whole.patch == proof.patch
+    after = dict(zip(marks.posture_id, marks.after_of, strict=True))
+    before = dict(zip(marks.posture_id, marks.before_of, strict=True))
+    assert_allclose([after[p] for p in held], of_markers(proof).after_of)
+    assert all(after[p] == before[p] for p in ids[1::2])
+    rms = [np.sqrt(np.mean([d[p] ** 2 for p in ids[::2]])) for d in (before, after)]
+    assert rms[1] < 1.1 * marks.noise < rms[0]
 
 
 def test_the_simulator_refines_springs_and_effect(proof, recording, kr10):

@@ -3,17 +3,23 @@
 from dataclasses import replace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from bench.proof.explained_share import explained_share
 from scenarios.pipelines.schema import (
+    Answer,
+    Called,
+    Detected,
     Findings,
     Interval,
+    Placed,
     Proved,
     gain_is_positive,
     verdict_of,
 )
+from scenarios.report.summary import narrative
 
 GOOD = Interval(0.02, 0.01, 0.03)
 ZERO = Interval(0.01, 0.0, 0.02)
@@ -109,3 +115,61 @@ def test_share_covers_the_truth_at_its_level():
         assert share is not None
         hits += share.low <= 0.9 <= share.high
     assert 0.90 <= hits / 200 <= 0.99
+
+
+# --- Sentences beside their numbers ---------------------------------------------------
+
+SURE = ("explained", "above 0.999", "What:")
+"""Words that claim more than a gain that may be zero allows."""
+
+
+def said(gain: Interval | None, split_share: float | None = None) -> str:
+    """Return the narrative of one name at 0.9999, with its proof."""
+    share = {} if split_share is None else {"split_share": split_share}
+    proved = None if gain is None else replace_folds(proof(gain), split_share)
+    explained = Interval(0.99, 0.97, 1.0)
+    verdict = verdict_of(replace(ALL_WELL, proof=proved, explained_share=explained))
+    return "\n".join(
+        narrative(
+            Answer(
+                schema=1,
+                recording="by hand",
+                verdict=verdict,
+                detection=Detected(0.0002, 0.03, 0.01, 0.005),
+                located=(Placed("a2", 0.0002, 1.0, (), "", **share),),
+                explained_share=explained,
+                named=(Called("hysteresis", "a2", 0.9999, (), {}, 0.9, **share),),
+                rivals=(),
+                unexplained=None,
+                confounded=(),
+                warnings=(),
+                proof_requested=True,
+                proof=proved,
+                next_experiments=(),
+                seconds=1.0,
+            )
+        )
+    )
+
+
+def replace_folds(proved: Proved, split_share: float | None) -> Proved:
+    return proved if split_share is None else msgspec.structs.replace(proved, folds=5)
+
+
+@pytest.mark.parametrize("split_share", [None, 0.6, 1.0])
+@pytest.mark.parametrize(
+    "gain", [None, ZERO, WORSE, Interval(0.0176, -0.0176, 0.056), GOOD]
+)
+def test_no_sentence_contradicts_its_number(gain, split_share):
+    text = said(gain, split_share)
+    if gain is not GOOD:
+        assert "unproved" in text and "not proved" in text.lower()
+        assert not any(word in text for word in SURE)
+    elif split_share == 0.6:
+        assert "in 60% of the splits" in text and "above 0.999" not in text
+    else:
+        assert "explained" in text and "above 0.999" in text
+    if split_share == 1.0:
+        assert "in every split" in text
+    if split_share is not None and gain is not None:
+        assert "each kept back once from one of 5 fits" in text

@@ -10,11 +10,13 @@ import pytest
 
 from bench.effects import EFFECTS
 from bench.effects.encoder_offset import EncoderOffset
+from bench.experiment import record
 from bench.instruments import Markers
 from bench.instruments.random_streams import streams
 from bench.rig import Rig
+from bench.shared.instrument_specs import ASSUMED
 from bench.shared.plan import DEFAULT_PATH
-from bench.standard_plans import tour
+from bench.standard_plans import table_one_plan, tour
 from scenarios.studies.blind_trials import draw, oracle
 from scenarios.studies.blind_trials.arms import (
     BUILDS,
@@ -29,6 +31,7 @@ from scenarios.studies.blind_trials.effects import (
     knees_of,
     turning,
 )
+from scenarios.studies.blind_trials.generation import as_stated
 from scenarios.studies.blind_trials.strata import LIBRARY, STRATA, USUAL
 from stiffness.effects import HYPOTHESES
 
@@ -129,6 +132,21 @@ def drawn_again(stratum, ground):
 @pytest.mark.parametrize("stratum", PUBLISHED)
 def test_first_trials_of_a_stratum_are_the_published_ones(stratum, ground):
     assert drawn_again(stratum, ground) == PUBLISHED[stratum]
+
+
+def test_noise_that_is_stated_changes_nothing_else_of_a_trial(kr10):
+    true = trial_of(0, "one_mark", 3)
+    seen = record(Rig(kr10), table_one_plan(poses=2), true.instruments, 0)
+    sigma = {"": 1e-5, "_small": 1e-5 / 3, "_large": 3e-5, "_unstated": ASSUMED}
+    for end, size in sigma.items():
+        trial = trial_of(0, f"one_mark{end}", 3)
+        assert trial.seed == true.seed
+        assert np.array_equal(trial.stiffness, true.stiffness)
+        assert trial.chance.spawn_key == true.chance.spawn_key
+        made = as_stated(seen, trial.stratum)
+        assert len(made.markers) == 1 and made.points.shape[1] == 1
+        np.testing.assert_allclose(made.tracker.repeatability, size)
+        assert made.tracker.is_stated == (end != "_unstated")
 
 
 def test_strata_keep_their_order_and_new_ones_come_last():

@@ -562,6 +562,40 @@ def test_rates_have_the_intervals_of_clopper_and_pearson():
     assert rates["intervals that hold their parameter"].trials == 9
 
 
+def test_stable_names_of_few_poses_are_counted_and_what_is_said():
+    truth = truth_of(TRUE)
+    answers = [
+        answer_of(named(TRUE) | {"split_share": 1.0}),
+        answer_of(named("creep@a2") | {"split_share": 0.9}),
+        answer_of(named("creep@a2") | {"split_share": 0.8}),
+        answer_of(verdict="unexplained"),
+    ]
+    found = [
+        score_answer(f"one_400 {k}", f"n{k}", answer, truth)
+        for k, answer in enumerate(answers)
+    ]
+    rates = {r.what: r for r in bars(found)}
+    stable = rates["names of 90% of the splits true"]
+    assert (stable.successes, stable.trials, stable.met) == (1, 2, False)
+    large = rates["effects with a χ² of 400 or more said"]
+    assert (large.successes, large.trials) == (1, 4)
+    assert "names of 90% of the splits true" not in {r.what for r in bars(scores())}
+
+
+def test_noise_statements_are_held_against_the_same_trial_with_true_noise():
+    truth = {
+        name: truth_of(TRUE, stratum=name) for name in ("one_mark", "one_mark_small")
+    }
+    right, none = answer_of(named(TRUE)), answer_of(verdict="unexplained")
+    answers = [("one_mark", 0, right), ("one_mark", 1, right), ("one_mark", 2, none)]
+    answers += [("one_mark_small", 0, right), ("one_mark_small", 1, none)]
+    answers += [("one_mark_small", 2, right)]
+    found = [score_answer(f"{s} {k}", f"{s}{k}", a, truth[s]) for s, k, a in answers]
+    rates = {r.what: r for r in bars(found)}
+    kept = rates["right of those right with the true noise: one_mark_small"]
+    assert (kept.successes, kept.trials) == (1, 2)
+
+
 def test_failures_are_those_that_speak_against_a_bar():
     assert [s.label for s in failures(scores())] == ["one_400 9", "null 4"]
 

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from bench.effects.encoder_offset import EncoderOffset as ZeroOff
 from bench.effects.gravity_load import GravityLoad as AddedMass
+from bench.effects.hysteresis import Hysteresis as Loop
 from bench.experiment import record
 from bench.instruments import Instruments
 from bench.instruments.markers import Markers
@@ -23,6 +24,7 @@ from stiffness.diagnosis.model_evaluation import cost_of_limits
 from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem
 from stiffness.diagnosis.nominal_fit import prepare, rest_of, smooth_basis
 from stiffness.diagnosis.relinearisation import build_problem
+from stiffness.diagnosis.result import Diagnosis
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.gravity_load import GravityLoad, carried
 from stiffness.effects.hysteresis import Hysteresis
@@ -189,6 +191,54 @@ def test_noise_may_be_left_out_and_is_then_measured(plain, arm):
     recording, _ = with_measured_noise(replace(plain, tracker=unknown))
     assert recording.tracker is not None
     assert_allclose(recording.tracker.repeatability, 1e-5, rtol=0.15)
+
+
+def with_one_mark(seen: Recording, stated: float) -> Recording:
+    """Return a recording that does not measure its noise, stated so many times over."""
+    assert seen.points is not None and seen.tracker is not None
+    tracker = replace(seen.tracker, repeatability=stated * seen.tracker.repeatability)
+    if not stated:
+        tracker = TrackerSpec(np.full(3, ASSUMED), is_stated=False)
+    kept = {"markers": seen.markers[:1], "points": seen.points[:, :1]}
+    return replace(seen, **kept, tracker=tracker)
+
+
+def noise_of(found: Diagnosis) -> str:
+    (told,) = [w.text for w in found.warnings if w.code == "noise_statement"]
+    return told
+
+
+def test_scatter_of_one_mark_beyond_the_stated_noise_is_noise_and_is_said(plain, arm):
+    """Stated three times too small: 0.01 mm a coordinate are 0.0163 mm rms too much."""
+    found = diagnose(with_one_mark(plain, 1 / 3), arm, FEW)
+    assert found.verdict == "no_mismatch"
+    assert found.scatter == pytest.approx(1e-5 * np.sqrt(3.0 * 8.0 / 9.0), rel=0.1)
+    assert "fit no law and were taken for noise" in noise_of(found)
+
+
+def test_noise_of_one_mark_that_is_not_stated_is_that_of_its_scatter(plain, arm):
+    found = diagnose(with_one_mark(plain, 0.0), arm, FEW)
+    assert found.verdict == "no_mismatch" and found.scatter is None
+    assert found.reading_noise == pytest.approx(1e-5, rel=0.1)
+
+
+def test_stated_noise_of_one_mark_bounds_it_from_below(plain, arm):
+    found = diagnose(with_one_mark(plain, 3.0), arm, FEW)
+    assert found.verdict == "no_mismatch" and found.scatter is None
+    assert found.detection.noise_rms > 2.5 * 1e-5 * np.sqrt(3.0)
+    assert "cannot be true" in noise_of(found) and "0.01" in noise_of(found)
+
+
+@pytest.mark.parametrize("stated", [1 / 3, 0.0, 1.0])
+def test_name_is_the_same_whatever_noise_is_stated(stated, kr10, arm):
+    """One mark does not measure it."""
+    watched = Instruments(markers=Markers("flange"))
+    rig = Rig(kr10, (Loop("a2", width_rad=2e-4),))
+    seen = with_one_mark(record(rig, table_one_plan(poses=40), watched, seed=3), stated)
+    found = diagnose(seen, arm, FEW)
+    assert [str(one.name) for one in found.named] == ["hysteresis at a2"]
+    assert found["hysteresis", "a2"].split_share == 1.0
+    assert found.verdict == "explained"
 
 
 def test_noise_that_no_body_shows_is_assumed_and_said(plain):

@@ -3,12 +3,20 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from bench.experiment import record
 from bench.instruments import Instruments, Markers
 from bench.rig import Rig
 from bench.standard_plans import table_one_plan
-from stiffness.regression.splits import seed_of, split_of, subsample_poses
+from stiffness.regression.splits import (
+    CROSS_VALIDATED,
+    Split,
+    other_splits,
+    seed_of,
+    split_of,
+    subsample_poses,
+)
 
 
 def test_long_recording_is_sampled_by_pose_the_same_way_again_and_says_so(kr10):
@@ -48,3 +56,26 @@ def test_split_does_not_depend_on_the_last_digits_of_a_processor(kr10):
     assert seed_of(other) == seed_of(missed) != seed_of(made)
     assert np.array_equal(split_of(other).fold, split_of(missed).fold)
     assert seed_of(replace(missed, points=points + 2e-6)) != seed_of(missed)
+
+
+def drawn(kr10, poses: int) -> Split:
+    flange = Instruments(markers=Markers("flange"))
+    return split_of(record(Rig(kr10), table_one_plan(poses=poses), flange, 1))
+
+
+@pytest.mark.parametrize("poses", [12, 20, 40])
+def test_each_pose_of_a_small_experiment_is_held_out_once_with_its_cluster(kr10, poses):
+    first = drawn(kr10, poses)
+    others = list(other_splits(first))
+    out = np.array([split.held_out for split in (first, *others)])
+    assert np.all(out.sum(axis=0) == 1)
+    assert len(others) <= 4 and out.any(axis=1).all()
+    for split in others:
+        for cluster in np.unique(split.cluster):
+            assert len(np.unique(split.fold[split.cluster == cluster])) == 1
+
+
+def test_many_poses_and_a_handful_have_one_split(kr10):
+    assert list(other_splits(drawn(kr10, 6))) == []
+    fold = np.arange(CROSS_VALIDATED) % 9
+    assert list(other_splits(Split(fold, 8, fold))) == []
