@@ -40,6 +40,7 @@ from stiffness.diagnosis.sufficient_statistics import (
     normal_equations_of,
 )
 from stiffness.effects.jacobian import EffectJacobian, values, with_values
+from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.elimination import minimum_norm_fit
 from stiffness.regression.normal_equations import NormalEquations
@@ -166,11 +167,20 @@ def noise_ratio_of(
         named: Whether a set was selected.
         unstated: Whether no noise is stated.
     """
-    ratio = last.noise_ratio
+    ratio = _ratio_of_scatter(prepared, last)
     if prepared.degrees_of_freedom:
         return ratio if named and last.is_overdispersed else 1.0
     smaller = unstated and 0.0 < ratio < 1.0 / ODD
     return ratio if smaller or ratio > ODD else 1.0
+
+
+def _ratio_of_scatter(prepared: Prepared, last: DetectionTest) -> float:
+    """Return what scatter along no law is over noise; of 6D targets, one at least.
+
+    Points of a 6D target share its noise and scatter by less than as many marks.
+    """
+    shared = np.any(shares_of(prepared.situation.recording) != 1.0)
+    return max(last.noise_ratio, 1.0) if shared else last.noise_ratio
 
 
 def with_noise(prepared: Prepared, ratio: float) -> Prepared:
@@ -225,7 +235,7 @@ def noise_text(
         ratio: That noise over the one before.
         unstated: Whether no noise is stated.
     """
-    sigma, now = 1e3 * reading_noise(prepared), last.noise_ratio
+    sigma, now = 1e3 * reading_noise(prepared), _ratio_of_scatter(prepared, last)
     if scatter is not None:
         return (
             f"{1e3 * scatter:.3g} mm rms of a reading fit no law and were taken for "
