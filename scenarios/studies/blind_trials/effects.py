@@ -271,7 +271,8 @@ ABOVE = 1.25
 """Factor by which an effect may exceed the χ² that is asked for; chosen: the bars give
 the least, and the smallest effects are the hardest."""
 FEWEST = 20.0
-"""Least number of poses that contribute, by the rule of the bars."""
+"""Least number of poses that contribute, by the rule of the bars; of fewer than twice as
+many poses half of them."""
 TRIES = 7
 """Most simulations to find a size; chosen, three are usual."""
 OUT_OF_LIBRARY_SHAPES = {
@@ -335,7 +336,10 @@ def _largest(effect: Effect) -> float:
 
 
 def as_large_as(
-    effect: Effect, least: float, weigh: Callable[[Effect], Visibility]
+    effect: Effect,
+    least: float,
+    weigh: Callable[[Effect], Visibility],
+    fewest: float | None = None,
 ) -> tuple[Effect, Visibility]:
     """Find the size at which an effect has at least a given χ², and not much more.
 
@@ -343,6 +347,7 @@ def as_large_as(
         effect: Of a catalogue's size.
         least: The χ² that is asked for.
         weigh: Simulates an effect and returns its visibility.
+        fewest: Poses that have to contribute; None: `FEWEST`.
 
     Raises:
         OutOfReach: Where no physical size has this χ², or too few poses contribute.
@@ -354,7 +359,7 @@ def as_large_as(
         tried = scaled(effect, factor)
         weight = weigh(tried)
         if least <= weight.chi2 <= ABOVE * least:
-            if weight.poses < FEWEST:
+            if weight.poses < (FEWEST if fewest is None else fewest):
                 fault = f"{weight.poses:.0f} poses show {effect.name}@{effect.where}."
                 raise OutOfReach(fault)
             return tried, weight

@@ -103,13 +103,14 @@ def calibrate_magnitude(
         seen = bench.seen((effect,), replace(trial.instruments, tracker=watching))
         return explained(seen, Path(bench.rig.arm_file), (effect.name,))
 
+    fewest = min(FEWEST, len(bench.plan.posture) / 2)
     found, weights = [], []
     for effect, smallest in zip(effects, trial.stratum.least, strict=True):
         least = smallest
         if trial.stratum.most:
             least *= (trial.stratum.most / smallest) ** draw.uniform(0.0, 1.0)
         if trial.stratum.known:
-            larger, weight = as_large_as(effect, least, weigh)
+            larger, weight = as_large_as(effect, least, weigh, fewest)
         else:
             larger, weight = as_strange_as(effect, least, weigh, captured, draw)
         found.append(larger)
