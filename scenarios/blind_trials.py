@@ -8,8 +8,8 @@ Every kind of trial is tried N times; trial k of a kind is the same whatever N i
 is finished is kept in OUT/rows: the same command goes on, and a larger N adds to it.
 `--first K` begins with trial K, for a part on another machine: files of its OUT/rows
 are copied beside those of the first, and the report is on all that are there. Whole
-arms of 6, 12 or all effects, with or without a mechanism outside the vocabulary, and
-effects that have a twin are tried where `--strata` asks for them: `arm_12`.
+arms of 6, 12 or all effects (`arm_12`), effects that have a twin, and one mark whose
+noise is stated rightly, wrongly or not are tried where `--strata` asks for them.
 
 Run:    python -m scenarios.blind_trials --trials 4 --seed 0 --out results/blind_trials
 Takes:  about 15 s of one core a trial: 10 min for 48 trials on two; of a whole arm 40 s
@@ -44,14 +44,14 @@ class Settings:
     seed: int = 0
     """Of everything that is drawn."""
     strata: tuple[str, ...] = USUAL
-    """Kinds of trials, those of whole arms and of twins only where they are asked for;
+    """Kinds of trials, those of whole arms, twins and one mark only where asked for;
     see scenarios/studies/blind_trials/strata.py."""
     proof: bool = False
     """Prove names in the simulator too, against what the truth would gain."""
     keep: bool = False
     """Keep the recordings, 2.6 MB each, after they were answered."""
     poses: int = 151
-    """Postures of a recording; fewer only to try things out."""
+    """Postures of a recording; below 100 names say how many splits give them."""
     arm: Literal["kr10", "six", "seven", "column"] = "kr10"
     """The KR10, or one drawn from the seed: six or seven axes, or six on a column."""
     jobs: int = 2
