@@ -103,7 +103,7 @@ def calibrate_magnitude(
         seen = bench.seen((effect,), replace(trial.instruments, tracker=watching))
         return explained(seen, Path(bench.rig.arm_file), (effect.name,))
 
-    fewest = min(FEWEST, len(bench.plan.posture) / 2)
+    fewest = min(FEWEST, len(bench.plan.posture) / 4)
     found, weights = [], []
     for effect, smallest in zip(effects, trial.stratum.least, strict=True):
         least = smallest
