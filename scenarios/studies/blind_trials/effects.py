@@ -271,8 +271,8 @@ ABOVE = 1.25
 """Factor by which an effect may exceed the χ² that is asked for; chosen: the bars give
 the least, and the smallest effects are the hardest."""
 FEWEST = 20.0
-"""Least number of poses that contribute, by the rule of the bars; of fewer than 80 poses
-a quarter of them."""
+"""Least number of poses that contribute, by the rule of the bars; of less than 80 poses
+a quarter."""
 TRIES = 7
 """Most simulations to find a size; chosen, three are usual."""
 OUT_OF_LIBRARY_SHAPES = {
