@@ -39,9 +39,9 @@ from stiffness.diagnosis.detection import (
 )
 from stiffness.diagnosis.model_fit import SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
-from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.residual_checks import (
+from stiffness.diagnosis.relinearisation import (
     ODD,
+    build_problem,
     noise_ratio_of,
     noise_text,
     reading_noise,

@@ -1,4 +1,4 @@
-"""Relinearisation of all columns about the effects that were selected.
+"""Relinearisation about the effects that were selected, and the noise they leave.
 
 ==========  ==========================================================================
 Equation    y = f(c0) + (c1 - c0) df/dc + (c - c1) df/dc' + sizes x columns'; df/dc as
@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from stiffness.diagnosis.candidates import library_of, springs_of
-from stiffness.diagnosis.detection import MEASURED, MISSTATED
+from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -27,13 +27,14 @@ from stiffness.diagnosis.model_fit import (
     solve,
     training,
 )
-from stiffness.diagnosis.nominal_fit import Prepared
+from stiffness.diagnosis.nominal_fit import Prepared, blocks
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
     normal_equations_of,
 )
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import JacobianBlock, values, with_values
+from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.splits import Split, seed_of, split_of
 
@@ -192,3 +193,109 @@ def _within_a_decade(
     change: Float[np.ndarray, " springs"], before: Float[np.ndarray, " springs"]
 ) -> Float[np.ndarray, " springs"]:
     return np.clip(change, -0.9 * before, 9.0 * before)
+
+
+# --- Noise as an unknown --------------------------------------------------------------
+
+ODD = 1.1
+"""Noise over the one it was held for from which it is another; chosen: a tenth."""
+
+
+def noise_ratio_of(
+    prepared: Prepared, last: DetectionTest, named: bool, unstated: bool
+) -> float:
+    """Return by what noise is to grow for what fits no law; one: by nothing.
+
+    Marks of one body measure noise: scatter beyond it is a finding, and noise only
+    where names are judged. A noise that is only stated is a lower bound, one that is
+    not stated is none.
+
+    Args:
+        prepared: The recording against its nominal model.
+        last: Test of the residual of the set, or of everything where none was selected.
+        named: Whether a set was selected.
+        unstated: Whether no noise is stated.
+    """
+    ratio = _ratio_of_scatter(prepared, last)
+    if prepared.degrees_of_freedom:
+        return ratio if named and last.is_overdispersed else 1.0
+    smaller = unstated and 0.0 < ratio < 1.0 / ODD
+    return ratio if smaller or ratio > ODD else 1.0
+
+
+def _ratio_of_scatter(prepared: Prepared, last: DetectionTest) -> float:
+    """Return what scatter along no law is over noise; of 6D targets, one at least.
+
+    Points of a 6D target share its noise and scatter by less than as many marks.
+    """
+    shared = np.any(shares_of(prepared.situation.recording) != 1.0)
+    return max(last.noise_ratio, 1.0) if shared else last.noise_ratio
+
+
+def with_noise(prepared: Prepared, ratio: float) -> Prepared:
+    """Return a recording with another noise of its readings.
+
+    Args:
+        prepared: The recording against its nominal model.
+        ratio: The new noise over the present one.
+    """
+    inverse = prepared.readings.inverse / ratio**2
+    readings = replace(prepared.readings, inverse=inverse)
+    visits = prepared.data.visits
+    data, arrival = blocks(prepared.situation, visits, readings, None)
+    return replace(
+        prepared,
+        data=data,
+        readings=readings,
+        sigma=prepared.sigma * ratio,
+        noise=prepared.noise * ratio,
+        pose_repeatability=arrival,
+    )
+
+
+def reading_noise(prepared: Prepared) -> float:
+    """Return one sigma of a frame's coordinates as they are judged, in m."""
+    return float(np.sqrt(np.trace(np.linalg.inv(prepared.readings.inverse)) / 3.0))
+
+
+def scatter_of_readings(noise_rms: float, ratio: float) -> float | None:
+    """Return the rms of a reading that was taken for noise, in m; None without.
+
+    Args:
+        noise_rms: What noise as it is judged now leaves, in m.
+        ratio: That noise over the one before.
+    """
+    return noise_rms * float(np.sqrt(1.0 - ratio**-2.0)) if ratio > 1.0 else None
+
+
+def noise_text(
+    prepared: Prepared,
+    last: DetectionTest,
+    scatter: float | None,
+    ratio: float,
+    unstated: bool,
+) -> str:
+    """Return what is said of a noise that scatter shows; empty: it is as it was held.
+
+    Args:
+        prepared: The recording with the noise that names were judged against.
+        last: The last test under it.
+        scatter: As `scatter_of_readings` has it.
+        ratio: That noise over the one before.
+        unstated: Whether no noise is stated.
+    """
+    sigma, now = 1e3 * reading_noise(prepared), _ratio_of_scatter(prepared, last)
+    if scatter is not None:
+        return (
+            f"{1e3 * scatter:.3g} mm rms of a reading fit no law and were taken for "
+            f"noise, now {sigma:.3g} mm a coordinate, {ratio:.2f} times what it was "
+            "held for; names are judged against that."
+        )
+    if ratio < 1.0:
+        return f"the tracker's noise is not stated; readings scatter by {sigma:.3g} mm."
+    if unstated or prepared.degrees_of_freedom or not 0.0 < now < 1.0 / ODD:
+        return ""
+    return (
+        f"the stated noise cannot be true: readings scatter {now:.2f} times as much, "
+        f"{now * sigma:.3g} mm; names are judged against the stated one."
+    )
