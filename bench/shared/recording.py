@@ -5,6 +5,7 @@ In memory everything is SI and radians; `bench.shared.format` converts on readin
 writing.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -83,6 +84,28 @@ class Payload:
 
 
 @dataclass(frozen=True)
+class DrawingAccuracy:
+    """How true a nominal model is taken to be: one sigma of each kind of number.
+
+    The defaults are twice the usual error of an uncalibrated arm (Slamani et al. 2012:
+    0.5 mm, 1 mrad) for lengths and angles, twice as much again for zeros, which are
+    set by hand after each exchange of a motor, and a tenth for masses, which makers
+    round and cables and covers add to.
+
+    Attributes:
+        length: Of a link's lengths and of a slide's zero, in m.
+        angle: Of the angles between axes, in rad.
+        offset: Of an axis' zero, in rad.
+        mass_ratio: Of a link's mass, as a share of it.
+    """
+
+    length: float = 1e-3
+    angle: float = math.radians(0.1)
+    offset: float = math.radians(0.2)
+    mass_ratio: float = 0.1
+
+
+@dataclass(frozen=True)
 class Recording:
     """One experiment, one row per measured state, in the order of time.
 
@@ -115,6 +138,7 @@ class Recording:
         encoder_repeatability: One sigma of a link-side angle, in rad.
         torque_accuracy: One sigma of `axis_torque`, in N m.
         tool: What is mounted beyond the model, sensor included; None where nothing.
+        drawing: How true the model is taken to be.
         robot: Informative name of the robot.
         rows: Whether a row is a plateau or an instant of a stream.
         displacement: `relative`: only differences within a visit mean anything.
@@ -150,6 +174,7 @@ class Recording:
     encoder_repeatability: float | None = None
     torque_accuracy: float | None = None
     tool: Payload | None = None
+    drawing: DrawingAccuracy = DrawingAccuracy()
     robot: str = ""
     rows: Literal["plateaus", "stream"] = "plateaus"
     displacement: Literal["absolute", "relative"] = "absolute"

@@ -33,7 +33,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.calibration.model import CalibrationState, Entry, entries_of
+from stiffness.calibration.model import (
+    CalibrationState,
+    Entry,
+    corrections_of,
+    entries_of,
+    prior_sizes,
+)
 from stiffness.calibration.rigid_fit import RigidFit
 from stiffness.regression.normal_equations import Normal
 from stiffness.robot.tracker_frame import LARGEST_SCALE
@@ -221,9 +227,11 @@ class Blocks:
         most: Upper bound.
         entry: Index of each column among the columns of the state's nuisance
             Jacobian; −1 elsewhere.
-        start: Value of each coefficient in the state: the corrections of the geometry
-            so far, 0 elsewhere. Coefficients are full values, not steps: what is
-            not fitted is as the model has it.
+        start: Value of each coefficient in the state: the corrections of what is
+            stated so far, 0 elsewhere. Coefficients are full values, not steps: what
+            is not fitted is as the model has it.
+        size: One sigma of each coefficient before the readings; infinite where nothing
+            is stated.
         candidates: Those whose columns follow the columns of the geometry.
     """
 
@@ -234,6 +242,7 @@ class Blocks:
     most: Float[np.ndarray, " columns"]
     entry: Int[np.ndarray, " columns"]
     start: Float[np.ndarray, " columns"]
+    size: Float[np.ndarray, " columns"]
     candidates: tuple[Candidate, ...]
 
     @classmethod
@@ -262,11 +271,12 @@ class Blocks:
             least += [c.least] * count
             most += [c.most] * count
         entry = np.concatenate([shown, np.full(len(owner) - len(shown), -1)])
-        start, own = np.zeros(len(owner)), shown[shown < len(drawing)]
-        start[: len(own)] = stance.geometry.values[own]
+        start, size = np.zeros(len(owner)), np.full(len(owner), np.inf)
+        start[: len(shown)] = corrections_of(stance.readings, stance.geometry)[shown]
+        size[: len(shown)] = prior_sizes(stance.readings)[shown]
         return cls(
             tuple(owner), tuple(parameter), np.array(order), np.array(least),
-            np.array(most), entry, start, tuple(candidates),
+            np.array(most), entry, start, size, tuple(candidates),
         )  # fmt: skip
 
     @property

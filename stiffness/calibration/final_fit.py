@@ -16,6 +16,17 @@ Valid       ten regions or more
 Ignores     the selection that came before, on folds left out
 ==========  ==========================================================================
 
+Design effect of the regions (`design_effect`), by which the drawing counts more:
+
+==========  ==========================================================================
+Equation    tr(V⁻¹ sum over regions d d') R / (R − 1) / tr(1 − V⁻¹ C P C), d = C g of
+            the geometry, V its part of C
+Source      Rao, Scott 1984, "On chi-squared tests for multiway contingency tables",
+            Annals of Statistics 12, 46 (the mean of generalised design effects)
+Valid       ten regions or more
+Ignores     that directions differ in it
+==========  ==========================================================================
+
 Repeated fit (`final_fit`):
 
 ==========  ==========================================================================
@@ -27,6 +38,7 @@ Ignores     effects that were not selected: they stay as the model has them
 ==========  ==========================================================================
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,17 +49,43 @@ from bench.shared.settings import SETTINGS
 from stiffness.calibration.columns import SILENT, Blocks, Key, candidates_of, normals_of
 from stiffness.calibration.model import CalibrationState, Geometry, Readings
 from stiffness.calibration.rigid_fit import RigidFit
-from stiffness.regression.empirical_bayes import (
-    Solved,
-    VarianceComponents,
-    learnt,
-    solved,
-)
+from stiffness.regression.empirical_bayes import Solved, VarianceComponents, learnt
 from stiffness.regression.intervals import Estimate
+from stiffness.regression.normal_equations import Normal
 
 # --- Intervals ------------------------------------------------------------------------
 
 LEVEL = SETTINGS.confidence
+
+
+def design_effect(
+    blocks: Blocks,
+    folds: Sequence[Normal],
+    fit: Solved,
+    noise: float,
+) -> float:
+    """Return how much more the geometry errs than if all readings erred by themselves.
+
+    Readings of one region err together, so there are fewer of them than there seem, and
+    what the drawing states counts by this factor more beside them.
+
+    Args:
+        blocks: The columns, all of them fitted.
+        folds: Normal equations of the regions.
+        fit: The solution.
+        noise: Variance of a coordinate, in m^2.
+    """
+    own = np.flatnonzero(np.isfinite(blocks.size))
+    if len(folds) < 2 or not len(own):
+        return 1.0
+    inverse = fit.inverse(own)  # (columns, own)
+    scores = np.array([f.aim - f.gram @ fit.x for f in folds]) / noise
+    moved = scores @ inverse
+    weight = np.linalg.inv(inverse[own])
+    used = len(own) - np.trace(weight @ (inverse.T * fit.precision) @ inverse)
+    square = np.einsum("fi,ij,fj->", moved, weight, moved)
+    count = len(folds)
+    return max(float(square * count / (count - 1) / max(used, 1.0)), 1.0)
 
 
 def spread(
@@ -58,6 +96,7 @@ def spread(
     fit: Solved,
     variances: VarianceComponents,
     wanted: Int[np.ndarray, " some"],
+    design: float,
 ) -> Float[np.ndarray, " some"]:
     """Return half the width of the confidence intervals of some coefficients.
 
@@ -69,6 +108,7 @@ def spread(
         fit: Their solution.
         variances: Variances of noise and bands.
         wanted: Indices of the coefficients within the fitted ones.
+        design: Design effect of the regions; see `design_effect`.
     """
     inverse = fit.inverse(wanted)  # (known, some)
     regions = np.unique(region[region >= 0])
@@ -82,7 +122,9 @@ def spread(
         total += np.outer(score, score)
     count = len(regions)
     variance = np.diag(total) * count / (count - 1)
-    variance = np.maximum(variance, inverse[wanted, np.arange(len(wanted))])
+    stated = np.isfinite(blocks.size[columns[wanted]])
+    least = inverse[wanted, np.arange(len(wanted))] * np.where(stated, design, 1.0)
+    variance = np.maximum(variance, least)
     return student.ppf(0.5 + LEVEL / 2, count - 1) * np.sqrt(variance)
 
 
@@ -264,6 +306,7 @@ def final_fit(
     wanted: set[tuple[Key, str]],
     sprung: set[Key],
     highest: int,
+    design: float = 1.0,
 ) -> FinalFit:
     """Fit the nuisance parameters and the selected effects to the rows that are kept.
 
@@ -274,8 +317,9 @@ def final_fit(
         wanted: Effects and parameters that are fitted.
         sprung: Springs that the model has.
         highest: Order below which tables end.
+        design: Design effect of the regions; see `design_effect`.
     """
-    found = _about(readings, keep, rigid, wanted, sprung, highest)
+    found = _about(readings, keep, rigid, wanted, sprung, highest, design)
     for _ in range(ROUNDS - 1):
         before, now = found.stance.geometry, found.corrected_geometry
         moved = np.abs(now.values - before.values).max(initial=0.0)
@@ -283,11 +327,11 @@ def final_fit(
         if max(moved, turned) < MOVED:
             break
         fit = RigidFit(now, rigid.kept)
-        found = _about(readings, keep, fit, wanted, sprung, highest)
+        found = _about(readings, keep, fit, wanted, sprung, highest, design)
     return found
 
 
-def _about(readings, keep, rigid, wanted, sprung, highest) -> FinalFit:
+def _about(readings, keep, rigid, wanted, sprung, highest, design) -> FinalFit:
     stance = CalibrationState.of(readings, rigid.geometry)
     keys = {owner for owner, _ in wanted}
     every = [
@@ -307,8 +351,8 @@ def _about(readings, keep, rigid, wanted, sprung, highest) -> FinalFit:
     )
     one = np.where(keep, 0, -1)
     normal = normals_of(full, stance, one, 1)[0].only(known)
-    _, sizes = learnt(normal, full.band[known])
-    fit = solved(normal, full.band[known], sizes)
+    stated = design / full.size[known] ** 2
+    fit, sizes = learnt(normal, full.band[known], stated)
     left = np.empty_like(stance.residual)
     for start in range(0, len(left), 500):
         rows = np.arange(start, min(start + 500, len(left)))

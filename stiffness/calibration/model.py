@@ -38,7 +38,7 @@ from scipy.cluster.vq import kmeans2
 from scipy.spatial.transform import Rotation
 
 from bench.shared.errors import Unusable
-from bench.shared.recording import UNLOADED, Payload, Recording
+from bench.shared.recording import UNLOADED, DrawingAccuracy, Payload, Recording
 from stiffness.experiment.visits import commanded_lags
 from stiffness.robot.arm import Arm
 from stiffness.robot.chain import Chain, Place
@@ -71,6 +71,8 @@ class Readings:
         tool: What the arm carries besides its own weight, on the flange.
         told_lag: How far each reported angle lags behind its command, in rad; NaN =
             no command was recorded.
+        placed: Whether a target's nominal position is stated.
+        drawing: How true the model is taken to be.
     """
 
     arm: Arm
@@ -86,6 +88,8 @@ class Readings:
     stated: float
     tool: Payload
     told_lag: Float[np.ndarray, " axes"]
+    placed: Bool[np.ndarray, " markers"]
+    drawing: DrawingAccuracy = DrawingAccuracy()
 
     def take(self, rows: np.ndarray) -> "Readings":
         """Return the same with only these rows (indices or a mask)."""
@@ -94,6 +98,7 @@ class Readings:
             self.marker[rows], self.posture_id[rows], self.hours[rows],
             self.names, self.bodies, self.places, self.stated, self.tool,
             self.told_lag,
+            self.placed, self.drawing,
         )  # fmt: skip
 
 
@@ -154,6 +159,8 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
         stated=np.nan if sigma is None else float(np.mean(sigma.repeatability)),
         tool=recording.tool or Payload(),
         told_lag=commanded_lags(recording)[:, 0],
+        placed=np.array([x.position is not None for x in markers]),
+        drawing=recording.drawing,
     )
 
 
@@ -258,6 +265,33 @@ def entries_of(chain: Chain) -> tuple[Entry, ...]:
         Entry("geometry_error", link, name) for link in chain.links for name in NAMES
     ]
     return (*offsets, *links)
+
+
+PLACED = 1e-3
+"""One sigma of a stated position of a target, in m; chosen: what counts as nominal in
+a diagnosis too."""
+
+
+def prior_sizes(readings: Readings) -> Float[np.ndarray, " silent"]:
+    """Return one sigma of geometry, frame and target positions before the readings.
+
+    Infinite where nothing is stated: the tracker's frame, targets without a place.
+    """
+    drawing = readings.drawing
+    of_kind = {"offset_rad": drawing.offset, "offset_m": drawing.length}
+    of_kind |= dict.fromkeys(NAMES[:3], drawing.length)
+    of_kind |= dict.fromkeys(NAMES[3:], drawing.angle)
+    sizes = [of_kind[e.parameter] for e in entries_of(readings.arm.chain)]
+    places = np.where(np.repeat(readings.placed, 3), PLACED, np.inf)
+    return np.concatenate([sizes, np.full(6, np.inf), places])
+
+
+def corrections_of(
+    readings: Readings, geometry: "Geometry"
+) -> Float[np.ndarray, " silent"]:
+    """Return how far a geometry is from what is stated; 0 where nothing is."""
+    moved = np.where(readings.placed[:, None], geometry.places - readings.places, 0.0)
+    return np.concatenate([geometry.values, np.zeros(6), moved.ravel()])
 
 
 def seats_of(chain: Chain) -> list[int]:

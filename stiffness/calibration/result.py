@@ -50,6 +50,7 @@ from stiffness.calibration.final_fit import (
     LEVEL,
     Table,
     Wave,
+    design_effect,
     estimates_of,
     final_fit,
     largest_waves,
@@ -314,15 +315,17 @@ def calibrated(
     some = candidates_of(stance, min(CHOOSING, highest))
     blocks = Blocks.of(rigid, stance, some, sprung)
     folds = normals_of(blocks, stance, spatial_folds.fold, spatial_folds.count)
-    _, sizes = learnt(total_of(folds), blocks.band)
-    chosen = selected(Judge(blocks, folds, sizes), said)
+    stated = 1.0 / blocks.size**2
+    fit, sizes = learnt(total_of(folds), blocks.band, stated)
+    design = design_effect(blocks, folds, fit, sizes.noise)
+    chosen = selected(Judge(blocks, folds, sizes, design * stated), said)
     said("drawing tables in full")
     wanted = {(blocks.owner[j], blocks.parameter[j]) for j in chosen.columns}
     del folds
     if not any(blocks.entry[j] >= 0 and blocks.owner[j] != SILENT
                for j in chosen.columns):  # fmt: skip
         rigid = RigidFit(before.corrected_geometry, rigid.kept)
-    after = final_fit(readings, keep, rigid, wanted, sprung, highest)
+    after = final_fit(readings, keep, rigid, wanted, sprung, highest, design)
     full, known, x = after.blocks, after.known, after.fit.x
     numbers = np.flatnonzero(full.order[known] == 0)
     waves = largest_waves(full, known, x, WAVES)
@@ -330,7 +333,7 @@ def calibrated(
     region = np.where(keep, spatial_folds.region, -1)
     half = spread(
         full, after.stance, region, known, after.fit, after.variances,
-        np.concatenate(asked),
+        np.concatenate(asked), design,
     )  # fmt: skip
     ends = np.cumsum([len(a) for a in asked])
     by_wave = zip(waves.items(), np.split(half, ends)[1:], strict=False)

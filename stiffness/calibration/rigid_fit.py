@@ -1,10 +1,13 @@
-"""Gauss-Newton fit of the geometry, restricted to identifiable parameters.
+"""Gauss-Newton fit of the geometry, shrunk towards the drawing.
 
 ==========  ==========================================================================
-Equation    Gauss-Newton on observed − predicted; a column is kept when its component
-            orthogonal to the columns kept before it is visible
-Source      Khalil, Gautier, Enguehard 1991, "Identifiable parameters and optimum
-            configurations for robots calibration", Robotica 9, 63
+Equation    Gauss-Newton on |observed − predicted|² / s² + |correction / size|², s² the
+            mean square left, size one sigma of the drawing; of columns that do the same
+            one is kept: a column stays when its component orthogonal to the columns
+            before it is visible
+Source      Tikhonov 1963 (the prior); Khalil, Gautier, Enguehard 1991, "Identifiable
+            parameters and optimum configurations for robots calibration", Robotica 9,
+            63 (the choice of columns)
 Valid       errors of the geometry that are small beside the arm
 Ignores     everything but a rigid arm
 ==========  ==========================================================================
@@ -15,7 +18,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from stiffness.calibration.model import CalibrationState, Geometry, Readings, entries_of
+from stiffness.calibration.model import (
+    CalibrationState,
+    Geometry,
+    Readings,
+    corrections_of,
+    entries_of,
+    prior_sizes,
+)
 from stiffness.experiment.outliers import FEW, RARE, far_off
 from stiffness.robot.tracker_frame import kabsch
 
@@ -85,12 +95,18 @@ def _fit_until_stable(readings: Readings, start: Geometry, redraw: bool) -> Rigi
         .reshape(3 * len(readings.seen), -1)
     )
     fit = RigidFit(start, identifiable(a, count, redraw))
+    size = prior_sizes(readings)[fit.kept]
     for _ in range(ROUNDS):
         stance = CalibrationState.of(readings, fit.geometry)
         a = stance.nuisance_jacobian().reshape(3 * len(readings.seen), -1)
+        left = stance.residual.ravel()
+        weight = np.sqrt(np.mean(left**2)) / size  # of the drawing beside a reading
+        away = -weight * corrections_of(readings, fit.geometry)[fit.kept]
         step = np.zeros(a.shape[1])
         step[fit.kept] = np.linalg.lstsq(
-            a[:, fit.kept], stance.residual.ravel(), rcond=None
+            np.vstack([a[:, fit.kept], np.diag(weight)]),
+            np.concatenate([left, away]),
+            rcond=None,
         )[0]
         fit = RigidFit(fit.geometry.stepped(step), fit.kept)
         if np.abs(step).max() < STILL:

@@ -71,11 +71,13 @@ class Judge:
         blocks: The columns.
         folds: Normal equations of each fold.
         variances: Variances of noise and tables' bands.
+        stated: Precision of the coefficients before the readings.
     """
 
     blocks: Blocks
     folds: Sequence[Normal]
     variances: VarianceComponents
+    stated: Float[np.ndarray, " columns"]
 
     @cached_property
     def total(self) -> Normal:
@@ -95,7 +97,7 @@ class Judge:
         square = np.diag(self.total.gram)
         if out is not None:
             square = square - np.diag(out.gram)
-        own = precision_of(square, self.blocks.band, self.variances)
+        own = precision_of(square, self.blocks.band, self.variances, self.stated)
         return Eliminated.of(self.total, out, self.variances.noise, own)
 
 

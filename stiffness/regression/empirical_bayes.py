@@ -1,8 +1,8 @@
 """Ridge regression whose prior variances and noise are learnt from the data.
 
 ==========  ==========================================================================
-Equation    x = (A'A / s² + P)⁻¹ A'y / s², P = 1 / v of a column's band, 0 elsewhere;
-            v = sum x² / sum (1 - P C), s² = rest / (n - sum (1 - P C))
+Equation    x = (A'A / s² + P)⁻¹ A'y / s², P = 1 / v of a column's band, as stated
+            elsewhere; v = sum x² / sum (1 - P C), s² = rest / (n - sum (1 - P C))
 Source      MacKay 1992, "Bayesian interpolation", Neural Computation 4, 415
 Valid       many coefficients a band; residuals of one size
 Ignores     that neighbouring poses err together: intervals are made elsewhere
@@ -72,20 +72,24 @@ def precision_of(
     square: Float[np.ndarray, " columns"],
     band: Int[np.ndarray, " columns"],
     variances: VarianceComponents,
+    stated: Float[np.ndarray, " columns"] | float = 0.0,
 ) -> Float[np.ndarray, " columns"]:
-    """Return P of columns with these sums of squares."""
+    """Return P of columns with these sums of squares, and with what is stated."""
     diagonal = square / variances.noise
     tabled = band >= 0
-    precision = FAINT * np.where(diagonal > 0.0, diagonal, 1.0)
+    precision = FAINT * np.where(diagonal > 0.0, diagonal, 1.0) + stated
     precision[tabled] = 1.0 / variances.variance[band[tabled]]
     return precision
 
 
 def solved(
-    normal: Normal, band: Int[np.ndarray, " columns"], variances: VarianceComponents
+    normal: Normal,
+    band: Int[np.ndarray, " columns"],
+    variances: VarianceComponents,
+    stated: Float[np.ndarray, " columns"] | float = 0.0,
 ) -> Solved:
     """Solve with sizes as they are."""
-    precision = precision_of(np.diag(normal.gram), band, variances)
+    precision = precision_of(np.diag(normal.gram), band, variances, stated)
     h = normal.gram / variances.noise
     h[np.diag_indices(len(h))] += precision
     factor = cho_factor(h, lower=True, overwrite_a=True)
@@ -93,14 +97,16 @@ def solved(
 
 
 def learnt(
-    normal: Normal, band: Int[np.ndarray, " columns"]
+    normal: Normal,
+    band: Int[np.ndarray, " columns"],
+    stated: Float[np.ndarray, " columns"] | float = 0.0,
 ) -> tuple[Solved, VarianceComponents]:
-    """Learn the sizes and solve."""
+    """Learn the sizes that are not stated and solve."""
     count = int(band.max(initial=-1)) + 1
     tabled = band >= 0
     sizes = VarianceComponents((5e-5) ** 2, np.full(count, FIRST_SIZE**2))
     for _ in range(ROUNDS):
-        found = solved(normal, band, sizes)
+        found = solved(normal, band, sizes, stated)
         used = 1.0 - found.precision * found.spread()
         square = np.bincount(band[tabled], (found.x**2)[tabled], count)
         freedom = np.bincount(band[tabled], used[tabled], count)
@@ -113,4 +119,4 @@ def learnt(
         sizes = VarianceComponents(max(noise, 1e-18), variance)
         if change.max(initial=0.0) < STILL:
             break
-    return solved(normal, band, sizes), sizes
+    return solved(normal, band, sizes, stated), sizes

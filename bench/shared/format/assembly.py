@@ -35,6 +35,7 @@ from bench.shared.recording import (
     LOADING,
     UNLOADED,
     UNLOADING,
+    DrawingAccuracy,
     Marker,
     Payload,
     Recording,
@@ -185,6 +186,7 @@ def assemble(
         tool=Payload(manifest.tool.mass_kg, np.array(manifest.tool.com_mm) / 1e3)
         if manifest.tool
         else None,
+        drawing=_drawing(manifest),
         robot=names.name,
         rows=manifest.rows,
         displacement=manifest.displacement,
@@ -194,6 +196,19 @@ def assemble(
     many = len(recording.time)
     notes.append(f"{many} pulled poses, each with its unloaded reading of zero.")
     return _with_zeros(recording), notes
+
+
+def _drawing(manifest: Manifest) -> DrawingAccuracy:
+    stated = manifest.model
+    in_si = {
+        "length": (stated.length_mm, 1e-3),
+        "angle": (stated.angle_deg, np.pi / 180.0),
+        "offset": (stated.offset_deg, np.pi / 180.0),
+        "mass_ratio": (stated.mass_ratio, 1.0),
+    }
+    return DrawingAccuracy(
+        **{name: x * unit for name, (x, unit) in in_si.items() if x is not None}
+    )
 
 
 def _with_zeros(pulled: Recording) -> Recording:
@@ -433,6 +448,14 @@ def manifest_text(recording: Recording) -> str:
     if r.tool is not None:
         entries = {"mass_kg": _number(r.tool.mass), "com_mm": _millimetres(r.tool.com)}
         lines += _section("tool", entries)
+    if r.drawing != DrawingAccuracy():
+        entries = {
+            "length_mm": _number(r.drawing.length * 1e3),
+            "angle_deg": _number(np.degrees(r.drawing.angle)),
+            "offset_deg": _number(np.degrees(r.drawing.offset)),
+            "mass_ratio": _number(r.drawing.mass_ratio),
+        }
+        lines += _section("model", entries)
     if r.base_from_tracker is not None:
         entries = {
             "position_mm": _millimetres(r.base_from_tracker[:3, 3]),

@@ -122,6 +122,7 @@ Number = Annotated[float, msgspec.Meta(ge=-MAX_NUMBER, le=MAX_NUMBER)]
 Vector = tuple[Number, Number, Number]
 Quaternion = tuple[float, float, float, float]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=MAX_NUMBER)]
+AboveZero = Annotated[float, msgspec.Meta(gt=0.0, le=MAX_NUMBER)]
 
 
 class Entry(Struct, frozen=True, forbid_unknown_fields=True):
@@ -181,6 +182,15 @@ class Tool(Entry, frozen=True):
 
     mass_kg: NotNegative = 0.0
     com_mm: Vector = (0.0, 0.0, 0.0)
+
+
+class Model(Entry, frozen=True):
+    """`[model]`: how true the model's drawing is taken to be, 1 sigma."""
+
+    length_mm: AboveZero | None = None
+    angle_deg: AboveZero | None = None
+    offset_deg: AboveZero | None = None
+    mass_ratio: AboveZero | None = None
 
 
 class Robot(Entry, frozen=True):
@@ -278,13 +288,14 @@ class Manifest(Entry, frozen=True):
     format: Literal[1]
     rows: Literal["plateaus", "stream"]
     number_rows: bool = False
-    interval_s: Annotated[float, msgspec.Meta(gt=0.0, le=MAX_NUMBER)] | None = None
+    interval_s: AboveZero | None = None
     pulled: bool = False
     name: str = ""
     robot: str | Robot = ""
     displacement: Literal["absolute", "relative"] = "absolute"
     sensors: Sensors = Sensors()
     tool: Tool | None = None
+    model: Model = Model()
     frames: Frames = Frames()
     markers: dict[str, MarkerEntry] = field(default_factory=dict)
     columns: dict[str, str | Source] = field(default_factory=dict)

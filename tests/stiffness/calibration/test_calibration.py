@@ -55,16 +55,19 @@ def recorded(
     seed: int,
     springs: dict | None = None,
     tool: Payload | None = None,
+    place: np.ndarray = PLACE,
+    reach: float = 1.0,
 ) -> Recording:
     """A target on the flange, seen where MuJoCo says it is."""
     held = Mounted(mass_kg=tool.mass, com_m=tuple(tool.com)) if tool else Mounted()
     rig = rig_of(Patch(dict(springs or {}), tuple(effects), mounted=held), model)
     random = np.random.default_rng(seed)
     middle = np.array([0.0, -1.4, 1.2, 0.3, 0.8, 0.0])
-    posture = middle + random.uniform(-1.0, 1.0, (poses, 6)) * [2, 0.8, 0.8, 1, 1, 2]
+    span = reach * np.array([2, 0.8, 0.8, 1, 1, 2])
+    posture = middle + random.uniform(-1.0, 1.0, (poses, 6)) * span
     still = np.zeros((poses, 1, 6))
     states = rig.respond(posture, still, np.full((poses, 1), 1e-3))
-    point = states.point(rig.anatomy.flange, PLACE)
+    point = states.point(rig.anatomy.flange, place)
     point = point[:, None] + random.normal(0.0, NOISE, (poses, 1, 3))
     when = 30.0 * np.arange(poses)
     return Recording(
