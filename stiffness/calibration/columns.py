@@ -27,7 +27,7 @@ Ignores     whatever happens between the recorded poses
 ==========  ==========================================================================
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -214,6 +214,9 @@ Key = tuple[str, str]
 SILENT: Key = ("silent", "")
 """Nuisance parameters: tracker frame, target positions, springs of the model."""
 
+STATED = (("drawing", ""), 0)
+"""The prior of all that the drawing states."""
+
 
 @dataclass(frozen=True)
 class Blocks:
@@ -301,12 +304,31 @@ class Blocks:
         return bool(np.all((x >= self.least[columns]) & (x <= self.most[columns])))
 
     @property
+    def octaves(self) -> list[tuple[Key, int]]:
+        """Return effect, site and octave of each column; octave 0: it is no table."""
+        octave = np.searchsorted(ORDERS, self.order, side="right").tolist()
+        return list(zip(self.owner, octave, strict=True))
+
+    @property
     def band(self) -> Int[np.ndarray, " columns"]:
         """Return the band of each column, whose variance is estimated; −1: none."""
-        octave = np.searchsorted(ORDERS, self.order, side="right").tolist()
-        pairs = list(zip(self.owner, octave, strict=True))
+        pairs = self.octaves
         names = {pair: i for i, pair in enumerate(sorted({p for p in pairs if p[1]}))}
         return np.array([names.get(pair, -1) for pair in pairs])
+
+    @property
+    def priors(self) -> list[tuple[Key, int]]:
+        """Return by what prior each column is shrunk: an octave's, or the drawing's."""
+        return [
+            STATED if stated else pair
+            for stated, pair in zip(np.isfinite(self.size), self.octaves, strict=True)
+        ]
+
+    def by_prior(
+        self, values: Mapping[tuple[Key, int], float]
+    ) -> Float[np.ndarray, " columns"]:
+        """Return a value for each column from one for each prior; 1 elsewhere."""
+        return np.array([values.get(prior, 1.0) for prior in self.priors])
 
     def matrix(
         self, stance: CalibrationState, rows: Int[np.ndarray, " some"] | None = None

@@ -9,18 +9,18 @@ Intervals (`spread`):
 ==========  ==========================================================================
 Equation    cov = C (sum over regions g g') C R / (R − 1), g = A'r / s² of a region,
             C = (A'A / s² + P)⁻¹; estimate ± t(R − 1) sqrt(cov), never narrower than
-            C alone gives
+            C times the design effect gives
 Source      Liang, Zeger 1986 (the sandwich of clusters); Cameron, Miller 2015
             (R / (R − 1) and Student's t with R − 1)
 Valid       ten regions or more
 Ignores     the selection that came before, on folds left out
 ==========  ==========================================================================
 
-Design effect of the regions (`design_effect`), by which the drawing counts more:
+Design effects of the regions (`design_effects`), by which priors count more:
 
 ==========  ==========================================================================
 Equation    tr(V⁻¹ sum over regions d d') R / (R − 1) / tr(1 − V⁻¹ C P C), d = C g of
-            the geometry, V its part of C
+            the drawing's coefficients, or those of an octave; V their part of C
 Source      Rao, Scott 1984, "On chi-squared tests for multiway contingency tables",
             Annals of Statistics 12, 46 (the mean of generalised design effects)
 Valid       ten regions or more
@@ -38,7 +38,7 @@ Ignores     effects that were not selected: they stay as the model has them
 ==========  ==========================================================================
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,7 +46,14 @@ from jaxtyping import Bool, Float, Int
 from scipy.stats import t as student
 
 from bench.shared.settings import SETTINGS
-from stiffness.calibration.columns import SILENT, Blocks, Key, candidates_of, normals_of
+from stiffness.calibration.columns import (
+    SILENT,
+    STATED,
+    Blocks,
+    Key,
+    candidates_of,
+    normals_of,
+)
 from stiffness.calibration.model import CalibrationState, Geometry, Readings
 from stiffness.calibration.rigid_fit import RigidFit
 from stiffness.regression.empirical_bayes import Solved, VarianceComponents, learnt
@@ -58,16 +65,17 @@ from stiffness.regression.normal_equations import Normal
 LEVEL = SETTINGS.confidence
 
 
-def design_effect(
-    blocks: Blocks,
-    folds: Sequence[Normal],
-    fit: Solved,
-    noise: float,
-) -> float:
-    """Return how much more the geometry errs than if all readings erred by themselves.
+DesignEffects = Mapping[tuple[Key, int], float]
+"""By prior: see `Blocks.priors`."""
+
+
+def design_effects(
+    blocks: Blocks, folds: Sequence[Normal], fit: Solved, noise: float
+) -> DesignEffects:
+    """Return how much more coefficients err than if readings erred by themselves.
 
     Readings of one region err together, so there are fewer of them than there seem, and
-    what the drawing states counts by this factor more beside them.
+    a prior counts by this factor more beside them.
 
     Args:
         blocks: The columns, all of them fitted.
@@ -75,55 +83,44 @@ def design_effect(
         fit: The solution.
         noise: Variance of a coordinate, in m^2.
     """
-    own = np.flatnonzero(np.isfinite(blocks.size))
-    if len(folds) < 2 or not len(own):
-        return 1.0
-    inverse = fit.inverse(own)  # (columns, own)
+    priors, count = blocks.priors, len(folds)
     scores = np.array([f.aim - f.gram @ fit.x for f in folds]) / noise
-    moved = scores @ inverse
-    weight = np.linalg.inv(inverse[own])
-    used = len(own) - np.trace(weight @ (inverse.T * fit.precision) @ inverse)
-    square = np.einsum("fi,ij,fj->", moved, weight, moved)
-    count = len(folds)
-    return max(float(square * count / (count - 1) / max(used, 1.0)), 1.0)
+    found = {}
+    for prior in sorted({p for p in priors if p == STATED or p[1]}):
+        own = np.array([j for j, p in enumerate(priors) if p == prior])
+        inverse = fit.inverse(own)  # (columns, own)
+        moved, weight = scores @ inverse, np.linalg.inv(inverse[own])
+        used = len(own) - np.trace(weight @ (inverse.T * fit.precision) @ inverse)
+        square = np.einsum("fi,ij,fj->", moved, weight, moved)
+        ratio = square * count / max(count - 1, 1) / max(used, 1.0)
+        found[prior] = max(float(ratio), 1.0)
+    return found
 
 
 def spread(
-    blocks: Blocks,
-    stance: CalibrationState,
+    found: "FinalFit",
     region: Int[np.ndarray, " rows"],
-    columns: Int[np.ndarray, " known"],
-    fit: Solved,
-    variances: VarianceComponents,
     wanted: Int[np.ndarray, " some"],
-    design: float,
 ) -> Float[np.ndarray, " some"]:
     """Return half the width of the confidence intervals of some coefficients.
 
     Args:
-        blocks: All columns.
-        stance: The arm.
+        found: The fit.
         region: Region of each row; rows below zero were not fitted.
-        columns: Indices of the fitted columns.
-        fit: Their solution.
-        variances: Variances of noise and bands.
         wanted: Indices of the coefficients within the fitted ones.
-        design: Design effect of the regions; see `design_effect`.
     """
-    inverse = fit.inverse(wanted)  # (known, some)
+    inverse = found.fit.inverse(wanted)  # (known, some)
     regions = np.unique(region[region >= 0])
     total = np.zeros((len(wanted), len(wanted)))
     for r in regions:
-        rows = np.flatnonzero(region == r)
-        a, y = blocks.problem(stance, rows)
-        a = a[:, columns]
-        left = y - a @ fit.x
-        score = inverse.T @ (a.T @ left / variances.noise)
+        a, y = found.blocks.problem(found.stance, np.flatnonzero(region == r))
+        a = a[:, found.known]
+        score = inverse.T @ (a.T @ (y - a @ found.fit.x) / found.variances.noise)
         total += np.outer(score, score)
     count = len(regions)
     variance = np.diag(total) * count / (count - 1)
-    stated = np.isfinite(blocks.size[columns[wanted]])
-    least = inverse[wanted, np.arange(len(wanted))] * np.where(stated, design, 1.0)
+    design = found.blocks.by_prior(found.design)[found.known[wanted]]
+    least = inverse[wanted, np.arange(len(wanted))] * design
     variance = np.maximum(variance, least)
     return student.ppf(0.5 + LEVEL / 2, count - 1) * np.sqrt(variance)
 
@@ -287,6 +284,7 @@ class FinalFit:
         corrected_geometry: The geometry as corrected.
         residual: Residual on all rows, in m.
         used: Effective number of coefficients per fitted coordinate.
+        design: Design effects of the regions.
     """
 
     blocks: Blocks
@@ -297,6 +295,7 @@ class FinalFit:
     corrected_geometry: Geometry
     residual: Float[np.ndarray, "rows 3"]
     used: float
+    design: DesignEffects
 
 
 def final_fit(
@@ -306,7 +305,7 @@ def final_fit(
     wanted: set[tuple[Key, str]],
     sprung: set[Key],
     highest: int,
-    design: float = 1.0,
+    design: DesignEffects,
 ) -> FinalFit:
     """Fit the nuisance parameters and the selected effects to the rows that are kept.
 
@@ -317,7 +316,7 @@ def final_fit(
         wanted: Effects and parameters that are fitted.
         sprung: Springs that the model has.
         highest: Order below which tables end.
-        design: Design effect of the regions; see `design_effect`.
+        design: Design effects of the regions.
     """
     found = _about(readings, keep, rigid, wanted, sprung, highest, design)
     for _ in range(ROUNDS - 1):
@@ -351,8 +350,8 @@ def _about(readings, keep, rigid, wanted, sprung, highest, design) -> FinalFit:
     )
     one = np.where(keep, 0, -1)
     normal = normals_of(full, stance, one, 1)[0].only(known)
-    stated = design / full.size[known] ** 2
-    fit, sizes = learnt(normal, full.band[known], stated)
+    stated, more = 1.0 / full.size[known] ** 2, full.by_prior(design)[known]
+    fit, sizes = learnt(normal, full.band[known], stated, more)
     left = np.empty_like(stance.residual)
     for start in range(0, len(left), 500):
         rows = np.arange(start, min(start + 500, len(left)))
@@ -360,7 +359,7 @@ def _about(readings, keep, rigid, wanted, sprung, highest, design) -> FinalFit:
         left[rows] = (y - a[:, known] @ fit.x).reshape(-1, 3)
     drawn = corrected_geometry_of(full, rigid.geometry, known, fit.x)
     used = float(np.sum(1.0 - fit.precision * fit.spread())) / normal.count
-    return FinalFit(full, stance, known, fit, sizes, drawn, left, used)
+    return FinalFit(full, stance, known, fit, sizes, drawn, left, used, design)
 
 
 def springs_of(

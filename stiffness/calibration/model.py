@@ -89,7 +89,7 @@ class Readings:
     tool: Payload
     told_lag: Float[np.ndarray, " axes"]
     placed: Bool[np.ndarray, " markers"]
-    drawing: DrawingAccuracy = DrawingAccuracy()
+    drawing: DrawingAccuracy
 
     def take(self, rows: np.ndarray) -> "Readings":
         """Return the same with only these rows (indices or a mask)."""

@@ -50,7 +50,7 @@ from stiffness.calibration.final_fit import (
     LEVEL,
     Table,
     Wave,
-    design_effect,
+    design_effects,
     estimates_of,
     final_fit,
     largest_waves,
@@ -309,7 +309,7 @@ def calibrated(
     fit_on = readings.take(keep)
     sprung = _sprung(readings.arm)
     plain = fitted(fit_on, redraw=False)
-    before = final_fit(readings, keep, plain, set(), sprung, highest)
+    before = final_fit(readings, keep, plain, set(), sprung, highest, {})
     rigid = fitted(fit_on, redraw=True)
     stance = CalibrationState.of(readings, rigid.geometry)
     some = candidates_of(stance, min(CHOOSING, highest))
@@ -317,8 +317,10 @@ def calibrated(
     folds = normals_of(blocks, stance, spatial_folds.fold, spatial_folds.count)
     stated = 1.0 / blocks.size**2
     fit, sizes = learnt(total_of(folds), blocks.band, stated)
-    design = design_effect(blocks, folds, fit, sizes.noise)
-    chosen = selected(Judge(blocks, folds, sizes, design * stated), said)
+    design = design_effects(blocks, folds, fit, sizes.noise)
+    more = blocks.by_prior(design)
+    _, sizes = learnt(total_of(folds), blocks.band, stated, more)
+    chosen = selected(Judge(blocks, folds, sizes, stated, more), said)
     said("drawing tables in full")
     wanted = {(blocks.owner[j], blocks.parameter[j]) for j in chosen.columns}
     del folds
@@ -331,10 +333,7 @@ def calibrated(
     waves = largest_waves(full, known, x, WAVES)
     asked = [numbers, *(w.ravel() for w in waves.values())]
     region = np.where(keep, spatial_folds.region, -1)
-    half = spread(
-        full, after.stance, region, known, after.fit, after.variances,
-        np.concatenate(asked), design,
-    )  # fmt: skip
+    half = spread(after, region, np.concatenate(asked))
     ends = np.cumsum([len(a) for a in asked])
     by_wave = zip(waves.items(), np.split(half, ends)[1:], strict=False)
     widths = dict(zip(numbers.tolist(), half.tolist(), strict=False))

@@ -72,12 +72,14 @@ class Judge:
         folds: Normal equations of each fold.
         variances: Variances of noise and tables' bands.
         stated: Precision of the coefficients before the readings.
+        design: Design effect by which each prior counts more.
     """
 
     blocks: Blocks
     folds: Sequence[Normal]
     variances: VarianceComponents
     stated: Float[np.ndarray, " columns"]
+    design: Float[np.ndarray, " columns"]
 
     @cached_property
     def total(self) -> Normal:
@@ -97,7 +99,9 @@ class Judge:
         square = np.diag(self.total.gram)
         if out is not None:
             square = square - np.diag(out.gram)
-        own = precision_of(square, self.blocks.band, self.variances, self.stated)
+        own = precision_of(
+            square, self.blocks.band, self.variances, self.stated, self.design
+        )
         return Eliminated.of(self.total, out, self.variances.noise, own)
 
 
@@ -421,9 +425,26 @@ def selected(judge: Judge, said: Callable[[str], object] = lambda _: None) -> Se
         )
         trial = trial.joined_by(unit[1])
         rest = [u for u in rest if u is not unit]
-    trial = common(pruned(trial))
+    trial = common(pruned(_with_winding(trial, rest)))
     budget = budget_of(trial)
     return Selected(trial.columns, tuple(steps), budget, equivalents_of(trial, budget))
+
+
+def _with_winding(
+    trial: CrossValidatedFit, rest: Sequence[tuple[Key, ColumnIndices]]
+) -> CrossValidatedFit:
+    """Add the compliance of axes with a table, where it predicts better at all.
+
+    Gravity winds an axis up as a wave of its angle does: without a compliance harmonics
+    of low order would model that, and extrapolate badly.
+    """
+    for key, own in rest:
+        tabled = ("transmission_error", key[1]) in inside_of(trial)
+        if key[0] == "joint_compliance" and tabled:
+            (step,) = _tried(trial, [(key, own)])
+            if step.verdict != IMPOSSIBLE and step.gain > 0.0:
+                trial = trial.joined_by(own)
+    return trial
 
 
 def _units(blocks: Blocks) -> list[tuple[Key, ColumnIndices]]:

@@ -73,13 +73,17 @@ def precision_of(
     band: Int[np.ndarray, " columns"],
     variances: VarianceComponents,
     stated: Float[np.ndarray, " columns"] | float = 0.0,
+    design: Float[np.ndarray, " columns"] | float = 1.0,
 ) -> Float[np.ndarray, " columns"]:
-    """Return P of columns with these sums of squares, and with what is stated."""
+    """Return P of columns with these sums of squares, and with what is stated.
+
+    Where readings err together, a prior counts by the `design` effect more.
+    """
     diagonal = square / variances.noise
     tabled = band >= 0
     precision = FAINT * np.where(diagonal > 0.0, diagonal, 1.0) + stated
     precision[tabled] = 1.0 / variances.variance[band[tabled]]
-    return precision
+    return precision * design
 
 
 def solved(
@@ -87,9 +91,10 @@ def solved(
     band: Int[np.ndarray, " columns"],
     variances: VarianceComponents,
     stated: Float[np.ndarray, " columns"] | float = 0.0,
+    design: Float[np.ndarray, " columns"] | float = 1.0,
 ) -> Solved:
     """Solve with sizes as they are."""
-    precision = precision_of(np.diag(normal.gram), band, variances, stated)
+    precision = precision_of(np.diag(normal.gram), band, variances, stated, design)
     h = normal.gram / variances.noise
     h[np.diag_indices(len(h))] += precision
     factor = cho_factor(h, lower=True, overwrite_a=True)
@@ -100,13 +105,14 @@ def learnt(
     normal: Normal,
     band: Int[np.ndarray, " columns"],
     stated: Float[np.ndarray, " columns"] | float = 0.0,
+    design: Float[np.ndarray, " columns"] | float = 1.0,
 ) -> tuple[Solved, VarianceComponents]:
     """Learn the sizes that are not stated and solve."""
     count = int(band.max(initial=-1)) + 1
     tabled = band >= 0
     sizes = VarianceComponents((5e-5) ** 2, np.full(count, FIRST_SIZE**2))
     for _ in range(ROUNDS):
-        found = solved(normal, band, sizes, stated)
+        found = solved(normal, band, sizes, stated, design)
         used = 1.0 - found.precision * found.spread()
         square = np.bincount(band[tabled], (found.x**2)[tabled], count)
         freedom = np.bincount(band[tabled], used[tabled], count)
@@ -119,4 +125,4 @@ def learnt(
         sizes = VarianceComponents(max(noise, 1e-18), variance)
         if change.max(initial=0.0) < STILL:
             break
-    return solved(normal, band, sizes, stated), sizes
+    return solved(normal, band, sizes, stated, design), sizes

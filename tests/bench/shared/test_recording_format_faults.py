@@ -230,6 +230,7 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("a commanded angle of a slide", both(renamed("a6_deg", "a6_mm"), added("a6_cmd_deg", "1")), ("'a6_cmd_deg' is an angle, but a6 slides",)),
     ("two postures of one pose", cell(8, "a4_deg", "14.06"), (CSV, "row 8", "'a4_deg'", "0.06° from where pose 2 stood first")),
     ("a mass without end", more("[tool]\nmass_kg = 1e308"), ("tool.mass_kg", "1000000")),
+    ("a drawing without an error", more("[model]\nlength_mm = 0"), ("model.length_mm",)),
     ("an angle without end", cell(3, "a2_deg", "1e300"), (*A2_ROW_3, "is its unit right?")),
     ("a place without end", cell(3, "p1_x_mm", "1e300"), ("p1_x_mm", "is its unit right?")),
     ("time in nanoseconds", cell(5, "time_s", "1.7e18"), ("time_s", "is its unit right?")),

@@ -55,6 +55,7 @@ def recorded(
     seed: int,
     springs: dict | None = None,
     tool: Payload | None = None,
+    *,
     place: np.ndarray = PLACE,
     reach: float = 1.0,
 ) -> Recording:

@@ -146,10 +146,10 @@ def test_a_drawing_that_is_far_off_is_corrected_where_the_data_insist():
     readings = readings_of(recorded(UR10, (wrong,), 60, 5), arm_of(UR10))
     values = fitted(readings, redraw=True).geometry.values
     assert values[2] == pytest.approx(0.03, abs=1e-4)
-    assert np.abs(np.delete(values, 2)).max() < 1e-4
+    assert np.abs(np.delete(values, 2)).max() < 3e-4
 
 
-def test_a_drawing_stated_to_be_true_is_believed(narrow):
+def test_a_drawing_stated_to_be_true_is_believed():
     exact = DrawingAccuracy(length=1e-9, angle=1e-9, offset=1e-9)
     readings = readings_of(replace(narrow(3), drawing=exact), arm_of(UR10))
     assert np.abs(fitted(readings, redraw=True).geometry.values).max() < 1e-8
