@@ -349,8 +349,6 @@ def _signed(size: Covered) -> bool:
     return min(size.low * size.true, size.high * size.true) > 0.0
 
 
-
-
 # --- Few poses, and noise that is stated wrongly --------------------------------------
 
 MOST_SPLITS, TRUE, SAID = 0.9, 0.95, 0.60

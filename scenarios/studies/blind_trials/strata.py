@@ -262,7 +262,9 @@ STRATA = {
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""
-USUAL = tuple(name for name, s in STRATA.items() if not (s.effects or s.most or s.marks))
+USUAL = tuple(
+    name for name, s in STRATA.items() if not (s.effects or s.most or s.marks)
+)
 """Strata that are tried unless others are asked for: of one size, not of a whole arm,
 and with the noise stated as it is."""
 
