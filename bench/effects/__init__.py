@@ -25,6 +25,7 @@ from bench.effects.link_bending import LinkBending
 from bench.effects.lost_motion import LostMotion
 from bench.effects.lost_motion_smooth import SmoothLostMotion
 from bench.effects.marker_slip import MarkerSlip
+from bench.effects.mass_scale import MassScale
 from bench.effects.pulley_friction import PulleyFriction
 from bench.effects.reading_lag import ReadingLag
 from bench.effects.tracker_misalignment import TrackerMisalignment
@@ -54,6 +55,7 @@ EFFECTS: tuple[type[Effect], ...] = (
     BaseCompliance,
     # in weight
     GravityLoad,
+    MassScale,
     GravityCompensator,
     # in geometry
     TransmissionError,

@@ -37,8 +37,8 @@ class Effect(ABC):
         at_most: Upper bound of each parameter beyond which the model breaks down or
             memory runs out; chosen, far beyond all catalogues.
         where: The part it sits in: an axis `a1` …, a link `link_k` (between axes k
-            and k+1), `base`, `flange`, `tool`, `rig`, `tracker`, `wrench_sensor` or
-            `marker:<name>`.
+            and k+1), `arm`, `base`, `flange`, `tool`, `rig`, `tracker`,
+            `wrench_sensor` or `marker:<name>`.
     """
 
     name: ClassVar[str]

@@ -14,7 +14,7 @@ def places_for(kinds: Collection[str], arm: Anatomy) -> list[str]:
     """Return every place of some kinds.
 
     Args:
-        kinds: Of `axis`, `link`, `base`, `flange`, `tool`, `rig`, `tracker`,
+        kinds: Of `arm`, `axis`, `link`, `base`, `flange`, `tool`, `rig`, `tracker`,
             `wrench_sensor` and `marker`.
         arm: The names of the arm's parts.
 
@@ -31,7 +31,7 @@ def places_for(kinds: Collection[str], arm: Anatomy) -> list[str]:
             for k in range(len(own)):  # a link that forks ends at several axes
                 ends = arm.carried(k)
                 found += [f"link_{k + 1}:a{n + 1}" for n in ends if len(ends) > 1]
-    found += [kind for kind in ("base", "flange", *CELL) if kind in kinds]
+    found += [kind for kind in ("arm", "base", "flange", *CELL) if kind in kinds]
     found += ["tool"] if "tool" in kinds else []  # the flange, where there is none
     found += ["marker:<name>"] if "marker" in kinds else []
     return list(dict.fromkeys(found))

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Site = Literal[
+    "arm",
     "base",
     "axis",
     "link",
@@ -275,6 +276,16 @@ _ALL = (
         MEANS,
         "a mass or its centre differs from the model's",
         largest=15.0,
+    ),
+    EffectInfo(
+        "mass_scale",
+        "weight",
+        ("arm",),
+        _magnitudes("ratio", 0.7, 1.3, CHOSEN),
+        ("load", "angle"),
+        MEANS,
+        "all masses differ from the model's by one factor",
+        largest=3.0,
     ),
     EffectInfo(
         "gravity_compensator",

@@ -346,6 +346,7 @@ PLAIN: Mapping[str, tuple[str, str, str, str, str]] = {
         *("link", "weighs other than modelled", "weigh other than modelled"),
         *("mass_kg", ""),
     ),
+    "mass_scale": ("arm", "weighs other than modelled", "", "ratio", ""),
     "gravity_compensator": (
         *("axis", "is helped by a spring", "are helped by springs"),
         *("torque_nm", ""),

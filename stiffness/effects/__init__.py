@@ -20,6 +20,7 @@ from stiffness.effects.joint_compliance import JointCompliance
 from stiffness.effects.link_bending import LinkBending
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.marker_slip import MarkerSlip
+from stiffness.effects.mass_scale import MassScale
 from stiffness.effects.pulley_friction import PulleyFriction
 from stiffness.effects.reading_lag import ReadingLag
 from stiffness.effects.tracker_misalignment import TrackerMisalignment
@@ -47,6 +48,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     BaseCompliance(),
     # in weight
     GravityLoad(),
+    MassScale(),
     GravityCompensator(),
     # in geometry
     TransmissionError(),

@@ -39,6 +39,7 @@ VOCABULARY = {
     "link_bending": {"bending_nm2", "torsion_nm2"},
     "gravity_load": {"mass_kg", "com_x_m", "com_y_m", "com_z_m"}
     | {f"moment_{axis}_kg_m" for axis in "xyz"},
+    "mass_scale": {"ratio"},
     "gravity_compensator": {"torque_nm", "phase_rad"},
     "geometry_error": {*SHIFT, *TURN},
     "base_compliance": {f"r{axis}_rad_per_nm" for axis in "xyz"}
@@ -58,7 +59,7 @@ VOCABULARY = {
 IN_MEANS = (
     *("transmission_error", "encoder_offset", "gravity_load", "gravity_compensator"),
     *("geometry_error", "wrench_bias", "tracker_scale", "tracker_misalignment"),
-    *("marker_slip", "reading_lag"),
+    *("marker_slip", "reading_lag", "mass_scale"),
 )
 """What stays the same within a visit, and so cancels in differences."""
 

@@ -28,6 +28,7 @@ from bench.effects.link_bending import LinkBending
 from bench.effects.lost_motion import LostMotion
 from bench.effects.lost_motion_smooth import SmoothLostMotion
 from bench.effects.marker_slip import MarkerSlip
+from bench.effects.mass_scale import MassScale
 from bench.effects.pulley_friction import PulleyFriction
 from bench.effects.tracker_misalignment import TrackerMisalignment
 from bench.effects.tracker_scale import TrackerScale
@@ -72,6 +73,7 @@ EXACT = [
     (GravityLoad("link_3", 0.5, 0.1, 0.03, 0.0), (), ""),
     (GravityLoad("link_4", 0.5, 0.1, 0.03, 0.05), (), ""),
     (GravityLoad("tool", 0.2, 0.1, 0.03, 0.05), (), ""),
+    (MassScale("arm", 1.02), (), ""),
     (GravityCompensator("a2", 5.0, 0.4), (), ""),
     (TransmissionError("a3", 1e-4, 2.0, 0.7), (2.0,), ""),
     (GeometryError("link_1", 1e-4, 2e-4, -1e-4, 1e-4, 2e-4, 3e-4), (), ""),

@@ -17,6 +17,7 @@ from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.jacobian import EffectJacobian, rotate, turn, values
 from stiffness.effects.lost_motion import LostMotion
+from stiffness.effects.mass_scale import MassScale
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_gain import WrenchGain
 from stiffness.effects.wrench_misalignment import WrenchMisalignment
@@ -93,6 +94,17 @@ def test_mass_of_some_kilograms_is_sized_with_the_springs_that_it_leaves():
     mass = one.parameters["mass_kg"]
     half = 0.5 * (mass.high - mass.low)
     assert abs(mass.estimate - 6.0) < 2.0 * half < 0.6
+
+
+def test_masses_wrong_by_one_factor_are_one_name():
+    """Though some added masses, link by link, would do the same."""
+    library = (*FEW, GravityLoad(), MassScale())
+    found = diagnose(recording("mass_scale@arm,ratio=1.3"), arm(), library)
+    [one] = found.named
+    assert (one.name.effect, one.name.where) == ("mass_scale", "arm")
+    ratio = one.parameters["ratio"]
+    assert ratio.low - 0.02 < 1.3 < ratio.high + 0.02
+    assert ratio.high - ratio.low < 0.1
 
 
 def test_base_whose_springs_stand_askew_is_a_base_that_gives_way():

@@ -1,0 +1,101 @@
+"""Mass scale: all masses of the arm differ from the model's by one factor.
+
+==========  ==========================================================================
+Equation    torque of gravity on the axes, tool left out, times ratio
+Source      linear in the masses: Gautier, Khalil 1990, "Direct calculation of minimum
+            set of inertial parameters of serial robots"
+Valid       absolute readings of axes whose springs a measured load shows: without a
+            load, springs softer by the same factor do the same
+Ignores     masses that differ one by one: they are `gravity_load`
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, absolute
+from stiffness.effects.jacobian import NOTHING, EffectJacobian, hstack
+from stiffness.effects.statics import felt, pulled, wind_up
+from stiffness.experiment.static_state import StaticState
+
+
+@dataclass(frozen=True)
+class MassScale(Hypothesis):
+    """All links heavier, or lighter, by one factor."""
+
+    effect: ClassVar[str] = "mass_scale"
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {"ratio": (0.2, 5.0)}
+    neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
+
+    @override
+    def places(self, situation: StaticState) -> tuple[str, ...]:
+        seen = absolute(situation) and len(felt(situation, _torque(situation)))
+        return ("arm",) if seen else ()
+
+    @override
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
+        return wind_up(situation, _torque(situation))
+
+    @override
+    def variants(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
+        if not situation.giving:
+            return NOTHING
+        free = replace(
+            situation,
+            force=np.zeros_like(situation.force),
+            moment=np.zeros_like(situation.moment),
+            torque=np.zeros_like(situation.torque),
+        )
+        parts = [p for give in situation.giving for p in give(heavier(free, 1.0))]
+        return hstack([EffectJacobian(1, tuple(parts))])
+
+    @override
+    def parameters(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return {"ratio": 1.0 + coefficients[0]}
+
+    @override
+    def acting(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> StaticState:
+        return heavier(situation, float(coefficients[0]))
+
+
+def heavier(situation: StaticState, share: float) -> StaticState:
+    """Return the state with a share of each link's mass added at its centre."""
+    chain = situation.arm.chain
+    for k, mass in enumerate(chain.mass):
+        weight = np.broadcast_to(share * mass * chain.gravity, (situation.rows, 3))
+        frame, origin = situation.frame[:, k + 1], situation.origin[:, k + 1]
+        centre = origin + frame @ chain.centre[k]
+        none = np.zeros_like(weight)
+        situation = pulled(situation, f"link_{k + 1}", weight, none, centre)
+    return situation
+
+
+def _torque(situation: StaticState) -> Float[np.ndarray, "rows axes 1"]:
+    return (heavier(situation, 1.0).torque - situation.torque)[:, :, None]
