@@ -5,7 +5,7 @@ those become joints before the axis' own in the user's body, in the same order: 
 engine turns a body by one joint after the other, so the two are the same mechanism.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from xml.etree.ElementTree import Element, SubElement
 
 import mujoco
@@ -16,18 +16,67 @@ from bench.cell import HOOK_SITE, MOUNT
 from bench.effects.effect import Command
 from bench.effects.encoder_offset import EncoderOffset
 from bench.kinematic_chain import Anatomy
-from bench.mjcf_text import (
-    after,
-    joint_element,
-    numbers,
-    parent_of,
-    part,
-    seen_from,
-)
 from bench.model_file import GEAR, PATCH, RIGID, SLIDE, moved_about
 from bench.rig import Rig
 from bench.shared.recording import Payload
 from bench.user_model import UserModel
+
+# --- Numbers and parts of a model's text ---------------------------------------------
+
+Stand = tuple[np.ndarray, np.ndarray]
+"""Position in m and quaternion of a body in another frame."""
+
+
+def part(root: Element, name: str) -> Element:
+    """Return a part of an element, made where there is none."""
+    found = root.find(name)
+    return SubElement(root, name) if found is None else found
+
+
+def joint_element(name: str, slides: bool) -> Element:
+    """Return a joint that takes nothing from the default classes."""
+    return Element(
+        "joint",
+        name=name,
+        type="slide" if slides else "hinge",
+        ref="0",
+        springref="0",
+        springdamper="0 0",
+        frictionloss="0",
+        limited="false",
+        actuatorfrclimited="false",
+    )
+
+
+def after(start: Stand, then: Stand) -> Stand:
+    """Return one stand followed by another, which is seen from it."""
+    position, quat = np.zeros(3), np.zeros(4)
+    mujoco.mju_rotVecQuat(position, then[0], start[1])
+    mujoco.mju_mulQuat(quat, start[1], then[1])
+    return start[0] + position, quat
+
+
+def seen_from(element: Element, frame: Stand) -> None:
+    """Write a joint in a frame that stands thus in the one that it was written in."""
+    position, quat = frame
+    back = np.zeros(4)
+    mujoco.mju_negQuat(back, quat)
+    for name, origin in (("pos", position), ("axis", np.zeros(3))):
+        values = np.array([float(word) for word in element.get(name, "").split()])
+        turned = np.zeros(3)
+        mujoco.mju_rotVecQuat(turned, values - origin, back)
+        element.set(name, numbers(turned))
+
+
+def parent_of(root: Element, child: Element) -> Element:
+    """Return the element that holds another."""
+    return next(parent for parent in root.iter() if child in list(parent))
+
+
+def numbers(values: Iterable[float]) -> str:
+    """Return numbers as text that reads back to the last bit."""
+    return " ".join(repr(float(value)) for value in np.ravel(np.asarray(values)))
+
 
 MOST_JOINTS = 6
 """That MuJoCo allows one body."""

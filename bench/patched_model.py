@@ -35,8 +35,7 @@ from jaxtyping import Float
 from bench.effects.effect import CommandEffect, ModelEffect
 from bench.effects.encoder_offset import EncoderOffset
 from bench.kinematic_chain import Anatomy
-from bench.mechanisms import Mechanisms
-from bench.mjcf_text import numbers, part
+from bench.mechanisms import Mechanisms, numbers, part
 from bench.model_file import PATCH, RIGID
 from bench.rig import Rig
 from bench.shared.errors import BenchError, Unusable

@@ -12,10 +12,9 @@ if TYPE_CHECKING:
     from stiffness.calibration.result import Calibrated, calibrate
     from stiffness.diagnosis.diagnose import diagnose
     from stiffness.diagnosis.result import Decision, Diagnosis
-    from stiffness.methods.dt_cnn import DtCnn
-    from stiffness.methods.ft_mlp import FtMlp
     from stiffness.methods.gp_residual import GpResidual
     from stiffness.methods.method import Fitted, Method, Rigid
+    from stiffness.methods.transferred_networks import DtCnn, FtMlp
     from stiffness.methods.vjm import Vjm
     from stiffness.robot.arm import Arm
 
@@ -42,9 +41,9 @@ __getattr__ = lazy_names(
         "Calibrated": "stiffness.calibration.result",
         "Decision": "stiffness.diagnosis.result",
         "Diagnosis": "stiffness.diagnosis.result",
-        "DtCnn": "stiffness.methods.dt_cnn",
+        "DtCnn": "stiffness.methods.transferred_networks",
         "Fitted": "stiffness.methods.method",
-        "FtMlp": "stiffness.methods.ft_mlp",
+        "FtMlp": "stiffness.methods.transferred_networks",
         "GpResidual": "stiffness.methods.gp_residual",
         "Method": "stiffness.methods.method",
         "Rigid": "stiffness.methods.method",

@@ -25,7 +25,7 @@ from typing_extensions import override
 from bench.shared.recording import Recording
 from stiffness.experiment.deflections import LoadCases, Selection, every_plateau
 from stiffness.methods.method import Fitted, Method, Parameter
-from stiffness.methods.network_fit import wrench_about
+from stiffness.methods.transferred_networks import wrench_about
 from stiffness.methods.vjm import Vjm, VjmFit
 from stiffness.networks.features import Scaling, sine_and_cosine
 from stiffness.regression.gaussian_process import GaussianProcess, most_likely

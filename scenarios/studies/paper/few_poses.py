@@ -25,12 +25,10 @@ from scenarios.studies.paper.experiment import Material
 from scenarios.studies.paper.imitation import source_plan
 from scenarios.studies.paper.transfer import named_physics
 from stiffness.experiment.deflections import every_plateau
-from stiffness.methods.dt_cnn import DtCnn
-from stiffness.methods.ft_mlp import FtMlp, domain_of
 from stiffness.methods.gp_residual import GpResidual
 from stiffness.methods.method import Fitted
+from stiffness.methods.transferred_networks import DtCnn, FtMlp, domain_of
 from stiffness.methods.vjm import Vjm, VjmFit
-from stiffness.networks.fine_tuning import FineTuning
 from stiffness.networks.model import Cnn
 from stiffness.networks.pretraining import (
     Pretrained,
@@ -40,6 +38,7 @@ from stiffness.networks.pretraining import (
 )
 from stiffness.networks.source_domain import SourceDomain, source_domain
 from stiffness.networks.training import Training, train
+from stiffness.networks.transfer import FineTuning
 from stiffness.robot.arm import Arm
 
 # --- Springs from few poses -----------------------------------------------------------

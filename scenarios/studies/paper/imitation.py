@@ -11,7 +11,7 @@ from scenarios.studies.paper.budget import Budget
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.experiment import Material
 from stiffness.experiment.deflections import every_plateau
-from stiffness.methods.ft_mlp import domain_of
+from stiffness.methods.transferred_networks import domain_of
 from stiffness.methods.vjm import Vjm
 from stiffness.networks.model import Mlp
 from stiffness.networks.pretraining import Pretrained, Pretraining, pretrain, split

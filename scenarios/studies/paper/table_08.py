@@ -13,7 +13,7 @@ from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import MEASURES, Draws, perceptrons, pooled
 from scenarios.studies.paper.transfer import ALL_LAYERS, UNFREEZINGS, unfrozen
 from stiffness.methods.score import DIRECTIONS
-from stiffness.networks.fine_tuning import FineTuning
+from stiffness.networks.transfer import FineTuning
 
 # --- Figures --------------------------------------------------------------------------
 

@@ -13,7 +13,7 @@ from scenarios.studies.paper.budget import PLANS, Budget
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import perceptrons, pooled
 from scenarios.studies.paper.published_values import TABLE_09_MM
-from stiffness.networks.fine_tuning import FineTuning, hold_back
+from stiffness.networks.transfer import FineTuning, hold_back
 from stiffness.regression.intervals import Interval
 
 # --- Figures --------------------------------------------------------------------------

@@ -33,18 +33,15 @@ from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.experiment import KR10, Material
 from scenarios.studies.paper.imitation import imitated, source_plan, step_cost
 from stiffness.experiment.deflections import every_plateau
-from stiffness.methods.dt_cnn import DtCnn
-from stiffness.methods.ft_mlp import FtMlp, FtMlpFit
 from stiffness.methods.gp_residual import GpResidual
 from stiffness.methods.method import Fitted, Method, faults
 from stiffness.methods.named_physics import NamedPhysics, NamedPhysicsFit
-from stiffness.methods.network_fit import NetworkFit
+from stiffness.methods.transferred_networks import DtCnn, FtMlp, FtMlpFit, NetworkFit
 from stiffness.methods.vjm import Vjm
-from stiffness.networks.alignment import Alignment
-from stiffness.networks.fine_tuning import FineTuning
 from stiffness.networks.model import Cnn
 from stiffness.networks.pretraining import Pretraining
 from stiffness.networks.training import Training
+from stiffness.networks.transfer import Alignment, FineTuning
 from stiffness.robot.arm import Arm
 
 # --- Predictions ----------------------------------------------------------------------

@@ -6,18 +6,22 @@ from scipy.optimize import check_grad
 from small_truth import BASE_FROM_TRACKER, permuted, postures, pulls, record
 
 from stiffness.experiment.deflections import every_plateau
-from stiffness.methods.dt_cnn import Direct, DtCnn, DtCnnFit
-from stiffness.methods.ft_mlp import FtMlp
 from stiffness.methods.gp_residual import GpResidual
 from stiffness.methods.method import Method
-from stiffness.methods.network_fit import relative_deflection, wrench_about
+from stiffness.methods.transferred_networks import (
+    Direct,
+    DtCnn,
+    DtCnnFit,
+    FtMlp,
+    relative_deflection,
+    wrench_about,
+)
 from stiffness.methods.vjm import Vjm
-from stiffness.networks.alignment import Alignment
-from stiffness.networks.fine_tuning import FineTuning
 from stiffness.networks.model import Cnn, Mlp
 from stiffness.networks.pretraining import Pretraining
 from stiffness.networks.source_domain import SourcePlan, spanning_plan
 from stiffness.networks.training import Training
+from stiffness.networks.transfer import Alignment, FineTuning
 from stiffness.regression.gaussian_process import most_likely, negative_log_likelihood
 from stiffness.robot.arm import Arm
 

@@ -8,8 +8,7 @@ from small_truth import TABLE_3, postures, pulls, record
 from bench.shared.errors import NotIdentifiable, UnknownName
 from bench.shared.recording import Payload
 from stiffness.experiment.deflections import every_plateau, one_per_pose
-from stiffness.methods.spring_fit import refuse_if_blind
-from stiffness.methods.vjm import Vjm
+from stiffness.methods.vjm import Vjm, refuse_if_blind
 from stiffness.regression.intervals import share
 from stiffness.regression.least_squares import least_squares, solve
 from stiffness.robot.arm import Arm

@@ -5,9 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.shared.errors import UnknownName, Unusable
-from stiffness.networks.alignment import coral
 from stiffness.networks.features import Scaling, encoding, plain_angles, sine_and_cosine
-from stiffness.networks.fine_tuning import FineTuning, fine_tune, hold_back
 from stiffness.networks.model import ACTIVATIONS, Cnn, Mlp, Shape, weights_of
 from stiffness.networks.pretraining import (
     Errors,
@@ -18,6 +16,7 @@ from stiffness.networks.pretraining import (
 )
 from stiffness.networks.source_domain import SourceDomain
 from stiffness.networks.training import Training
+from stiffness.networks.transfer import FineTuning, coral, fine_tune, hold_back
 
 SMALL = Pretraining(shape=Mlp(hidden=4, width=24), training=Training(60, 64, 1e-2))
 POINT = np.zeros(3)
