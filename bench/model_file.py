@@ -1,6 +1,6 @@
 """Model files, MJCF or URDF: checked as text, loaded, and written as plain MJCF.
 
-A model from a stranger is text that is looked at before anything is built from it.
+A user's model is text, checked before anything is built from it.
 
 A few lines of it can ask for a gigabyte, or name a file that lies elsewhere or never
 ends. What is found is said; nothing is compiled and no other file is opened.

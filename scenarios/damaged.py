@@ -8,8 +8,8 @@ recognised only where they are said by their own name.
 
 Run:    python -m scenarios.damaged --variants 200 --seed 0
 Takes:  1 minute on one core
-Expect: what became of each kind, counted; none that crashes, none diagnosed silently,
-        none half written; exit status 1 otherwise
+Expect: what became of each kind, counted; none that crashes, none diagnosed without
+        a warning, none half written; exit status 1 otherwise
 """
 
 from __future__ import annotations

@@ -1,9 +1,23 @@
-"""A small experiment on the default truth, and methods within and against contract."""
+"""A small experiment on a few effects, and methods within and against contract.
+
+Run as a program it is the command `scenarios.study` on those effects.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from unittest import mock
 
 import numpy as np
 from typing_extensions import override
 
+from bench.effects.bearing_tilt import BearingTilt
+from bench.effects.hysteresis import Hysteresis
+from bench.study_arm import Truth, default_truth
+from scenarios.report.command_line import run
+from scenarios.studies.paper import experiment as paper_experiment
+from scenarios.studies.paper import floor as paper_floor
 from scenarios.studies.paper.experiment import Experiment, Material, carry_out, unseen
+from scenarios.study import Settings, main
 from stiffness.methods.method import Fitted, Method
 from stiffness.methods.vjm import Vjm
 from stiffness.robot.arm import Arm
@@ -12,9 +26,26 @@ POSES = 40
 """The fewest that identify every spring, also from four fifths of them."""
 
 
+FEW = ((Hysteresis, "a2"), (BearingTilt, "a3"))
+
+
+@contextmanager
+def few_effects() -> Iterator[None]:
+    """Give the study's arm two of its effects; to name all takes half a minute."""
+    whole = default_truth()
+    kept = [e for e in whole.effects if (type(e), e.where) in FEW]
+    few = Truth(tuple(kept), whole.stiffness)
+    with (
+        mock.patch.object(paper_experiment, "default_truth", lambda: few),
+        mock.patch.object(paper_floor, "default_truth", lambda: few),
+    ):
+        yield
+
+
 def small_experiment() -> tuple[Experiment, Material]:
     """Return the experiment on a few postures, and its material with fresh ones."""
-    experiment = carry_out(0, POSES)
+    with few_effects():
+        experiment = carry_out(0, POSES)
     fresh = unseen(experiment.rig, experiment.arm, 12, 0)
     return experiment, Material.of(experiment, fresh)
 
@@ -71,3 +102,8 @@ class Misshapen(Careless):
 
 
 NOT_A_CLASS = 3
+
+
+if __name__ == "__main__":
+    with few_effects():
+        run(main, Settings)

@@ -277,6 +277,76 @@ def test_the_diagnosis_is_read_in_few_steps():
     assert sum(map(len, edges.values())) <= DIAGNOSIS_EDGES
 
 
+# --- Functions and records -----------------------------------------------------------
+
+UNSAID = {"tuple", "list", "Sequence", "Any", "object"}
+"""Annotations that do not say what a row of things is made of."""
+MOST_FIELDS = 12
+"""Fields of a dataclass, but for a format on disk and the flags of a command."""
+FORMATS = {
+    "bench/shared/recording.py: Recording",
+    "bench/patch.py: Patch",
+    "scenarios/record.py: Settings",
+    "scenarios/studies/blind_trials/score.py: TrialScore",
+}
+LARGE = {
+    "scenarios/pipelines/judgement.py: Judgement": 13,
+    "stiffness/calibration/result.py: Calibrated": 15,
+    "stiffness/diagnosis/nominal_fit.py: Prepared": 13,
+    "stiffness/diagnosis/result.py: Diagnosis": 17,
+    "stiffness/diagnosis/within_visit.py: WithinVisitModel": 13,
+    "stiffness/experiment/static_state.py: StaticState": 20,
+}
+"""Others as they are; to be divided, never to grow and never to be joined by more."""
+
+
+def unpacked(source: str) -> list[str]:
+    """Return where a function takes a parameter apart whose parts no type names."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.FunctionDef):
+            unsaid = {
+                a.arg
+                for a in ast.walk(node.args)
+                if isinstance(a, ast.arg)
+                and (a.annotation is None or ast.unparse(a.annotation) in UNSAID)
+            }
+            found += [
+                f"{node.name}, line {step.lineno}"
+                for step in ast.walk(node)
+                if isinstance(step, ast.Assign)
+                and isinstance(step.targets[0], ast.Tuple)
+                and isinstance(step.value, ast.Name)
+                and step.value.id in unsaid
+            ]
+    return found
+
+
+def test_parameters_taken_apart_without_a_type_are_seen():
+    assert unpacked("def f(at):\n    a, b = at") == ["f, line 2"]
+    assert unpacked("def f(at: tuple):\n    a, b = at") == ["f, line 2"]
+    assert unpacked("def f(at: tuple[int, int]):\n    a, b = at") == []
+
+
+@pytest.mark.parametrize("file", SOURCES)
+def test_no_function_takes_apart_a_tuple_of_which_no_type_says_what_it_holds(file):
+    """Such a tuple is a dataclass that nobody named."""
+    assert unpacked(text(file)) == []
+
+
+def test_records_are_small():
+    counts = {
+        f"{file}: {node.name}": sum(isinstance(b, ast.AnnAssign) for b in node.body)
+        for file in SOURCES
+        for node in ast.walk(ast.parse(text(file)))
+        if isinstance(node, ast.ClassDef)
+        and any("dataclass" in ast.unparse(d) for d in node.decorator_list)
+    }
+    large = {c: n for c, n in counts.items() if n > MOST_FIELDS and c not in FORMATS}
+    assert {c: n for c, n in large.items() if n > LARGE.get(c, MOST_FIELDS)} == {}
+    assert LARGE.keys() - large.keys() == set()
+
+
 # --- Safety --------------------------------------------------------------------------
 
 

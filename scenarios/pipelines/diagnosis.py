@@ -9,7 +9,7 @@ it finds a difference and cannot explain it, calibration is asked.
 
 A diagnosis and its proof are put into the fixed form of diagnosis.json.
 
-Everything that the story, the report and the playback speak of, in one place.
+Everything that the story, the report and the playback show, in one place.
 """
 
 import math

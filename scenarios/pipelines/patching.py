@@ -104,7 +104,7 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
     """Return what a diagnosis puts into the simulator, to be refined there.
 
     Args:
-        diagnosis: What was named, and what was fitted silently.
+        diagnosis: What was named, and the nuisance parameters.
         recording: Whose marks were fitted.
         arm: The nominal arm.
     """

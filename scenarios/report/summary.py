@@ -83,8 +83,8 @@ def sentence(nominal: Nominal) -> str:
     if not told:
         return ""
     return (
-        "Springs were fitted silently. Over the model's stiffness, ± one sigma of "
-        f"noise: {', '.join(told)}."
+        "Springs were fitted as nuisance parameters. Over the model's stiffness, "
+        f"± one sigma of noise: {', '.join(told)}."
     )
 
 

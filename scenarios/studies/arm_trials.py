@@ -329,7 +329,7 @@ def rows_of(trials: list[ArmTrial]) -> list[dict[str, object]]:
 
 
 def summary_of(trials: list[ArmTrial]) -> list[list[str]]:
-    """Return a row for each arm and base: names, springs, what is left, verdicts."""
+    """Return a row for each arm and base: names, springs, residuals, verdicts."""
     found = []
     for model in dict.fromkeys(t.model for t in trials):
         for base in BASES:

@@ -146,7 +146,7 @@ def blocks_of(found: Sequence[Row]) -> list[Block]:
     lines.append(
         Paragraph(
             f"{said}Each draw cuts regions anew, keeps back others, and chooses and "
-            "fits everything again on what is left."
+            "fits everything again on the rest."
         )
     )
     lines.append(

@@ -100,7 +100,7 @@ def tried(
         reason = "its gain on motions left out may be chance: "
         reason += f"{gain / error:.1f} standard errors"
     elif not reason and gain < LEAST:
-        reason = "it takes less than a hundredth off what is left"
+        reason = "it takes less than a hundredth off the residual"
     if not reason and shared is not None and _may_borrow(more):
         reason = _borrowed(so_far, terms, motions, shared)
     return SelectionStep(more[0], tuple(own.tolist()), gain, error, reason, more[1:])

@@ -19,7 +19,7 @@ Ignores     clocks that drift apart
 Two logs of one motion show how far apart their clocks were set.
 
 ==========  ==========================================================================
-Equation    shift = argmax over d of corr(|v_a(t)|, |v_b(t + d)|) where both speak
+Equation    shift = argmax over d of corr(|v_a(t)|, |v_b(t + d)|) where both vary
 Source      Knapp & Carter 1976, "The generalized correlation method for estimation of
             time delay"; Pearson's correlation over what overlaps
 Valid       clocks that run equally fast; motions and pauses that are not all alike

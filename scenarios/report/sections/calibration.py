@@ -113,7 +113,7 @@ def _blocks(
          remains.by_region],
     )  # fmt: skip
     yield Figure(
-        "What is left on the poses kept back over the axes' angles and over time.",
+        "Residuals on the poses kept back over the axes' angles and over time.",
         "residual_map.png",
     )
     yield Heading("What to bear in mind")

@@ -50,7 +50,7 @@ def data(finding: Result) -> Iterator[Block]:
             "model's [kN m/rad]",
             "ratio",
         ]
-        yield Table("Springs that were fitted silently.", header, rows)
+        yield Table("Springs fitted as nuisance parameters.", header, rows)
     if finding.diagnosis.downweighted:
         worst = sorted(finding.diagnosis.downweighted, key=lambda x: -x[2])[:10]
         rows = [[str(row), name, f"{sigma:.0f}"] for row, name, sigma in worst]
@@ -209,8 +209,8 @@ def title_of(finding: Result) -> str:
     """Return the report's title: the verdict and the recording's name."""
     answer = finding.answer
     said = VERDICTS[answer.verdict]
-    calm = answer.verdict == "no_mismatch"
-    if calm and any(warning.code == SCATTER for warning in answer.warnings):
+    nothing = answer.verdict == "no_mismatch"
+    if nothing and any(warning.code == SCATTER for warning in answer.warnings):
         said = "No law was found in what differs"
     return f"{said}: {answer.recording or 'a recording'}"
 

@@ -164,7 +164,7 @@ def whitened_square(model: LinearModel) -> float:
 
 
 def losses_of(model: LinearModel) -> tuple[Float[np.ndarray, " names"], float]:
-    """Return what leaving each name costs while all others move, and what is left.
+    """Return what leaving each name costs while all others move, and the residual.
 
     Each name has the slopes of its shapes beside its own columns; all poses count.
 

@@ -224,55 +224,71 @@ def refined(
     """Move each shape parameter to where the set explains most, in turn."""
     members = list(members)
     for sweep in range(passes if sum(m.degrees_of_freedom for m in members) else 0):
-        for k, member in enumerate(members):
-            grid = member.hypothesis.shapes(situation, member.where)
-            for j in range(member.degrees_of_freedom):
-                if member.hypothesis.shape_names[j] in WHOLE:
+        for k in range(len(members)):
+            first, law = members[k], members[k].hypothesis
+            grid = law.shapes(situation, first.where)
+            for j, name in enumerate(law.shape_names[: first.degrees_of_freedom]):
+                if name in WHOLE:
                     continue
-                members[k] = _along(
-                    data, situation, nominal, (members, k, j, sweep), grid, split
+                here, factor = members[k], name in law.logarithmic
+                tries = tried(
+                    float(here.shape[j]), np.unique(grid[:, j]), sweep, factor
                 )
+                if tries[-1] - tries[0] < 1e-12 * max(1.0, abs(tries[0])):
+                    continue
+                others = [m for i, m in enumerate(members) if i != k]
+                gain = _gains(
+                    data,
+                    [*nominal, *(m.jacobian(situation) for m in others)],
+                    [
+                        _shaped(here, j, value, factor).jacobian(situation)
+                        for value in tries
+                    ],
+                    split,
+                )
+                members[k] = _shaped(here, j, _vertex(tries, gain), factor)
     return tuple(members)
 
 
-def _along(data, situation, nominal, at, grid, split) -> ModelTerm:
-    """Return a member with one shape parameter at its best between grid neighbours."""
-    members, k, j, sweep = at
-    member = members[k]
-    factor = member.hypothesis.shape_names[j] in member.hypothesis.logarithmic
-    tries = tried(float(member.shape[j]), np.unique(grid[:, j]), sweep, factor)
-    if tries[-1] - tries[0] < 1e-12 * max(1.0, abs(tries[0])):
-        return member
-    others = [m.jacobian(situation) for i, m in enumerate(members) if i != k]
-    shaped = []
-    for value in tries:
-        shape = member.shape.copy()
-        shape[j] = np.exp(value) if factor else value
-        shaped.append(ModelTerm(member.hypothesis, member.where, shape))
-    own = [m.jacobian(situation) for m in shaped]
-    evidence = normal_equations_of(data, [*nominal, *others, *own], training(split))
+def _shaped(term: ModelTerm, j: int, value: float, factor: bool) -> ModelTerm:
+    """Return a term with another shape parameter, or with another logarithm of it."""
+    shape = term.shape.copy()
+    shape[j] = np.exp(value) if factor else value
+    return ModelTerm(term.hypothesis, term.where, shape)
+
+
+def _gains(
+    data: SufficientStatistics,
+    known: Sequence[EffectJacobian],
+    tries: Sequence[EffectJacobian],
+    split: Split,
+) -> Float[np.ndarray, " tries"]:
+    """Return what each of some laws explains beside known ones, poses learnt from."""
+    evidence = normal_equations_of(data, [*known, *tries], training(split))
     gram, score = evidence.gram[1], evidence.score[~split.held_out].sum(axis=0)
-    n = sum(s.columns for s in (*nominal, *others))
-    known = np.arange(n)
-    share = projection_coefficients(gram, known)
-    score = score - score[known] @ share
-    gram = gram - gram[:, known] @ share
-    width = own[0].columns
+    n, width = sum(s.columns for s in known), tries[0].columns
+    before = np.arange(n)
+    share = projection_coefficients(gram, before)
+    score = score - score[before] @ share
+    gram = gram - gram[:, before] @ share
     gains = []
-    for i in range(len(tries)):
-        block = np.arange(n + i * width, n + (i + 1) * width)
-        ask = score[block]
-        gains.append(float(ask @ solve(gram[np.ix_(block, block)], ask)))
-    best = int(np.argmax(gains))
-    value = tries[best]
+    for start in range(n, len(score), width):
+        block = np.arange(start, start + width)
+        gains.append(score[block] @ solve(gram[np.ix_(block, block)], score[block]))
+    return np.array(gains)
+
+
+def _vertex(
+    tries: Float[np.ndarray, " tries"], gain: Float[np.ndarray, " tries"]
+) -> float:
+    """Return the best try, moved to the vertex of a parabola through neighbours."""
+    best = int(np.argmax(gain))
     if 0 < best < len(tries) - 1:
-        a, b, c = gains[best - 1 : best + 2]
+        a, b, c = gain[best - 1 : best + 2]
         bend = a - 2 * b + c
         if bend < 0:
-            value += 0.5 * (a - c) / bend * (tries[1] - tries[0])
-    shape = member.shape.copy()
-    shape[j] = np.exp(value) if factor else value
-    return ModelTerm(member.hypothesis, member.where, shape)
+            return tries[best] + 0.5 * (a - c) / bend * (tries[1] - tries[0])
+    return tries[best]
 
 
 def tried(

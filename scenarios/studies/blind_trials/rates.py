@@ -134,7 +134,7 @@ def wrong(score: TrialScore) -> tuple[str, ...]:
 
 
 def _wrong_of_arm(score: TrialScore) -> list[str]:
-    """Return what speaks against a whole arm, or against a twin."""
+    """Return what a whole arm, or a twin, fails in."""
     found, arm, twin = [], score.arm, score.twin
     if arm is not None:
         false = [name for name, hit in arm.names if not hit]

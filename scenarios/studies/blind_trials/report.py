@@ -54,13 +54,13 @@ def tables_of(scores: Sequence[TrialScore], rates: Sequence[Rate]) -> list[page.
         for row in by_stratum(scores)
     ]
     against = page.Table(
-        f"Every trial that speaks against a bar{more}.",
+        f"Every trial that fails a bar{more}.",
         ("trial", "truth", "answer", "against"),
         listed,
     )
     return [
         page.Heading("Failures first"),
-        against if listed else page.Paragraph("No trial speaks against a bar."),
+        against if listed else page.Paragraph("No trial fails a bar."),
         page.Heading("Bars"),
         page.Table(
             "Shares of trials with Clopper and Pearson's 95 % interval; kinds and "
@@ -294,7 +294,7 @@ def _headline(scores: Sequence[TrialScore], rates: Sequence[Rate]) -> str:
     met = sum(bool(r.met) for r in counted)
     return (
         f"{len(scores)} concealed trials; {met} of {len(counted)} bars are met, "
-        f"{len(failures(scores))} trials speak against one."
+        f"{len(failures(scores))} trials fail one."
     )
 
 

@@ -643,7 +643,7 @@ def test_finished_trials_are_kept_and_reported(finished, monkeypatch, capsys):
     for name in ("report.html", "report.md", "confusion.csv", "confusion.png"):
         assert (folder / name).stat().st_size > 0
     told = (folder / "report.md").read_text()
-    assert "No trial speaks against a bar." in told
+    assert "No trial fails a bar." in told
     assert (
         "| null_nuisance | nothing there, but instruments at their worst | 1 |" in told
     )

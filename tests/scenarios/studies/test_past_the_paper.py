@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from study_material import POSES, small_experiment
+from study_material import POSES, few_effects, small_experiment
 
 from bench.shared.errors import NotIdentifiable
 from bench.study_arm import default_truth
@@ -104,7 +104,8 @@ def test_floor_runs_small(experiment, tmp_path, monkeypatch):
     settings = floor.Settings(
         tmp_path, 10, jobs=0, poses=POSES, known=1, effort=TRANSFER
     )
-    rows = {r["method"]: r for r in floor.main(settings)}
+    with few_effects():
+        rows = {r["method"]: r for r in floor.main(settings)}
     assert rows["oracle"]["share_of_the_way"] == 1.0
     assert rows["VJM"]["share_of_the_way"] == 0.0
     named = {key: float(str(rows["named physics"][key])) for key in MEASURES}
@@ -194,7 +195,8 @@ def test_oracle_that_measures_one_size_wrong_errs_by_what_that_size_does():
 
 @pytest.mark.slow
 def test_truth_without_noise_is_what_the_instruments_scatter_about(material, tmp_path):
-    still = NudgeCell(-1, POSES, 0).work(material, tmp_path)
+    with few_effects():
+        still = NudgeCell(-1, POSES, 0).work(material, tmp_path)
     data = every_plateau(material.arm, material.recording)
     noise = 1e3 * data.deflection - still["experiment"]
     assert np.abs(noise).mean() < 0.012

@@ -1,5 +1,6 @@
 import csv
 import json
+import os
 import subprocess
 import sys
 import time
@@ -8,6 +9,7 @@ from pathlib import Path
 import matplotlib as mpl
 import pytest
 from saved_view import entities, identity, still, timeline
+from study_material import few_effects
 
 from bench.shared.errors import Unusable
 from scenarios.studies.paper.published_values import TABLE_02_MM, TABLE_03_NM_PER_RAD
@@ -29,7 +31,7 @@ def study(tmp_path_factory):
     """A small study, and the same again, killed and gone on; two folders."""
     whole, resumed = (tmp_path_factory.mktemp("study") / n for n in ("one", "two"))
     kill_halfway(resumed)
-    with mpl.rc_context({"savefig.dpi": 20}):
+    with mpl.rc_context({"savefig.dpi": 20}), few_effects():
         main(small(whole))
         main(small(resumed))
     return whole, resumed
@@ -40,8 +42,12 @@ def kill_halfway(out: Path) -> None:
     words = "--budget tiny --jobs 0 --seed 4".split()
     words += ["--poses", str(POSES), "--out", str(out)]
     root = Path(__file__).parents[3]
-    program = [sys.executable, "-m", "scenarios.study"]
-    begun = subprocess.Popen([*program, *words], cwd=root)
+    paths = os.pathsep.join([str(root), str(root / "tests")])
+    begun = subprocess.Popen(
+        [sys.executable, "-m", "study_material", *words],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": paths},
+    )
     while len(finished(out)) < 3 and begun.poll() is None:
         time.sleep(0.02)
     begun.kill()
