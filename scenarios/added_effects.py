@@ -31,7 +31,7 @@ class Settings:
 def main(settings: Settings) -> list[dict[str, object]]:
     """Add, look, and write what was found."""
     from scenarios.pipelines.inputs import arm_of
-    from scenarios.studies import added_effects, public_recordings, ur10_calibration
+    from scenarios.studies import added_effects, public_recordings
     from stiffness.calibration.model import readings_of
 
     found: list[dict[str, object]] = []
@@ -42,9 +42,9 @@ def main(settings: Settings) -> list[dict[str, object]]:
         )
     if settings.ur10 is not None:
         recording = public_recordings.ur10_recording(settings.ur10)
-        arm = arm_of(ur10_calibration.MODEL).for_recording(recording)
+        arm = arm_of(public_recordings.MODEL).for_recording(recording)
         base = added_effects.base_of(readings_of(recording, arm))
-        rows = added_effects.ur10_rows(base, ur10_calibration.MODEL)
+        rows = added_effects.ur10_rows(base, public_recordings.MODEL)
         found += _written(settings.out / "real_ur10", rows)
     return found
 

@@ -66,14 +66,14 @@ def main(settings: Settings) -> tuple[Lap, ...]:
 
 
 def _races(settings: Settings, folder: Path) -> tuple[list[Race], list[str]]:
-    from scenarios.studies.benchmarks import recording_tasks, regression_tasks
+    from scenarios.studies.benchmarks import tasks
 
     poses = settings.poses
     races = [
-        recording_tasks.experiment_race(poses),
-        regression_tasks.source_race(None if poses == 151 else 20 * poses),
-        regression_tasks.springs_race(poses),
-        *recording_tasks.reading_races(poses, folder),
+        tasks.experiment_race(poses),
+        tasks.source_race(None if poses == 151 else 20 * poses),
+        tasks.springs_race(poses),
+        *tasks.reading_races(poses, folder),
     ]
     skipped = [line for each in races for line in each.skipped]
     try:

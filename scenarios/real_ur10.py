@@ -58,9 +58,13 @@ def main(settings: Settings) -> CalibrationOutcome:
     from scenarios.report.page import Block
     from scenarios.report.sections.calibration import write_files
     from scenarios.report.sections.proof import first_sentence, write_judgement
-    from scenarios.studies import ur10_calibration
-    from scenarios.studies.public_recordings import UR10_FILES, ur10_recording
-    from scenarios.studies.ur10_calibration import MODEL, nominal
+    from scenarios.studies import public_recordings
+    from scenarios.studies.public_recordings import (
+        MODEL,
+        UR10_FILES,
+        nominal,
+        ur10_recording,
+    )
 
     recording = ur10_recording(settings.data)
     if settings.recording is not None:
@@ -71,13 +75,13 @@ def main(settings: Settings) -> CalibrationOutcome:
     more: list[Block] = []
     if settings.draws > 0:
         others = range(1, settings.draws + 1)
-        rows = ur10_calibration.rows(recording, arm, MODEL, others)
+        rows = public_recordings.rows(recording, arm, MODEL, others)
         with progress_bar() as progress:
             drawn = list(
                 progress.track(rows, settings.draws, description="other regions")
             )
         data_files.write_table(settings.out / "draws.csv", drawn)
-        more += ur10_calibration.blocks_of(drawn)
+        more += public_recordings.blocks_of(drawn)
     write_files(settings.out, outcome, more)
     if (settings.data / UR10_FILES["B"]).is_file():
         later = ur10_recording(settings.data, "B")

@@ -55,15 +55,13 @@ def main(settings: Settings) -> discussion.Study:
     from scenarios.report import data_files, page
     from scenarios.studies.paper import (
         discussion,
+        fine_tuning,
         imitation,
         linear_fit,
         playback,
-        table_08,
-        table_09,
         table_10,
         transfer,
     )
-    from scenarios.studies.paper import tables_06_07 as imitation_tables
     from scenarios.studies.paper.budget import budget
     from scenarios.studies.paper.cells import Cell, CellResult, Spread, swept
     from scenarios.studies.paper.comparison import contenders
@@ -92,9 +90,9 @@ def main(settings: Settings) -> discussion.Study:
     methods = contenders(spent, results, own)
     blocks = [
         *linear_fit.report(experiment, found, seed, out),
-        *imitation_tables.report(spent, results, seed, out),
-        *table_08.report(spent, results, out),
-        *table_09.report(spent, results, out),
+        *imitation.report(spent, results, seed, out),
+        *fine_tuning.layers_report(spent, results, out),
+        *fine_tuning.epochs_report(spent, results, out),
         *table_10.report(methods, spent.transfer.seeds, spent.name, out),
         *discussion.report(spent, methods, results),
     ]

@@ -27,6 +27,13 @@ Valid       postures and wrenches among those of the training
 Ignores     the reference's wide kernels (15, then 3): the paper's are one
 ==========  ==========================================================================
 
+Inputs: angles as sines and cosines (`sine_and_cosine`; Wu et al. 2024, Eq. 5 and
+section 4.1), all scaled to z = (x - mean) / standard deviation over the rows
+(`Scaling`; LeCun, Bottou, Orr, Müller 1998, "Efficient BackProp", section 4.3). The
+paper wants "twelve neurons" in the input layer and sines and cosines as well, which
+cannot both be: six angles as pairs and six components of the wrench are eighteen.
+Chosen are eighteen; `plain_angles` is the other reading, twelve inputs and no sines.
+
 What are channels? The paper does not say. Two readings of its twelve quantities:
 
 - `channels` (chosen): every input is a channel of a signal of length one. A kernel of
@@ -56,10 +63,91 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from bench.shared.errors import UnknownName, Unusable
-from stiffness.networks.features import Scaling, encoding
 
 if TYPE_CHECKING:  # who only states a shape, as a command's flags do, needs no torch
     import torch
+
+from collections.abc import Callable
+from typing import TypeAlias
+
+# --- Inputs and their scale ----------------------------------------------------------
+
+# --- Encoding of angles ---------------------------------------------------------------
+
+Encoding: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Function from postures in rad and wrenches in N and N m to a network's inputs."""
+
+
+def sine_and_cosine(
+    posture: Float[np.ndarray, "rows axes"], wrench: Float[np.ndarray, "rows 6"]
+) -> Float[np.ndarray, "rows inputs"]:
+    """Return sines, cosines, then the wrench: 18 inputs for six axes."""
+    return np.hstack([np.sin(posture), np.cos(posture), wrench])
+
+
+def plain_angles(
+    posture: Float[np.ndarray, "rows axes"], wrench: Float[np.ndarray, "rows 6"]
+) -> Float[np.ndarray, "rows inputs"]:
+    """Return angles in rad, then the wrench: 12 inputs for six axes."""
+    return np.hstack([posture, wrench])
+
+
+ENCODINGS: Final[Mapping[str, Encoding]] = MappingProxyType(
+    {"sine_and_cosine": sine_and_cosine, "plain_angles": plain_angles}
+)
+"""Both encodings, by the names that files give them."""
+
+
+def encoding(name: str) -> Encoding:
+    """Return an encoding by its name.
+
+    Raises:
+        UnknownName: Where there is none of that name.
+    """
+    if name not in ENCODINGS:
+        raise UnknownName("encoding", name, ENCODINGS)
+    return ENCODINGS[name]
+
+
+# --- Scaling --------------------------------------------------------------------------
+
+CONSTANT = 1e-9
+"""Range below which a column is constant; chosen: rounding of sines is 1e-16."""
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Standardisation of columns, and its inverse.
+
+    A constant column has an infinite scale, so that it is always zero: the network
+    has not learnt from it, and its prediction must not depend on it.
+
+    Attributes:
+        mean: Mean of each column.
+        scale: Standard deviation of each column; infinite where it is constant.
+    """
+
+    mean: Float[np.ndarray, " columns"]
+    scale: Float[np.ndarray, " columns"]
+
+    @classmethod
+    def of(cls, values: Float[np.ndarray, "rows columns"]) -> "Scaling":
+        """Return the scaling by mean and standard deviation of each column."""
+        scale = values.std(axis=0)
+        return cls(values.mean(axis=0), np.where(scale > CONSTANT, scale, np.inf))
+
+    def unitless(
+        self, values: Float[np.ndarray, "rows columns"]
+    ) -> Float[np.ndarray, "rows columns"]:
+        """Return standardised values, without units."""
+        return (values - self.mean) / self.scale
+
+    def in_units(
+        self, values: Float[np.ndarray, "rows columns"]
+    ) -> Float[np.ndarray, "rows columns"]:
+        """Return values in units; constant columns are at their mean."""
+        return self.mean + values * np.where(np.isfinite(self.scale), self.scale, 0.0)
+
 
 # --- Single thread --------------------------------------------------------------------
 

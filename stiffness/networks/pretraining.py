@@ -17,8 +17,14 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.networks.features import Scaling, encoding
-from stiffness.networks.model import DeflectionNetwork, Mlp, Shape, weights_of
+from stiffness.networks.model import (
+    DeflectionNetwork,
+    Mlp,
+    Scaling,
+    Shape,
+    encoding,
+    weights_of,
+)
 from stiffness.networks.source_domain import SourceDomain
 from stiffness.networks.training import (
     EVERY,

@@ -9,7 +9,7 @@ Equation    loss = mean (y - y_hat)^2; rate(s) rises linearly over the first w s
             its peak and then falls as peak (1 + cos(pi (s - w) / (S - w))) / 2
 Source      loss: Wu et al. 2024, Eq. 3; its "dynamic adjustment" of the rate is not
             given: Loshchilov, Hutter 2017, "SGDR"; steps: Kingma, Ba 2015, "Adam"
-Valid       numbers without units (`stiffness.networks.features`)
+Valid       numbers without units (`stiffness.networks.model`)
 Ignores     nothing that is known to matter here
 ==========  ==========================================================================
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from dynamic_run import RAMP, dynamic_run
 
-from bench.dynamic_run import RAMP, dynamic_run
 from bench.effects.bearing_tilt import BearingTilt
 from bench.effects.creep import Creep
 from bench.effects.hardening import Hardening

@@ -17,7 +17,7 @@ from bench.rig import Rig
 from bench.shared.plan import Plan, mixed_pulleys
 from bench.standard_plans import table_one_plan as table_one
 from scenarios.studies.benchmarks.race import Race, Way
-from scenarios.studies.benchmarks.recording_tasks import KR10, PAPERS
+from scenarios.studies.benchmarks.tasks import KR10, PAPERS
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.effects import HYPOTHESES
 from stiffness.robot.arm import Arm

@@ -24,8 +24,7 @@ import msgspec
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.format.folder import write
 from scenarios.studies.blind_trials.arms import arm_of
-from scenarios.studies.blind_trials.draw import name_of, trial_of
-from scenarios.studies.blind_trials.generation import generate_trial
+from scenarios.studies.blind_trials.generation import generate_trial, name_of, trial_of
 from scenarios.studies.blind_trials.method_under_test import ANSWERED, Question
 from scenarios.studies.blind_trials.oracle import oracle_gain_mm
 from scenarios.studies.blind_trials.score import TrialScore, score_answer

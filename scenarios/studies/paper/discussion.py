@@ -14,10 +14,14 @@ from scenarios.report.page import Block, Heading, Paragraph
 from scenarios.studies.paper.budget import Budget
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import MEASURES, Contender, perceptrons, pooled
-from scenarios.studies.paper.imitation import activation_cells, depth_cells
+from scenarios.studies.paper.imitation import (
+    MAE,
+    activation_cells,
+    depth_cells,
+    mean_of,
+)
 from scenarios.studies.paper.linear_fit import LinearFit
 from scenarios.studies.paper.published_values import TABLE_06_MM, TABLE_07_MM
-from scenarios.studies.paper.tables_06_07 import MAE, mean_of
 from scenarios.studies.paper.transfer import ConvolutionCell, PerceptronCell
 from stiffness.regression.intervals import Interval
 

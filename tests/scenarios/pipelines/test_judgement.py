@@ -22,8 +22,8 @@ from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.judgement import judge, patched_arm, targets_of
 from scenarios.pipelines.patching import NEAR, ranges_of
 from scenarios.report.sections.proof import first_sentence
+from scenarios.studies.public_recordings import MODEL as UR10
 from scenarios.studies.public_recordings import UR10_FILES, ur10_recording
-from scenarios.studies.ur10_calibration import MODEL as UR10
 
 OFFSET, WIDTH = 5e-4, 4e-4
 TRUE = Patch(

@@ -15,11 +15,10 @@ from scenarios.report.command_line import run as command
 from scenarios.studies import benchmarks
 from scenarios.studies.benchmarks import (
     diagnosis_task,
-    recording_tasks,
-    regression_tasks,
+    tasks,
 )
 from scenarios.studies.benchmarks.race import Lap, Race, Way, run, runs, show
-from scenarios.studies.benchmarks.recording_tasks import damped_stepping, flange
+from scenarios.studies.benchmarks.tasks import damped_stepping, flange
 from stiffness.effects import HYPOTHESES
 
 COLUMNS = [
@@ -88,7 +87,7 @@ def test_damped_stepping_comes_to_the_rest_of_the_experiment(kr10):
 
 
 def test_pinocchios_loop_answers_what_the_source_domain_answers():
-    race = regression_tasks.source_race(postures=50)
+    race = tasks.source_race(postures=50)
     ours, other = (way.run() for way in race.ways)
     assert ours.shape == (250, 3)
     assert np.abs(ours).max() > 1e-4
@@ -97,7 +96,7 @@ def test_pinocchios_loop_answers_what_the_source_domain_answers():
 
 def test_every_optimiser_finds_the_springs_of_the_vjm():
     """Within a third of a sigma: the VJM also weighs the force sensor's noise."""
-    race = regression_tasks.springs_race(poses=30)
+    race = tasks.springs_race(poses=30)
     fitted, *others = (way.run() for way in race.ways)
     assert len(others) == 3 - len(race.skipped)
     for other in others:
@@ -118,14 +117,14 @@ def test_benchmark_writes_ratios_of_every_task_with_their_range(
     )
     monkeypatch.delattr(benchmarks, "diagnosis_task", raising=False)
     brief = (LoadStep(0.0, 1.0), LoadStep(10.0, 1.0))
-    monkeypatch.setattr(recording_tasks, "TWO_READINGS", brief)
+    monkeypatch.setattr(tasks, "TWO_READINGS", brief)
     laps = main(Settings(out=tmp_path, repeats=1, poses=6))
     rows = data_files.read_table(tmp_path / "benchmark.csv")
     assert list(rows[0]) == COLUMNS
     assert len(rows) == len(laps)
-    tasks = [row["task"].partition(":")[0] for row in rows]
+    named = [row["task"].partition(":")[0] for row in rows]
     begun = ["experiment", "source domain", "fit", "write a recording"]
-    assert list(dict.fromkeys(tasks)) == [*begun, "read a recording"]
+    assert list(dict.fromkeys(named)) == [*begun, "read a recording"]
     for row in rows:
         low, middle, high = (float(row[f"ratio{e}"]) for e in ("_low", "", "_high"))
         assert 0.0 < low <= middle <= high

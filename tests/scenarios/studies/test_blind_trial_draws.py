@@ -17,21 +17,25 @@ from bench.rig import Rig
 from bench.shared.instrument_specs import ASSUMED
 from bench.shared.plan import DEFAULT_PATH
 from bench.standard_plans import table_one_plan, tour
-from scenarios.studies.blind_trials import draw, oracle
+from scenarios.studies.blind_trials import generation, oracle
 from scenarios.studies.blind_trials.arms import (
     BUILDS,
     arm_text,
     draw_twins,
     draw_whole_arm,
 )
-from scenarios.studies.blind_trials.draw import kinds_of, pool_of, trial_of
 from scenarios.studies.blind_trials.effects import (
     Ground,
     draw_site_and_form,
     knees_of,
     turning,
 )
-from scenarios.studies.blind_trials.generation import as_stated
+from scenarios.studies.blind_trials.generation import (
+    as_stated,
+    kinds_of,
+    pool_of,
+    trial_of,
+)
 from scenarios.studies.blind_trials.strata import LIBRARY, STRATA, USUAL
 from stiffness.effects import HYPOTHESES
 
@@ -161,7 +165,9 @@ def test_effect_that_is_registered_later_changes_no_published_trial(
     ground, monkeypatch
 ):
     for registry in ("EFFECTS", "OTHER_LAWS", "OUT_OF_LIBRARY_EFFECTS"):
-        monkeypatch.setattr(draw, registry, (Registered, *getattr(draw, registry)))
+        monkeypatch.setattr(
+            generation, registry, (Registered, *getattr(generation, registry))
+        )
     assert {s: drawn_again(s, ground) for s in PUBLISHED} == PUBLISHED
 
 

@@ -27,7 +27,6 @@ from bench.standard_plans import tour
 from scenarios import blind_trials
 from scenarios.studies.blind_trials import run as sweeping
 from scenarios.studies.blind_trials.arms import BUILDS, arm_of
-from scenarios.studies.blind_trials.draw import kinds_of, trial_of, trials_of
 from scenarios.studies.blind_trials.effects import (
     PERIODIC,
     Ground,
@@ -41,6 +40,9 @@ from scenarios.studies.blind_trials.effects import (
 from scenarios.studies.blind_trials.generation import (
     error_free_instruments,
     generate_trial,
+    kinds_of,
+    trial_of,
+    trials_of,
 )
 from scenarios.studies.blind_trials.method_under_test import (
     Question,

@@ -16,8 +16,7 @@ from bench import standard_plans
 from bench.postures import Room
 from bench.shared.errors import Unusable
 from scenarios.report import data_files
-from scenarios.studies.paper import imitation, table_08, table_09, table_10, transfer
-from scenarios.studies.paper import tables_06_07 as imitation_tables
+from scenarios.studies.paper import fine_tuning, imitation, table_10, transfer
 from scenarios.studies.paper.budget import PLANS, budget
 from scenarios.studies.paper.cells import (
     Cell,
@@ -30,9 +29,9 @@ from scenarios.studies.paper.cells import (
 )
 from scenarios.studies.paper.comparison import MEASURES, contenders, p99, pooled
 from scenarios.studies.paper.experiment import GRID, fresh_postures
+from scenarios.studies.paper.imitation import of_doubling
 from scenarios.studies.paper.playback import curves, worst_poses
 from scenarios.studies.paper.published_values import TABLE_10_MM
-from scenarios.studies.paper.tables_06_07 import of_doubling
 from scenarios.studies.paper.transfer import OwnMethod, checked
 from stiffness.methods.method import faults
 from stiffness.methods.vjm import Vjm
@@ -65,9 +64,9 @@ def worked(material, tmp_path_factory):
     found = swept(cells, material, Spread(out / "cells", jobs=0))
     methods = contenders(TINY, found, own)
     with mpl.rc_context({"savefig.dpi": 20}):
-        imitation_tables.report(TINY, found, 0, out)
-        table_08.report(TINY, found, out)
-        table_09.report(TINY, found, out)
+        imitation.report(TINY, found, 0, out)
+        fine_tuning.layers_report(TINY, found, out)
+        fine_tuning.epochs_report(TINY, found, out)
         table_10.report(methods, TINY.transfer.seeds, TINY.name, out)
     return out, methods
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from bench.shared.errors import Unusable
 from bench.shared.format.folder import read, write
 from scenarios.pipelines.inputs import arm_of, facts_of
-from scenarios.studies import public_recordings, ur10_calibration
+from scenarios.studies import public_recordings
 
 HEADER = (
     "Timestamp;Goal x;shoulder_pan_joint;shoulder_lift_joint;elbow_joint;wrist_1_joint;"
@@ -24,7 +24,7 @@ PLACE = np.array([0.001, -0.002, 0.105])
 @pytest.fixture
 def series(tmp_path: Path) -> Path:
     """A series of a rigid UR10 whose target and tracker stand where we say."""
-    arm, random = arm_of(ur10_calibration.MODEL), np.random.default_rng(1)
+    arm, random = arm_of(public_recordings.MODEL), np.random.default_rng(1)
     posture = random.uniform(-1.5, 1.5, (40, 6))
     target = arm.point_in_base(posture, "flange", PLACE)
     seen = 1e3 * FRAME.inv().apply(target - AWAY)
@@ -43,10 +43,10 @@ def series(tmp_path: Path) -> Path:
 
 def test_a_rigid_arm_s_own_series_leaves_no_error_and_gives_the_target_s_place(series):
     recording = public_recordings.ur10_recording(series)
-    arm = arm_of(ur10_calibration.MODEL).for_recording(recording)
-    place = ur10_calibration.fitted_target(arm, recording)
+    arm = arm_of(public_recordings.MODEL).for_recording(recording)
+    place = public_recordings.fitted_target(arm, recording)
     np.testing.assert_allclose(place, PLACE, atol=1e-9)
-    assert np.abs(ur10_calibration.errors(arm, recording, place)).max() < 1e-9
+    assert np.abs(public_recordings.errors(arm, recording, place)).max() < 1e-9
 
 
 def test_four_markers_of_the_target_keep_their_distances_and_its_turn(series):
@@ -57,7 +57,7 @@ def test_four_markers_of_the_target_keep_their_distances_and_its_turn(series):
     np.testing.assert_allclose(
         gram, np.tile(0.05**2 * np.eye(3), (40, 1, 1)), atol=1e-12
     )
-    arm = arm_of(ur10_calibration.MODEL)
+    arm = arm_of(public_recordings.MODEL)
     turn = FRAME.inv().as_matrix() @ arm.at(recording.posture).turn("flange")
     np.testing.assert_allclose(arms.transpose(0, 2, 1) / 0.05, turn, atol=1e-9)
 
@@ -70,8 +70,8 @@ def test_rows_come_in_the_order_of_time(series):
 def test_the_series_becomes_a_recording_of_the_format(series, tmp_path):
     written = public_recordings.ur10_recording(series)
     write(tmp_path / "recording", written)
-    scores = ur10_calibration.nominal(written, tmp_path / "out")
-    facts = facts_of(arm_of(ur10_calibration.MODEL))
+    scores = public_recordings.nominal(written, tmp_path / "out")
+    facts = facts_of(arm_of(public_recordings.MODEL))
     recording, notes = read(tmp_path / "recording", facts)
     assert notes == ()
     assert [m.target for m in recording.markers] == ["t1"] * 4
@@ -105,7 +105,7 @@ def test_the_nominal_ur10_errs_by_3_01_mm_with_only_the_frame_fitted(tmp_path):
     """The figure was reached by hand before; 0.84 mm with the target's place fitted."""
     folder = Path(os.environ["REAL_RECORDINGS"]) / "ur10-leica"
     recording = public_recordings.ur10_recording(folder)
-    scores = ur10_calibration.nominal(recording, tmp_path)
+    scores = public_recordings.nominal(recording, tmp_path)
     assert scores["poses"] == 11911
     frame, both = scores["frame_fitted"], scores["frame_and_target_fitted"]
     assert isinstance(frame, dict) and isinstance(both, dict)

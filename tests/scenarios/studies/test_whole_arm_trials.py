@@ -25,12 +25,12 @@ from bench.standard_plans import tour
 from scenarios.pipelines.inputs import arm_of
 from scenarios.studies.blind_trials import effects, generation, report
 from scenarios.studies.blind_trials.arms import BY_NAME, draw_twins, draw_whole_arm
-from scenarios.studies.blind_trials.draw import trial_of
 from scenarios.studies.blind_trials.effects import Ground, knees_of, turning
 from scenarios.studies.blind_trials.generation import (
     LEAST_LEFT,
     error_free_instruments,
     generate_trial,
+    trial_of,
 )
 from scenarios.studies.blind_trials.method_under_test import linear_share_of
 from scenarios.studies.blind_trials.oracle import (

@@ -20,7 +20,7 @@ from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.inputs import arm_of
 from scenarios.report.data_files import DECISIONS, read_table, write_decisions
 from scenarios.report.sections.calibration import figure, show, write_files
-from scenarios.studies import ur10_calibration
+from scenarios.studies import public_recordings
 from stiffness.calibration import model as geometry
 from stiffness.calibration.columns import candidates_of
 from stiffness.calibration.model import CalibrationState, readings_of, spatial_folds_of
@@ -268,7 +268,7 @@ def test_draws_that_share_poses_say_less_than_as_many_that_do_not():
         {"left": float(left), "poses_kept_back": 100, "poses": 400}
         for left in (1, 2, 3)
     ]
-    mean, low, high = ur10_calibration.interval(rows, "left")
+    mean, low, high = public_recordings.interval(rows, "left")
     half = 4.30265 * np.sqrt(1 / 3 + 1 / 3)
     assert (mean, low, high) == pytest.approx((2.0, 2.0 - half, 2.0 + half), rel=1e-5)
 

@@ -6,7 +6,11 @@ from scipy.optimize import check_grad
 from small_truth import BASE_FROM_TRACKER, permuted, postures, pulls, record
 
 from stiffness.experiment.deflections import every_plateau
-from stiffness.methods.gp_residual import GpResidual
+from stiffness.methods.gp_residual import (
+    GpResidual,
+    most_likely,
+    negative_log_likelihood,
+)
 from stiffness.methods.method import Method
 from stiffness.methods.transferred_networks import (
     Direct,
@@ -22,7 +26,6 @@ from stiffness.networks.pretraining import Pretraining
 from stiffness.networks.source_domain import SourcePlan, spanning_plan
 from stiffness.networks.training import Training
 from stiffness.networks.transfer import Alignment, FineTuning
-from stiffness.regression.gaussian_process import most_likely, negative_log_likelihood
 from stiffness.robot.arm import Arm
 
 TRAINING = Training(steps=30, batch=64, rate=1e-2)

@@ -5,8 +5,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.shared.errors import UnknownName, Unusable
-from stiffness.networks.features import Scaling, encoding, plain_angles, sine_and_cosine
-from stiffness.networks.model import ACTIVATIONS, Cnn, Mlp, Shape, weights_of
+from stiffness.networks.model import (
+    ACTIVATIONS,
+    Cnn,
+    Mlp,
+    Scaling,
+    Shape,
+    encoding,
+    plain_angles,
+    sine_and_cosine,
+    weights_of,
+)
 from stiffness.networks.pretraining import (
     Errors,
     Pretrained,
