@@ -12,7 +12,10 @@ from pathlib import Path
 
 import mujoco
 import pytest
+from checked_shapes import check_sparingly
 from hypothesis import HealthCheck, settings
+
+check_sparingly()  # before anything of ours is imported
 
 ROOT = Path(__file__).resolve().parents[1]
 

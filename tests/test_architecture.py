@@ -5,7 +5,11 @@ import subprocess
 import sys
 from itertools import chain
 
+import numpy as np
 import pytest
+from beartype import beartype
+from checked_shapes import EVERY, FIRST, sparingly
+from jaxtyping import Float, TypeCheckError
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from source import (
@@ -24,6 +28,10 @@ from source import (
     text,
     within,
 )
+
+from bench.shared.format.faults import Place
+from stiffness.robot.arm import Arm
+from stiffness.robot.wrench import to_flange
 
 SIDES = ("bench", "stiffness", "scenarios")
 ENGINES = ("diagnosis", "calibration", "dual_encoder")
@@ -278,6 +286,26 @@ def test_the_diagnosis_is_read_in_few_steps():
 
 
 # --- Functions and records -----------------------------------------------------------
+
+
+def test_shapes_are_checked_at_first_and_now_and_then():
+    def shaped(x: Float[np.ndarray, "3"]) -> None: ...
+
+    function, refused = sparingly(shaped, beartype), []
+    for call in range(1, 1 + FIRST + 2 * EVERY):
+        try:
+            function(np.zeros(4))
+        except TypeCheckError:
+            refused.append(call)
+    later = [k for k in range(FIRST + 1, 1 + FIRST + 2 * EVERY) if k % EVERY == 0]
+    assert refused == [*range(1, 1 + FIRST), *later]
+
+
+@pytest.mark.parametrize("checked", [to_flange, Arm.for_recording, Place.__init__])
+def test_functions_of_ours_are_checked(checked):
+    """Methods and what makes a record too."""
+    assert checked.__code__.co_filename.endswith("checked_shapes.py")
+
 
 UNSAID = {"tuple", "list", "Sequence", "Any", "object"}
 """Annotations that do not say what a row of things is made of."""
