@@ -69,7 +69,7 @@ def simulated_jacobian(
     seen: SimulatedReadings,
     places: bool,
 ) -> SimulatedJacobian:
-    """Return the columns of all that is fitted silently.
+    """Return the columns of all nuisance parameters.
 
     Args:
         world: The recording.

@@ -97,7 +97,7 @@ def prove(
         patch: What was named, with springs, frame and places as first guesses; one
             without effects or laws is the nominal arm, and nothing is proved.
         held_out: Ids of the poses that nothing may be fitted to.
-        thorough: Whether placebos and what is left out are tried too.
+        thorough: Whether placebos and left-out loads are tried too.
         fixed: Parameters of the patch that are not refined: effect, where and name.
         folds: Further poses that are held out in turn, each from a fit of its own.
 

@@ -404,7 +404,7 @@ def predicted(
     world: ReplaySimulation,
     gauge: ComparisonMode,
 ) -> Float[np.ndarray, "rows readings"]:
-    """Return what is left in all rows after a fit to those kept, to first order.
+    """Return the residual of all rows after a fit to those kept, to first order.
 
     Args:
         matrix: What one unit of each parameter does.

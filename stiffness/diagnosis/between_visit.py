@@ -30,13 +30,13 @@ Valid       as `BetweenVisitModel`
 Ignores     as `BetweenVisitModel`
 ==========  ==========================================================================
 
-Between visits, where markers stand speaks of geometry, sensors and gravity.
+Between visits, marker positions constrain geometry, sensors and gravity.
 
 ==========  ==========================================================================
 Equation    mean_m = R_b(q) place_m + frame + field(p_m) + J_m arrival + noise;
             X~ = X - N G, G = (N'N + P)^-1 N'X for unknown places, frame and field N
             with prior information P; rows of a visit are whitened by (1 + A A')^-1/2,
-            A what a visit's arrival of the axes and error of the force feign
+            A what a visit's arrival of the axes and error of the force induce
 Source      Bayesian linear model with nuisance marginalised
 Valid       absolute readings; visits err independently but for the field
 Ignores     ageing of the field over the day
@@ -68,7 +68,7 @@ class Whitening:
 
     Attributes:
         half: D^1/2 of each marker.
-        error: u, what shared errors feign, whitened.
+        error: u, what shared errors induce, whitened.
         size: s^2 of each.
     """
 
@@ -86,7 +86,7 @@ class Whitening:
 
         Args:
             precision: D, inverse covariance of each marker's mean.
-            induced: F, what shared errors feign, one sigma each.
+            induced: F, what shared errors induce, one sigma each.
         """
         value, vector = np.linalg.eigh(precision)
         scaled = vector * np.sqrt(np.maximum(value, 0.0))[..., None, :]
@@ -396,7 +396,7 @@ class BetweenVisitModel:
         Args:
             mean: Mean residual of each visit, along the base's axes, in m.
             precision: Inverse covariance of it by the tracker's noise; 0 = not seen.
-            induced: What errors of a visit feign, one sigma each, in m.
+            induced: What errors of a visit induce, one sigma each, in m.
             unknown: Columns of what is unknown, in m, and their prior sigmas.
             place: `point` of markers, `share` of rows, whether places carry markers,
                 `screw`.

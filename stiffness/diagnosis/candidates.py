@@ -23,7 +23,7 @@ in which such a map told rightly from wrongly named recordings.
 
 All hypotheses at all places with all shapes stand in one row, beside the map.
 
-The first columns are the nominal ones: the springs that are fitted silently.
+The first columns are the nominal ones: the springs, a nuisance.
 """
 
 from collections.abc import Sequence
@@ -123,7 +123,7 @@ class MapBlock:
 
     Attributes:
         where: The place, as in an answer.
-        depends_on: What the columns speak of.
+        depends_on: What the columns depend on.
         jacobian: The columns.
     """
 

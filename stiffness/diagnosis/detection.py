@@ -90,7 +90,7 @@ def scatter_of(data: SufficientStatistics, dispersion_limit: float) -> Scatter:
     """Return how readings scatter, of both blocks the one that does more.
 
     Args:
-        data: What is left.
+        data: The residuals.
         dispersion_limit: Dispersion of poses along laws up to which errors may be
             misstated.
     """

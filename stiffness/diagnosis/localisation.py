@@ -4,7 +4,7 @@ Where an arm differs: what is named has a place, and the map finds the others.
 
 ==========  ==========================================================================
 Equation    place by place: the place of the map that captures most is taken, its
-            columns count as known, the rest is tested again, until nothing speaks
+            columns count as known, the rest is tested again, until none is significant
 Source      forward selection with a max-T test by sign flips at each step (Holm-like:
             the family shrinks by what was found)
 Valid       markers on every body; with a flange target alone a place is an inference
@@ -22,7 +22,7 @@ Valid       at the shapes that were found
 Ignores     that a third effect may confound two
 ==========  ==========================================================================
 
-What has no name still has a place, a look, and perhaps a law that holds elsewhere.
+What has no name still has a place, dependences, and perhaps a law known elsewhere.
 
 ==========  ==========================================================================
 Equation    extra turn = sum over knots of (loading + unloading) hats of torque, fitted
@@ -84,7 +84,7 @@ def places_of_map(
     known: np.ndarray,
     seed: int,
 ) -> list[tuple[str, float, float, tuple[str, ...]]]:
-    """Return places that speak, strongest first: where, p, captured, depends on."""
+    """Return significant places, strongest first: where, p, captured, depends on."""
     gram = evidence.gram.sum(axis=0)
     names = tuple(dict.fromkeys(m.where for m in library.map))
     columns = {

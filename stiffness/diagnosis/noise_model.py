@@ -13,7 +13,7 @@ Valid       visits that err independently
 Ignores     that an axis returns better from one side
 ==========  ==========================================================================
 
-A wrong wrench feigns a deflection, row by row and visit by visit.
+A wrong wrench mimics a deflection, row by row and visit by visit.
 
 ==========  ==========================================================================
 Equation    turn_k = c_k J_k' dw;  dw = white noise per row;
@@ -25,7 +25,7 @@ Valid       the fitted springs carry most of the deflection
 Ignores     errors that stay the same over the whole recording: these are findings
 ==========  ==========================================================================
 
-Three or more markers of a body show its motion; what is left over is noise.
+Three or more markers of a body show its motion; the residual is noise.
 
 ==========  ==========================================================================
 Equation    y_mr = rest_m + G_m xi_r + noise: least squares over rest_m and xi_r of one
@@ -135,7 +135,7 @@ GAIN = 0.005
 def induced_rotations(
     situation: StaticState, visits: Visits
 ) -> Float[np.ndarray, "visits turns errors"]:
-    """Return the turns that one sigma of each error feigns; index order axis, row.
+    """Return the turns that one sigma of each error induces; index order axis, row.
 
     The first errors belong to the whole visit (three turns of the force and a gain),
     six more to each row.

@@ -24,7 +24,7 @@ Valid       absolute readings
 Ignores     a stated frame that is wrong: that is a finding
 ==========  ==========================================================================
 
-Every reading speaks once: within its visit of the load, in its mean of the rest.
+Every reading counts once: within its visit for the load, in its mean for the rest.
 
 Within visits and between them are orthogonal parts of the same readings. Where a
 marker was not seen, its mean is completed by the motion of its body.
@@ -33,7 +33,7 @@ Some visits are enough to learn nearly where everything is and how it bends.
 
 A recording is made ready once: the nominal is fitted, the noise is checked.
 
-Fitted silently are the tracker's frame where it is not stated, the markers' places, and
+Nuisances are the tracker's frame where it is not stated, the markers' places, and
 the stiffness of every axis that has a spring in the model; of all axes, where the model
 states none and the load was measured. Everything else competes.
 """
@@ -265,8 +265,8 @@ def blocks(
         pose_repeatability = pose_repeatability_of(
             silent.residual[..., 0], lever, trend, largest
         )
-    feigned = np.concatenate([turned * pose_repeatability, turned @ shared], axis=2)
-    between = BetweenVisitModel.of(mean, precision, feigned, nuisance, place)
+    induced = np.concatenate([turned * pose_repeatability, turned @ shared], axis=2)
+    between = BetweenVisitModel.of(mean, precision, induced, nuisance, place)
     return SufficientStatistics(visits, within, between), pose_repeatability
 
 

@@ -18,18 +18,18 @@ from bench.shared.errors import UnknownName
 from bench.shared.settings import SETTINGS
 from stiffness.experiment.outliers import Outlier
 from stiffness.regression.group_selection import Decision
-from stiffness.regression.intervals import Parameter
+from stiffness.regression.intervals import Interval
 
 __all__ = [
     "Decision",
     "Detection",
     "Diagnosis",
+    "Interval",
     "Located",
     "Name",
     "NamedEffect",
     "Nominal",
     "Outlier",
-    "Parameter",
     "Rival",
     "SplitNames",
     "Unexplained",
@@ -61,7 +61,7 @@ class Detection:
         residual_rms: After the nominal fit, 3-D per reading, in m.
         noise_rms: What the tracker's noise alone would leave, in m.
         smallest_effect: Displacement rms per reading that an effect must have, beyond
-            what is fitted silently, to be seen nine times in ten, in m.
+            the nuisance parameters, to be seen nine times in ten, in m.
         held_out_within_rms: What the fitted nominal arm leaves on the poses held out of
             differences within visits, in m; NaN where none is held out.
         held_out_rms: The same with what means of visits leave.
@@ -128,7 +128,7 @@ class NamedEffect:
     name: Name
     probability: float
     equivalents: tuple[Name, ...]
-    parameters: Mapping[str, Parameter]
+    parameters: Mapping[str, Interval]
     shape: tuple[float, ...] = ()
     coefficients: tuple[float, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -145,7 +145,7 @@ class Rival:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """What is left or could not be named.
+    """The residual, or what could not be named.
 
     Attributes:
         where: The place where it is strongest.
@@ -190,7 +190,7 @@ class Warned:
 
 @dataclass(frozen=True)
 class Nominal:
-    """What was fitted silently.
+    """The nuisance parameters as fitted.
 
     Attributes:
         compliance: Of each axis, in rad/(N m), together with what was named.
@@ -224,10 +224,10 @@ class Diagnosis:
         located: Where, strongest first.
         named: What, most certain first.
         rivals: Other sets of names.
-        unexplained: What is left; None where nothing is.
+        unexplained: The residual; None where there is none.
         confounded: Pairs that these data cannot tell apart.
         warnings: Mistakes of the set-up and remarks.
-        nominal: What was fitted silently; None where a mistake stopped the fit.
+        nominal: The nuisance parameters; None where a mistake stopped the fit.
         held_out: Ids of the poses that naming has not seen.
         downweighted: Readings that counted less: row, marker's name, size in sigma.
         outliers: Outliers, which were left out.

@@ -29,7 +29,7 @@ Equation    rms of a rigid fit of frame and places, under each reading of the fi
             zero shifted, mirrored, other units …
 Source      enumeration; a mistake moves markers by a tenth of the reach, physics by a
             hundredth at most
-Valid       absolute readings; of relative ones the loads speak, in `set_up_loads`
+Valid       absolute readings; relative ones are tested by the loads, in `set_up_loads`
 Ignores     three mistakes at once, unless all are reversed axes
 ==========  ==========================================================================
 """

@@ -96,7 +96,7 @@ def normal_equations_of(
     signatures: Sequence[EffectJacobian | Deferred],
     fold: Int[np.ndarray, " poses"],
 ) -> NormalEquations:
-    """Let the readings speak about signatures.
+    """Return what the readings say about effects' columns.
 
     Args:
         data: The readings.
@@ -234,7 +234,7 @@ def per_pose_scores(
     signatures: Sequence[EffectJacobian],
     fold: Int[np.ndarray, " poses"],
 ) -> PerPoseScores:
-    """Let every pose speak about a few signatures.
+    """Return what every pose says about a few effects' columns.
 
     Args:
         data: The readings.

@@ -313,10 +313,10 @@ def _unexplained_places(
 
 
 def _near(member: ModelTerm, loudest: str) -> bool:
-    """Return whether what is left somewhere may be a member's own.
+    """Return whether a residual somewhere may be a member's own.
 
-    A wrong wrench or tracker feigns effects anywhere, and any effect feigns them; a
-    single marker speaks for itself.
+    A wrong wrench or tracker mimics effects anywhere, and any effect mimics them; a
+    single marker affects itself alone.
     """
     if loudest.startswith("marker:"):
         return member.where == loudest
@@ -593,7 +593,7 @@ def _nominal_beside(
 def nominal_of(
     prepared: Prepared, springs: np.ndarray, case: SelectionProblem | None = None
 ) -> Nominal:
-    """Return what was fitted silently, `springs` more than the situation says."""
+    """Return the nuisance parameters, `springs` more than the situation says."""
     compliance = (case or prepared).situation.compliance.copy()
     sigma = np.zeros(len(compliance))
     if prepared.springs:

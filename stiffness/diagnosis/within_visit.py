@@ -20,7 +20,7 @@ Differences within some visits pull at bodies; a column feels the pull where it 
 ==========  ==========================================================================
 Equation    pull of a motion: information of each body times its motion, less that of
             the turns U (1 + U' information U)^-1 U' (pull on turns) which the wrench's
-            errors would feign; product of two columns: the one's motion times the
+            errors would induce; product of two columns: the one's motion times the
             other's pull; of two turns at once from the information between turns
 Source      as `FisherInformation`
 Valid       as `FisherInformation`
@@ -31,7 +31,7 @@ Within a visit a marker rests where it likes; what moves it is the load.
 
 ==========  ==========================================================================
 Equation    y_mr = rest_m + G_m xi_br + noise; pull of the readings on each body =
-            sum L_m (x) G_m' T^-1 y_m, less what the wrench's errors feigned
+            sum L_m (x) G_m' T^-1 y_m, less what the wrench's errors induced
 Source      Gauss-Markov with the rest positions marginalised
 Valid       as `FisherInformation`
 Ignores     as `FisherInformation`
@@ -165,7 +165,7 @@ class WithinVisitContrasts:
         kernel: U (1 + U' information U)^-1 U' of the wrench's errors U.
         raw: Information between turns.
         rotation_information: The same with the wrench's errors taken out.
-        weighted_residual: Of the readings, without what the wrench's errors feigned.
+        weighted_residual: Of the readings, without what the wrench's errors induced.
     """
 
     information: FisherInformation
@@ -223,16 +223,16 @@ class WithinVisitContrasts:
         return total.reshape(bodies, visits, rows * 6, -1)
 
     def raw_scores(self, displacement: np.ndarray) -> np.ndarray:
-        """Return the pull of motions of bodies, what errors feign included."""
+        """Return the pull of motions of bodies, what errors induce included."""
         info = self.information
         return np.stack([info.of((b,)) @ own for b, own in enumerate(displacement)])
 
     def centred_scores(self, weighted: np.ndarray) -> np.ndarray:
-        """Return pulls without what the wrench's errors most likely feign."""
+        """Return pulls without what the wrench's errors most likely induce."""
         info = self.information
         visits, rows = info.screw.shape[:2]
-        feigned = self.kernel @ self.on_rotations(weighted)
-        shaped = feigned.reshape(visits, info.axes, rows, 1, -1)
+        induced = self.kernel @ self.on_rotations(weighted)
+        shaped = induced.reshape(visits, info.axes, rows, 1, -1)
         moved = np.zeros((len(weighted), visits, rows, 6, weighted.shape[3]))
         for k in range(info.axes):
             moved[info.carried[k + 1]] += info.screw[:, :, k, :, None] * shaped[:, k]
@@ -288,15 +288,15 @@ class WithinVisitContrasts:
         along = np.concatenate(
             [t @ x for t, x in zip(through, laid, strict=True)], axis=2
         )
-        feigned = self.kernel @ along
+        induced = self.kernel @ along
         own = slice(start, end)
-        left = along - self.raw @ feigned
+        left = along - self.raw @ induced
         for near in columns.rotations:
             one = slice(near.site * rows, near.site * rows + rows)
             block = contract(near.values, left[:, one])
             gram[near.slots, own] += block
             gram[own, near.slots] += block.T
-        gram[own, own] -= contract(along, feigned)
+        gram[own, own] -= contract(along, induced)
         for j, (far, y) in enumerate(zip(columns.twists, laid, strict=True)):
             pulled: dict[tuple[int, ...], np.ndarray] = {}
             for near, x in zip(columns.twists[: j + 1], laid, strict=False):
@@ -326,7 +326,7 @@ class WithinVisitModel:
         kernel: U (1 + U' information U)^-1 U' of the wrench's errors U.
         raw: Information between turns.
         rotation_information: The same with the wrench's errors taken out.
-        weighted_residual: Of the readings, without what the wrench's errors feigned.
+        weighted_residual: Of the readings, without what the wrench's errors induced.
         square: Whitened sum of squares of each visit's differences, the same taken out.
         degrees_of_freedom: How many differences of coordinates each visit has.
         kept: What is laid out for the visits asked for last.
@@ -366,7 +366,7 @@ class WithinVisitModel:
             point: Where markers are in each visit, in m.
             body: Index of each marker's body.
             frame: `carried`, `screw` and noise: turns of the axes, one sigma, that the
-                wrench's errors feign (visits, turns, errors), index order axis, row.
+                wrench's errors induce (visits, turns, errors), index order axis, row.
         """
         visits, rows, _ = weight.shape
         carried, screw, noise = frame
@@ -393,9 +393,9 @@ class WithinVisitModel:
                 info, kernel[some], own, on_turns[some], pull[:, some]
             )
             along = seen.on_rotations(seen.weighted_residual)
-            feigned = np.sum(along * (kernel[some] @ along), axis=(1, 2))
+            induced = np.sum(along * (kernel[some] @ along), axis=(1, 2))
             whole = np.sum(values * (contrast @ inverse), axis=(1, 2, 3))
-            square[some] = whole - feigned
+            square[some] = whole - induced
             pull[:, some] = seen.centred_scores(seen.weighted_residual)
         freedom = 3.0 * np.maximum((weight > 0).sum(axis=1) - 1, 0).sum(axis=1)
         return cls(

@@ -192,7 +192,7 @@ def is_significant(gain: Float[np.ndarray, " poses"]) -> bool:
 def mean_log_gain(
     before: Float[np.ndarray, " folds"], after: Float[np.ndarray, " folds"]
 ) -> tuple[float, float]:
-    """Return the mean gain of the logarithm of what is left, and its standard error."""
+    """Return the mean gain of the logarithm of the residual, and its standard error."""
     each = np.log(before / after)
     return float(each.mean()), float(each.std(ddof=1) / np.sqrt(len(each)))
 

@@ -237,7 +237,7 @@ def refined(
                 if tries[-1] - tries[0] < 1e-12 * max(1.0, abs(tries[0])):
                     continue
                 others = [m for i, m in enumerate(members) if i != k]
-                gain = _gains(
+                gain = _chi_square_gains(
                     data,
                     [*nominal, *(m.jacobian(situation) for m in others)],
                     [
@@ -257,7 +257,7 @@ def _shaped(term: ModelTerm, j: int, value: float, factor: bool) -> ModelTerm:
     return ModelTerm(term.hypothesis, term.where, shape)
 
 
-def _gains(
+def _chi_square_gains(
     data: SufficientStatistics,
     known: Sequence[EffectJacobian],
     tries: Sequence[EffectJacobian],
