@@ -158,7 +158,9 @@ def _refused(found: Calibrated, names: tuple[Key, ...]) -> Iterator[Refused]:
             yield Refused(*step.key, parameters, IMPOSSIBLE_FIT)
     for key, known in found.estimates.items():
         if key not in names:
-            parameters = {n: Interval(e.value, e.low, e.high) for n, e in known.items()}
+            parameters = {
+                n: Interval(e.estimate, e.low, e.high) for n, e in known.items()
+            }
             yield Refused(*key, parameters, NOT_MISSED)
 
 
@@ -198,7 +200,7 @@ def _called(found: Calibrated, key: Key) -> Called:
     loss, error = found.selected.budget[key]
     effect, where = key
     parameters = {
-        name: Interval(e.value, e.low, e.high)
+        name: Interval(e.estimate, e.low, e.high)
         for name, e in found.estimates.get(key, {}).items()
     }
     if effect == "transmission_error":

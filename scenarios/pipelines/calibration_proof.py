@@ -171,7 +171,7 @@ def _pose_repeatability(found: Calibrated) -> Float[np.ndarray, "rows axes"]:
     for (effect, where), numbers in found.estimates.items():
         if effect in FROM_SIDES:
             k = int(where[1:]) - 1
-            width = numbers["width_rad"].value
+            width = numbers["width_rad"].estimate
             short[:, k] = -width / 2 * found.readings.side[:, k]
     return short
 

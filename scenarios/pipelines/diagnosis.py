@@ -74,7 +74,7 @@ from stiffness.diagnosis.result import (
 )
 from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.experiment.outliers import without_outliers
-from stiffness.regression.intervals import Parameter
+from stiffness.regression.intervals import Interval as Estimated
 from stiffness.robot.arm import Arm
 
 if TYPE_CHECKING:
@@ -424,7 +424,7 @@ def _called(named: NamedEffect, share: float | None, slides: Collection[str]) ->
 
 
 def _sizes(
-    effect: str, where: str, known: Mapping[str, Parameter], sliding: Collection[str]
+    effect: str, where: str, known: Mapping[str, Estimated], sliding: Collection[str]
 ) -> dict[str, Interval]:
     """Return parameters as they are written, along a slide in m."""
     return {

@@ -56,7 +56,7 @@ from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from bench.user_model import ASSETS
 from scenarios.pipelines.recording_check import static_torque
-from stiffness.diagnosis.result import Diagnosis, NamedEffect, Parameter
+from stiffness.diagnosis.result import Diagnosis, Interval, NamedEffect
 from stiffness.experiment.visits import BEFORE
 from stiffness.robot.arm import Arm
 
@@ -208,7 +208,7 @@ def neutral_sizes(effect: NamedEffect) -> dict[str, Value]:
     return {n: neutral.parameters[n] for n in sorted(sizes & loose)}
 
 
-def within_bounds(effect: NamedEffect) -> dict[str, Parameter]:
+def within_bounds(effect: NamedEffect) -> dict[str, Interval]:
     """Return the parameters with intervals that end where the mechanism's bounds are.
 
     That takes nothing from their coverage, for the truth lies within. A size that the
@@ -306,7 +306,7 @@ def patch_of_calibration(found: Calibrated) -> Patch:
     ]
     for (effect, where), numbers in found.estimates.items():
         if (effect, where) not in drawing:
-            known = {name: e.value for name, e in numbers.items()}
+            known = {name: e.estimate for name, e in numbers.items()}
             settings: dict[str, Value] = {"across": 1} if effect in ACROSS else {}
             effects.append(PatchEffect(effect, where, dict(known), settings))
     for axis, table in found.error_tables.items():

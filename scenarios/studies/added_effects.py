@@ -209,7 +209,7 @@ def _estimate(
 ) -> tuple[float, float]:
     """Return an estimate and half width of its interval; zeros where it has none."""
     own = found.estimates.get((effect, where), {}).get(parameter)
-    return (0.0, 0.0) if own is None else (own.value, (own.high - own.low) / 2)
+    return (0.0, 0.0) if own is None else (own.estimate, (own.high - own.low) / 2)
 
 
 def _ur10_size(

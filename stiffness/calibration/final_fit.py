@@ -57,7 +57,7 @@ from stiffness.calibration.columns import (
 from stiffness.calibration.model import CalibrationState, Geometry, Readings
 from stiffness.calibration.rigid_fit import RigidFit
 from stiffness.regression.empirical_bayes import Solved, VarianceComponents, learnt
-from stiffness.regression.intervals import Estimate
+from stiffness.regression.intervals import Interval
 from stiffness.regression.normal_equations import Normal
 
 # --- Intervals ------------------------------------------------------------------------
@@ -175,7 +175,7 @@ def estimates_of(
     known: Int[np.ndarray, " known"],
     x: Float[np.ndarray, " known"],
     half: dict[int, float],
-) -> dict[Key, dict[str, Estimate]]:
+) -> dict[Key, dict[str, Interval]]:
     """Return the estimates of all parameters with their intervals.
 
     Args:
@@ -184,12 +184,12 @@ def estimates_of(
         x: Their coefficients.
         half: Half the width of the interval, by number within `known`.
     """
-    found: dict[Key, dict[str, Estimate]] = {}
+    found: dict[Key, dict[str, Interval]] = {}
     for i, width in half.items():
         j, value = known[i], float(x[i])
         if blocks.owner[j] != SILENT:
             own = found.setdefault(blocks.owner[j], {})
-            own[blocks.parameter[j]] = Estimate(value, value - width, value + width)
+            own[blocks.parameter[j]] = Interval(value, value - width, value + width)
     return found
 
 

@@ -71,7 +71,7 @@ from stiffness.calibration.model import (
 from stiffness.calibration.rigid_fit import RigidFit, fitted
 from stiffness.calibration.selection import MARGIN, Judge, Selected, selected
 from stiffness.regression.empirical_bayes import learnt
-from stiffness.regression.intervals import Estimate
+from stiffness.regression.intervals import Interval
 from stiffness.regression.normal_equations import total_of
 from stiffness.regression.testing import Agreement, agreement
 from stiffness.robot.arm import Arm
@@ -139,7 +139,7 @@ def _basis(a: Float[np.ndarray, "n columns"]) -> np.ndarray:
 
 def named(
     chosen: Selected,
-    estimates: Mapping[Key, Mapping[str, Estimate]],
+    estimates: Mapping[Key, Mapping[str, Interval]],
     waves: Mapping[str, Wave],
     regions: int,
 ) -> Iterator[Key]:
@@ -167,8 +167,8 @@ def named(
             yield key
 
 
-def _clear(found: Estimate, wider: float) -> bool:
-    return bool(abs(found.value) > wider * (found.high - found.low) / 2.0)
+def _clear(found: Interval, wider: float) -> bool:
+    return bool(abs(found.estimate) > wider * (found.high - found.low) / 2.0)
 
 
 # --- Lag or friction ------------------------------------------------------------------
@@ -179,7 +179,7 @@ most of it."""
 
 
 def held_by_friction(
-    estimates: Mapping[Key, Mapping[str, Estimate]],
+    estimates: Mapping[Key, Mapping[str, Interval]],
     told: Float[np.ndarray, " axes"],
 ) -> dict[Key, Key]:
     """Return the lags that are called hysteresis, with the new key.
@@ -195,14 +195,14 @@ def held_by_friction(
     found = {}
     for effect, where in estimates:
         if effect == "reading_lag":
-            lag = estimates[effect, where]["lag_rad"].value
+            lag = estimates[effect, where]["lag_rad"].estimate
             if lag < 0.0 and not told[int(where[1:]) - 1] < TOLD * lag:
                 found[effect, where] = ("hysteresis", where)
     return found
 
 
-def _width(lag: Estimate) -> Estimate:
-    return Estimate(-2.0 * lag.value, -2.0 * lag.high, -2.0 * lag.low)
+def _width(lag: Interval) -> Interval:
+    return Interval(-2.0 * lag.estimate, -2.0 * lag.high, -2.0 * lag.low)
 
 
 def _renamed(chosen: Selected, friction: Mapping[Key, Key]) -> Selected:
@@ -271,7 +271,7 @@ class Calibrated:
     before: Geometry
     corrected_geometry: Geometry
     springs: tuple[dict[str, float], ...]
-    estimates: dict[Key, dict[str, Estimate]]
+    estimates: dict[Key, dict[str, Interval]]
     error_tables: dict[str, Table]
     harmonics: dict[str, Wave]
     selected: Selected

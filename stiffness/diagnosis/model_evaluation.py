@@ -37,7 +37,7 @@ from stiffness.diagnosis.sufficient_statistics import (
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.intervals import Parameter
+from stiffness.regression.intervals import Interval
 from stiffness.regression.splits import Split
 
 # --- Fit and prediction together ------------------------------------------------------
@@ -132,7 +132,7 @@ def parameters_of(
     springs: Sequence[int],
     look: ModelEvaluation,
     split: Split,
-) -> list[dict[str, Parameter]]:
+) -> list[dict[str, Interval]]:
     """Return every member's parameters of the vocabulary with 95 % intervals.
 
     Args:
@@ -296,9 +296,9 @@ def _of_member(situation, springs, member, fitted, cov, shift, quantile):
             wide = min(wide, half + FORM * (abs(value - nothing[name]) - half))
         if name in law.logarithmic and value > 0.0:
             factor = float(np.exp(min(wide / value, 50.0)))
-            found[name] = Parameter(value, value / factor, value * factor)
+            found[name] = Interval(value, value / factor, value * factor)
         else:
-            found[name] = Parameter(value, value - wide, value + wide)
+            found[name] = Interval(value, value - wide, value + wide)
     return found
 
 
@@ -311,27 +311,27 @@ def _given_shapes(cov: np.ndarray, shapes: int) -> np.ndarray:
 
 
 def as_held(
-    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Parameter]
-) -> dict[str, Parameter]:
+    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
+) -> dict[str, Interval]:
     """Return parameters within their limits, without ends where no data hold them."""
     limits = member.hypothesis.limits_at(situation, member.where)
     return {
         name: _within(limits.get(name), p)
         if is_held(limits.get(name), p.estimate, (p.high - p.low) / 2.0)
-        else Parameter(p.estimate, -np.inf, np.inf)
+        else Interval(p.estimate, -np.inf, np.inf)
         for name, p in parameters.items()
     }
 
 
-def _within(limits: tuple[float, float] | None, found: Parameter) -> Parameter:
+def _within(limits: tuple[float, float] | None, found: Interval) -> Interval:
     """Return a parameter that lies outside its limits at the nearer one."""
     if limits is None or limits[0] <= found.estimate <= limits[1]:
         return found
     low, high = limits
     half = (found.high - found.low) / 2.0
     if found.estimate < low:
-        return Parameter(low, low, max(low + half, found.high))
-    return Parameter(high, min(high - half, found.low), high)
+        return Interval(low, low, max(low + half, found.high))
+    return Interval(high, min(high - half, found.low), high)
 
 
 def is_held(limits: tuple[float, float] | None, value: float, half: float) -> bool:
@@ -346,7 +346,7 @@ def is_held(limits: tuple[float, float] | None, value: float, half: float) -> bo
 
 
 def cost_of_limits(
-    situation: StaticState, member: ModelTerm, parameters: dict[str, Parameter]
+    situation: StaticState, member: ModelTerm, parameters: dict[str, Interval]
 ) -> float:
     """Return the whitened square that is lost if a parameter keeps to its limits.
 
@@ -364,7 +364,7 @@ def cost_of_limits(
     return worst
 
 
-def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Parameter]) -> bool:
+def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Interval]) -> bool:
     """Return whether all that an effect could be may be nothing, by the intervals.
 
     A stiffness whose interval holds zero may be without end; a ratio is nothing at its

@@ -71,7 +71,7 @@ from stiffness.regression.group_selection import (
     exchange_worths,
     select_groups,
 )
-from stiffness.regression.intervals import Parameter
+from stiffness.regression.intervals import Interval
 from stiffness.regression.splits import Split
 
 BEYOND = 0.1
@@ -335,7 +335,7 @@ class SelectedModel:
     fit: ModelFit
     fine: tuple[ModelTerm, ...]
     refused: frozenset[Name]
-    parameters: tuple[dict[str, Parameter], ...]
+    parameters: tuple[dict[str, Interval], ...]
     lost: tuple[Float[np.ndarray, " poses"], ...]
     statistics: PoseStatistics
     dispersion: float
@@ -542,7 +542,7 @@ def _of_the_same_kinds(
 def _withheld(
     case: SelectionProblem,
     terms: Sequence[ModelTerm],
-    parameters: Sequence[dict[str, Parameter]],
+    parameters: Sequence[dict[str, Interval]],
     gains: Sequence[float],
 ) -> list[Decision]:
     """Return the names that hold nothing, or more than any arm has."""

@@ -123,7 +123,7 @@ def scores(
     for k, direction in enumerate(DIRECTIONS):
         for metric, statistic in METRICS.items():
             interval = bootstrap(error_mm[:, k], pose, statistic, seed, resamples)
-            value, low, high = interval.value, interval.low, interval.high
+            value, low, high = interval.estimate, interval.low, interval.high
             if metric == "ME":
                 low = high = None
             found.append(Score(direction, metric, value, low, high, len(error_mm)))

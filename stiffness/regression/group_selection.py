@@ -41,7 +41,7 @@ from scipy.linalg import qr
 from scipy.special import betaln
 
 from stiffness.regression.elimination import projection_coefficients, schur_complement
-from stiffness.regression.intervals import Parameter
+from stiffness.regression.intervals import Interval
 
 SURVIVES = 1e-7
 """Share of a direction's raw information that must survive what is known; chosen: ten
@@ -100,7 +100,7 @@ class Decision:
     statistic: float
     threshold: float
     reason: str
-    sizes: Mapping[str, Parameter] = field(default_factory=dict, compare=False)
+    sizes: Mapping[str, Interval] = field(default_factory=dict, compare=False)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Intervals: types of a number with its interval, and bootstrap over poses.
+"""Intervals: an estimate with its ends, and bootstrap over poses.
 
 An interval says where a number would fall if other poses had been measured.
 
@@ -24,28 +24,24 @@ from scipy import stats
 
 from bench.shared.errors import BenchError
 
-# --- Intervals of parameters ----------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A number with its interval, in SI; without ends where the data do not hold it."""
-
-    estimate: float
-    low: float
-    high: float
-
-
 # --- Intervals ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class Estimate:
-    """A number with its 95 % interval, in SI."""
+class Interval:
+    """An estimate and the interval it lies in; without ends where no data hold it.
 
-    value: float
+    Attributes:
+        estimate: Of all rows; in SI where it is a physical quantity.
+        low: Lower end.
+        high: Upper end.
+        level: How often such an interval covers.
+    """
+
+    estimate: float
     low: float
     high: float
+    level: float = 0.95
 
 
 # --- Bootstrap ------------------------------------------------------------------------
@@ -54,23 +50,6 @@ Statistic: TypeAlias = Callable[
     [Float[np.ndarray, "..."], Float[np.ndarray, "..."]], Float[np.ndarray, "..."]
 ]
 """Takes values (rows, …) and how often each row counts (…, rows); returns (…)."""
-
-
-@dataclass(frozen=True)
-class Interval:
-    """A number and the interval it lies in.
-
-    Attributes:
-        value: Of all rows.
-        low: Lower end.
-        high: Upper end.
-        level: How often such an interval covers.
-    """
-
-    value: float
-    low: float
-    high: float
-    level: float = 0.95
 
 
 def bootstrap(

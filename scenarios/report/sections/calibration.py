@@ -98,7 +98,9 @@ def _blocks(
                 (
                     e,
                     w,
-                    "; ".join(f"{label(n)} {size(n, x.value)}" for n, x in v.items()),
+                    "; ".join(
+                        f"{label(n)} {size(n, x.estimate)}" for n, x in v.items()
+                    ),
                 )
                 for (e, w), v in found.estimates.items()
                 if (e, w) in fitted

@@ -82,8 +82,8 @@ def rate(
     if not total:
         return Rate(what, bar, 0, 0, None, None, None, None)
     found = share(count, total)
-    met = least <= found.value <= most
-    return Rate(what, bar, count, total, found.value, found.low, found.high, met)
+    met = least <= found.estimate <= most
+    return Rate(what, bar, count, total, found.estimate, found.low, found.high, met)
 
 
 def bars(scores: Sequence[TrialScore]) -> list[Rate]:
@@ -439,7 +439,7 @@ def calibration(scores: Sequence[TrialScore]) -> list[dict[str, Any]]:
                     "to": high,
                     "stated": float(np.mean([p for p, _ in inside])),
                     "statements": len(inside),
-                    "true": found.value,
+                    "true": found.estimate,
                     "low": found.low,
                     "high": found.high,
                 }

@@ -279,7 +279,7 @@ def best_method_rows(everyone: Sequence[Contender]) -> list[dict[str, object]]:
                     "method": best.method,
                     "against": other.name,
                     "metric": metric,
-                    "change_percent": 100 * change.value,
+                    "change_percent": 100 * change.estimate,
                     "low_percent": 100 * change.low,
                     "high_percent": 100 * change.high,
                     "n": best.unseen.shape[1],
@@ -347,7 +347,7 @@ def gain_rows(c: Contender, springs: Contender) -> list[dict[str, object]]:
                     "plan": c.plan,
                     "direction": direction,
                     "metric": metric,
-                    "change_percent": 100 * change.value,
+                    "change_percent": 100 * change.estimate,
                     "low_percent": 100 * change.low,
                     "high_percent": 100 * change.high,
                     "paper_percent": paper,
@@ -441,7 +441,7 @@ def finding(tuned: Sequence[Contender], springs: Contender) -> str:
 
 
 def _reached(change: Interval, bar: float) -> str:
-    if change.value > bar:
+    if change.estimate > bar:
         return NO
     return SURELY if change.high <= bar else YES
 

@@ -66,8 +66,9 @@ def best_epoch(budget: Budget, found: Mapping[Cell, CellResult]) -> str:
     within = change.low <= 0.0 <= change.high
     return (
         "Best epoch. Keeping the epoch that is best on the poses held back changes the "
-        f"MAE on fresh poses by {100 * change.value:+.1f} % ({100 * change.low:+.1f} "
-        f"to {100 * change.high:+.1f}; the paper: -19.7 % on the poses that chose)."
+        f"MAE on fresh poses by {100 * change.estimate:+.1f} % "
+        f"({100 * change.low:+.1f} to {100 * change.high:+.1f}; the paper: -19.7 % on "
+        "the poses that chose)."
         + (
             " Here the rate falls to zero, weights are pulled towards the pre-trained "
             "ones, and their running mean is judged, which leaves little to choose; "
@@ -133,7 +134,7 @@ def others(
     said.append(
         "A Gaussian process on what the springs leave, which needs no source domain, "
         f"comes to {_said(_times(process, springs))} times their error, {verdict} on "
-        f"the spanning plan (error {100 * change.value:+.0f} %, "
+        f"the spanning plan (error {100 * change.estimate:+.0f} %, "
         f"{100 * change.low:+.0f} to {100 * change.high:+.0f})."
     )
     return " ".join(said)
@@ -142,11 +143,11 @@ def others(
 def _times(c: Contender, springs: Contender) -> Interval:
     """Return a method's MAE over all directions in units of the springs'."""
     change = c.overall().change_from(springs.overall()).interval
-    return Interval(1.0 + change.value, 1.0 + change.low, 1.0 + change.high)
+    return Interval(1.0 + change.estimate, 1.0 + change.low, 1.0 + change.high)
 
 
 def _said(times: Interval) -> str:
-    return f"{times.value:.2f} ({times.low:.2f} to {times.high:.2f})"
+    return f"{times.estimate:.2f} ({times.low:.2f} to {times.high:.2f})"
 
 
 # --- Discussion -----------------------------------------------------------------------
@@ -259,7 +260,7 @@ def _learnt(methods: Sequence[Contender]) -> list[str]:
             continue
         change = c.overall().change_from(springs.overall()).interval
         value, low, high = (
-            f"{100 * end:+.0f}" for end in (change.value, change.low, change.high)
+            f"{100 * end:+.0f}" for end in (change.estimate, change.low, change.high)
         )
         said.append(f"{c.name} {value} % ({low} to {high})")
     return [

@@ -34,7 +34,7 @@ def figure_06(names: Sequence[str], results: Sequence[CellResult], file: Path) -
         ).interval
         for n in names
     ]
-    fresh = np.array([[d.value, d.low, d.high] for d in draws]).T
+    fresh = np.array([[d.estimate, d.low, d.high] for d in draws]).T
     axes.bar(place - 0.2, learnt, 0.38, color=style.GREY, label="poses it learnt from")
     axes.bar(place + 0.2, fresh[0], 0.38, color=style.ORANGE, label="fresh poses")
     axes.errorbar(
@@ -136,7 +136,7 @@ def _table_08(
                         "unfrozen": _layers(name),
                         "direction": direction,
                         "metric": metric,
-                        "value_mm": interval.value,
+                        "value_mm": interval.estimate,
                         "low_mm": interval.low,
                         "high_mm": interval.high,
                         "paper_mm": None,
@@ -163,7 +163,7 @@ def _shown_08(
                 _layers(name),
                 f"{learnt[0, 0]:.4f}",
                 f"{learnt[0, 1]:.4f}",
-                f"{i.value:.4f}",
+                f"{i.estimate:.4f}",
                 f"{i.low:.4f} to {i.high:.4f}",
             )
         )
@@ -266,7 +266,7 @@ def _table_09(
                         "kept": kept,
                         "rows": on,
                         "metric": metric,
-                        "value_mm": interval.value,
+                        "value_mm": interval.estimate,
                         "low_mm": interval.low,
                         "high_mm": interval.high,
                         "interval": OVER_POSES if on == "fresh poses" else OVER_SEEDS,

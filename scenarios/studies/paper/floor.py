@@ -309,7 +309,7 @@ def floor_rows(errors: dict, seed: int) -> list[dict[str, object]]:
                 "high_mm": d.interval.high,
                 "P99_mm": pooled(size[None], MEASURES["P99"]).value,
                 "ME_mm": float(np.abs(errors[name]).max()),
-                "share_of_the_way": way.value,
+                "share_of_the_way": way.estimate,
                 "share_low": way.low,
                 "share_high": way.high,
                 "n": len(errors[name]),

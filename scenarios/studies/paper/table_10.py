@@ -56,7 +56,7 @@ def figure_09(contenders: Sequence[Contender], file: Path) -> None:
         for i, c in enumerate(contenders):
             place = np.arange(3) + (i - (len(contenders) - 1) / 2) * width
             all_three = [c.draws(k, measure).interval for k in range(3)]
-            value = np.array([interval.value for interval in all_three])
+            value = np.array([interval.estimate for interval in all_three])
             low = value - [interval.low for interval in all_three]
             high = [interval.high for interval in all_three] - value
             axes.bar(place, value, 0.92 * width, color=COLOURS[i], label=c.name)
@@ -142,7 +142,7 @@ def _tidy(contenders: Sequence[Contender]) -> list[dict]:
                             "method": c.method,
                             "direction": direction,
                             "metric": metric,
-                            "value_mm": interval.value,
+                            "value_mm": interval.estimate,
                             "low_mm": interval.low,
                             "high_mm": interval.high,
                             "paper_mm": paper.get(PUBLISHED.get(metric, "")),
@@ -167,7 +167,7 @@ def _table_10(
                 i = c.draws(k, metric).interval
                 published = paper.get(PUBLISHED.get(metric, ""))
                 ends = "" if metric == "ME" else f" ({i.low:.3f} to {i.high:.3f})"
-                line.append(f"{i.value:.3f}{ends}")
+                line.append(f"{i.estimate:.3f}{ends}")
                 if metric != "P99":
                     line.append("" if published is None else f"{published:.3f}")
             rows.append(line)

@@ -118,7 +118,7 @@ def tidy(methods: Sequence[Contender], loads: Sequence[str]) -> list[dict[str, o
                         "method": c.name,
                         "loads": load,
                         "metric": metric,
-                        "value_mm": interval.value,
+                        "value_mm": interval.estimate,
                         "low_mm": interval.low,
                         "high_mm": interval.high,
                         "n": n,
@@ -193,7 +193,7 @@ def draw(
             pooled(part, MEASURES["MAE"]).interval
             for part in (size[:, :n], size[:, n:])
         ]
-        value, low, high = np.array([[f.value, f.low, f.high] for f in found]).T
+        value, low, high = np.array([[f.estimate, f.low, f.high] for f in found]).T
         ends = (value - low, high - value)
         means.errorbar(place, value, ends, fmt="o", color=colour, capsize=3, label=name)
         for part in (slice(None, n), slice(n, None)):

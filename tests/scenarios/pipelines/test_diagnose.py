@@ -31,13 +31,13 @@ from scenarios.pipelines.patching import (
 )
 from scenarios.pipelines.schema import (
     Answer,
-    Interval,
     chance,
     label,
     size,
     span,
     text_of,
 )
+from scenarios.pipelines.schema import Interval as Said
 from scenarios.report import route, summary
 from scenarios.report.command_line import run
 from scenarios.report.data_files import DECISIONS, FILES, write_folder
@@ -47,10 +47,10 @@ from stiffness.diagnosis.model_evaluation import is_held, may_be_nothing
 from stiffness.diagnosis.result import (
     Detection,
     Diagnosis,
+    Interval,
     Name,
     NamedEffect,
     Nominal,
-    Parameter,
     Unexplained,
     Warned,
 )
@@ -328,7 +328,7 @@ def found():
                 Name("hysteresis", "a2"),
                 0.98,
                 (Name("lost_motion", "a2"),),
-                {"width_rad": Parameter(1.5e-4, 1.3e-4, 1.7e-4)},
+                {"width_rad": Interval(1.5e-4, 1.3e-4, 1.7e-4)},
                 shape=(12.0,),
             ),
             NamedEffect(
@@ -336,8 +336,8 @@ def found():
                 1.0,
                 (),
                 {
-                    "compliance_rad_per_nm": Parameter(5e-6, 4e-6, np.inf),
-                    "with": Parameter(4.0, 4.0, 4.0),
+                    "compliance_rad_per_nm": Interval(5e-6, 4e-6, np.inf),
+                    "with": Interval(4.0, 4.0, 4.0),
                 },
                 shape=(4.0,),
             ),
@@ -378,12 +378,12 @@ def test_what_was_named_becomes_mechanisms_and_a_table(found, recording, kr10):
     assert len(patch.effects_of(made)) == 3
 
 
-def beam(torsion: Parameter, bending: Parameter) -> NamedEffect:
+def beam(torsion: Interval, bending: Interval) -> NamedEffect:
     parameters = {"bending_nm2": bending, "torsion_nm2": torsion}
     return NamedEffect(Name("link_bending", "link_2"), 1.0, (), parameters)
 
 
-HELD, LOOSE = Parameter(6e5, 5e5, 7e5), Parameter(-8e5, -np.inf, np.inf)
+HELD, LOOSE = Interval(6e5, 5e5, 7e5), Interval(-8e5, -np.inf, np.inf)
 
 
 def test_a_size_without_an_interval_does_nothing_in_the_patch_and_it_is_said(found):
@@ -399,7 +399,7 @@ def test_a_size_without_an_interval_does_nothing_in_the_patch_and_it_is_said(fou
 
 
 def test_sizes_of_which_none_has_an_interval_stay_together_as_estimated(found):
-    named = replace(found, named=(beam(Parameter(4e5, -np.inf, np.inf), LOOSE),))
+    named = replace(found, named=(beam(Interval(4e5, -np.inf, np.inf), LOOSE),))
     entry = patch_entry(named.named[0], {})
     assert entry.parameters == {"bending_nm2": -8e5, "torsion_nm2": 4e5}
     assert not list(steps.left_neutral(named))
@@ -411,11 +411,11 @@ def test_sizes_of_which_none_has_an_interval_stay_together_as_estimated(found):
 
 def test_intervals_end_where_no_mechanism_can_be(found):
     """A gear that softens is no hardening one; an impossible stiffness is none."""
-    ratio = {"stiffness_ratio": Parameter(1.28, -2.65, 5.2)}
+    ratio = {"stiffness_ratio": Interval(1.28, -2.65, 5.2)}
     gear = NamedEffect(Name("hardening", "a1"), 1.0, (), ratio)
-    assert within_bounds(gear)["stiffness_ratio"] == Parameter(1.28, 1.0, 5.2)
+    assert within_bounds(gear)["stiffness_ratio"] == Interval(1.28, 1.0, 5.2)
     torsion = within_bounds(beam(LOOSE, HELD))["torsion_nm2"]
-    assert torsion == Parameter(np.inf, -np.inf, np.inf)
+    assert torsion == Interval(np.inf, -np.inf, np.inf)
     assert within_bounds(beam(HELD, HELD))["bending_nm2"] == HELD
 
 
@@ -433,7 +433,7 @@ def test_a_mechanism_starts_from_the_stiffness_that_its_own_law_calls_the_spring
     effect, parameters, share
 ):
     """K1 of K3, the softer of two sides, the mean of K where 1/K has the mean 1/C."""
-    sized = {name: Parameter(v, 0.9 * v, 1.1 * v) for name, v in parameters.items()}
+    sized = {name: Interval(v, 0.9 * v, 1.1 * v) for name, v in parameters.items()}
     named = (NamedEffect(Name(effect, "a2"), 1.0, (), sized),)
     springs = springs_of_mechanisms({"a1": 3e4, "a2": 5e4, "a3": None}, named)
     assert springs["a2"] == pytest.approx(5e4 * share)
@@ -476,7 +476,7 @@ def test_first_moments_come_with_a_mass_and_a_centre_that_have_them(found):
         Name("gravity_load", "link_2"),
         1.0,
         (),
-        {name: Parameter(*values) for name, values in moments.items()},
+        {name: Interval(*values) for name, values in moments.items()},
     )
     told = answer_of(replace(found, named=(pull,)), None, "", (), 1.0, False)
     plain = json.loads(text_of(told))["named"][0]["parameters"]
@@ -604,10 +604,10 @@ def test_parameters_are_said_in_units_of_people(name, value, said):
 
 
 def test_an_interval_is_said_with_its_number():
-    assert span("width_rad", Interval(1e-4, 0.5e-4, None)) == "100 µrad (50 to ?)"
-    assert span("with", Interval("a4", "a4", "a4")) == "a4"
-    assert span("delay_s", Interval(3e-3, 2.9e-3, None)) == "3 ms (2.9 to ?)"
-    assert span("phase_rad", Interval(0.5, 0.25, 1.0)) == "29 ° (14 to 57)"
+    assert span("width_rad", Said(1e-4, 0.5e-4, None)) == "100 µrad (50 to ?)"
+    assert span("with", Said("a4", "a4", "a4")) == "a4"
+    assert span("delay_s", Said(3e-3, 2.9e-3, None)) == "3 ms (2.9 to ?)"
+    assert span("phase_rad", Said(0.5, 0.25, 1.0)) == "29 ° (14 to 57)"
 
 
 @pytest.mark.parametrize(
@@ -619,13 +619,13 @@ def test_a_probability_has_no_digits_that_nobody_can_stand_for(probability, said
 
 
 def test_a_count_is_said_as_the_whole_number_that_it_can_be():
-    assert span("order", Interval(2.02, 1.95, 2.05)) == "2"
-    assert span("order", Interval(1.62, 1.42, 1.81)) == "1.62 (1.42 to 1.81)"
-    assert span("order", Interval(2.0, 1.0, 3.0)) == "2 (1 to 3)"
+    assert span("order", Said(2.02, 1.95, 2.05)) == "2"
+    assert span("order", Said(1.62, 1.42, 1.81)) == "1.62 (1.42 to 1.81)"
+    assert span("order", Said(2.0, 1.0, 3.0)) == "2 (1 to 3)"
 
 
 def test_what_the_data_do_not_hold_is_said_to_be_so_and_gets_no_ends():
-    wide = Interval(-3.08e-5, None, None)
+    wide = Said(-3.08e-5, None, None)
     assert span("z_m", wide) == "-0.0308 mm (not held by these data)"
     assert not is_held((-0.1, 0.1), -3e-5, 2.4)
     assert not is_held((1.0, np.inf), 1.6e8, 1.1e9)
@@ -633,17 +633,17 @@ def test_what_the_data_do_not_hold_is_said_to_be_so_and_gets_no_ends():
 
 
 def test_an_effect_all_of_whose_sizes_may_be_zero_may_be_nothing():
-    zero, clear = Parameter(1e-6, -3e-6, 5e-6), Parameter(2e-6, 1e-6, 3e-6)
-    centre = Parameter(0.1, 0.05, 0.15)
+    zero, clear = Interval(1e-6, -3e-6, 5e-6), Interval(2e-6, 1e-6, 3e-6)
+    centre = Interval(0.1, 0.05, 0.15)
     faint = {"u_rad_per_nm": zero, "v_rad_per_nm": zero, "centre_m": centre}
     assert may_be_nothing(BearingTilt(), faint)
     assert not may_be_nothing(BearingTilt(), {**faint, "v_rad_per_nm": clear})
-    soft, stiff = Parameter(-7.8e5, -2e6, 5e5), Parameter(1.2e5, 8.6e4, 1.5e5)
+    soft, stiff = Interval(-7.8e5, -2e6, 5e5), Interval(1.2e5, 8.6e4, 1.5e5)
     assert may_be_nothing(LinkBending(), {"bending_nm2": soft})
     assert not may_be_nothing(
         LinkBending(), {"bending_nm2": soft, "torsion_nm2": stiff}
     )
-    ratio = Parameter(1.0, -1.0, 3.0)
+    ratio = Interval(1.0, -1.0, 3.0)
     assert not may_be_nothing(Hardening(), {"stiffness_ratio": ratio})
 
 
@@ -651,7 +651,7 @@ def test_an_added_mass_that_does_not_show_is_none_that_no_arm_carries(found):
     """41 kg m would be 412 kg at a hand's breadth."""
     pull = NamedEffect(
         Name("gravity_load", "link_2"), 1.0, (),
-        {"moment_x_kg_m": Parameter(41.2, 40.0, 42.0)},
+        {"moment_x_kg_m": Interval(41.2, 40.0, 42.0)},
     )  # fmt: skip
     (called,) = answer_of(replace(found, named=(pull,)), None, "", (), 1.0, False).named
     mass, centre = called.parameters["mass_kg"], called.parameters["com_x_m"]

@@ -285,7 +285,7 @@ def test_interval_over_seeds_and_poses_holds_the_value(seed):
     error = np.random.default_rng(seed).standard_normal((3, 60))
     for name in ("MAE", "STDE_signed", "STDE_absolute"):
         interval = pooled(error, MEASURES[name], resamples=200).interval
-        assert interval.low < interval.value < interval.high
+        assert interval.low < interval.estimate < interval.high
 
 
 def test_pooled_value_is_the_mean_over_seeds():

@@ -114,7 +114,7 @@ def test_true_sizes_lie_within_a_little_more_than_their_intervals(outcome):
     ):
         e = found[key][name]
         half = (e.high - e.low) / 2
-        assert abs(e.value - value) < 2 * half, (key, e)
+        assert abs(e.estimate - value) < 2 * half, (key, e)
         assert half < 0.2 * abs(value), (key, e)
 
 

@@ -17,7 +17,7 @@ from stiffness.calibration.model import readings_of, spatial_folds_of
 from stiffness.calibration.result import calibrated, held_by_friction
 from stiffness.calibration.rigid_fit import fitted
 from stiffness.experiment.visits import commanded_lags
-from stiffness.regression.intervals import Estimate
+from stiffness.regression.intervals import Interval
 
 LINKS = (
     ("link_1", {"x_m": 3e-4, "rx_rad": -6e-4}),
@@ -265,7 +265,7 @@ def test_commanded_angles_tell_a_report_that_leads_from_friction(early, late):
     np.testing.assert_allclose(lags, sizes, atol=1e-12)
     (key,) = [k for k in late.found.estimates if k == ("hysteresis", "a3")]
     wide = late.found.estimates[key]["width_rad"]
-    lag = {"lag_rad": Estimate(-wide.value / 2, -wide.high / 2, -wide.low / 2)}
+    lag = {"lag_rad": Interval(-wide.estimate / 2, -wide.high / 2, -wide.low / 2)}
     lag_key = ("reading_lag", "a3")
     assert held_by_friction({lag_key: lag}, np.full(6, np.nan)) == {lag_key: key}
     assert held_by_friction({lag_key: lag}, 0.2 * lags) == {lag_key: key}

@@ -13,18 +13,19 @@ from bench.rig import Rig
 from bench.shared.errors import Unusable
 from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
+from scenarios.pipelines import schema
 from scenarios.pipelines.diagnosis import answer_of
-from scenarios.pipelines.schema import Interval
 from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest, Scatter
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.residual_checks import homogeneity_tests, residual_after
-from stiffness.diagnosis.result import Decision, Parameter, refused_with_size
+from stiffness.diagnosis.result import Decision, refused_with_size
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.reading_lag import ReadingLag
+from stiffness.regression.intervals import Interval
 from stiffness.regression.testing import SIGNIFICANCE, sign_flip_test
 
 CALM = Scatter(1.0, 0.01, 0.0, MISSTATED)
@@ -112,7 +113,7 @@ def test_a_lag_of_the_report_is_named_with_its_sign(lag):
 
 
 def test_a_name_that_was_refused_keeps_its_size_and_its_sign():
-    size = {"lag_rad": Parameter(-3e-4, -4e-4, -2e-4)}
+    size = {"lag_rad": Interval(-3e-4, -4e-4, -2e-4)}
     stop = ("posterior", False, 0.9, 0.95, "probability")
     refused = Decision(("reading_lag", "a2"), *stop, size)
     without = Decision(("creep", "a2"), *stop)
@@ -121,7 +122,7 @@ def test_a_name_that_was_refused_keeps_its_size_and_its_sign():
     assert refused_with_size(found) == [refused]
     (said,) = answer_of(found, None, "", (), 0.0).refused
     assert (said.effect, said.where) == ("reading_lag", "a2")
-    assert said.parameters == {"lag_rad": Interval(-3e-4, -4e-4, -2e-4)}
+    assert said.parameters == {"lag_rad": schema.Interval(-3e-4, -4e-4, -2e-4)}
     assert said.reason.startswith("Probability")
 
 

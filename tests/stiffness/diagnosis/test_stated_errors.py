@@ -34,7 +34,7 @@ from stiffness.experiment.sensor_noise import (
     left_of_encoders,
     with_measured_noise,
 )
-from stiffness.regression.intervals import Parameter
+from stiffness.regression.intervals import Interval
 from stiffness.robot.arm import Arm
 
 FEW = (Hysteresis(), EncoderOffset())
@@ -261,7 +261,7 @@ def test_no_more_mass_is_taken_from_a_link_than_it_carries(plain, arm):
     assert whole == pytest.approx(arm.chain.mass[2:].sum() + plain.tool.mass)
 
     def withdrawn(mass: float) -> bool:
-        found = {"mass_kg": Parameter(mass, mass - 0.1, mass + 0.1)}
+        found = {"mass_kg": Interval(mass, mass - 0.1, mass + 0.1)}
         law = ModelTerm(GravityLoad(), "link_3", np.zeros(0))
         return cost_of_limits(situation, law, found) > 0.0
 

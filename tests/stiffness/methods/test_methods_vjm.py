@@ -141,7 +141,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say(arm):
         assert 0.93 < counts.min() / trials
         assert counts.max() / trials < 0.97
         # all axes together leave no doubt about the level
-        assert share(int(counts.sum()), 6 * trials).value == pytest.approx(
+        assert share(int(counts.sum()), 6 * trials).estimate == pytest.approx(
             0.95, abs=0.01
         )
 

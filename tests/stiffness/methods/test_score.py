@@ -84,7 +84,7 @@ def test_interval_over_poses_covers_the_truth_as_often_as_it_says():
         interval = bootstrap(error, pose, mae, seed=trial, resamples=500)
         covered += int(interval.low <= truth <= interval.high)
     # 95 % less what 60 poses cost; four standard errors of a share of 400
-    assert share(covered, 400).value == pytest.approx(0.945, abs=0.045)
+    assert share(covered, 400).estimate == pytest.approx(0.945, abs=0.045)
 
 
 def test_interval_over_rows_would_be_too_short():
