@@ -36,7 +36,7 @@ def _jaxtyped(fn: Any = None, *, typechecker: Any) -> Any:
 def sparingly(function: FunctionType, typechecker: Any) -> Callable[..., Any]:
     """Return a function of which some calls are checked, compiled at the first."""
     calls = 0
-    checking: Callable[..., Any] | None = None
+    checking: Any = None
 
     @wraps(function)
     def called(*args: Any, **kwargs: Any) -> Any:

@@ -66,7 +66,7 @@ DAMPING_TIME = 0.03
 """Damping over stiffness, in s; chosen: slower than the arm's swing of 10 to 13 Hz."""
 RAMP = 0.5
 """Time in which a load is applied, in s; chosen: several periods of that swing."""
-STEPS = (2e-3, 5e-3)
+TIME_STEPS = (2e-3, 5e-3)
 """Time steps in s: MuJoCo's default, and a larger one at which bearings are stable."""
 
 
@@ -92,7 +92,7 @@ def experiment_race(poses: int) -> Race:
                     lambda step=step: damped_stepping(stepped, few, step),
                     share,
                 )
-                for step in STEPS
+                for step in TIME_STEPS
             ),
         ),
         difference=lambda _, other: f"{1e6 * np.abs(other - jumped).max():.2g} µm",
