@@ -12,7 +12,7 @@ from scenarios.studies.paper import experiment as paper_experiment
 from scenarios.studies.paper import wrench_plan as paper_wrench_plan
 from scenarios.studies.paper.budget import Effort, budget
 from scenarios.studies.paper.comparison import BARS
-from scenarios.studies.paper.experiment import Material
+from scenarios.studies.paper.experiment import Material, carry_out
 from scenarios.studies.paper.few_poses import few_of, springs_of
 from scenarios.studies.paper.floor import (
     NUDGE,
@@ -123,16 +123,18 @@ def test_poses_of_fewer_are_the_first_of_more(material):
     assert set(few.posture_id) < set(more.posture_id)
 
 
-def test_only_axes_that_few_poses_do_not_show_are_held(experiment, material):
-    few = few_of(material.recording, 5, 0)
+def test_only_axes_that_few_poses_do_not_show_are_held():
+    """Of the arm with all its effects."""
+    experiment = carry_out(0, POSES)
+    few = few_of(experiment.recording, 5, 0)
     _springs, held = springs_of(experiment.arm, few)
     assert held
     with pytest.raises(NotIdentifiable) as refusal:
         Vjm(experiment.arm, held[1:]).fit(few)
     assert held[0] in refusal.value.axes
-    all_poses = springs_of(experiment.arm, material.recording)
+    all_poses = springs_of(experiment.arm, experiment.recording)
     assert all_poses[1] == ()
-    free = Vjm(experiment.arm).fit(material.recording)
+    free = Vjm(experiment.arm).fit(experiment.recording)
     np.testing.assert_array_equal(all_poses[0].compliance, free.compliance)
 
 
