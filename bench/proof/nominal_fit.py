@@ -159,7 +159,8 @@ def wind_up(
     world: ReplaySimulation, rig: Rig, seen: SimulatedReadings
 ) -> Float[np.ndarray, "rows axes"]:
     """Return by how much every axis of the arm is wound, in rad."""
-    posture, side = np.zeros((2, *seen.states.axis_angle.shape))
+    posture = np.zeros_like(seen.states.axis_angle)
+    side = np.zeros_like(posture)
     posture[:, world.order] = world.recording.posture
     side[:, world.order] = world.recording.side
     return seen.states.axis_angle - rig.command(posture, side).reference

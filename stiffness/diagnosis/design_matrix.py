@@ -146,8 +146,9 @@ class DesignMatrix:
         for body in np.flatnonzero(bodies):
             if len(np.unique(column)) == len(column):
                 total[body][..., column] += moved
-            else:
-                np.add.at(total[body], (..., column), moved)
+                continue
+            for slot, to in enumerate(column):
+                total[body][..., to] += moved[..., slot]
 
     def both_joined(
         self, slots: Float[np.ndarray, "slots slots"]

@@ -45,8 +45,8 @@ class ReadingLag(Hypothesis):
         if not absolute(situation):
             return ()
         side = situation.recording.side
-        both = (side > 0.0).any(axis=0) & (side < 0.0).any(axis=0)
-        return tuple(a for a, b in zip(situation.axes, both, strict=True) if b)
+        both = (side.max(axis=0) > 0.0) & (side.min(axis=0) < 0.0)
+        return tuple(situation.axes[k] for k in np.flatnonzero(both))
 
     @override
     def jacobian(

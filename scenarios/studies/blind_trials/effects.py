@@ -149,7 +149,9 @@ FORMS: dict[type[Effect], Callable[[Effect, np.random.Generator], Effect]] = {
     TransmissionError: lambda e, d: replace(
         e, order=float(d.integers(1, 4)), phase_rad=_phase(d)
     ),
-    ReadingLag: lambda e, d: replace(e, lag_rad=e.lag_rad * float(d.choice([-1, 1]))),
+    ReadingLag: lambda e, d: replace(
+        e, lag_rad=e.parameters()["lag_rad"] * float(d.choice([-1, 1]))
+    ),
     BearingTilt: lambda e, d: replace(
         e,
         u_rad_per_nm=2e-6 * float(d.uniform(0.2, 1.0)),

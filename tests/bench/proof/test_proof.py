@@ -238,7 +238,9 @@ def test_a_force_sensor_is_turned_as_the_patched_arm_holds_it(kr10, held):
     seen = record(
         Rig(kr10, (true,), springs), plan, Instruments(markers=Markers()), SEED
     )
-    known = {f"a{k}": float(s) for k, s in enumerate(springs, start=1)}
+    known: dict[str, float | None] = {
+        f"a{k}": float(s) for k, s in enumerate(springs, start=1)
+    }
     made = Patch(known, (named(true),), base_from_tracker=frame())
     marks = of_markers(prove(seen, kr10, made, held, thorough=False))
     assert marks.after < 1.1 * marks.noise < marks.before / 2

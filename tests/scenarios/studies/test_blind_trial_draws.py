@@ -148,6 +148,7 @@ def test_noise_that_is_stated_changes_nothing_else_of_a_trial(kr10):
         assert np.array_equal(trial.stiffness, true.stiffness)
         assert trial.chance.spawn_key == true.chance.spawn_key
         made = as_stated(seen, trial.stratum)
+        assert made.points is not None and made.tracker is not None
         assert len(made.markers) == 1 and made.points.shape[1] == 1
         np.testing.assert_allclose(made.tracker.repeatability, size)
         assert made.tracker.is_stated == (end != "_unstated")

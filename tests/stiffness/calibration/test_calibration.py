@@ -15,7 +15,13 @@ from bench.proof.setup import point_in_base
 from bench.rig import RIGID, Rig
 from bench.shared.errors import Unusable
 from bench.shared.instrument_specs import TrackerSpec
-from bench.shared.recording import UNLOADED, Marker, Payload, Recording
+from bench.shared.recording import (
+    UNLOADED,
+    DrawingAccuracy,
+    Marker,
+    Payload,
+    Recording,
+)
 from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.inputs import arm_of
 from scenarios.report.data_files import DECISIONS, read_table, write_decisions
@@ -348,6 +354,8 @@ def state_of(arm, posture, body, place, seen) -> CalibrationState:
         stated=NOISE,
         tool=Payload(),
         told_lag=np.full(len(arm.axes), np.nan),
+        placed=np.zeros(1, dtype=bool),
+        drawing=DrawingAccuracy(),
     )
     drawn = np.zeros(len(geometry.entries_of(arm.chain)))
     start = geometry.Geometry(drawn, np.eye(4), place[None])
