@@ -150,7 +150,7 @@ FORMS: dict[type[Effect], Callable[[Effect, np.random.Generator], Effect]] = {
         e, order=float(d.integers(1, 4)), phase_rad=_phase(d)
     ),
     ReadingLag: lambda e, d: replace(
-        e, lag_rad=e.parameters()["lag_rad"] * float(d.choice([-1, 1]))
+        e, lag_rad=float(e.parameters()["lag_rad"]) * float(d.choice([-1, 1]))
     ),
     BearingTilt: lambda e, d: replace(
         e,
