@@ -318,10 +318,13 @@ FORMATS = {
     "scenarios/studies/blind_trials/score.py: TrialScore",
 }
 LARGE = {
+    "bench/proof/proof.py: Proof": 13,
     "scenarios/pipelines/judgement.py: Judgement": 13,
+    "scenarios/studies/blind_trials/strata.py: Stratum": 14,
+    "stiffness/calibration/model.py: Readings": 15,
     "stiffness/calibration/result.py: Calibrated": 15,
     "stiffness/diagnosis/nominal_fit.py: Prepared": 13,
-    "stiffness/diagnosis/result.py: Diagnosis": 17,
+    "stiffness/diagnosis/result.py: Diagnosis": 20,
     "stiffness/diagnosis/within_visit.py: WithinVisitModel": 13,
     "stiffness/experiment/static_state.py: StaticState": 20,
 }

@@ -271,6 +271,7 @@ def answer_of(
     d, open_ = diagnosis, diagnosis.unexplained
     found = d.detection
     proof = None if unproved else simulated
+    best = proof and proof.markers
     entry, share = proof_entry(proof), explained_share_of(proof)
     remarks = (*d.warnings, *disagreements(d, simulated))
     remarks += () if proof is None else tuple(left_neutral(d))
@@ -311,7 +312,7 @@ def answer_of(
             open_.where,
             open_.signature,
             {k: tuple(map(float, v)) for k, v in open_.law.items()},
-            number(_rest(proof, found.residual_rms), MM),
+            number(found.residual_rms if best is None else best.after, MM),
         ),
         confounded=tuple((_at(a), _at(b)) for a, b in d.confounded),
         warnings=tuple(Remark(w.code, w.where, w.text) for w in remarks),
@@ -326,7 +327,9 @@ def answer_of(
         settings=asdict(SETTINGS),
         outliers=tuple(OutlierEntry(o.pose, o.marker, MM * o.size) for o in d.outliers),
         refused=tuple(
-            Refused(*stop.candidate, _sizes(*stop.candidate, stop.sizes, sliding), why)
+            Refused(
+                *stop.candidate, _stated(*stop.candidate, stop.parameters, sliding), why
+            )
             for stop in refused_with_size(d)
             for why in [in_words(stop)]
         ),
@@ -387,11 +390,6 @@ def proof_entry(proof: Proof | None) -> Proved | None:
     )
 
 
-def _rest(proof: Proof | None, nominal: float) -> float:
-    """Return what the best arm that there is leaves of the readings, in m."""
-    return nominal if proof is None or proof.markers is None else proof.markers.after
-
-
 def _of_channel(c: Channel, unit: float, name: str) -> dict[str, object]:
     gain = {"estimate": c.gain * unit, "low": c.low * unit, "high": c.high * unit}
     return {
@@ -404,7 +402,7 @@ def _of_channel(c: Channel, unit: float, name: str) -> dict[str, object]:
 
 def _called(named: NamedEffect, share: float | None, slides: Collection[str]) -> Called:
     known = within_bounds(named)
-    parameters = _sizes(named.name.effect, named.name.where, known, slides)
+    parameters = _stated(named.name.effect, named.name.where, known, slides)
     if "with" in parameters:  # a number of an axis, but a name in the vocabulary
         partner = f"a{round(named.parameters['with'].estimate)}"
         parameters["with"] = Interval(partner, partner, partner)
@@ -423,16 +421,13 @@ def _called(named: NamedEffect, share: float | None, slides: Collection[str]) ->
     )
 
 
-def _sizes(
+def _stated(
     effect: str, where: str, known: Mapping[str, Estimated], sliding: Collection[str]
 ) -> dict[str, Interval]:
     """Return parameters as they are written, along a slide in m."""
-    return {
-        on_slide(effect, name) if where in sliding else name: Interval(
-            number(p.estimate), number(p.low), number(p.high)
-        )
-        for name, p in known.items()
-    }
+    names = [on_slide(effect, n) if where in sliding else n for n in known]
+    ends = [map(number, (p.estimate, p.low, p.high)) for p in known.values()]
+    return {n: Interval(*three) for n, three in zip(names, ends, strict=True)}
 
 
 def _known(share: float | None) -> float | msgspec.UnsetType:

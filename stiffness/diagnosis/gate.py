@@ -22,6 +22,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
+from bench.shared.effect_catalogue import INSTRUMENTS
 from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem, training
 from stiffness.diagnosis.relinearisation import changes_loads
 from stiffness.diagnosis.sufficient_statistics import (
@@ -29,8 +30,8 @@ from stiffness.diagnosis.sufficient_statistics import (
     per_pose_scores,
 )
 from stiffness.effects.jacobian import EffectJacobian
-from stiffness.regression.group_selection import Decision
 from stiffness.regression.predictive_gate import (
+    Decision,
     GatedNames,
     UnitStatistics,
     decision_beside,
@@ -212,6 +213,27 @@ def site_number(where: str) -> int:
     digits = where.removeprefix("link_").removeprefix("a")
     number = int(digits) if digits.isdigit() else 0 if where == "base" else 99
     return number + where.startswith("link_")
+
+
+def may_show_at(member: ModelTerm, loudest: str) -> bool:
+    """Return whether a residual somewhere may be a member's own.
+
+    A wrong wrench or tracker mimics effects anywhere, and any effect mimics them; a
+    single marker affects itself alone.
+    """
+    if loudest.startswith("marker:"):
+        return member.where == loudest
+    if loudest in INSTRUMENTS or member.where in INSTRUMENTS:
+        return True
+    if _weighs_on(member, loudest):
+        return True
+    return abs(site_number(member.where) - site_number(loudest)) <= 1
+
+
+def _weighs_on(member: ModelTerm, place: str) -> bool:
+    """Return whether a weight acts at a place of the map: at all before it."""
+    of_load = site_number(member.where) - member.where.startswith("link_")
+    return member.name[0] == "gravity_load" and site_number(place) <= of_load
 
 
 def _weak_beside_forms(

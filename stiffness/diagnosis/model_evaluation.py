@@ -52,18 +52,20 @@ class ModelEvaluation:
         slopes: Statistics of each pose of springs, members, a little more of each
             shape, other forms of the members' laws, and columns beside.
         forms: Columns of each member's other forms.
-        beside: Columns of each term that was not selected but may be there; the last.
+        unselected: Columns of each term that may be there too; the last.
     """
 
     fit: ModelFit
     slopes: PerPoseScores
     forms: tuple[Int[np.ndarray, " _"], ...]
-    beside: tuple[Int[np.ndarray, " _"], ...] = ()
+    unselected: tuple[Int[np.ndarray, " _"], ...] = ()
 
     @property
     def known(self) -> int:
         """How many columns are of springs, members and shapes."""
-        return self.slopes.gram.shape[1] - sum(map(len, (*self.forms, *self.beside)))
+        return self.slopes.gram.shape[1] - sum(
+            map(len, (*self.forms, *self.unselected))
+        )
 
 
 def evaluate_model(
@@ -196,7 +198,7 @@ def shift_by_forms(
     inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
     first, noise = inverse @ asked, np.diag(inverse)
     prior = np.zeros(len(gram))
-    for block in (*look.forms, *look.beside):
+    for block in (*look.forms, *look.unselected):
         square = float(np.sum(first[block] ** 2 - noise[block]))
         prior[block] = len(block) / max(square, 1e-300)
     inner = gram + np.diag(np.minimum(prior, 1e12))

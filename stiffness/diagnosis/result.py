@@ -17,8 +17,8 @@ from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import UnknownName
 from bench.shared.settings import SETTINGS
 from stiffness.experiment.outliers import Outlier
-from stiffness.regression.group_selection import Decision
 from stiffness.regression.intervals import Interval
+from stiffness.regression.predictive_gate import Decision
 
 __all__ = [
     "Decision",
@@ -375,7 +375,9 @@ def refused_with_size(found: Diagnosis) -> list[Decision]:
     """Return the last gate at which each name was stopped that had a size by then."""
     given = {name for n in found.named for name in (n.name, *n.equivalents)}
     last = {
-        Name(*d.candidate): d for d in found.decisions if d.sizes and not d.accepted
+        Name(*d.candidate): d
+        for d in found.decisions
+        if d.parameters and not d.accepted
     }
     return [d for name, d in last.items() if name not in given]
 

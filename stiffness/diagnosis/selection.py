@@ -62,16 +62,15 @@ from stiffness.diagnosis.sufficient_statistics import (
 from stiffness.effects.base import Hypothesis
 from stiffness.regression.group_selection import (
     ColumnGroup,
-    Decision,
     FactorisedSet,
     GroupProblem,
     GroupSelection,
-    Name,
     best_groups_beside,
     exchange_worths,
     select_groups,
 )
 from stiffness.regression.intervals import Interval
+from stiffness.regression.predictive_gate import Decision, Name
 from stiffness.regression.splits import Split
 
 BEYOND = 0.1

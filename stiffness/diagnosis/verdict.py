@@ -22,14 +22,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.shared.effect_catalogue import INSTRUMENTS
 from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.detection import DetectionTest
 from stiffness.diagnosis.gate import (
     are_near,
     gate_terms,
+    may_show_at,
     pose_statistics,
-    site_number,
 )
 from stiffness.diagnosis.localisation import (
     WORDS,
@@ -197,7 +196,7 @@ def _residual_near(member: ModelTerm, left: DetectionTest) -> float:
     most = 0.0
     for at in np.flatnonzero(left.tested.together < SIGNIFICANCE):
         where = left.where[at] or largest_residual_site(left)
-        if _near(member, where):
+        if may_show_at(member, where):
             most = max(most, float(excess[at]))
     if left.tested.p_value >= SIGNIFICANCE:  # poses differ, but not along any law
         most = max(most, left.excess)
@@ -246,14 +245,15 @@ def _imitating(
 ) -> list[Decision]:
     """Return names near an unexplained place that may be what imitates its mechanism.
 
-    They explain less than ten times what is left there, which is more than the laws
-    near it may be wrong by, and predict nothing beside its generic terms.
+    They explain less than ten times the residual there, which is more than the laws
+    near it may be wrong by, and a search in which its generic terms come first leaves
+    them out.
     """
     members, blocks = model.fit.members, set[tuple[str, str]]()
     suspects: set[tuple[str, str]] = set()
     for place in places:
         left = place.share * model.statistics.whole
-        near = [m.name for m in members if _near(m, place.where)]
+        near = [m.name for m in members if may_show_at(m, place.where)]
         if left <= LAW_ACCURACY * max((gains[n] for n in near), default=0.0):
             continue
         blocks |= {
@@ -312,27 +312,6 @@ def _unexplained_places(
     )
 
 
-def _near(member: ModelTerm, loudest: str) -> bool:
-    """Return whether a residual somewhere may be a member's own.
-
-    A wrong wrench or tracker mimics effects anywhere, and any effect mimics them; a
-    single marker affects itself alone.
-    """
-    if loudest.startswith("marker:"):
-        return member.where == loudest
-    if loudest in INSTRUMENTS or member.where in INSTRUMENTS:
-        return True
-    if _weighs_on(member, loudest):
-        return True
-    return abs(site_number(member.where) - site_number(loudest)) <= 1
-
-
-def _weighs_on(member: ModelTerm, place: str) -> bool:
-    """Return whether a weight acts at a place of the map: at all before it."""
-    of_load = site_number(member.where) - member.where.startswith("link_")
-    return member.name[0] == "gravity_load" and site_number(place) <= of_load
-
-
 def largest_residual_site(found: DetectionTest) -> str:
     """Return the place of the map where the residual is largest."""
     z = found.of_places(found.tested.z)
@@ -380,7 +359,7 @@ def exchange_posteriors(model: SelectedModel) -> tuple[ExchangePosterior, ...]:
         names = list(exchanged.worth)
         own = names.index(member.name)
         accuracy = LAW_ACCURACY * gain / (2.0 * ALIKE)
-        log = np.array([*exchanged.worth.values(), exchanged.without])
+        log = np.array([*exchanged.worth.values(), exchanged.none])
         tempered = max(model.dispersion, 1.0 + accuracy)
         evidence = log[:-1] + np.array([*exchanged.price.values()])
         behind = (evidence[own] - evidence) / tempered
@@ -420,10 +399,10 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     ):
         sure = one.probability >= SURE
         reason = "probability of it or its equivalents, the other names held"
-        sizes = as_held(case.situation, member, model.parameters[k])
+        parameters = as_held(case.situation, member, model.parameters[k])
         asked = (member.name, "posterior", sure, one.probability, SURE, reason)
         decisions = [
-            replace(d, sizes=sizes)
+            replace(d, parameters=parameters)
             if d.candidate == member.name and not d.accepted
             else d
             for d in (*decisions, Decision(*asked))
@@ -441,7 +420,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
                 name=name,
                 probability=one.probability,
                 equivalents=one.equivalents,
-                parameters=sizes,
+                parameters=parameters,
                 shape=tuple(float(v) for v in member.shape),
                 coefficients=tuple(float(v) for v in model.fit.coefficients[k]),
             )

@@ -31,8 +31,8 @@ Ignores     nothing: else the set is factorised anew
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -41,7 +41,7 @@ from scipy.linalg import qr
 from scipy.special import betaln
 
 from stiffness.regression.elimination import projection_coefficients, schur_complement
-from stiffness.regression.intervals import Interval
+from stiffness.regression.predictive_gate import Decision, Name
 
 SURVIVES = 1e-7
 """Share of a direction's raw information that must survive what is known; chosen: ten
@@ -57,10 +57,9 @@ mean is one in all names. Chosen: one name of an effect makes it ten times as li
 its other sites, as gears of one arm are alike."""
 ROUNDS = 50
 """Rounds of drops, exchanges and additions at most; a few do."""
-Name = tuple[str, str]
 
 
-# --- Groups and decisions -------------------------------------------------------------
+# --- Groups --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -78,29 +77,6 @@ class ColumnGroup:
     columns: Int[np.ndarray, " columns"]
     shape_parameters: int = 0
     log_prior: float = 0.0
-
-
-@dataclass(frozen=True)
-class Decision:
-    """One gate's verdict on one candidate.
-
-    Attributes:
-        candidate: Name of the law.
-        gate: Which test it met.
-        accepted: Whether it passed.
-        statistic: What was compared.
-        threshold: With what.
-        reason: In words.
-        sizes: Parameters that the candidate had there, where they were worked out.
-    """
-
-    candidate: Name
-    gate: str
-    accepted: bool
-    statistic: float
-    threshold: float
-    reason: str
-    sizes: Mapping[str, Interval] = field(default_factory=dict, compare=False)
 
 
 @dataclass(frozen=True)
@@ -505,12 +481,12 @@ class Exchanges:
 
     Attributes:
         worth: With each name.
-        without: With none.
+        none: With none.
         price: Part of it that is prior: what each name costs beside the rest.
     """
 
     worth: dict[Name, float]
-    without: float
+    none: float
     price: dict[Name, float]
 
 

@@ -18,8 +18,8 @@ Ignores     that the set was chosen with the same units
 ==========  ==========================================================================
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -31,11 +31,37 @@ from stiffness.regression.elimination import (
     schur_complement,
     whitening_transform,
 )
-from stiffness.regression.group_selection import Decision, Name
+from stiffness.regression.intervals import Interval
 from stiffness.regression.testing import MARGIN
 
 COMPARED = 2000
 """Signs that a loss is compared with, its own among them; chosen: 45 are the margin."""
+
+
+Name = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One gate's verdict on one candidate.
+
+    Attributes:
+        candidate: Name of the law.
+        gate: Which test it met.
+        accepted: Whether it passed.
+        statistic: What was compared.
+        threshold: With what.
+        reason: In words.
+        parameters: What the candidate had there, where they were worked out.
+    """
+
+    candidate: Name
+    gate: str
+    accepted: bool
+    statistic: float
+    threshold: float
+    reason: str
+    parameters: Mapping[str, Interval] = field(default_factory=dict, compare=False)
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,8 @@ from bench.effects import EFFECTS, OTHER_LAWS
 from bench.effects.creep import Creep
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.hysteresis_many import ManyContacts
-from bench.effects.joint_compliance import JointCompliance
 from bench.effects.out_of_library import OUT_OF_LIBRARY_EFFECTS
 from bench.effects.places import misplaced
-from bench.effects.tracker_scale import TrackerScale
 from bench.experiment import record
 from bench.instruments import Instruments, Markers
 from bench.rig import Rig
@@ -66,7 +64,7 @@ from scenarios.studies.blind_trials.run import (
     run_trials,
 )
 from scenarios.studies.blind_trials.score import covered_by, score_answer
-from scenarios.studies.blind_trials.strata import BARS, STRATA, USUAL
+from scenarios.studies.blind_trials.strata import BARS, SINGLE, STRATA, USUAL
 from scenarios.studies.blind_trials.visibility import (
     Visibility,
     in_base,
@@ -261,7 +259,7 @@ PUBLISHED = (
 @pytest.fixture(scope="module")
 def scaled_tracker(tmp_path_factory):
     """A generated trial whose tracker has another scale."""
-    number = EFFECTS.index(TrackerScale)
+    number = SINGLE.index("tracker_scale")
     folder = tmp_path_factory.mktemp("models")
     return generate_trial(trial_of(0, "one_400", number), folder, 60)
 
@@ -274,7 +272,7 @@ def test_trial_is_at_least_as_large_as_its_kind_asks_and_conceals_what_it_is(
     assert [e["effect"] for e in made.truth["effects"]] == ["tracker_scale"]
     assert made.recording.base_from_tracker is None
     assert made.recording.link_posture is None
-    number = EFFECTS.index(TrackerScale)
+    number = SINGLE.index("tracker_scale")
     assert made.recording.name == trial_of(0, "one_400", number).name
     hidden = np.isnan(np.asarray(made.recording.points))
     assert hidden.mean() == pytest.approx(0.02, abs=0.005)
@@ -293,14 +291,14 @@ def test_arm_of_another_build_is_another_with_each_seed_and_can_be_tried(
     one, other = (arm_of(build, seed, tmp_path) for seed in (1, 2))
     assert one.file.read_text() != other.file.read_text()
     assert len(Rig(one.file).anatomy.axes) == one.axes == len(BUILDS[build])
-    number = EFFECTS.index(TrackerScale)
+    number = SINGLE.index("tracker_scale")
     made = generate_trial(trial_of(0, "one_400", number, one), tmp_path, 40)
     assert 400.0 <= made.truth["chi2"][0] <= 500.0
     assert made.model == one.file
 
 
 def test_model_is_rigid_where_a_compliance_is_the_finding(tmp_path):
-    number = EFFECTS.index(JointCompliance)
+    number = SINGLE.index("joint_compliance")
     made = generate_trial(trial_of(0, "one_400", number), tmp_path, 60)
     (effect,) = made.truth["effects"]
     stiffness = Rig(made.model).nominal.jnt_stiffness

@@ -198,13 +198,13 @@ def _tested(case, *members):
     return homogeneity_tests(case, fit, residual_after(case, fit))
 
 
-def test_poses_that_differ_wildly_are_a_mismatch_though_signs_average_out():
+def test_poses_that_differ_at_random_are_a_mismatch_where_noise_is_measured():
     """Random signs cannot see a law that changes its sign from pose to pose."""
     random = np.random.default_rng(11)
     tested = sign_flip_test([random.normal(size=(60, 1)) / np.sqrt(60)], seed=1)
     assert tested.p_value > SIGNIFICANCE
 
-    def p_value(dispersion: float, wild: float) -> float:
+    def test_of(dispersion: float, wild: float) -> DetectionTest:
         return DetectionTest(
             tested,
             1,
@@ -214,12 +214,10 @@ def test_poses_that_differ_wildly_are_a_mismatch_though_signs_average_out():
             dispersion,
             60,
             replace(CALM, dispersion_limit=wild),
-        ).p_value
+        )
 
-    assert p_value(1.0, MISSTATED) == tested.p_value
-    assert p_value(4.0, MISSTATED) > SIGNIFICANCE
-    assert p_value(9.0, MISSTATED) < SIGNIFICANCE
-    assert p_value(1.2, MEASURED) == tested.p_value
-    assert (
-        p_value(3.0, MEASURED) < SIGNIFICANCE
-    )  # where the noise was measured, it is known
+    stated = test_of(9.0, MISSTATED)  # noise that nothing measured may be larger
+    assert stated.p_value == tested.p_value
+    assert stated.noise_ratio == pytest.approx(3.0)
+    assert test_of(1.2, MEASURED).p_value == tested.p_value
+    assert test_of(3.0, MEASURED).p_value < SIGNIFICANCE

@@ -206,7 +206,7 @@ def test_parameters_are_smooth_and_tell_all_coefficients_apart(hypothesis):
                 list(hypothesis.parameters(situation, where, shape, at).values())
             )
 
-        size = np.abs(found(start)) + 1e-6
+        size = np.abs(found(2.0 * start) - found(start)) + 1e-9
         slopes = []
         for step in (1e-3, 1e-4):
             moves = step * start * np.eye(columns)
