@@ -6,7 +6,7 @@ ipa-robot-accuracy, MIT licence, July 2020; the data are not part of this projec
 First nothing of the arm is fitted: once only the tracker's frame, the target held at
 its nominal 109 mm along the flange's axis; once the target's place as well, which by
 itself takes up most of the error. Then the arm is calibrated as any other would be, by
-`scenarios.calibrate`. Positions alone are fitted and judged, not orientations. Series B
+`scenarios.calibrate`, on positions and orientations. Series B
 of the same arm (1,495 poses four months later, newly set up) judges the patch, as by
 `scenarios.prove`, where its file is in the folder too.
 

@@ -4,6 +4,17 @@ An effect that the load brings about shows in how markers move while the load co
 goes; there each marker's mean over a visit says nothing and is taken off. An effect of
 geometry shows in the means alone, and so does every effect where no load comes and
 goes; then nothing is taken off.
+
+What a body turns beside the simulation (`turns_of`) shows in its marks' residuals:
+
+==========  ==========================================================================
+Equation    turn = M⁻¹ Σ a_i x r_i, M = Σ |a_i|² 1 - a_i a_i', a_i, r_i place and
+            residual of a mark beside those of the marks' middle; noise σ² trace M⁻¹,
+            of a 6D target 3 (σ / arm)², arm its points' rms distance from the first
+Source      least squares for a small rotation of a rigid body
+Valid       three marks or more that do not lie in line
+Ignores     marks that the tracker sees less exactly in depth
+==========  ==========================================================================
 """
 
 from dataclasses import dataclass
@@ -14,10 +25,15 @@ from jaxtyping import Bool, Float
 from bench.effects.effect import Effect
 from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.shared.effect_catalogue import CATALOGUE, MEANS
+from bench.shared.recording import Recording
 
 FAINT = 9.0
 """Sum of squares, in sigmas of a reading, of what all differences within visits could
 show; chosen: below three sigmas in all, knowing its form would not make it visible."""
+
+FLAT = 1e-6
+"""Least moment of inertia of marks over their largest below which they lie in line;
+chosen: a mark a thousandth of their length beside the line."""
 
 
 @dataclass(frozen=True)
@@ -123,3 +139,60 @@ def centred(
     number = np.add.reduceat(good.astype(float), starts, axis=0)
     mean = np.divide(total, number, out=np.full_like(total, np.nan), where=number > 0)
     return (flat - mean[visit]).reshape(values.shape)
+
+
+def bodies_in_6d(recording: Recording) -> tuple[tuple[int, ...], ...]:
+    """Return the marks of each 6D target, and of each body with three marks or more."""
+    found: dict[tuple[str, bool], list[int]] = {}
+    for m, marker in enumerate(recording.markers):
+        whole = marker.target is not None
+        found.setdefault((marker.target or marker.body, whole), []).append(m)
+    return tuple(tuple(own) for own in found.values() if len(own) > 2)
+
+
+def turns_of(
+    world: ReplaySimulation,
+    seen: SimulatedReadings,
+    residual: Float[np.ndarray, "rows readings"],
+    mode: ComparisonMode,
+) -> tuple[Float[np.ndarray, "rows bodies"], Float[np.ndarray, "rows bodies"]]:
+    """Return the squares of bodies' turns beside the simulation, and of their noise.
+
+    Args:
+        world: The recording.
+        seen: What was simulated.
+        residual: As `residual_of` returns it.
+        mode: How readings are compared.
+
+    Returns:
+        Both in rad²; NaN where fewer than three marks were seen, or marks in line.
+    """
+    recording, groups = world.recording, bodies_in_6d(world.recording)
+    left = np.reshape(residual[:, : 3 * len(recording.markers)], seen.point.shape)
+    square = np.full((len(left), len(groups)), np.nan)
+    noise = square.copy()
+    share = np.ones(len(left))
+    if not mode.absolute:
+        _, counts = np.unique(world.replay.visit, return_counts=True)
+        share = 1.0 - 1.0 / counts[world.replay.visit]
+    for g, own in enumerate(groups):
+        use = np.isfinite(left[:, own]).all(axis=2, keepdims=True)
+        number = np.maximum(use.sum(axis=1, keepdims=True), 1)
+        moved, place = (np.where(use, x[:, own], 0.0) for x in (left, seen.point))
+        arm, moved = (
+            np.where(use, x - x.sum(axis=1, keepdims=True) / number, 0.0)
+            for x in (place, moved)
+        )
+        inertia = np.sum(arm**2, axis=(1, 2))[:, None, None] * np.eye(3)
+        inertia = inertia - arm.swapaxes(1, 2) @ arm
+        size = np.linalg.eigvalsh(inertia)
+        good = (number.ravel() > 2) & (size[:, 0] > FLAT * size[:, 2])
+        moment = np.sum(np.cross(arm, moved), axis=1)[good]
+        turn = np.linalg.solve(inertia[good], moment[..., None])[..., 0]
+        square[good, g] = np.sum(turn**2, axis=1)
+        spread = np.sum(1.0 / size[good], axis=1)
+        if recording.markers[own[0]].target is not None:
+            away = place[good, 1:] - place[good, :1]
+            spread = 3.0 / np.mean(np.sum(away**2, axis=2), axis=1)
+        noise[good, g] = mode.sigma**2 * spread * share[good]
+    return square, noise

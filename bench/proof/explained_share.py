@@ -25,7 +25,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import bootstrap
 
-from bench.proof.comparison import ComparisonMode, residual_of
+from bench.proof.comparison import ComparisonMode, residual_of, turns_of
 from bench.proof.nominal_fit import turned_by
 from bench.proof.proof_checks import squares
 from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
@@ -186,28 +186,33 @@ class FoldPrediction:
 
 def channels_of(
     world: ReplaySimulation, predictions: Sequence[FoldPrediction]
-) -> tuple[Channel | None, Channel | None]:
-    """Return what markers and encoders say on the rows held out, of all folds together.
+) -> tuple[Channel | None, Channel | None, Channel | None]:
+    """Return what markers, encoders and bodies' turns say on the rows held out.
+
+    All folds count together.
 
     Args:
         world: The recording.
         predictions: Of each fold; no row is held out of two.
     """
-    pieces: tuple[list, list] = ([], [])
+    if not any(fold.held.any() for fold in predictions):
+        return None, None, None
+    pieces: tuple[list, list, list] = ([], [], [])
     for fold in predictions:
-        held, seen = fold.held, world.see(fold.patched)
-        before = squares(world, residual_of(world, world.see(fold.nominal), fold.gauge))
-        after = squares(world, residual_of(world, seen, fold.gauge))
-        floor = floor_of(world, fold.patched, seen, fold.gauge)
+        held, bare, seen = fold.held, world.see(fold.nominal), world.see(fold.patched)
+        first, last = (residual_of(world, x, fold.gauge) for x in (bare, seen))
+        turned, quiet_turns = turns_of(world, seen, last, fold.gauge)
+        before = (*squares(world, first), turns_of(world, bare, first, fold.gauge)[0])
+        after = (*squares(world, last), turned)
+        floor = (*floor_of(world, fold.patched, seen, fold.gauge), quiet_turns)
         pose = world.recording.posture_id[held]
         for own, one, other, noise in zip(pieces, before, after, floor, strict=True):
-            quiet = np.broadcast_to(np.reshape(noise, (-1, 1)), one.shape)
+            each = noise if np.ndim(noise) == 2 else np.reshape(noise, (-1, 1))
+            quiet = np.broadcast_to(each, one.shape)
             own.append((one[held], other[held], quiet[held], pose))
-    if not any(fold.held.any() for fold in predictions):
-        return None, None
     together = [map(np.concatenate, zip(*own, strict=True)) for own in pieces]
-    markers, angles = (channel_of(*channel) for channel in together)
-    return markers, angles
+    markers, angles, turns = (channel_of(*channel) for channel in together)
+    return markers, angles, turns
 
 
 def channel_of(

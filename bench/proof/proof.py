@@ -54,6 +54,8 @@ class Proof:
         absolute: Whether means of visits counted, or differences within them alone.
         markers: Displacements; None without markers.
         angles: Encoders after the gears; None without.
+        rotations: Turns of 6D targets and of bodies with three marks or more, in rad;
+            None without.
         trials: Where the patch should hold and where it should fail.
         budget: How far each effect moves the readings beyond what is nominal, rms.
         patch: With parameters as refined in the simulator on the poses not held out.
@@ -69,6 +71,7 @@ class Proof:
     absolute: bool
     markers: Channel | None
     angles: Channel | None
+    rotations: Channel | None
     trials: tuple[ProofCheck, ...]
     budget: dict[str, float]
     patch: Patch
@@ -135,7 +138,7 @@ def prove(
         predictions += [
             _of_fold(world, nominal, patched, gauge, f, *known) for f in folds
         ]
-    markers, angles = channels_of(world, predictions)
+    markers, angles, turns = channels_of(world, predictions)
     judged = [*held_out, *(p for f in folds for p in f.held_out)]
     trials: list[ProofCheck] = []
     if thorough and sensitivity is not None:
@@ -147,6 +150,7 @@ def prove(
         absolute=gauge.absolute,
         markers=markers,
         angles=angles,
+        rotations=turns,
         trials=tuple(trials),
         budget=_budget(trials, markers or angles),
         patch=_as_fitted(patch, patched, tried, world),

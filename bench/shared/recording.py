@@ -231,3 +231,11 @@ class Recording:
             if getattr(self, name) is not None
         }
         return replace(self, **kept, last_move=self.side[rows])
+
+
+def targets_of(recording: Recording) -> dict[str, list[int]]:
+    """Return the markers of each 6D target; of a single point itself, by its name."""
+    found: dict[str, list[int]] = {}
+    for m, marker in enumerate(recording.markers):
+        found.setdefault(marker.target or marker.name, []).append(m)
+    return found

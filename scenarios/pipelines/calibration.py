@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import numpy as np
@@ -52,14 +53,21 @@ from scenarios.pipelines.schema import (
     Proved,
     Refused,
     Remark,
+    said_of_turns,
     verdict_of,
     why_not,
 )
 from stiffness.calibration.columns import Key
-from stiffness.calibration.model import readings_of, spatial_folds_of
+from stiffness.calibration.model import readings_of
 from stiffness.calibration.result import Calibrated, calibrated
 from stiffness.calibration.rigid_fit import outlier_distances
-from stiffness.calibration.selection import BELIEVED, IMPOSSIBLE, MARGIN, NO_GAIN
+from stiffness.calibration.selection import (
+    BELIEVED,
+    IMPOSSIBLE,
+    MARGIN,
+    NO_GAIN,
+    spatial_folds_of,
+)
 from stiffness.diagnosis.result import Decision
 from stiffness.experiment.outliers import (
     Outlier,
@@ -71,7 +79,7 @@ from stiffness.robot.arm import Arm
 
 # --- The entry in schema 1 ------------------------------------------------------------
 
-MM = 1e3
+MM, MRAD = 1e3, 1e3
 LIKE = {"hysteresis": "lost_motion"}
 """Effects that cannot be told apart at rest: both depend on the side of approach."""
 IMPOSSIBLE_FIT = "the best fit is a size that the effect cannot have"
@@ -97,9 +105,12 @@ def answer_of(
         rejected: p-value of the nominal arm from a test made before; 1: none was made.
     """
     first, last = found.at_first, found.at_last
-    p_value = min(1.0, rejected, 2.0 * min(first.p_value, proof.p_value))
-    something = p_value < ALPHA or proof.gain[1] > 0.0
-    names = found.named if proof.gain[1] > 0.0 else ()
+    tests = [first.p_value, proof.p_value]
+    if found.turns_at_first is not None and proof.rotations is not None:
+        tests.append(found.turns_at_first.p_value)
+    p_value = min(1.0, rejected, len(tests) * min(tests))
+    something = p_value < ALPHA or proof.improves
+    names = found.named if proof.improves else ()
     low, high = MM * proof.gain[1], MM * proof.gain[2]
     entry = (
         None
@@ -111,13 +122,15 @@ def answer_of(
             after_rms_mm=MM * rms(proof.after),
             noise_rms_mm=MM * last.noise,
             gain_mm=Interval(MM * proof.gain[0], low, high),
+            **_of_turns(found, proof),
         )
     )
     share = proof.explained
     explained = share and Interval(share.estimate, share.low, share.high)
     passes = residual.p_value >= ALPHA
+    improves = proof.improves and not proof.failed
     verdict = verdict_of(
-        Findings(something, bool(names), passes, True, entry, explained)
+        Findings(something, bool(names), passes, True, entry, explained, improves)
     )
     left = None
     if verdict in ("partly_explained", "unexplained"):
@@ -162,6 +175,19 @@ def _refused(found: Calibrated, names: tuple[Key, ...]) -> Iterator[Refused]:
                 n: Interval(e.estimate, e.low, e.high) for n, e in known.items()
             }
             yield Refused(*key, parameters, NOT_MISSED)
+
+
+def _of_turns(found: Calibrated, proof: CalibrationProof) -> dict[str, Any]:
+    """Return the entry's numbers in mrad, of 6D targets."""
+    turns, last = proof.rotations, found.turns_at_last
+    if turns is None or last is None:
+        return {}
+    return {
+        "before_rms_mrad": MRAD * rms(turns.before),
+        "after_rms_mrad": MRAD * rms(turns.after),
+        "noise_rms_mrad": MRAD * last.noise,
+        "gain_mrad": Interval(*(MRAD * x for x in turns.gain)),
+    }
 
 
 def _located(found: Calibrated, names: tuple[Key, ...]) -> tuple[Placed, ...]:
@@ -241,10 +267,12 @@ def first_sentence(answer: Answer, proof: CalibrationProof) -> str:
     stays = f"error as drawn is {before:.3f} mm rms, and no effect earned a name"
     whose = "simulator's" if not proof.failed else "fitted arm's"
     why = f" Nothing was proved: {proof.failed}" if proof.failed else ""
+    turned = said_of_turns(answer.proof) if answer.proof is not None else ""
     return (
         f"On {proof.poses} poses in regions that nothing was fitted to, the "
         f"{whose} {falls if names else stays}; "
         f"verdict: {answer.verdict.replace('_', ' ')}.{why}"
+        f"{' ' + turned if turned else ''}"
     )
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial.transform import Rotation
 
 from bench.experiment import faulty
 from bench.instruments import Instruments
@@ -23,9 +24,9 @@ from bench.shared.recording import Recording
 from bench.shared.settings import SETTINGS
 from scenarios.pipelines.patching import FROM_SIDES, patch_of_calibration
 from scenarios.pipelines.schema import label
-from stiffness.calibration.model import CalibrationState, Geometry
+from stiffness.calibration.model import CalibrationState, Geometry, Readings
 from stiffness.calibration.result import Calibrated, drift_term
-from stiffness.robot.tracker_frame import kabsch
+from stiffness.robot.tracker_frame import kabsch, rotations
 
 # --- Proof on held-out poses ----------------------------------------------------------
 
@@ -46,12 +47,15 @@ class CalibrationProof:
         before: Residual of the nominal arm, along the base's axes, in m.
         after: Residual of the calibrated arm, along the base's axes, in m.
         gain: Rms before less after, in m, and its 95 % interval over regions.
-        p_value: Share of resamples of regions without any gain; 1: the patch is empty.
+        p_value: Share of resamples of regions without any gain, of position and
+            orientation in units of their noise; 1: the patch is empty.
         patch: The calibration as a patch of the simulator.
         explained: Share of the residual beyond noise that the patch explains; None
             where there is none.
         failed: Why the simulator could not do it: residuals are then those of the arm
             that was fitted, and nothing is proved. Empty where it could.
+        rotations: The same of the orientation of 6D targets; None without.
+        improves: Whether the 95 % interval of that gain, of both, is above zero.
     """
 
     poses: int
@@ -62,6 +66,23 @@ class CalibrationProof:
     patch: Patch
     explained: Share | None = None
     failed: str = ""
+    rotations: "TurnProof | None" = None
+    improves: bool = False
+
+
+@dataclass(frozen=True)
+class TurnProof:
+    """Errors of 6D targets' orientation on the held-out rows that saw it.
+
+    Attributes:
+        before: Rotation vectors beside the nominal arm, along the base's axes, in rad.
+        after: Beside the calibrated arm.
+        gain: Rms before less after, in rad, and its 95 % interval over regions.
+    """
+
+    before: Float[np.ndarray, "rows 3"]
+    after: Float[np.ndarray, "rows 3"]
+    gain: tuple[float, float, float]
 
 
 def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationProof:
@@ -70,11 +91,10 @@ def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationP
     Raises:
         BenchError: Where the simulator cannot.
     """
-    held = found.held
     patch = for_simulator(recording, patch_of_calibration(found), model)
     springs = Patch(stiffness_nm_per_rad=dict(found.springs[0]))
     nominal = for_simulator(recording, springs, model)
-    before = _residual(found, recording, model, nominal, found.before, 0.0)[held]
+    before = _residual(found, recording, model, nominal, found.before, 0.0)
     if not patch.effects:
         return _judged(found, patch, before, before)
     moving = tuple(e for e in patch.effects if e.effect not in FROM_SIDES)
@@ -85,7 +105,7 @@ def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationP
         replace(patch, effects=moving),
         found.corrected_geometry,
         _pose_repeatability(found),
-    )[held]
+    )
     return _judged(found, patch, before, after)
 
 
@@ -96,32 +116,57 @@ def unproved(found: Calibrated, why: str) -> CalibrationProof:
         found: The calibration.
         why: Why the simulator could not do it.
     """
-    held, patch = found.held, patch_of_calibration(found)
-    judged = _judged(found, patch, found.nominal[held], found.residual[held])
+    patch, turned = patch_of_calibration(found), found.readings.turned
+    first, last = ((r[:, :3], turned(r)) for r in (found.nominal, found.residual))
+    judged = _judged(found, patch, first, last)
     return replace(judged, failed=why, explained=None)
 
 
 def _judged(
     found: Calibrated,
     patch: Patch,
-    before: Float[np.ndarray, "rows 3"],
-    after: Float[np.ndarray, "rows 3"],
+    nominal: "_Residual",
+    patched: "_Residual",
 ) -> CalibrationProof:
-    region = found.spatial_folds.region[found.held]
-    poses = len(np.unique(found.readings.posture_id[found.held]))
+    held = found.held
+    region = found.spatial_folds.region[held]
+    poses = len(np.unique(found.readings.posture_id[held]))
+    before, after = nominal[0][held], patched[0][held]
+    first, last, turns = before, after, None
+    noise = found.turns_at_last
+    if nominal[1] is not None and patched[1] is not None and noise is not None:
+        turned = nominal[1][held], patched[1][held]
+        metres = found.at_last.noise / max(noise.noise, 1e-12)
+        first = np.hstack([before, metres * np.nan_to_num(turned[0])])
+        last = np.hstack([after, metres * np.nan_to_num(turned[1])])
+        seen = np.isfinite(turned[0][:, 0])
+        turned = turned[0][seen], turned[1][seen]
+        turns = TurnProof(*turned, _gain(*turned, region[seen])[0])
     if not patch.effects:
-        return CalibrationProof(poses, before, before, (0.0, 0.0, 0.0), 1.0, patch)
-    gain, p_value = _gain(before, after, region)
+        none = (0.0, 0.0, 0.0)
+        return CalibrationProof(
+            poses, before, before, none, 1.0, patch, rotations=turns
+        )
+    gain, (of_both, p_value) = (
+        _gain(before, after, region)[0],
+        _gain(first, last, region),
+    )
     index = np.unique(region, return_inverse=True)[1]
     count = np.bincount(index).astype(float)
     first, last = (np.bincount(index, np.sum(r**2, axis=1)) for r in (before, after))
     share = explained_share(first, last, found.at_last.noise**2 * count, count)
-    return CalibrationProof(poses, before, after, gain, p_value, patch, share)
+    return CalibrationProof(
+        poses, before, after, gain, p_value, patch, share,
+        rotations=turns, improves=of_both[1] > 0.0,
+    )  # fmt: skip
 
 
 def rms(residual: Float[np.ndarray, "rows 3"]) -> float:
     """Return the root mean square of the distance, in m."""
     return float(np.sqrt(np.mean(np.sum(residual**2, axis=1))))
+
+
+_Residual = tuple[Float[np.ndarray, "rows 3"], Float[np.ndarray, "rows 3"] | None]
 
 
 def _residual(
@@ -131,15 +176,22 @@ def _residual(
     patch: Patch,
     geometry: Geometry,
     pose_repeatability: Float[np.ndarray, "rows axes"] | float,
-) -> Float[np.ndarray, "rows 3"]:
-    """Return observed less simulated positions along the base's axes, in m."""
+) -> _Residual:
+    """Return observed less simulated positions and orientations, in m and rad.
+
+    Both along the base's axes, the orientation as a rotation vector; None without 6D
+    targets.
+    """
     readings = found.readings
     rig = rig_of(patch, model)
     order = [rig.anatomy.axes.index(name) for name in readings.arm.axes]
     posture, side = np.zeros((2, len(readings.seen), len(rig.anatomy.axes)))
     posture[:, order] = readings.posture + pose_repeatability
     side[:, order] = readings.side
-    point = np.empty_like(readings.seen)
+    mounts = np.zeros((len(readings.bodies), 0, 3))
+    if geometry.mounts is not None:  # three points more, along the target's axes
+        mounts = geometry.mounts.swapaxes(1, 2)
+    point = np.empty((len(posture), 1 + mounts.shape[1], 3))
     for start in range(0, len(posture), AT_ONCE):
         rows = np.arange(start, min(start + AT_ONCE, len(posture)))
         still = np.zeros((len(rows), 1, 6))
@@ -148,22 +200,36 @@ def _residual(
         for m, name in enumerate(readings.bodies):
             own = readings.marker[rows] == m
             body = model_body(recording, rig, name)
-            at = point_in_base(rig, states, body, geometry.places[m])
-            point[rows[own]] = at[own]
+            for i, arm in enumerate([np.zeros(3), *mounts[m]]):
+                at = point_in_base(rig, states, body, geometry.places[m] + arm)
+                point[rows[own], i] = at[own]
     tracker = faulty(Instruments(), rig).tracker
     eye, none = np.eye(3), np.zeros(3)
     seconds = (readings.hours - readings.hours.min()) * HOUR
-    point = reading_of(tracker, (eye, none), point[:, None], seconds)[:, 0]
-    return _framed(readings.seen, point, ~found.held)
+    point = reading_of(tracker, (eye, none), point, seconds)
+    return _framed(readings, point, ~found.held)
 
 
 def _framed(
-    seen: Float[np.ndarray, "rows 3"],
-    point: Float[np.ndarray, "rows 3"],
+    readings: Readings,
+    point: Float[np.ndarray, "rows points 3"],
     fitted: Bool[np.ndarray, " rows"],
-) -> Float[np.ndarray, "rows 3"]:
-    frame = kabsch(seen[fitted], point[fitted])
-    return seen @ frame[:3, :3].T + frame[:3, 3] - point
+) -> _Residual:
+    """Return residuals in the frame, and with the mounts, that suit the fitted rows."""
+    seen, at, turns = readings.seen, point[:, 0], readings.orientations
+    frame = kabsch(seen[fitted], at[fitted])
+    left = seen @ frame[:3, :3].T + frame[:3, 3] - at
+    if turns is None:
+        return left, None
+    simulated = rotations(np.eye(3), point[:, 1:] - point[:, :1])
+    read = frame[:3, :3] @ turns.turn
+    for m, stated in enumerate(turns.stated):
+        own = turns.seen & (readings.marker == m)
+        if not stated and (own & fitted).any():
+            off = simulated[own & fitted].swapaxes(1, 2) @ read[own & fitted]
+            simulated[own] @= Rotation.from_matrix(off).mean().as_matrix()
+    vector = Rotation.from_matrix(read @ simulated.swapaxes(1, 2)).as_rotvec()
+    return left, np.where(turns.seen[:, None], vector, np.nan)
 
 
 def _pose_repeatability(found: Calibrated) -> Float[np.ndarray, "rows axes"]:
@@ -234,11 +300,18 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
     )
     last = found.at_last
     common = np.sqrt(max(last.share, 0.0)) * last.rms
-    words = []
+    words, turned = [], found.turns_at_last
+    tests = 1 if turned is None else 2
     if last.p_value < ALPHA:
         words.append(
             f"neighbouring poses have {1e3 * common:.3f} mm rms in common and differ "
             f"by {1e3 * last.noise:.3f} mm: smooth in posture, not noise"
+        )
+    if turned is not None and tests * turned.p_value < ALPHA:
+        words.append(
+            f"orientations of neighbouring poses have "
+            f"{1e3 * np.sqrt(max(turned.share, 0.0)) * turned.rms:.3f} mrad rms in "
+            f"common and differ by {1e3 * turned.noise:.3f} mrad"
         )
     floor, beyond = _beyond_stated(found, left, region)
     if beyond < ALPHA:
@@ -277,6 +350,8 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
     )
     where = grown.where if grown else where
     p_value = 0.0 if grown else min(last.p_value, beyond)
+    if turned is not None:
+        p_value = min(p_value, tests * turned.p_value)
     return ResidualSummary(where, "; ".join(words) + ".", p_value, new, rows)
 
 

@@ -241,7 +241,7 @@ def try_calibration(
 
 # --- The entry in schema 1 ------------------------------------------------------------
 
-MM, URAD, UM = 1e3, 1e6, 1e6
+MM, MRAD, URAD, UM = 1e3, 1e3, 1e6, 1e6
 USUAL_M, HEAVIEST_KG = 0.1, 100.0
 """How far from its body's origin an added mass sits usually, and how heavy it is at
 most; chosen: wider than any arm's."""
@@ -381,7 +381,11 @@ def proof_entry(proof: Proof | None) -> Proved | None:
     if proof is None or (proof.markers is None and proof.angles is None):
         return None
     entry: dict[str, object] = {"folds": proof.folds} if proof.folds > 1 else {}
-    channels = ((proof.markers, MM, "mm"), (proof.angles, URAD, "urad"))
+    channels = (
+        (proof.markers, MM, "mm"),
+        (proof.angles, URAD, "urad"),
+        (proof.rotations, MRAD, "mrad"),
+    )
     for channel, unit, name in channels:
         if channel is not None:
             entry |= _of_channel(channel, unit, name)

@@ -28,6 +28,7 @@ from bench.proof.comparison import (
     comparison_mode_of,
     means_count,
     residual_of,
+    turns_of,
 )
 from bench.proof.explained_share import Channel, channel_of, floor_of
 from bench.proof.nominal_fit import framed
@@ -37,7 +38,7 @@ from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedRead
 from bench.rig import Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import Unusable
-from bench.shared.recording import Recording
+from bench.shared.recording import Recording, targets_of
 from scenarios.pipelines.patching import FROM_SIDES, NEAR
 from scenarios.pipelines.recording_check import SMALL_TORQUE, static_torque
 from scenarios.pipelines.schema import At, Interval, Proved
@@ -47,14 +48,6 @@ from stiffness.robot.tracker_frame import initial_tracker_frame
 # --- The form of proof.json -----------------------------------------------------------
 
 FILE = "proof.json"
-
-
-class Judged(Proved, frozen=True, omit_defaults=True):
-    """The proof's entry, with the orientation of 6D targets."""
-
-    before_rms_mrad: float | msgspec.UnsetType = msgspec.UNSET
-    after_rms_mrad: float | msgspec.UnsetType = msgspec.UNSET
-    gain_mrad: Interval | msgspec.UnsetType = msgspec.UNSET
 
 
 class FarReading(msgspec.Struct, frozen=True):
@@ -79,9 +72,9 @@ class ProofFile(msgspec.Struct, frozen=True):
     """
 
     recording: str
-    proof: Judged
+    proof: Proved
     covered_share: float | None
-    covered: Judged | None
+    covered: Proved | None
     outliers: tuple[FarReading, ...]
     left_out: tuple[At, ...]
     schema: int = 1
@@ -211,12 +204,10 @@ def judge(
             return None, None
         pose = _runs(recording.posture_id[rows])
         channels = (
-            channel_of(
-                a[rows], b[rows], np.broadcast_to(n[:, None], a.shape)[rows], pose
-            )
+            channel_of(a[rows], b[rows], np.broadcast_to(n, a.shape)[rows], pose)
             for a, b, n in (
-                (first.position, last.position, floor),
-                (first.turn, last.turn, np.zeros(len(rows))),
+                (first.position, last.position, floor[:, None]),
+                (first.turn, last.turn, last.turn_noise),
             )
         )
         return next(channels), next(channels)
@@ -335,11 +326,12 @@ def _framed(
 
 @dataclass(frozen=True)
 class _Errors:
-    """Squares of errors: of each target's position in m², of its turn in rad²."""
+    """Squares of errors in m² and, of bodies' turns and their stated noise, in rad²."""
 
     seen: SimulatedReadings
     position: Float[np.ndarray, "rows targets"]
-    turn: Float[np.ndarray, "rows targets"]
+    turn: Float[np.ndarray, "rows bodies"]
+    turn_noise: Float[np.ndarray, "rows bodies"]
 
 
 def _errors(
@@ -348,36 +340,9 @@ def _errors(
     """Compare readings with an arm; of a 6D target its first point is its position."""
     seen = world.see(assumed)
     residual = residual_of(world, seen, mode)
-    targets, count = targets_of(world.recording), len(world.recording.markers)
-    firsts = [own[0] for own in targets.values()]
-    left = residual[:, : 3 * count].reshape(len(residual), count, 3)
-    turns = [
-        np.sum(_turn(left[:, own], seen.point[:, own]) ** 2, axis=1)
-        for own in targets.values()
-        if len(own) > 2
-    ]
-    turn = np.stack(turns, axis=1) if turns else np.full((len(left), 1), np.nan)
-    return _Errors(seen, squares(world, residual)[0][:, firsts], turn)
-
-
-def targets_of(recording: Recording) -> dict[str, list[int]]:
-    """Return the markers of each target, by its name or that of the only one."""
-    found: dict[str, list[int]] = {}
-    for m, marker in enumerate(recording.markers):
-        found.setdefault(marker.target or marker.name, []).append(m)
-    return found
-
-
-def _turn(
-    left: Float[np.ndarray, "rows points 3"], at: Float[np.ndarray, "rows points 3"]
-) -> Float[np.ndarray, "rows 3"]:
-    """Return the small turn that moves points of one body by its residual, in rad."""
-    arm = at - at.mean(axis=1, keepdims=True)
-    left = left - left.mean(axis=1, keepdims=True)
-    inner = np.sum(arm**2, axis=(1, 2))[:, None, None] * np.eye(3)
-    inner = inner - arm.swapaxes(1, 2) @ arm
-    moment = np.sum(np.cross(arm, left), axis=1)
-    return np.linalg.solve(inner, moment[..., None])[..., 0]
+    firsts = [own[0] for own in targets_of(world.recording).values()]
+    turn = turns_of(world, seen, residual, mode)
+    return _Errors(seen, squares(world, residual)[0][:, firsts], *turn)
 
 
 def _parts(
@@ -481,7 +446,7 @@ def _laws_at(patch: Patch, where: str) -> dict[tuple[str, str], str]:
 MM, MRAD = 1e3, 1e3
 
 
-def _entry(channels: tuple[Channel | None, Channel | None], poses: int) -> Judged:
+def _entry(channels: tuple[Channel | None, Channel | None], poses: int) -> Proved:
     position, turn = channels
     entry: dict[str, object] = {"simulator": "mujoco", "held_out_poses": poses}
     for channel, unit, name in ((position, MM, "mm"), (turn, MRAD, "mrad")):
@@ -491,11 +456,10 @@ def _entry(channels: tuple[Channel | None, Channel | None], poses: int) -> Judge
         entry |= {
             f"before_rms_{name}": channel.before * unit,
             f"after_rms_{name}": channel.after * unit,
+            f"noise_rms_{name}": channel.noise * unit,
             f"gain_{name}": gain,
         }
-    if position is not None:
-        entry["noise_rms_mm"] = position.noise * MM
-    return Judged(**entry)  # type: ignore[arg-type]
+    return Proved(**entry)  # type: ignore[arg-type]
 
 
 def _far(

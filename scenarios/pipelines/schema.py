@@ -135,7 +135,9 @@ class Refused(msgspec.Struct, frozen=True):
 class Proved(msgspec.Struct, frozen=True, omit_defaults=True):
     """The proof in the simulator: errors on held-out poses before and after.
 
-    `folds`: of few poses, how many fits judged, each the poses that it had not seen.
+    In mm of marks, in µrad of encoders, in mrad of the turn of 6D targets and of bodies
+    with three marks or more. `folds`: of few poses, how many fits judged, each the
+    poses that it had not seen.
     """
 
     simulator: Literal["mujoco"]
@@ -149,6 +151,10 @@ class Proved(msgspec.Struct, frozen=True, omit_defaults=True):
     noise_rms_urad: Number | msgspec.UnsetType = msgspec.UNSET
     gain_urad: Interval | msgspec.UnsetType = msgspec.UNSET
     folds: int | msgspec.UnsetType = msgspec.UNSET
+    before_rms_mrad: Number | msgspec.UnsetType = msgspec.UNSET
+    after_rms_mrad: Number | msgspec.UnsetType = msgspec.UNSET
+    noise_rms_mrad: Number | msgspec.UnsetType = msgspec.UNSET
+    gain_mrad: Interval | msgspec.UnsetType = msgspec.UNSET
 
 
 class Next(msgspec.Struct, frozen=True):
@@ -199,6 +205,7 @@ class Findings:
         proof_requested: Whether a proof was asked for.
         proof: Result of the simulator; None where it was not asked or could not.
         explained_share: On the held-out poses; None where there is none.
+        improves: Whether the proof surely gains; None: as its interval says.
     """
 
     mismatch: bool
@@ -207,6 +214,7 @@ class Findings:
     proof_requested: bool
     proof: Proved | None
     explained_share: Interval | None
+    improves: bool | None = None
 
 
 def verdict_of(findings: Findings) -> Verdict:
@@ -215,7 +223,10 @@ def verdict_of(findings: Findings) -> Verdict:
         return "no_mismatch"
     if not findings.named:
         return "unexplained"
-    if findings.proof_requested and not gain_is_positive(findings.proof):
+    improves = findings.improves
+    if improves is None:
+        improves = gain_is_positive(findings.proof)
+    if findings.proof_requested and not improves:
         return "unproved"
     if findings.residual_passes or _explains_enough(findings.explained_share):
         return "explained"
@@ -233,6 +244,24 @@ def gain_is_positive(proof: Proved | None) -> bool:
     if not isinstance(gain, Interval):
         return False
     return isinstance(gain.low, float | int) and gain.low > 0.0
+
+
+def said_of_turns(proof: Proved) -> str:
+    """Say the error of orientation before and after; empty where none was judged."""
+    gain = proof.gain_mrad
+    if not isinstance(gain, Interval):
+        return ""
+    before, after, noise, low, high = (
+        "?" if not isinstance(x, float | int) else _digits(x)
+        for x in (
+            *(proof.before_rms_mrad, proof.after_rms_mrad, proof.noise_rms_mrad),
+            *(gain.low, gain.high),
+        )
+    )
+    return (
+        f"Orientation: {before} mrad rms before, {after} mrad after (gain {low} to "
+        f"{high} mrad); noise leaves {noise} mrad."
+    )
 
 
 def _explains_enough(share: Interval | None) -> bool:

@@ -27,6 +27,7 @@ from scenarios.pipelines.schema import (
     chance,
     label,
     rounded,
+    said_of_turns,
     span,
     unit_of,
 )
@@ -533,6 +534,8 @@ def _proof_line(answer: Answer) -> str:
     if isinstance(gain, Interval):
         ends = [_in_unit(v, factor) for v in (gain.estimate, gain.low, gain.high)]
         said += f" Gain {ends[0]} ({ends[1]} to {ends[2]})."
+    if turned := said_of_turns(proof):
+        said += f" {turned}"
     share = answer.explained_share
     if share is not None and answer.verdict != "unproved":
         ends = [f"{v:.1%}" for v in (share.estimate, share.low, share.high)

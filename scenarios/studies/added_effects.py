@@ -17,8 +17,9 @@ from bench.patch import Patch, PatchEffect, rig_of
 from bench.proof.setup import point_in_base
 from bench.proof.simulation import reading_of
 from bench.shared.recording import Recording
-from stiffness.calibration.model import Readings, SpatialFolds, spatial_folds_of
+from stiffness.calibration.model import Readings
 from stiffness.calibration.result import Calibrated, calibrated
+from stiffness.calibration.selection import SpatialFolds, spatial_folds_of
 from stiffness.dual_encoder.delays import across
 from stiffness.dual_encoder.fit import EncoderComparison
 from stiffness.dual_encoder.motions import Motion, motions_of

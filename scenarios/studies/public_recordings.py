@@ -198,7 +198,7 @@ def nominal(recording: Recording, out: Path) -> dict[str, object]:
     scores = {
         "source": "github.com/christianlandgraf/ipa-robot-accuracy, series A",
         "poses": len(recording.time),
-        "fitted": "positions alone; orientations are not used",
+        "fitted": "the frame, or frame and target's place, to positions alone",
         "frame_fitted": summary(held),
         "frame_and_target_fitted": summary(errors(arm, recording, place)),
         "target_in_flange_mm": [round(x, 4) for x in (1e3 * place).tolist()],

@@ -36,11 +36,9 @@ from jaxtyping import Float, Int
 from stiffness.calibration.model import (
     CalibrationState,
     Entry,
-    corrections_of,
     entries_of,
-    prior_sizes,
 )
-from stiffness.calibration.rigid_fit import RigidFit
+from stiffness.calibration.rigid_fit import RigidFit, corrections_of, prior_sizes
 from stiffness.regression.normal_equations import Normal
 from stiffness.robot.tracker_frame import LARGEST_SCALE
 
@@ -78,7 +76,7 @@ class Candidate:
     effect: str
     where: str
     parameters: tuple[str, ...]
-    columns: Callable[[CalibrationState], Float[np.ndarray, "rows 3 columns"]]
+    columns: Callable[[CalibrationState], Float[np.ndarray, "rows coordinates columns"]]
     least: float = -np.inf
     most: float = np.inf
     orders: tuple[int, ...] = ()
@@ -150,9 +148,9 @@ def _shows(candidate: Candidate, stance: CalibrationState) -> bool:
 
 def stacked(
     candidates: Sequence[Candidate], stance: CalibrationState
-) -> Float[np.ndarray, "rows 3 columns"]:
+) -> Float[np.ndarray, "rows coordinates columns"]:
     """Return the columns of several candidates side by side."""
-    rows = (*stance.point.shape, 0)
+    rows = (*stance.residual.shape, 0)
     return np.concatenate(
         [np.zeros(rows), *(c.columns(stance) for c in candidates)], axis=2
     )
@@ -198,14 +196,11 @@ def _table(k: int, orders: Sequence[int]):
 
 
 def _drift(s: CalibrationState) -> np.ndarray:
-    turns = [np.cross(along, s.point) for along in np.eye(3)]
-    shift = np.broadcast_to(np.eye(3), (*s.point.shape, 3))
-    moved = np.concatenate([shift, np.stack(turns, axis=2)], axis=2)
-    return moved * s.readings.hours[:, None, None]
+    return s.frame_jacobian * s.readings.hours[:, None, None]
 
 
 def _scale(s: CalibrationState) -> np.ndarray:
-    return s.point[:, :, None]
+    return s.as_read(np.hstack([s.point, np.zeros_like(s.point)]))[:, :, None]
 
 
 # --- Columns by cause -----------------------------------------------------------------
@@ -333,7 +328,7 @@ class Blocks:
     def matrix(
         self, stance: CalibrationState, rows: Int[np.ndarray, " some"] | None = None
     ) -> Float[np.ndarray, "n columns"]:
-        """Return the columns at some rows, three lines (x, y, z) to a row."""
+        """Return the columns at some rows, a line for each coordinate of a row."""
         return self.problem(stance, rows)[0]
 
     def problem(
@@ -370,5 +365,7 @@ def normals_of(
             gram += a.T @ a
             aim += a.T @ y
             square += float(y @ y)
-        found.append(Normal(gram, aim, square, 3 * len(rows)))
+        found.append(
+            Normal(gram, aim, square, int(stance.readings.coordinates[rows].sum()))
+        )
     return found

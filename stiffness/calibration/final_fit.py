@@ -207,7 +207,7 @@ def corrected_geometry_of(
         known: Columns that were fitted.
         x: Their coefficients.
     """
-    step = np.zeros(len(rigid.values) + 6 + rigid.places.size)
+    step = np.zeros(rigid.parameter_count)
     step[: len(rigid.values)] = -rigid.values
     for j, value in zip(known, x, strict=True):
         if blocks.entry[j] >= 0:
@@ -282,7 +282,7 @@ class FinalFit:
         fit: Their solution.
         variances: Variances of noise and bands.
         corrected_geometry: The geometry as corrected.
-        residual: Residual on all rows, in m.
+        residual: Residual on all rows, in m; see `CalibrationState.residual`.
         used: Effective number of coefficients per fitted coordinate.
         design: Design effects of the regions.
     """
@@ -293,7 +293,7 @@ class FinalFit:
     fit: Solved
     variances: VarianceComponents
     corrected_geometry: Geometry
-    residual: Float[np.ndarray, "rows 3"]
+    residual: Float[np.ndarray, "rows coordinates"]
     used: float
     design: DesignEffects
 
@@ -356,7 +356,7 @@ def _about(readings, keep, rigid, wanted, sprung, highest, design) -> FinalFit:
     for start in range(0, len(left), 500):
         rows = np.arange(start, min(start + 500, len(left)))
         a, y = full.problem(stance, rows)
-        left[rows] = (y - a[:, known] @ fit.x).reshape(-1, 3)
+        left[rows] = (y - a[:, known] @ fit.x).reshape(len(rows), -1)
     drawn = corrected_geometry_of(full, rigid.geometry, known, fit.x)
     used = float(np.sum(1.0 - fit.precision * fit.spread())) / normal.count
     return FinalFit(full, stance, known, fit, sizes, drawn, left, used, design)

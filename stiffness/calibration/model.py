@@ -1,18 +1,18 @@
-"""Model of a calibration: readings, spatial folds, corrected geometry, arm state.
+"""Model of a calibration: readings in 3D or 6D, corrected geometry, arm state.
 
-`Readings` are the target positions of the unloaded rows, `SpatialFolds` their split for
-validation, `Geometry` the corrections of a rigid arm and `CalibrationState` the arm in
-all postures, with the Jacobians of its predictions and the moments of gravity.
+`Readings` are the targets of the unloaded rows, `Geometry` the corrections of a rigid
+arm and `CalibrationState` the arm in all postures, with the Jacobians of its
+predictions and the moments of gravity.
 
-Spatial folds (`spatial_folds_of`), since neighbouring poses share their errors:
+Targets in 6D (`Orientations`, `CalibrationState.residual`):
 
 ==========  ==========================================================================
-Equation    k-means over the places of targets in the base's frame; whole regions go to
-            the hold-out, the others in turn to folds; seeds from SHA-256 of the
-            readings, before anything is fitted
-Source      leave-group-out validation; Lloyd 1982, "Least squares quantization in PCM"
-Valid       at least as many poses as regions
-Ignores     the larger distance of regions at the edge from the others
+Equation    residual = (p_seen - p, λ log(R_seen R')), λ = σ_position / σ_orientation
+            in m/rad: one noise for all six; R = R_body mount, mount fitted unless all
+            points of the target have stated places
+Source      weighted least squares; rotation vector of SO(3)
+Valid       orientation errors far below a radian
+Ignores     correlation of a target's position and orientation errors
 ==========  ==========================================================================
 
 Corrections of the geometry (`corrected_chain`, `columns`):
@@ -27,33 +27,63 @@ Ignores     nothing of a rigid arm: tracker frame and target positions take up t
 ==========  ==========================================================================
 """
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.cluster.vq import kmeans2
 from scipy.spatial.transform import Rotation
 
 from bench.shared.errors import Unusable
-from bench.shared.recording import UNLOADED, DrawingAccuracy, Payload, Recording
+from bench.shared.recording import (
+    UNLOADED,
+    DrawingAccuracy,
+    Payload,
+    Recording,
+    targets_of,
+)
 from stiffness.experiment.visits import commanded_lags
 from stiffness.robot.arm import Arm
 from stiffness.robot.chain import Chain, Place
 from stiffness.robot.kinematics import ArmState
+from stiffness.robot.tracker_frame import rotations
 
 # --- Readings without a load ----------------------------------------------------------
 
 FEWEST = 30
 """Minimum number of poses; chosen: as many as the parameters of a six-axis arm's
 geometry."""
+FLAT = 1e-3
+"""Width of a target's points over their length below which they show no orientation;
+chosen."""
+
+
+@dataclass(frozen=True)
+class Orientations:
+    """What 6D targets showed beside their positions.
+
+    Attributes:
+        turn: Rotation from the target's axes to the tracker's; identity where not seen.
+        metres_per_rad: Sigma of position over sigma of orientation, which makes an
+            orientation error a length; 0 where none was seen.
+        stated: Whether a target's axes are those of its body, because all of its points
+            have stated places; else how it is mounted is unknown.
+    """
+
+    turn: Float[np.ndarray, "rows 3 3"]
+    metres_per_rad: Float[np.ndarray, " rows"]
+    stated: Bool[np.ndarray, " markers"]
+
+    @property
+    def seen(self) -> Bool[np.ndarray, " rows"]:
+        """Mask of the rows with an orientation."""
+        return self.metres_per_rad > 0.0
 
 
 @dataclass(frozen=True)
 class Readings:
-    """Target positions at rest without load: a row per pose and target, by time.
+    """Targets at rest without load: a row per pose and target, by time.
 
     Attributes:
         arm: The nominal arm.
@@ -73,6 +103,7 @@ class Readings:
             no command was recorded.
         placed: Whether a target's nominal position is stated.
         drawing: How true the model is taken to be.
+        orientations: Those of 6D targets; None where there is no such target.
     """
 
     arm: Arm
@@ -90,22 +121,48 @@ class Readings:
     told_lag: Float[np.ndarray, " axes"]
     placed: Bool[np.ndarray, " markers"]
     drawing: DrawingAccuracy
+    orientations: Orientations | None = None
+
+    @property
+    def coordinates(self) -> Int[np.ndarray, " rows"]:
+        """Number of coordinates of each row: 3, or 6 with an orientation."""
+        if self.orientations is None:
+            return np.full(len(self.seen), 3)
+        return np.where(self.orientations.seen, 6, 3)
+
+    def turned(
+        self, residual: Float[np.ndarray, "rows coordinates"]
+    ) -> Float[np.ndarray, "rows 3"] | None:
+        """Return a residual's rotation vectors, in rad; None without 6D targets.
+
+        Rows without an orientation are NaN.
+        """
+        if self.orientations is None:
+            return None
+        metres = np.where(
+            self.orientations.seen, self.orientations.metres_per_rad, np.nan
+        )
+        return residual[:, 3:] / metres[:, None]
 
     def take(self, rows: np.ndarray) -> "Readings":
         """Return the same with only these rows (indices or a mask)."""
+        turns = self.orientations
+        if turns is not None:
+            turns = replace(
+                turns, turn=turns.turn[rows], metres_per_rad=turns.metres_per_rad[rows]
+            )
         return Readings(
             self.arm, self.posture[rows], self.side[rows], self.seen[rows],
             self.marker[rows], self.posture_id[rows], self.hours[rows],
             self.names, self.bodies, self.places, self.stated, self.tool,
-            self.told_lag,
-            self.placed, self.drawing,
+            self.told_lag, self.placed, self.drawing, turns,
         )  # fmt: skip
 
 
 def readings_of(recording: Recording, arm: Arm) -> Readings:
     """Return the unloaded rows of a recording: a mean for each visit and target.
 
-    Of a 6D target only the first point is used; its rotation is kept for a check.
+    The first point of a 6D target is its position, all of them are its orientation.
 
     Raises:
         Unusable: Where no target was tracked, positions are relative only, or there
@@ -126,20 +183,22 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
     assert recording.points is not None
     rest = recording.take(np.flatnonzero(np.equal(recording.stage, UNLOADED)))
     assert rest.points is not None
-    chosen = _first_of_each_target(recording)
+    targets = targets_of(recording)
+    chosen = [own[0] for own in targets.values()]
     names, first, index = np.unique(rest.visit, return_index=True, return_inverse=True)
     order = np.argsort(rest.time[first], kind="stable")
     first = first[order]
     rank = np.empty(len(names), dtype=int)
     rank[order] = np.arange(len(names))
     visit = rank[index]
-    places = rest.points[:, chosen]
-    seen = np.asarray(np.all(np.isfinite(places), axis=2))
-    total = np.zeros((len(names), len(chosen), 3))
-    np.add.at(total, visit, np.where(seen[:, :, None], places, 0.0))
-    count = np.zeros((len(names), len(chosen)))
-    np.add.at(count, visit, seen)
-    v, m = np.nonzero(count)
+    means = np.full((len(names), len(recording.markers), 3), np.nan)
+    for k in range(len(recording.markers)):
+        seen = np.isfinite(rest.points[:, k]).all(axis=1)
+        count = np.bincount(visit[seen], minlength=len(names))
+        for i in range(3):
+            total = np.bincount(visit[seen], rest.points[seen, k, i], len(names))
+            means[count > 0, k, i] = total[count > 0] / count[count > 0]
+    v, m = np.nonzero(np.isfinite(means[:, chosen, 0]))
     posture = rest.posture[first]
     hours = (rest.time[first] - rest.time.mean()) / 3600.0
     markers = [recording.markers[k] for k in chosen]
@@ -149,7 +208,7 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
         arm=arm,
         posture=posture[v],
         side=rest.side[first][v],
-        seen=total[v, m] / count[v, m][:, None],
+        seen=means[v, np.array(chosen)[m]],
         marker=m,
         posture_id=rest.posture_id[first][v],
         hours=hours[v],
@@ -161,74 +220,51 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
         told_lag=commanded_lags(recording)[:, 0],
         placed=np.array([x.position is not None for x in markers]),
         drawing=recording.drawing,
+        orientations=_orientations(recording, list(targets.values()), means, v, m),
     )
 
 
-def _first_of_each_target(recording: Recording) -> list[int]:
-    chosen, known = [], set()
-    for k, marker in enumerate(recording.markers):
-        if marker.target is None or marker.target not in known:
-            chosen.append(k)
-            known.add(marker.target)
-    return chosen
+def _orientations(
+    recording: Recording,
+    targets: Sequence[Sequence[int]],
+    means: Float[np.ndarray, "visits points 3"],
+    visit: Int[np.ndarray, " rows"],
+    marker: Int[np.ndarray, " rows"],
+) -> Orientations | None:
+    """Return the orientations of 6D targets, None where no target is in 6D.
 
-
-# --- Spatial folds --------------------------------------------------------------------
-
-REGIONS, LEFT_OUT, FOLDS = 30, 8, 22
-"""Number of regions; how many of them are kept back for the final test; number of folds
-of the others, for selection. Chosen: 8 of 30 regions are about a quarter, and each of
-the others is a fold of its own."""
-
-
-@dataclass(frozen=True)
-class SpatialFolds:
-    """Split of the rows into spatial regions, folds and a hold-out.
-
-    Attributes:
-        region: Region of each row.
-        held: Regions of the hold-out, which no fit uses.
-        fold: Fold of each row: −1 in the hold-out, else 0 … count.
-        count: Number of folds.
-    """
-
-    region: Int[np.ndarray, " rows"]
-    held: tuple[int, ...]
-    fold: Int[np.ndarray, " rows"]
-    count: int
-
-    @property
-    def kept_back(self) -> Bool[np.ndarray, " rows"]:
-        """Mask of the rows in the hold-out."""
-        return self.fold < 0
-
-
-def spatial_folds_of(readings: Readings, draw: int = 0) -> SpatialFolds:
-    """Split the rows into regions, hold-out and folds.
+    The points of a target err by one sigma of a reading at their distance from its
+    first point, as importers write them: sigma of position over sigma of orientation is
+    that distance.
 
     Args:
-        readings: The readings.
-        draw: Number of the split; another number gives other regions.
+        recording: Whose targets they are.
+        targets: The points of each target.
+        means: Of each visit's points, in m; NaN where not seen.
+        visit: Of each row of the readings.
+        marker: Its target.
     """
-    ids, first, index = np.unique(
-        readings.posture_id, return_index=True, return_inverse=True
-    )
-    digest = hashlib.sha256(np.ascontiguousarray(readings.seen).tobytes()).digest()
-    seed = [int.from_bytes(digest[:8], "big"), draw]
-    rng = np.random.default_rng(seed)
-    count = min(REGIONS, max(len(ids) // 3, 6))
-    place = readings.seen[first]
-    label = kmeans2(place, count, minit="++", rng=rng)[1]
-    label = np.unique(label, return_inverse=True)[1]  # k-means may leave one empty
-    count = int(label.max()) + 1
-    order = rng.permutation(count)
-    left_out = max(1, round(LEFT_OUT / REGIONS * count))
-    folds = min(FOLDS, count - left_out)
-    fold_of = np.full(count, -1)
-    fold_of[order[left_out:]] = np.arange(count - left_out) % folds
-    held = tuple(sorted(int(r) for r in order[:left_out]))
-    region = label[index]
-    return SpatialFolds(region, held, fold_of[region], folds)
+    turn = np.tile(np.eye(3), (len(visit), 1, 1))
+    metres = np.zeros(len(visit))
+    stated = np.zeros(len(targets), dtype=bool)
+    for t, own in enumerate(targets):
+        rows = np.flatnonzero(marker == t)
+        apart = means[visit[rows]][:, own[1:]] - means[visit[rows]][:, own[:1]]
+        whole = np.isfinite(apart).all(axis=(1, 2))
+        if not whole.any() or len(own) < 3:
+            continue
+        places = [recording.markers[k].position for k in own]
+        known = [p for p in places if p is not None]
+        stated[t] = len(known) == len(places)
+        shape = apart[whole][0]
+        if stated[t]:
+            shape = np.array(known[1:]) - known[0]
+        size = np.linalg.svd(shape, compute_uv=False)
+        if size[1] <= FLAT * size[0]:
+            continue
+        turn[rows[whole]] = rotations(shape, apart[whole])
+        metres[rows[whole]] = np.sqrt(np.mean(np.sum(shape**2, axis=1)))
+    return Orientations(turn, metres, stated) if metres.any() else None
 
 
 # --- Geometry -------------------------------------------------------------------------
@@ -267,33 +303,6 @@ def entries_of(chain: Chain) -> tuple[Entry, ...]:
     return (*offsets, *links)
 
 
-PLACED = 1e-3
-"""One sigma of a stated position of a target, in m; chosen: what counts as nominal in
-a diagnosis too."""
-
-
-def prior_sizes(readings: Readings) -> Float[np.ndarray, " silent"]:
-    """Return one sigma of geometry, frame and target positions before the readings.
-
-    Infinite where nothing is stated: the tracker's frame, targets without a place.
-    """
-    drawing = readings.drawing
-    of_kind = {"offset_rad": drawing.offset, "offset_m": drawing.length}
-    of_kind |= dict.fromkeys(NAMES[:3], drawing.length)
-    of_kind |= dict.fromkeys(NAMES[3:], drawing.angle)
-    sizes = [of_kind[e.parameter] for e in entries_of(readings.arm.chain)]
-    places = np.where(np.repeat(readings.placed, 3), PLACED, np.inf)
-    return np.concatenate([sizes, np.full(6, np.inf), places])
-
-
-def corrections_of(
-    readings: Readings, geometry: "Geometry"
-) -> Float[np.ndarray, " silent"]:
-    """Return how far a geometry is from what is stated; 0 where nothing is."""
-    moved = np.where(readings.placed[:, None], geometry.places - readings.places, 0.0)
-    return np.concatenate([geometry.values, np.zeros(6), moved.ravel()])
-
-
 def seats_of(chain: Chain) -> list[int]:
     """Return the axes that another axis carries."""
     return list(chain.links.values())
@@ -323,8 +332,10 @@ def columns(
     standing: ArmState,
     points: Float[np.ndarray, "rows 3"],
     carried: Sequence[int],
-) -> Float[np.ndarray, "rows 3 entries"]:
+) -> Float[np.ndarray, "rows 6 entries"]:
     """Return the Jacobian of points with respect to the parameters of the geometry.
+
+    Six rows: velocity of the point, then angular velocity, along the base's axes.
 
     This is Pinocchio's kinematic regressor, for many postures at once.
 
@@ -341,12 +352,19 @@ def columns(
         for turns in (False, True):
             for j in range(3):
                 if k not in carried:
-                    moved.append(np.zeros((rows, 3)))
+                    moved.append(np.zeros((rows, 6)))
                 elif turns:
-                    moved.append(np.cross(axes[:, :, j], points - standing.origin[k]))
+                    moved.append(twist(axes[:, :, j], points - standing.origin[k]))
                 else:
-                    moved.append(axes[:, :, j])
+                    moved.append(np.hstack([axes[:, :, j], np.zeros((rows, 3))]))
     return np.stack(moved, axis=2)
+
+
+def twist(
+    about: Float[np.ndarray, "rows 3"], arm: Float[np.ndarray, "rows 3"]
+) -> Float[np.ndarray, "rows 6"]:
+    """Return the velocity of a point at an arm from a rotation, and the rotation."""
+    return np.hstack([np.cross(about, arm), about])
 
 
 def turning(
@@ -354,14 +372,15 @@ def turning(
     points: Float[np.ndarray, "rows 3"],
     axis: int,
     carried: Sequence[int],
-) -> Float[np.ndarray, "rows 3"]:
-    """Return the Jacobian of points, in m/rad of an axis (m/m if prismatic)."""
+) -> Float[np.ndarray, "rows 6"]:
+    """Return the twist of points per rad of an axis, per m if it is prismatic."""
+    none = np.zeros_like(points)
     if axis not in carried:
-        return np.zeros_like(points)
+        return np.hstack([none, none])
     along = standing.rotation[axis, :, :, 2]
     if standing.chain.slides[axis]:
-        return along
-    return np.cross(along, points - standing.origin[axis])
+        return np.hstack([along, none])
+    return twist(along, points - standing.origin[axis])
 
 
 # --- State of the arm -----------------------------------------------------------------
@@ -375,22 +394,35 @@ class Geometry:
         values: Parameters of the geometry, in the order of `entries_of`.
         base_from_tracker: Transform, lengths in m.
         places: Target positions in their bodies' frames, in m.
+        mounts: Rotations from the axes of 6D targets to their bodies'; None: no target
+            is in 6D.
     """
 
     values: Float[np.ndarray, " entries"]
     base_from_tracker: Float[np.ndarray, "4 4"]
     places: Float[np.ndarray, "markers 3"]
+    mounts: Float[np.ndarray, "markers 3 3"] | None = None
+
+    @property
+    def parameter_count(self) -> int:
+        """Number of parameters, frame, target positions and mounts included."""
+        per_target = 3 if self.mounts is None else 6
+        return len(self.values) + 6 + per_target * len(self.places)
 
     def stepped(self, step: Float[np.ndarray, " silent"]) -> "Geometry":
-        """Add a step of parameters, frame (3 + 3) and target positions."""
-        n = len(self.values)
+        """Add a step of parameters, frame (3 + 3), target positions, and mounts."""
+        n, last = len(self.values), len(self.values) + 6 + self.places.size
         away = np.eye(4)
         away[:3, :3] = Rotation.from_rotvec(-step[n + 3 : n + 6]).as_matrix()
         away[:3, 3] = -step[n : n + 3]
         return Geometry(
             self.values + step[:n],
             away @ self.base_from_tracker,
-            self.places + step[n + 6 :].reshape(-1, 3),
+            self.places + step[n + 6 : last].reshape(-1, 3),
+            None
+            if self.mounts is None
+            else Rotation.from_rotvec(step[last:].reshape(-1, 3)).as_matrix()
+            @ self.mounts,
         )
 
 
@@ -403,6 +435,8 @@ class CalibrationState:
         geometry: Corrections that the predictions assume.
         standing: The arm in the rows' postures.
         point: Predicted target positions, in the base's frame, in m.
+        turn: Predicted rotations from the targets' axes to the base's; None where none
+            is in 6D.
         carried: Axes that carry each target.
     """
 
@@ -410,6 +444,7 @@ class CalibrationState:
     geometry: Geometry
     standing: ArmState
     point: Float[np.ndarray, "rows 3"]
+    turn: Float[np.ndarray, "rows 3 3"] | None
     carried: tuple[tuple[int, ...], ...]
 
     @classmethod
@@ -421,21 +456,44 @@ class CalibrationState:
         drawn_arm = replace(arm, chain=chain)
         standing = drawn_arm.at(readings.posture + model_geometry.values[:axes])
         point = np.zeros_like(readings.seen)
+        mounts = model_geometry.mounts
+        turn = None if mounts is None else np.empty((*point.shape, 3))
         carried = []
         for m, body in enumerate(readings.bodies):
             own = readings.marker == m
             point[own] = standing.point(body, model_geometry.places[m])[own]
+            if turn is not None and mounts is not None:
+                turn[own] = standing.turn(body)[own] @ mounts[m]
             carried.append(tuple(chain.carriers(drawn_arm.attachment(body).axis)))
-        return cls(readings, model_geometry, standing, point, tuple(carried))
+        return cls(readings, model_geometry, standing, point, turn, tuple(carried))
 
     @cached_property
-    def residual(self) -> Float[np.ndarray, "rows 3"]:
-        """Observed less predicted positions, along the base's axes, in m."""
+    def residual(self) -> Float[np.ndarray, "rows coordinates"]:
+        """Observed less predicted positions, along the base's axes, in m.
+
+        With 6D targets three more: the orientation's, as a rotation vector along the
+        base's axes times `metres_per_rad`.
+        """
         frame = self.geometry.base_from_tracker
-        return self.readings.seen @ frame[:3, :3].T + frame[:3, 3] - self.point
+        left = self.readings.seen @ frame[:3, :3].T + frame[:3, 3] - self.point
+        if self.turn is None or self.readings.orientations is None:
+            return left
+        seen = frame[:3, :3] @ self.readings.orientations.turn
+        turned = Rotation.from_matrix(seen @ self.turn.swapaxes(1, 2)).as_rotvec()
+        return self.as_read(np.hstack([left, turned]))
+
+    def as_read(
+        self, twists: Float[np.ndarray, "rows 6 *columns"]
+    ) -> Float[np.ndarray, "rows coordinates *columns"]:
+        """Return twists of the targets as the coordinates of their readings, in m."""
+        if self.readings.orientations is None:
+            return twists[:, :3]
+        scale = np.ones(twists.shape[:2])
+        scale[:, 3:] = self.readings.orientations.metres_per_rad[:, None]
+        return twists * scale.reshape(*scale.shape, *[1] * (twists.ndim - 2))
 
     @cached_property
-    def lever(self) -> Float[np.ndarray, "axes rows 3"]:
+    def lever(self) -> Float[np.ndarray, "axes rows coordinates"]:
         """Jacobian of the targets with respect to the axes."""
         axes = range(len(self.standing.chain.parent))
         return np.stack([self._by_marker(turning, k) for k in axes])
@@ -484,9 +542,9 @@ class CalibrationState:
         axis: int,
         about: Float[np.ndarray, "rows 3"],
         centre: Float[np.ndarray, "rows 3"],
-    ) -> Float[np.ndarray, "rows 3"]:
+    ) -> Float[np.ndarray, "rows coordinates"]:
         """Return the target displacement per tilt of a seat about a direction."""
-        moved = np.cross(about, self.point - centre)
+        moved = self.as_read(twist(about, self.point - centre))
         return np.where(self._hangs_on(axis)[:, None], moved, 0.0)
 
     def _mass_on(self, axis: int) -> float:
@@ -496,25 +554,40 @@ class CalibrationState:
         carried = [axis in chain.carriers(k) for k in axes]
         return float(np.sum(np.asarray(mass)[carried]))
 
-    def nuisance_jacobian(self) -> Float[np.ndarray, "rows 3 silent"]:
-        """Return the Jacobian of predictions: geometry, frame, target positions."""
-        entries = columns
-        drawing = np.zeros((*self.point.shape, len(self.geometry.values)))
-        places = np.zeros((*self.point.shape, 3 * len(self.readings.bodies)))
-        for m, body in enumerate(self.readings.bodies):
-            own = self.readings.marker == m
-            drawing[own] = entries(self.standing, self.point, self.carried[m])[own]
-            places[own, :, 3 * m : 3 * m + 3] = self.standing.turn(body)[own]
-        frame = np.zeros((*self.point.shape, 6))
-        frame[:, :, :3] = np.eye(3)
+    @cached_property
+    def frame_jacobian(self) -> Float[np.ndarray, "rows coordinates 6"]:
+        """Return the Jacobian of predictions that move and turn with the base."""
+        frame = np.zeros((len(self.point), 6, 6))
+        frame[:, :3, :3] = np.eye(3)
         for j, along in enumerate(np.eye(3)):
-            frame[:, :, 3 + j] = np.cross(along, self.point)
-        return np.concatenate([drawing, frame, places], axis=2)
+            about = np.broadcast_to(along, self.point.shape)
+            frame[:, :, 3 + j] = twist(about, self.point)
+        return self.as_read(frame)
+
+    def nuisance_jacobian(self) -> Float[np.ndarray, "rows coordinates silent"]:
+        """Return the Jacobian of predictions: geometry, frame, target positions.
+
+        The mounts of 6D targets follow; those that are stated stay as they are.
+        """
+        entries, count = columns, len(self.readings.bodies)
+        drawing = np.zeros((len(self.point), 6, len(self.geometry.values)))
+        places = np.zeros((len(self.point), 6, 3 * count))
+        mounts = np.zeros((len(self.point), 6, 0 if self.turn is None else 3 * count))
+        for m, body in enumerate(self.readings.bodies):
+            own, axes = self.readings.marker == m, slice(3 * m, 3 * m + 3)
+            drawing[own] = entries(self.standing, self.point, self.carried[m])[own]
+            places[own, :3, axes] = self.standing.turn(body)[own]
+            turns = self.readings.orientations
+            if turns is not None and mounts.size and not turns.stated[m]:
+                mounts[own, 3:, axes] = self.standing.turn(body)[own]
+        twists = [self.as_read(part) for part in (drawing, places, mounts)]
+        return np.concatenate([twists[0], self.frame_jacobian, *twists[1:]], axis=2)
 
     def _hangs_on(self, axis: int) -> np.ndarray:
         hangs = np.array([axis in carried for carried in self.carried])
         return hangs[self.readings.marker]
 
-    def _by_marker(self, function, axis: int) -> Float[np.ndarray, "rows 3"]:
+    def _by_marker(self, function, axis: int) -> Float[np.ndarray, "rows coordinates"]:
         moved = function(self.standing, self.point, axis, range(len(self.moment)))
+        moved = self.as_read(moved)
         return np.where(self._hangs_on(axis)[:, None], moved, 0.0)

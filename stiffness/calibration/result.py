@@ -63,13 +63,18 @@ from stiffness.calibration.model import (
     CalibrationState,
     Geometry,
     Readings,
-    SpatialFolds,
     entries_of,
     readings_of,
-    spatial_folds_of,
 )
 from stiffness.calibration.rigid_fit import RigidFit, fitted
-from stiffness.calibration.selection import MARGIN, Judge, Selected, selected
+from stiffness.calibration.selection import (
+    MARGIN,
+    Judge,
+    Selected,
+    SpatialFolds,
+    selected,
+    spatial_folds_of,
+)
 from stiffness.regression.empirical_bayes import learnt
 from stiffness.regression.intervals import Interval
 from stiffness.regression.normal_equations import total_of
@@ -98,7 +103,7 @@ class DriftTerm:
 
 
 def drift_term(
-    stance: CalibrationState, residual: Float[np.ndarray, "rows 3"]
+    stance: CalibrationState, residual: Float[np.ndarray, "rows coordinates"]
 ) -> DriftTerm | None:
     """Return the site whose drift explains most of the residual."""
     hours = stance.readings.hours[:, None, None]
@@ -259,11 +264,15 @@ class Calibrated:
         selected: Result of the selection.
         named: Effects that are believed and whose parameters differ significantly
             from zero, the most important first.
-        nominal: Residual of the nominal arm, on all rows, in m.
-        residual: Residual after calibration, on all rows, in m.
+        nominal: Residual of the nominal arm, on all rows, in m; of 6D targets the
+            orientation's follows, see `CalibrationState.residual`.
+        residual: Residual after calibration, likewise.
         used: Effective number of coefficients per fitted coordinate.
         at_first: Spatial correlation of the residual before calibration.
         at_last: Spatial correlation of the residual after it.
+        turns_at_first: Spatial correlation of the orientations' residual before it, in
+            rad; None without 6D targets.
+        turns_at_last: After it.
     """
 
     readings: Readings
@@ -276,11 +285,13 @@ class Calibrated:
     harmonics: dict[str, Wave]
     selected: Selected
     named: tuple[Key, ...]
-    nominal: Float[np.ndarray, "rows 3"]
-    residual: Float[np.ndarray, "rows 3"]
+    nominal: Float[np.ndarray, "rows coordinates"]
+    residual: Float[np.ndarray, "rows coordinates"]
     used: float
     at_first: Agreement
     at_last: Agreement
+    turns_at_first: Agreement | None
+    turns_at_last: Agreement | None
 
     @property
     def held(self) -> Bool[np.ndarray, " rows"]:
@@ -362,9 +373,21 @@ def calibrated(
         nominal=before.residual,
         residual=after.residual,
         used=after.used,
-        at_first=agreement(before.residual, readings.posture),
-        at_last=agreement(after.residual[~keep], readings.posture[~keep]),
+        at_first=agreement(before.residual[:, :3], readings.posture),
+        at_last=agreement(after.residual[~keep, :3], readings.posture[~keep]),
+        turns_at_first=_turn_agreement(readings, before.residual),
+        turns_at_last=_turn_agreement(readings.take(~keep), after.residual[~keep]),
     )
+
+
+def _turn_agreement(
+    readings: Readings, residual: Float[np.ndarray, "rows coordinates"]
+) -> Agreement | None:
+    turned = readings.turned(residual)
+    if turned is None:
+        return None
+    seen = np.isfinite(turned[:, 0])
+    return agreement(turned[seen], readings.posture[seen]) if seen.any() else None
 
 
 def calibrate(

@@ -13,18 +13,18 @@ Ignores     everything but a rigid arm
 ==========  ==========================================================================
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.spatial.transform import Rotation
 
 from stiffness.calibration.model import (
+    NAMES,
     CalibrationState,
     Geometry,
     Readings,
-    corrections_of,
     entries_of,
-    prior_sizes,
 )
 from stiffness.experiment.outliers import FEW, RARE, far_off
 from stiffness.robot.tracker_frame import kabsch
@@ -58,7 +58,8 @@ def fitted(readings: Readings, redraw: bool) -> RigidFit:
     count = len(entries_of(readings.arm.chain))
     start = Geometry(np.zeros(count), np.eye(4), readings.places)
     stance = CalibrationState.of(readings, start)
-    start = Geometry(start.values, kabsch(readings.seen, stance.point), start.places)
+    start = replace(start, base_from_tracker=kabsch(readings.seen, stance.point))
+    start = replace(start, mounts=_mounts(readings, start))
     fit = _fit_until_stable(readings, start, redraw=False)
     return _fit_until_stable(readings, fit.geometry, redraw=True) if redraw else fit
 
@@ -73,12 +74,14 @@ def outlier_distances(readings: Readings) -> Float[np.ndarray, " rows"]:
     for _ in range(SWEEPS):
         arm = fitted(readings.take(size == 0.0), redraw=True)
         left = CalibrationState.of(readings, arm.geometry).residual
-        away, found = np.linalg.norm(left, axis=1), np.zeros_like(size)
-        for m in range(len(readings.names)):
-            own = np.flatnonzero(readings.marker == m)
-            far = own[far_off(away[own])]
-            if len(far) <= max(RARE * len(own), FEW):
-                found[far] = away[far]
+        found = np.zeros_like(size)
+        for part in (left[:, :3], left[:, 3:]):  # position, orientation as a length
+            away = np.linalg.norm(part, axis=1)
+            for m in range(len(readings.names)):
+                own = np.flatnonzero(readings.marker == m)
+                far = own[far_off(away[own])]
+                if len(far) <= max(RARE * len(own), FEW):
+                    found[far] = np.maximum(found[far], away[far])
         settled = np.array_equal(found > 0.0, size > 0.0)
         size = found
         if settled:
@@ -89,16 +92,12 @@ def outlier_distances(readings: Readings) -> Float[np.ndarray, " rows"]:
 def _fit_until_stable(readings: Readings, start: Geometry, redraw: bool) -> RigidFit:
     """Repeat the fit until the identifiable columns no longer change."""
     count = len(start.values)
-    a = (
-        CalibrationState.of(readings, start)
-        .nuisance_jacobian()
-        .reshape(3 * len(readings.seen), -1)
-    )
+    a = _flat(CalibrationState.of(readings, start))
     fit = RigidFit(start, identifiable(a, count, redraw))
     size = prior_sizes(readings)[fit.kept]
     for _ in range(ROUNDS):
         stance = CalibrationState.of(readings, fit.geometry)
-        a = stance.nuisance_jacobian().reshape(3 * len(readings.seen), -1)
+        a = _flat(stance)
         left = stance.residual.ravel()
         weight = np.sqrt(np.mean(left**2)) / size  # of the drawing beside a reading
         away = -weight * corrections_of(readings, fit.geometry)[fit.kept]
@@ -112,6 +111,62 @@ def _fit_until_stable(readings: Readings, start: Geometry, redraw: bool) -> Rigi
         if np.abs(step).max() < STILL:
             break
     return fit
+
+
+def _flat(stance: CalibrationState) -> Float[np.ndarray, "n silent"]:
+    return stance.nuisance_jacobian().reshape(stance.residual.size, -1)
+
+
+def _mounts(
+    readings: Readings, start: Geometry
+) -> Float[np.ndarray, "markers 3 3"] | None:
+    """Return how 6D targets are mounted, as far as the drawn arm and a frame say."""
+    turns = readings.orientations
+    if turns is None:
+        return None
+    drawn = readings.arm.at(readings.posture)
+    seen = start.base_from_tracker[:3, :3] @ turns.turn
+    mounts = np.tile(np.eye(3), (len(readings.bodies), 1, 1))
+    for m, body in enumerate(readings.bodies):
+        own = (readings.marker == m) & turns.seen
+        if own.any() and not turns.stated[m]:
+            on_body = drawn.turn(body)[own].swapaxes(1, 2) @ seen[own]
+            mounts[m] = Rotation.from_matrix(on_body).mean().as_matrix()
+    return mounts
+
+
+PLACED = 1e-3
+"""One sigma of a stated position of a target, in m; chosen: what counts as nominal in
+a diagnosis too."""
+
+
+def prior_sizes(readings: Readings) -> Float[np.ndarray, " silent"]:
+    """Return one sigma of geometry, frame and target positions before the readings.
+
+    Infinite where nothing is stated: the tracker's frame, targets without a place, and
+    the mounts of those in 6D.
+    """
+    drawing = readings.drawing
+    of_kind = {"offset_rad": drawing.offset, "offset_m": drawing.length}
+    of_kind |= dict.fromkeys(NAMES[:3], drawing.length)
+    of_kind |= dict.fromkeys(NAMES[3:], drawing.angle)
+    sizes = [of_kind[e.parameter] for e in entries_of(readings.arm.chain)]
+    places = np.where(np.repeat(readings.placed, 3), PLACED, np.inf)
+    mounts = np.full(_mount_count(readings), np.inf)
+    return np.concatenate([sizes, np.full(6, np.inf), places, mounts])
+
+
+def corrections_of(
+    readings: Readings, geometry: Geometry
+) -> Float[np.ndarray, " silent"]:
+    """Return how far a geometry is from what is stated; 0 where nothing is."""
+    moved = np.where(readings.placed[:, None], geometry.places - readings.places, 0.0)
+    mounts = np.zeros(_mount_count(readings))
+    return np.concatenate([geometry.values, np.zeros(6), moved.ravel(), mounts])
+
+
+def _mount_count(readings: Readings) -> int:
+    return 0 if readings.orientations is None else 3 * len(readings.bodies)
 
 
 def identifiable(

@@ -1,8 +1,20 @@
 """Selection of effects on folds left out, with substitutes and backward elimination.
 
-`selected` adds effects one at a time, `pruned` removes those that do not improve the
-prediction, `common` exchanges rare effects for common ones, and `equivalents_of`
-lists the effects that the data cannot distinguish from a selected one.
+`spatial_folds_of` splits the poses, `selected` adds effects one at a time, `pruned`
+removes those that do not improve the prediction, `common` exchanges rare effects for
+common ones, and `equivalents_of` lists the effects that the data cannot distinguish
+from a selected one.
+
+Spatial folds (`spatial_folds_of`), since neighbouring poses share their errors:
+
+==========  ==========================================================================
+Equation    k-means over the places of targets in the base's frame; whole regions go to
+            the hold-out, the others in turn to folds; seeds from SHA-256 of the
+            readings, before anything is fitted
+Source      leave-group-out validation; Lloyd 1982, "Least squares quantization in PCM"
+Valid       at least as many poses as regions
+Ignores     the larger distance of regions at the edge from the others
+==========  ==========================================================================
 
 Substitutes of a selected effect (`substitutes`):
 
@@ -44,19 +56,80 @@ Ignores     variances of tables' bands are estimated from all folds together
 ==========  ==========================================================================
 """
 
+import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
+from scipy.cluster.vq import kmeans2
 
 from bench.shared.settings import SETTINGS
 from stiffness.calibration.columns import SILENT, Blocks, Key
+from stiffness.calibration.model import Readings
 from stiffness.regression.elimination import ColumnIndices, Eliminated
 from stiffness.regression.empirical_bayes import VarianceComponents, precision_of
 from stiffness.regression.normal_equations import Normal, total_of
 from stiffness.regression.testing import mean_log_gain
+
+# --- Spatial folds --------------------------------------------------------------------
+
+REGIONS, LEFT_OUT, FOLDS = 30, 8, 22
+"""Number of regions; how many of them are kept back for the final test; number of folds
+of the others, for selection. Chosen: 8 of 30 regions are about a quarter, and each of
+the others is a fold of its own."""
+
+
+@dataclass(frozen=True)
+class SpatialFolds:
+    """Split of the rows into spatial regions, folds and a hold-out.
+
+    Attributes:
+        region: Region of each row.
+        held: Regions of the hold-out, which no fit uses.
+        fold: Fold of each row: −1 in the hold-out, else 0 … count.
+        count: Number of folds.
+    """
+
+    region: Int[np.ndarray, " rows"]
+    held: tuple[int, ...]
+    fold: Int[np.ndarray, " rows"]
+    count: int
+
+    @property
+    def kept_back(self) -> Bool[np.ndarray, " rows"]:
+        """Mask of the rows in the hold-out."""
+        return self.fold < 0
+
+
+def spatial_folds_of(readings: Readings, draw: int = 0) -> SpatialFolds:
+    """Split the rows into regions, hold-out and folds.
+
+    Args:
+        readings: The readings.
+        draw: Number of the split; another number gives other regions.
+    """
+    ids, first, index = np.unique(
+        readings.posture_id, return_index=True, return_inverse=True
+    )
+    digest = hashlib.sha256(np.ascontiguousarray(readings.seen).tobytes()).digest()
+    seed = [int.from_bytes(digest[:8], "big"), draw]
+    rng = np.random.default_rng(seed)
+    count = min(REGIONS, max(len(ids) // 3, 6))
+    place = readings.seen[first]
+    label = kmeans2(place, count, minit="++", rng=rng)[1]
+    label = np.unique(label, return_inverse=True)[1]  # k-means may leave one empty
+    count = int(label.max()) + 1
+    order = rng.permutation(count)
+    left_out = max(1, round(LEFT_OUT / REGIONS * count))
+    folds = min(FOLDS, count - left_out)
+    fold_of = np.full(count, -1)
+    fold_of[order[left_out:]] = np.arange(count - left_out) % folds
+    held = tuple(sorted(int(r) for r in order[:left_out]))
+    region = label[index]
+    return SpatialFolds(region, held, fold_of[region], folds)
+
 
 # --- Models on folds left out ---------------------------------------------------------
 

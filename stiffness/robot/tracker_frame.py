@@ -125,6 +125,15 @@ def tracker_frame(
     return frame
 
 
+def rotations(
+    shape: Float[np.ndarray, "points 3"], seen: Float[np.ndarray, "rows points 3"]
+) -> Float[np.ndarray, "rows 3 3"]:
+    """Return the rotations that bring vectors nearest to those seen (Kabsch 1976)."""
+    u, _, vt = np.linalg.svd(np.einsum("rpi,pj->rij", seen, shape))
+    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
+    return u @ vt
+
+
 def kabsch(
     source: Float[np.ndarray, "points 3"], target: Float[np.ndarray, "points 3"]
 ) -> Float[np.ndarray, "4 4"]:

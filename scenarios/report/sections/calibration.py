@@ -71,7 +71,7 @@ def _blocks(
     yield Table(
         "What was tried. Rms on regions left out of the fit, where it was believed; "
         "the gain there over its standard error. Out of bounds: the best fit is a size "
-        "that the effect cannot have.",
+        "that the effect cannot have." + _in_6d(found),
         (
             *("effect", "where", "would be", "rms [mm]"),
             *("gain / its error", "verdict"),
@@ -127,6 +127,18 @@ def _blocks(
         "the poses recorded; moves between them are not known. The simulator proves "
         "everything as mechanisms but that side, which is played as axes that stop "
         "short."
+    )
+
+
+def _in_6d(found: Calibrated) -> str:
+    """Say how orientation counts where targets are in 6D."""
+    turns = found.readings.orientations
+    if turns is None:
+        return ""
+    metres = float(np.median(turns.metres_per_rad[turns.seen]))
+    return (
+        f" Orientation counts as well, 1 mrad as {metres:.3f} mm; the rms is that of "
+        "three coordinates of the six."
     )
 
 

@@ -139,6 +139,7 @@ def proof(finding: Result, folder: Path) -> Iterator[Block]:
     for name, one, word in (
         ("marks", proof.markers, "µm"),
         ("encoders after the gear", proof.angles, "µrad"),
+        ("turns of bodies that marks show", proof.rotations, "µrad"),
     ):
         if one is not None:
             values = [f"{MICRO * x:.1f} {word}" for x in

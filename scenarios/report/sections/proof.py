@@ -7,7 +7,7 @@ import numpy as np
 
 from bench.proof.explained_share import Channel
 from scenarios.pipelines.judgement import FAR, FILE, AxisCoverage, Judgement, text_of
-from scenarios.pipelines.schema import Interval
+from scenarios.pipelines.schema import said_of_turns
 from scenarios.report import figures, page
 from scenarios.report.data_files import write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
@@ -90,12 +90,8 @@ def blocks_of(judgement: Judgement) -> Iterator[Block]:
         ],
     )
     proof = j.answer.proof
-    if isinstance(proof.gain_mrad, Interval):
-        yield Paragraph(
-            f"Orientation of 6D targets: {proof.before_rms_mrad:.3g} mrad rms as "
-            f"drawn, {proof.after_rms_mrad:.3g} mrad with the patch (gain "
-            f"{proof.gain_mrad.low:.3g} to {proof.gain_mrad.high:.3g} mrad)."
-        )
+    if turned := said_of_turns(proof):
+        yield Paragraph(turned)
     if j.parts:
         yield Heading("What each part of the patch is worth here")
         yield Table(

@@ -18,7 +18,13 @@ from bench.instruments.random_streams import streams
 from bench.instruments.tracker import standpoint
 from bench.patch import Law, Patch, named, rig_of
 from bench.proof import refinement
-from bench.proof.comparison import centred, comparison_mode_of
+from bench.proof.comparison import (
+    bodies_in_6d,
+    centred,
+    comparison_mode_of,
+    residual_of,
+    turns_of,
+)
 from bench.proof.explained_share import Channel
 from bench.proof.model_discrimination import candidates, expected, paths
 from bench.proof.nominal_fit import (
@@ -39,6 +45,7 @@ from bench.proof.refinement import (
 from bench.proof.setup import mounted_on, replay_simulation_of
 from bench.proof.simulation import (
     NominalState,
+    SimulatedReadings,
     direction,
     replay_of,
     true_wrench,
@@ -46,6 +53,7 @@ from bench.proof.simulation import (
 )
 from bench.rig import Rig
 from bench.shared.plan import parse_path
+from bench.shared.recording import Marker
 from bench.standard_plans import tour
 
 SEED, POSES = 3, 15
@@ -108,6 +116,9 @@ def test_the_true_patch_reaches_the_noise_on_poses_held_out(proof):
     assert marks.gain == pytest.approx(marks.before - marks.after)
     assert len(marks.before_of) == len(proof.held_out) == len(marks.posture_id)
     assert not proof.absolute
+    turned = proof.rotations
+    assert turned.after < 1.1 * turned.noise < turned.before
+    assert turned.low > 0.0
 
 
 def test_folds_judge_every_pose_once_by_fits_without_it(recording, kr10, held, proof):
@@ -326,6 +337,31 @@ def test_turns_are_found_in_what_markers_did(laid_out):
         angle[:, :5],
         atol=3e-6,
     )
+
+
+def test_a_body_s_turn_and_its_noise_are_those_of_its_marks(kr10):
+    """A turn of 1 mrad is found in four marks, in three, and in no two.
+
+    With marks 0.1 m up and down the three axes from their middle, M = 0.04 m² 1.
+    """
+    seen = recorded(kr10).take(np.arange(4))
+    ends = 0.1 * np.vstack([np.eye(3), -np.eye(3)])
+    markers = tuple(Marker(f"m{k}", "flange", place) for k, place in enumerate(ends))
+    points = np.zeros((4, 6, 3))
+    world = replay_simulation_of(
+        replace(seen, markers=markers, points=points, frames=None), Rig(kr10)
+    )
+    turn = np.array([6e-4, 0.0, 8e-4])
+    left = np.broadcast_to(np.cross(turn, ends), (4, 6, 3)).copy()
+    left[1, :3], left[2, :4] = np.nan, np.nan
+    point = np.broadcast_to(ends, left.shape)
+    shown = SimulatedReadings(world.states(Rig(kr10)), point, left, None)
+    mode = replace(comparison_mode_of(world, True, np.ones(4, bool)), sigma=1e-5)
+    square, noise = turns_of(world, shown, residual_of(world, shown, mode), mode)
+    assert_allclose(np.sqrt(square[[0, 1, 3], 0]), 1e-3, rtol=1e-9)
+    assert_allclose(noise[0, 0], 1e-10 * 3 / 0.04, rtol=1e-9)
+    assert np.isnan(square[2, 0])
+    assert bodies_in_6d(world.recording) == (tuple(range(6)),)
 
 
 def test_torques_are_what_springs_carry(laid_out):

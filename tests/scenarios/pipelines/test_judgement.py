@@ -16,10 +16,11 @@ from bench.rig import Memory, Rig
 from bench.shared.errors import Unusable
 from bench.shared.format.folder import write
 from bench.shared.plan import parse_path
+from bench.shared.recording import targets_of
 from bench.standard_plans import table_one_plan
 from scenarios import prove
 from scenarios.pipelines.inputs import arm_of
-from scenarios.pipelines.judgement import judge, patched_arm, targets_of
+from scenarios.pipelines.judgement import judge, patched_arm
 from scenarios.pipelines.patching import NEAR, ranges_of
 from scenarios.report.sections.proof import first_sentence
 from scenarios.studies.public_recordings import MODEL as UR10
@@ -145,7 +146,8 @@ def test_the_command_writes_the_fixed_form_and_nothing_else(loaded, kr10, tmp_pa
     assert told["proof"]["simulator"] == "mujoco"
     assert set(told["proof"]) == {
         *("simulator", "held_out_poses", "before_rms_mm", "after_rms_mm"),
-        *("noise_rms_mm", "gain_mm"),
+        *("noise_rms_mm", "gain_mm", "before_rms_mrad", "after_rms_mrad"),
+        *("noise_rms_mrad", "gain_mrad"),
     }
     assert told["covered_share"] is None
     assert sorted(p.name for p in out.iterdir()) == [

@@ -13,9 +13,10 @@ from scenarios.pipelines.calibration_proof import rms
 from scenarios.pipelines.inputs import arm_of
 from scenarios.report.sections.calibration import write_files
 from stiffness.calibration import model
-from stiffness.calibration.model import readings_of, spatial_folds_of
+from stiffness.calibration.model import readings_of
 from stiffness.calibration.result import calibrated, held_by_friction
 from stiffness.calibration.rigid_fit import fitted
+from stiffness.calibration.selection import spatial_folds_of
 from stiffness.experiment.visits import commanded_lags
 from stiffness.regression.intervals import Interval
 
