@@ -318,11 +318,11 @@ FORMATS = {
     "scenarios/studies/blind_trials/score.py: TrialScore",
 }
 LARGE = {
-    "bench/proof/proof.py: Proof": 13,
+    "bench/proof/proof.py: Proof": 14,
     "scenarios/pipelines/judgement.py: Judgement": 13,
     "scenarios/studies/blind_trials/strata.py: Stratum": 14,
-    "stiffness/calibration/model.py: Readings": 15,
-    "stiffness/calibration/result.py: Calibrated": 15,
+    "stiffness/calibration/model.py: Readings": 16,
+    "stiffness/calibration/result.py: Calibrated": 17,
     "stiffness/diagnosis/nominal_fit.py: Prepared": 13,
     "stiffness/diagnosis/result.py: Diagnosis": 20,
     "stiffness/diagnosis/within_visit.py: WithinVisitModel": 13,

@@ -56,6 +56,7 @@ from scenarios.pipelines.schema import (
     Remark,
     number,
     verdict_of,
+    where_known,
 )
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.nominal_fit import (
@@ -297,7 +298,7 @@ def answer_of(
         located=tuple(
             Placed(
                 *(x.where, x.p_value, x.share, tuple(x.depends_on), x.zone),
-                split_share=_known(x.split_share),
+                split_share=where_known(x.split_share),
             )
             for x in d.located
         ),
@@ -421,7 +422,7 @@ def _called(named: NamedEffect, share: float | None, slides: Collection[str]) ->
         tuple(map(_at, named.equivalents)),
         parameters,
         msgspec.UNSET if share is None else float(share),
-        _known(named.split_share),
+        where_known(named.split_share),
     )
 
 
@@ -432,10 +433,6 @@ def _stated(
     names = [on_slide(effect, n) if where in sliding else n for n in known]
     ends = [map(number, (p.estimate, p.low, p.high)) for p in known.values()]
     return {n: Interval(*three) for n, three in zip(names, ends, strict=True)}
-
-
-def _known(share: float | None) -> float | msgspec.UnsetType:
-    return msgspec.UNSET if share is None else float(share)
 
 
 def _with_mass(parameters: dict[str, Interval]) -> dict[str, Interval]:

@@ -191,6 +191,11 @@ class Answer(msgspec.Struct, frozen=True):
     scatter_rms_mm: Number = None
 
 
+def where_known(share: float | None) -> float | msgspec.UnsetType:
+    """Return a share as it is written: left out where it is not known."""
+    return msgspec.UNSET if share is None else float(share)
+
+
 # --- The verdict ----------------------------------------------------------------------
 
 
