@@ -596,6 +596,5 @@ def courses_of(curves: Curves, name: str, count: int = 3) -> list[Course]:
 
 def channel_of(proof: Proof) -> tuple[ProofChannel | None, str]:
     """Return the channel that is spoken of, and its unit times a million."""
-    if proof.markers is not None:
-        return proof.markers, "µm"
-    return proof.angles, "µrad"
+    both = (proof.markers, "µm"), (proof.angles, "µrad")
+    return both[proof.markers is None]
