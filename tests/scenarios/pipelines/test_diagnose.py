@@ -512,7 +512,12 @@ def test_what_is_left_is_what_the_patched_arm_leaves_where_there_is_one(found):
     of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
     channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses)
     proof: Any = SimpleNamespace(
-        markers=channel, angles=None, held_out=(1, 2), absolute=True, folds=1
+        markers=channel,
+        angles=None,
+        held_out=(1, 2),
+        absolute=True,
+        folds=1,
+        rotations=None,
     )
     for simulated, left_mm in ((None, 0.03), (proof, 0.02)):
         told: Any = answer_of(found, simulated, "", (), 1.0)
@@ -524,7 +529,12 @@ def test_title_and_first_sentence_say_that_a_name_is_not_proved(found, recording
     of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 7e-5)
     worse = Channel(3e-5, 7.6e-5, 1.7e-5, -4.6e-5, -6e-5, -3e-5, *of_poses)
     proof: Any = SimpleNamespace(
-        markers=worse, angles=None, held_out=(1, 2), absolute=True, folds=1
+        markers=worse,
+        angles=None,
+        held_out=(1, 2),
+        absolute=True,
+        folds=1,
+        rotations=None,
     )
     all_named = replace(found, verdict="explained", unexplained=None)
     for simulated, why, said in (
@@ -556,7 +566,12 @@ def test_an_arm_that_the_simulator_does_not_have_raises_an_alarm(
     of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
     channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses)
     simulated: Any = SimpleNamespace(
-        markers=channel, angles=None, held_out=(1, 2), absolute=absolute, folds=1
+        markers=channel,
+        angles=None,
+        held_out=(1, 2),
+        absolute=absolute,
+        folds=1,
+        rotations=None,
     )
     other = replace(found, detection=replace(found.detection, **fitted))
     told = answer_of(other, simulated, "", (), 1.0)
