@@ -477,7 +477,8 @@ def _judged(
         )
         parameters = parameters_of(case.situation, case.springs, look, case.split)
         gains = drop_one_gains(statistics, terms)
-        withheld = _withheld(case, terms, parameters, gains)
+        columns = [len(own) for own in look.fit.coefficients]
+        withheld = _withheld(case, terms, parameters, gains, columns)
         if not withheld:
             beside = _of_the_same_kinds(case, terms, refused)
             if beside:
@@ -543,16 +544,21 @@ def _withheld(
     terms: Sequence[ModelTerm],
     parameters: Sequence[dict[str, Interval]],
     gains: Sequence[float],
+    columns: Sequence[int],
 ) -> list[Decision]:
-    """Return the names that hold nothing, or more than any arm has."""
+    """Return the names that hold nothing, or more than any arm has.
+
+    A law of one size has no other part that could be within its limits.
+    """
     found = []
-    for term, own, gain in zip(terms, parameters, gains, strict=True):
+    every = zip(terms, parameters, gains, columns, strict=True)
+    for term, own, gain, count in every:
         if may_be_nothing(term.hypothesis, own):
             reason = "the intervals of all its magnitudes contain zero"
             found.append(Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own))
             continue
         share = cost_of_limits(case.situation, term, own) / max(gain, 1e-12)
-        if share > BEYOND:
+        if share > BEYOND or (share > 0.0 and count == 1):
             reason = "within its physical limits it explains much less"
             one = Decision(term.name, "physical", False, share, BEYOND, reason, own)
             found.append(one)

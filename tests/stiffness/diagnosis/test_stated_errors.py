@@ -25,9 +25,12 @@ from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem
 from stiffness.diagnosis.nominal_fit import prepare, rest_of, smooth_basis
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis
+from stiffness.diagnosis.selection import _withheld
+from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.gravity_load import GravityLoad, carried
 from stiffness.effects.hysteresis import Hysteresis
+from stiffness.effects.lost_motion import LostMotion
 from stiffness.experiment.residuals import weight_of
 from stiffness.experiment.sensor_noise import (
     average_encoders,
@@ -303,3 +306,18 @@ def test_what_shows_between_visits_alone_is_missed_all_the_same(kr10, arm):
         off, table_one_plan(poses=40), Instruments(markers=Markers("flange")), seed=3
     )
     assert missed(seen, arm) > 3.0
+
+
+# --- Physical limits ------------------------------------------------------------------
+
+
+def test_law_of_one_size_beyond_its_limit_is_none_whatever_its_interval(plain, arm):
+    """A play has a width; of a foot's six springs one may come out below zero."""
+    case = build_problem(prepare(plain, arm), (LostMotion(),))
+    play = ModelTerm(LostMotion(), "a2", np.array([1.0]))
+    foot = ModelTerm(BaseCompliance(), "base", np.zeros(0))
+    width = {"width_rad": Interval(-1e-4, -1.9e-4, -1e-5)}
+    springs = {f"r{axis}_rad_per_nm": Interval(3e-7, 2e-7, 4e-7) for axis in "xy"}
+    springs["z_m_per_n"] = Interval(-3e-9, -5e-9, -1e-9)
+    told = _withheld(case, [play, foot], [width, springs], [1e4, 1e4], [1, 6])
+    assert [(d.candidate, d.gate) for d in told] == [(play.name, "physical")]
