@@ -143,8 +143,9 @@ class DesignMatrix:
     ) -> None:
         """Add what the slots of a group do to the columns of some bodies."""
         column = self.column[group.slots]
+        one_each = len(np.unique(column)) == len(column)
         for body in np.flatnonzero(bodies):
-            if len(np.unique(column)) == len(column):
+            if one_each:
                 total[body][..., column] += moved
                 continue
             for slot, to in enumerate(column):

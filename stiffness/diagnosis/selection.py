@@ -16,7 +16,6 @@ Ignores     sets that differ by two names at once from all that were tried
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -322,6 +321,7 @@ class SelectedModel:
         fine: Fine shapes of its names and of what could stand in their place.
         refused: Names that would be physically impossible here.
         parameters: Of each term, with 95 % intervals.
+        drop_one_gains: What each term explains that the others do not.
         lost: What each term's leaving costs each training pose, left out.
         statistics: What poses say of the set.
         dispersion: Variance of the coefficients by fits that leave a pose out, over the
@@ -335,6 +335,7 @@ class SelectedModel:
     fine: tuple[ModelTerm, ...]
     refused: frozenset[Name]
     parameters: tuple[dict[str, Interval], ...]
+    drop_one_gains: tuple[float, ...]
     lost: tuple[Float[np.ndarray, " poses"], ...]
     statistics: PoseStatistics
     dispersion: float
@@ -345,16 +346,11 @@ class SelectedModel:
         """Return the share of the mismatch that is not explained without a member."""
         return self.statistics.share_of(self.lost[k])
 
-    @cached_property
-    def drop_one_gains(self) -> tuple[float, ...]:
-        """What each member explains that the others do not, the springs adapting."""
-        return drop_one_gains(self.statistics, self.fit.members)
 
-
-def drop_one_gains(
+def _drop_one_gains(
     found: PoseStatistics, members: Sequence[ModelTerm]
 ) -> tuple[float, ...]:
-    """Return what each of some terms explains that the others do not.
+    """Return what each of some terms explains that others do not, springs adapting.
 
     Args:
         found: What poses say of these terms, or of more.
@@ -476,7 +472,7 @@ def _judged(
             case.data, case.situation, case.nominal, terms, case.split
         )
         parameters = parameters_of(case.situation, case.springs, look, case.split)
-        gains = drop_one_gains(statistics, terms)
+        gains = _drop_one_gains(statistics, terms)
         columns = [len(own) for own in look.fit.coefficients]
         withheld = _withheld(case, terms, parameters, gains, columns)
         if not withheld:
@@ -506,6 +502,7 @@ def _judged(
         tuple(fine),
         frozenset(refused),
         tuple(parameters),
+        gains,
         gated.lost,
         statistics,
         _dispersion(case, look),
@@ -530,12 +527,12 @@ def _of_the_same_kinds(
     kinds = {kind for kind, sites in count.items() if sites > 1}
     if not kinds:
         return []
-    search, named = Search.of(case, terms, refused), {term.name for term in terms}
+    search = Search.of(case, terms, refused)
     best = best_groups_beside(search.problem, range(len(terms)))
     return [
         search.terms[k]
         for name, k in best.items()
-        if ALIKE.get(name[0], name[0]) in kinds and name not in named
+        if ALIKE.get(name[0], name[0]) in kinds
     ]
 
 

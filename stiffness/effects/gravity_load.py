@@ -12,7 +12,8 @@ Ignores     compliance besides the axes' own springs, except for named effects (
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -20,8 +21,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, axes_of, point_of
-from stiffness.effects.jacobian import NOTHING, EffectJacobian, hstack
-from stiffness.effects.statics import pulled, torque_of, wind_up
+from stiffness.effects.jacobian import EffectJacobian
+from stiffness.effects.statics import given_way, pulled, torque_of, wind_up
 from stiffness.experiment.static_state import StaticState
 
 NAMES = ("mass_kg", "x", "y", "z")
@@ -84,17 +85,9 @@ class GravityLoad(Hypothesis):
         where: str,
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
-        if not situation.giving:
-            return NOTHING
-        free = replace(
-            situation,
-            force=np.zeros_like(situation.force),
-            moment=np.zeros_like(situation.moment),
-            torque=np.zeros_like(situation.torque),
+        return given_way(
+            situation, [partial(weighed_down, body=where, size=s) for s in np.eye(4)]
         )
-        loaded = [weighed_down(free, where, size) for size in np.eye(4)]
-        parts = [[p for give in situation.giving for p in give(s)] for s in loaded]
-        return hstack([EffectJacobian(1, tuple(own)) for own in parts])
 
     @override
     def parameters(

@@ -11,7 +11,8 @@ Ignores     masses that differ one by one: they are `gravity_load`
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -19,8 +20,8 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute
-from stiffness.effects.jacobian import NOTHING, EffectJacobian, hstack
-from stiffness.effects.statics import felt, pulled, wind_up
+from stiffness.effects.jacobian import EffectJacobian
+from stiffness.effects.statics import felt, given_way, pulled, wind_up
 from stiffness.experiment.static_state import StaticState
 
 
@@ -53,16 +54,7 @@ class MassScale(Hypothesis):
         where: str,
         shape: Float[np.ndarray, " parameters"],
     ) -> EffectJacobian:
-        if not situation.giving:
-            return NOTHING
-        free = replace(
-            situation,
-            force=np.zeros_like(situation.force),
-            moment=np.zeros_like(situation.moment),
-            torque=np.zeros_like(situation.torque),
-        )
-        parts = [p for give in situation.giving for p in give(heavier(free, 1.0))]
-        return hstack([EffectJacobian(1, tuple(parts))])
+        return given_way(situation, [partial(heavier, share=1.0)])
 
     @override
     def parameters(

@@ -10,13 +10,20 @@ Ignores     compliance besides the axes' own springs
 ==========  ==========================================================================
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from stiffness.effects.base import point_of
-from stiffness.effects.jacobian import EffectJacobian, JacobianBlock, JointRotation
+from stiffness.effects.jacobian import (
+    NOTHING,
+    EffectJacobian,
+    JacobianBlock,
+    JointRotation,
+    hstack,
+)
 from stiffness.experiment.static_state import StaticState
 from stiffness.robot.wrench import felt_body, turned, weight_of
 
@@ -96,6 +103,28 @@ def _added(
     others = [p for p in parts if isinstance(p, JointRotation) and p.axis != own.axis]
     same = [p.law for p in parts if isinstance(p, JointRotation) and p.axis == own.axis]
     return (JointRotation(own.axis, own.law + sum(same)), *others)
+
+
+def given_way(
+    situation: StaticState, loads: Sequence[Callable[[StaticState], StaticState]]
+) -> EffectJacobian:
+    """Return what named effects that are linear in the loads do under added loads.
+
+    Args:
+        situation: With the named effects.
+        loads: What adds each load; a column each.
+    """
+    if not situation.giving:
+        return NOTHING
+    free = replace(
+        situation,
+        force=np.zeros_like(situation.force),
+        moment=np.zeros_like(situation.moment),
+        torque=np.zeros_like(situation.torque),
+    )
+    loaded = [load(free) for load in loads]
+    parts = [[p for give in situation.giving for p in give(s)] for s in loaded]
+    return hstack([EffectJacobian(1, tuple(own)) for own in parts])
 
 
 def pulled(

@@ -180,18 +180,25 @@ class GroupProblem:
         }
         return np.array([number[name[0]] for name in self.names], dtype=int)
 
+    @cached_property
+    def sites_of_kind(self) -> Int[np.ndarray, " kinds"]:
+        """How many names each effect has."""
+        return np.bincount(self.kind_of_name)
+
+    def named_of_kind(self, groups: Sequence[int]) -> Int[np.ndarray, " kinds"]:
+        """Return how many names of each effect a set has."""
+        named = np.unique(self.number_of_name[list(groups)])
+        return np.bincount(self.kind_of_name[named], minlength=len(self.sites_of_kind))
+
     def prices(self, groups: Sequence[int]) -> Float[np.ndarray, " groups"]:
         """Return what each group's name costs beside a set that has it not.
 
         Args:
             groups: The set.
         """
-        kinds = self.kind_of_name
-        named = kinds[np.unique(self.number_of_name[list(groups)])]
-        count = np.bincount(named, minlength=len(kinds))[kinds]
-        sites = np.bincount(kinds)[kinds]
-        rest = np.maximum(sites - count - 1, 0) + COMMON * len(self.names)
-        price = np.log(rest / (COMMON + count))[self.number_of_name]
+        count = self.named_of_kind(groups)
+        rest = np.maximum(self.sites_of_kind - count - 1, 0) + COMMON * len(self.names)
+        price = np.log(rest / (COMMON + count))[self.kind_of_name[self.number_of_name]]
         return price - np.array([group.log_prior for group in self.groups])
 
     @cached_property
@@ -208,11 +215,7 @@ class GroupProblem:
         """
         first = {self.groups[k].name: k for k in reversed(groups)}
         rarer = sum(self.groups[k].log_prior for k in first.values())
-        kinds = self.kind_of_name
-        named = np.bincount(
-            kinds[np.unique(self.number_of_name[list(groups)])], minlength=len(kinds)
-        )[: kinds.max(initial=-1) + 1]
-        sites = np.bincount(kinds)
+        named, sites = self.named_of_kind(groups), self.sites_of_kind
         absent = COMMON * len(self.names)
         odds = betaln(COMMON + named, absent + sites - named)
         chosen = float(np.sum(betaln(COMMON, absent + sites) - odds))
@@ -540,11 +543,11 @@ def best_groups_beside(problem: GroupProblem, groups: Sequence[int]) -> dict[Nam
     """Return of each name that a set has not the group that would do most beside it."""
     here = FactorisedSet.of(problem, groups)
     rise = _additions(problem, _residual(problem, here))
-    best: dict[Name, int] = {}
+    held, best = _places_of_names(problem, groups), dict[Name, int]()
     for k in np.argsort(-rise, kind="stable"):
-        if np.isfinite(rise[k]):
+        if np.isfinite(rise[k]) and problem.groups[k].name not in held:
             best.setdefault(problem.groups[k].name, int(k))
-    return {n: k for n, k in best.items() if n not in _places_of_names(problem, groups)}
+    return best
 
 
 def _best_of_names(
