@@ -17,20 +17,33 @@ A map of everything that could be left over belongs to no hypothesis and names n
 
 Columns of a place: torque in knots for loading and for unloading, torque with the
 axis' angle, with time, with axial force, with what it was a row before and how long it
-has stood; moments across the axis; and, between visits, the place's own small constant
-motions, the axis' angle in harmonics and the tracker's own errors. Chosen after a trial
-in which such a map told rightly from wrongly named recordings.
+has stood; moments across the axis; all that forces and moments on the place may turn or
+move linearly; and, between visits, the place's own small constant motions, the axis'
+angle in harmonics, a course of the base in time and the tracker's own errors.
+
+==========  ==========================================================================
+Equation    compliance: (shift, turn) = C (F, M), C symmetric, without the axis' own
+            spring; along the axes of the moving side, about the place's origin
+Source      Klimchik et al. 2011: full 6 x 6 compliance of a joint; reciprocity of
+            elastic bodies (Betti 1872)
+Valid       linear elastic bearings and castings of one place
+Ignores     what two places do to each other: the turns about an axis by any part of its
+            wrench, without reciprocity, have columns of their own
+==========  ==========================================================================
 
 All hypotheses at all places with all shapes stand in one row, beside the map.
 
 The first columns are the nominal ones: the springs, a nuisance.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float, Int
+from typing_extensions import override
 
 from stiffness.diagnosis.design_matrix import Deferred, deferred
 from stiffness.effects.base import Hypothesis, absolute, marked_point
@@ -112,6 +125,8 @@ def along_circles(away: Float[np.ndarray, "rows 3"]) -> Float[np.ndarray, "rows 
 KNOTS = 7
 """Knots of torque; chosen: three segments a side."""
 TIMES = 5
+COURSE = 7
+"""Knots of the course of a drift; chosen: a day's wave over a day's work."""
 HARMONICS = (1, 2, 3)
 DIRECTIONS = 4
 """Directions of a moment, half a turn together; chosen: one is never far."""
@@ -123,15 +138,59 @@ class MapBlock:
 
     Attributes:
         where: The place, as in an answer.
+        kind: Which of the blocks of its place.
         depends_on: What the columns depend on.
         jacobian: The columns.
     """
 
     where: str
+    kind: str
     depends_on: str
     jacobian: EffectJacobian
 
 
+@dataclass(frozen=True)
+class GenericTerm(Hypothesis):
+    """Whatever a block of the map may do, as a term of a set without a name.
+
+    Attributes:
+        effect: What it is called among decisions: `generic` and its kind.
+        kind: Of the block.
+        depends_on: What its columns depend on.
+    """
+
+    effect: str  # pyright: ignore[reportIncompatibleVariableOverride]
+    kind: str
+    depends_on: str
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
+
+    @override
+    def places(self, situation: StaticState) -> tuple[str, ...]:
+        found = (b.where for b in residual_map(situation) if b.kind == self.kind)
+        return tuple(found)
+
+    @override
+    def jacobian(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+    ) -> EffectJacobian:
+        of_place = (b for b in residual_map(situation) if b.where == where)
+        return next(b.jacobian for b in of_place if b.kind == self.kind)
+
+    @override
+    def parameters(
+        self,
+        situation: StaticState,
+        where: str,
+        shape: Float[np.ndarray, " parameters"],
+        coefficients: Float[np.ndarray, " columns"],
+    ) -> Mapping[str, float]:
+        return {}
+
+
+@lru_cache(maxsize=2)
 def residual_map(situation: StaticState) -> tuple[MapBlock, ...]:
     """Return the map of all places."""
     blocks = _of_base(situation)
@@ -139,7 +198,7 @@ def residual_map(situation: StaticState) -> tuple[MapBlock, ...]:
         blocks.extend(_of_axis(situation, k))
     seen = errors_of_tracker(situation)
     if seen.columns:
-        blocks.append(MapBlock("tracker", "geometry", seen))
+        blocks.append(MapBlock("tracker", "tracker", "geometry", seen))
     return tuple(blocks)
 
 
@@ -181,21 +240,68 @@ def _of_axis(situation: StaticState, k: int) -> list[MapBlock]:
         "history": np.column_stack([before / unit, t * (stood - stood.mean())]),
         "angle": np.concatenate([waves, waves * t[:, None]], axis=1),
         "time": np.concatenate([time * t[:, None], time], axis=1),
-        "load": np.column_stack([t * along, along, along**2]),
+        "load": np.column_stack([t * along, along**2, _loads_on(situation, k + 1)]),
     }
     for depends_on, law in laws.items():
         if law.shape[1]:
             signature = EffectJacobian(law.shape[1], (JointRotation(k, law),))
-            blocks.append(MapBlock(where, depends_on, signature))
+            blocks.append(MapBlock(where, depends_on, depends_on, signature))
     place = k + 1
     across = situation.seat[:, place, :, :2]
     moment = np.einsum("rij,ri->rj", across, situation.moment[:, place])
     m = moment / (np.max(np.abs(moment)) + 1e-9)
     rotation = np.concatenate([across * m[:, None, :], _one_sided(across, m)], axis=2)
     tilt = rotate(place, rotation, situation.origin[:, place])
-    blocks.append(MapBlock(where, "load", EffectJacobian(rotation.shape[2], (tilt,))))
-    blocks.append(MapBlock(where, "geometry", _constant(situation, place)))
+    blocks.append(
+        MapBlock(where, "tilt", "load", EffectJacobian(rotation.shape[2], (tilt,)))
+    )
+    blocks.append(MapBlock(where, "compliance", "load", _compliance(situation, place)))
+    blocks.append(MapBlock(where, "geometry", "geometry", _constant(situation, place)))
     return blocks
+
+
+def _loads_on(situation: StaticState, place: int) -> Float[np.ndarray, "rows 9"]:
+    """Return a place's wrench but its torque, along both sides' axes, each scaled.
+
+    What turns an axis beside its own torque: a neighbour's torque, a pull along it.
+    """
+    force, moment = situation.force[:, place], situation.moment[:, place]
+    along = [
+        np.einsum("rij,ri->rj", side[:, place], wrench)
+        for side in (situation.seat, situation.frame)
+        for wrench in (force, moment)
+    ]
+    found = np.concatenate(
+        [along[0], along[1][:, :2], along[2][:, :2], along[3][:, :2]], axis=1
+    )
+    return found / np.maximum(np.max(np.abs(found), axis=0), 1e-9)
+
+
+def _compliance(situation: StaticState, place: int) -> EffectJacobian:
+    """Return small motions of a place by a full symmetric compliance, but its spring's.
+
+    Twist and wrench are along the axes of the moving side: Klimchik et al. 2011.
+    """
+    frame, origin = situation.frame[:, place], situation.origin[:, place]
+    shift = translate(place, frame).twist
+    turned = rotate(place, frame, origin).twist
+    motion = np.concatenate([shift, turned], axis=2)  # (rows, 6, 6)
+    wrench = np.concatenate(
+        [
+            np.einsum("rij,ri->rj", frame, situation.force[:, place]),
+            np.einsum("rij,ri->rj", frame, situation.moment[:, place]),
+        ],
+        axis=1,
+    )
+    own = 2 if situation.arm.slides[place - 1] else 5
+    pairs = [(i, j) for i in range(6) for j in range(i, 6) if not i == j == own]
+    columns = [
+        motion[:, :, i] * wrench[:, j, None]
+        + (motion[:, :, j] * wrench[:, i, None] if i != j else 0.0)
+        for i, j in pairs
+    ]
+    twist = np.stack(columns, axis=2)
+    return EffectJacobian(len(pairs), (BodyTwist(place, twist),))
 
 
 def _one_sided(
@@ -231,14 +337,16 @@ def _of_base(situation: StaticState) -> list[MapBlock]:
         return values / max(float(np.max(np.abs(values))), 1e-9)
 
     moment, force = scaled(situation.moment[:, 0]), scaled(situation.force[:, 0])
-    time = scaled(situation.recording.time)[:, None]
+    course = hats(situation.recording.time, COURSE)[:, 1:]
     eye = np.broadcast_to(np.eye(3), (situation.rows, 3, 3))
     origin = situation.origin[:, 0]
 
     def block(depends_on: str, parts: list[BodyTwist]) -> MapBlock:
         twist = np.concatenate([part.twist for part in parts], axis=2)
         joined: tuple[JacobianBlock, ...] = (BodyTwist(0, twist),)
-        return MapBlock("base", depends_on, EffectJacobian(twist.shape[2], joined))
+        return MapBlock(
+            "base", depends_on, depends_on, EffectJacobian(twist.shape[2], joined)
+        )
 
     loads = [
         rotate(0, eye * law[:, None, :], origin)
@@ -247,8 +355,8 @@ def _of_base(situation: StaticState) -> list[MapBlock]:
     loads.append(rotate(0, _one_sided(eye[:, :, :2], moment[:, :2]), origin))
     shifts = [translate(0, eye * force[:, None, :])]
     wander = [
-        law(0, eye * t[:, None, :])
-        for t in (time, time**2)
+        law(0, eye * t[:, None, None])
+        for t in course.T
         for law in (translate, lambda p, r: rotate(p, r, origin))
     ]
     return [block("load", loads + shifts), block("time", wander)]
@@ -289,8 +397,14 @@ class Mapped:
     """A part of the residual map, with the numbers of its columns."""
 
     where: str
+    kind: str
     depends_on: str
     columns: Int[np.ndarray, " columns"]
+
+    @property
+    def hypothesis(self) -> GenericTerm:
+        """It as a term without a name."""
+        return GenericTerm(f"generic_{self.kind}", self.kind, self.depends_on)
 
 
 @dataclass(frozen=True)
@@ -342,5 +456,5 @@ def library_of(
         signatures.append(block.jacobian)
         owned = np.arange(at, at + block.jacobian.columns)
         at += block.jacobian.columns
-        mapped.append(Mapped(block.where, block.depends_on, owned))
+        mapped.append(Mapped(block.where, block.kind, block.depends_on, owned))
     return Library(tuple(signatures), len(springs), tuple(candidates), tuple(mapped))

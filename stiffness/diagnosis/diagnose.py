@@ -291,7 +291,7 @@ def split_names(
     Returns:
         One for each split, the set's own first; none where its poses are many.
     """
-    members = [member.name for member in model.fit.members]
+    members = [m.name for m in model.fit.members if not m.is_generic]
     others = list(other_splits(model.case.split)) if members else []
     if not others:
         return ()
@@ -320,11 +320,10 @@ def _declared(
     model: SelectedModel, posteriors: Sequence[ExchangePosterior], least: float
 ) -> dict[Name, set[Name]]:
     """Return the names of a set that are as probable, each with its equivalents."""
-    names = [Name(*member.name) for member in model.fit.members]
     return {
-        name: {name, *one.equivalents}
-        for name, one in zip(names, posteriors, strict=True)
-        if one.probability >= least
+        Name(*member.name): {Name(*member.name), *one.equivalents}
+        for member, one in zip(model.fit.members, posteriors, strict=True)
+        if one.probability >= least and not member.is_generic
     }
 
 
@@ -339,6 +338,8 @@ def _of_most_splits(judged: JudgedModel, splits: Sequence[SplitNames]) -> Judged
     reason = "other draws of the poses that are fitted do not name it"
     withheld, decisions = list(judged.withheld), list(judged.decisions)
     for k, member in enumerate(judged.model.fit.members):
+        if member.is_generic:
+            continue
         share = _share(Name(*member.name), splits)
         if share <= MOST_SPLITS:
             withheld[k] = True

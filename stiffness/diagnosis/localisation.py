@@ -40,7 +40,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from bench.shared.effect_catalogue import CATALOGUE
 from stiffness.diagnosis.candidates import KNOTS, Library, hats
 from stiffness.diagnosis.model_fit import (
     ModelFit,
@@ -138,11 +137,7 @@ def places_of_names(
                 old.where,
                 old.p_value,
                 old.share + gains[k] / total,
-                tuple(
-                    dict.fromkeys(
-                        (*old.depends_on, *CATALOGUE[member.name[0]].depends_on)
-                    )
-                ),
+                tuple(dict.fromkeys((*old.depends_on, *member.depends_on))),
                 old.zone,
             )
             continue
@@ -150,7 +145,7 @@ def places_of_names(
             member.where,
             p_value,
             gains[k] / total,
-            CATALOGUE[member.name[0]].depends_on,
+            member.depends_on,
             zone_of(situation, member),
         )
     return tuple(joined.values())

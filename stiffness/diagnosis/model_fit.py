@@ -23,7 +23,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from stiffness.diagnosis.candidates import Library, springs_of
+from bench.shared.effect_catalogue import CATALOGUE
+from stiffness.diagnosis.candidates import GenericTerm, Library, springs_of
 from stiffness.diagnosis.sufficient_statistics import (
     PerPoseScores,
     SufficientStatistics,
@@ -94,6 +95,19 @@ class ModelTerm:
     def jacobian(self, situation: StaticState) -> EffectJacobian:
         """Return its columns."""
         return self.hypothesis.jacobian(situation, self.where, self.shape)
+
+    @property
+    def is_generic(self) -> bool:
+        """Whether it is a block of the residual map, which has no name."""
+        return isinstance(self.hypothesis, GenericTerm)
+
+    @property
+    def depends_on(self) -> tuple[str, ...]:
+        """On what its displacement depends."""
+        law = self.hypothesis
+        if isinstance(law, GenericTerm):
+            return (law.depends_on,)
+        return CATALOGUE[law.effect].depends_on
 
     @property
     def degrees_of_freedom(self) -> int:

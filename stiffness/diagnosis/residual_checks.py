@@ -23,7 +23,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.cluster.vq import kmeans2
 
-from stiffness.diagnosis.candidates import Library
+from stiffness.diagnosis.candidates import Library, Mapped
 from stiffness.diagnosis.detection import DetectionTest, detect, scatter_of
 from stiffness.diagnosis.model_fit import (
     ModelFit,
@@ -42,7 +42,7 @@ from stiffness.effects.jacobian import EffectJacobian, values, with_values
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.elimination import minimum_norm_fit
 from stiffness.regression.normal_equations import NormalEquations
-from stiffness.regression.testing import sign_flip_test, white_scores
+from stiffness.regression.testing import SIGNIFICANCE, sign_flip_test, white_scores
 
 # --- Test of the residual -------------------------------------------------------------
 
@@ -142,6 +142,27 @@ def residual_test(case: SelectionProblem, beyond: ResidualEquations) -> Detectio
         case.seed + 1,
         scatter_of(beyond.after.data, case.dispersion_limit),
     )
+
+
+def significant_blocks(case: SelectionProblem, fit: ModelFit) -> list[Mapped]:
+    """Return the blocks of the map that are significant beside a set.
+
+    A place's own constant motions are not asked: they have a name.
+
+    Args:
+        case: What may be looked at.
+        fit: The set; other forms of its laws are allowed.
+    """
+    beyond = residual_equations(case, fit)
+    given, mask = beyond.normal_equations, ~case.split.held_out
+    some = [k for k, b in enumerate(beyond.library.map) if b.kind != "geometry"]
+    columns = [beyond.library.map[k].columns for k in some]
+    white = white_scores(
+        given.gram[1], given.score[mask], beyond.known, columns, given.raw
+    )
+    tested = sign_flip_test(white, case.seed + 3)
+    found = zip(some, tested.together, strict=True)
+    return [case.library.map[k] for k, p in found if p < SIGNIFICANCE]
 
 
 # --- Homogeneity over poses, loads, directions and times ------------------------------

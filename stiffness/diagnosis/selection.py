@@ -21,7 +21,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.diagnosis.candidates import Library
+from stiffness.diagnosis.candidates import Library, Mapped
 from stiffness.diagnosis.gate import (
     PoseStatistics,
     gate_terms,
@@ -53,6 +53,7 @@ from stiffness.diagnosis.relinearisation import (
     loads_of,
     total_softening,
 )
+from stiffness.diagnosis.residual_checks import significant_blocks
 from stiffness.diagnosis.sufficient_statistics import (
     cross_gram,
     given_many,
@@ -60,14 +61,13 @@ from stiffness.diagnosis.sufficient_statistics import (
 )
 from stiffness.effects.base import Hypothesis
 from stiffness.regression.group_selection import (
-    ColumnGroup,
-    FactorisedSet,
-    GroupProblem,
     GroupSelection,
     best_groups_beside,
     exchange_worths,
+    gains_beside,
     select_groups,
 )
+from stiffness.regression.group_sets import ColumnGroup, FactorisedSet, GroupProblem
 from stiffness.regression.intervals import Interval
 from stiffness.regression.predictive_gate import Decision, Name
 from stiffness.regression.splits import Split
@@ -75,8 +75,6 @@ from stiffness.regression.splits import Split
 BEYOND = 0.1
 """Share of what a name explains that it may lose within its physical limits; chosen: a
 small part of an effect may be out of place beside what was not named."""
-
-NO_COLUMNS = np.zeros(0, dtype=int)
 
 # --- Normal equations of the search ---------------------------------------------------
 
@@ -101,7 +99,7 @@ class Search:
         case: SelectionProblem,
         first: Sequence[ModelTerm] = (),
         refused: Collection[Name] = (),
-        free: Int[np.ndarray, " _"] = NO_COLUMNS,
+        generic: Sequence[Mapped] = (),
     ) -> "Search":
         """Lay out a few terms with shapes of their own beside the library.
 
@@ -109,7 +107,7 @@ class Search:
             case: What may be looked at.
             first: Terms that come before those of the library.
             refused: Names of the library that are left out.
-            free: Columns of the library that explain for free, as nominal ones do.
+            generic: Blocks of the residual map that may be selected too.
         """
         given, found = case.normal_equations, tuple(first)
         gram, score, raw = given.gram[1], given.score, given.raw
@@ -128,6 +126,7 @@ class Search:
         of_library = [
             one for one in _terms_of(case.library) if one[0].name not in refused
         ]
+        of_library += [(_generic_term(block), block.columns) for block in generic]
         owned += [columns + width for _, columns in of_library]
         terms = (*found, *(term for term, _ in of_library))
         groups = [
@@ -136,7 +135,7 @@ class Search:
             )
             for term, columns in zip(terms, owned, strict=True)
         ]
-        nominal = width + np.concatenate([np.arange(case.library.nominal), free])
+        nominal = width + np.arange(case.library.nominal)
         asked = score[~case.split.held_out].sum(axis=0)
         problem = GroupProblem.of(gram, asked, raw, nominal, groups, case.poses)
         return cls(case, terms, problem)
@@ -149,6 +148,10 @@ def _terms_of(library: Library) -> list[tuple[ModelTerm, Int[np.ndarray, " colum
         for candidate in library.candidates
         for shape, columns in zip(candidate.shapes, candidate.columns, strict=True)
     ]
+
+
+def _generic_term(block: Mapped) -> ModelTerm:
+    return ModelTerm(block.hypothesis, block.where, np.zeros(0))
 
 
 # --- Search ---------------------------------------------------------------------------
@@ -181,10 +184,9 @@ def _first_search(problem: GroupProblem) -> GroupSelection:
     if not 0 < len(best.groups) <= SMALL_SET:
         return best
     alone: dict[Name, tuple[float, int]] = {}
-    for k, group in enumerate(problem.groups):
-        gain = FactorisedSet.of(problem, [k]).gain
-        if gain > alone.get(group.name, (0.0, 0))[0]:
-            alone[group.name] = (gain, k)
+    for k, gain in enumerate(gains_beside(problem, [])):
+        if gain > alone.get(problem.groups[k].name, (0.0, 0))[0]:
+            alone[problem.groups[k].name] = (float(gain), k)
     starts = [k for _, k in sorted(alone.values(), reverse=True)[1 : STARTS + 1]]
     for k in starts:
         if k not in best.groups:
@@ -211,10 +213,9 @@ def _from_rivals(search: Search, selected: GroupSelection, fine: int) -> GroupSe
     for name in held:
         rest = [k for k in groups if terms[k].name != name]
         gains: dict[Name, tuple[float, int]] = {}
-        for k in range(fine):
-            gain = FactorisedSet.of(problem, [*rest, k]).gain
+        for k, gain in enumerate(gains_beside(problem, rest)[:fine]):
             if terms[k].name not in held and gain > gains.get(terms[k].name, (0.0,))[0]:
-                gains[terms[k].name] = (gain, k)
+                gains[terms[k].name] = (float(gain), k)
         for _, k in sorted(gains.values(), reverse=True)[:STARTS]:
             other = select_groups(problem, [*rest, k])
             best = max(best, other, key=lambda found: found.log_evidence)
@@ -229,13 +230,14 @@ def _at_fine_shapes(search: Search, groups: Sequence[int]) -> list[ModelTerm]:
     for name in dict.fromkeys(terms[k].name for k in groups):
         rest = [k for k in groups if terms[k].name != name]
         lost = 0.5 * (whole - FactorisedSet.of(problem, rest).gain)
+        alone = gains_beside(problem, rest)
         worth = exchange_worths(problem, groups, name).worth
         margin = max(LIVE, FORMS * lost)
         behind = {n: worth[name] - w for n, w in worth.items() if n != name}
         live = sorted((n for n in behind if behind[n] < margin), key=behind.__getitem__)
         for other in live[:MOST_LIVE]:
             own = [k for k, term in enumerate(terms) if term.name == other]
-            best = max(own, key=lambda k: FactorisedSet.of(problem, [*rest, k]).gain)
+            best = own[int(np.argmax(alone[own]))]
             close[best] = min(close.get(best, np.inf), behind[other] / margin)
     rivals = sorted(close, key=lambda k: (close[k], k))[:MOST_FINE]
     wanted = sorted({*groups, *rivals})
@@ -282,30 +284,35 @@ def _one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
     return tuple(search.terms[k] for k in best.values())
 
 
-def names_beside(
+def _with_generic_terms(
     case: SelectionProblem,
-    terms: Sequence[ModelTerm],
-    suspects: Collection[Name],
-    blocks: Collection[tuple[str, str]],
-) -> frozenset[Name]:
-    """Return the names of a set that are worth it where generic terms come first.
+    terms: tuple[ModelTerm, ...],
+    fine: Sequence[ModelTerm],
+    refused: Collection[Name] = (),
+) -> tuple[tuple[ModelTerm, ...], tuple[Decision, ...]]:
+    """Search on from a set where generic terms of all places compete with names.
+
+    Several names that imitate a mechanism without one are worth less than the generic
+    term of its place: that explains as much with fewer numbers, or more.
 
     Args:
         case: What may be looked at.
         terms: The set.
-        suspects: Names that are searched anew; the others are there from the start.
-        blocks: Place and kind of each block of the residual map that explains for free.
+        fine: What else comes with a shape of its own.
+        refused: Names that are left out.
     """
-    free = [
-        block.columns
-        for block in case.library.map
-        if (block.where, block.depends_on) in blocks
+    fit = fit_model(case.data, case.situation, case.nominal, terms, case.split)
+    held = {term.name for term in terms}
+    blocks = [
+        block
+        for block in significant_blocks(case, fit)
+        if _generic_term(block).name not in held
     ]
-    every = {term.name for term, _ in _terms_of(case.library)}
-    search = Search.of(case, terms, every, np.concatenate([NO_COLUMNS, *free]))
-    start = [k for k, term in enumerate(terms) if term.name not in suspects]
-    found = select_groups(search.problem, start)
-    return frozenset(search.terms[k].name for k in found.groups)
+    if not blocks:
+        return terms, ()
+    search = Search.of(case, [*terms, *fine], refused, blocks)
+    selected = select_groups(search.problem, range(len(terms)))
+    return fit_shapes(case, _one_each(search, selected.groups)), selected.decisions
 
 
 # --- The selected model ---------------------------------------------------------------
@@ -419,7 +426,8 @@ def select_model(
             break
         own, loads = list(terms), loads_of(case, fit)
         case = under(fit)
-    model = _judged(case, terms, fine, selected.decisions)
+    terms, decisions = _with_generic_terms(case, terms, fine)
+    model = _judged(case, terms, fine, decisions)
     if loads <= {member.name for member in model.fit.members}:
         return model
     case = under(model.fit)
@@ -492,10 +500,8 @@ def _judged(
         if weakest.gate == "physical":
             refused.add(weakest.candidate)
             others = [term for term in fine if term.name not in refused]
-            search = Search.of(case, [*terms, *others], refused)
-            selected = select_groups(search.problem, range(len(terms)))
-            decisions += selected.decisions
-            terms = fit_shapes(case, _one_each(search, selected.groups))
+            terms, searched = _with_generic_terms(case, terms, others, refused)
+            decisions += searched
     return SelectedModel(
         case,
         look.fit,
@@ -523,7 +529,8 @@ def _of_the_same_kinds(
     What several axes have the others may have too, though too little to be named; the
     intervals of what was named allow for it.
     """
-    count = Counter(ALIKE.get(term.name[0], term.name[0]) for term in terms)
+    named = [term.name[0] for term in terms if not term.is_generic]
+    count = Counter(ALIKE.get(name, name) for name in named)
     kinds = {kind for kind, sites in count.items() if sites > 1}
     if not kinds:
         return []

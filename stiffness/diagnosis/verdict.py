@@ -1,9 +1,10 @@
 """Verdict: rejects contradicted effects, gives posteriors, and states the residual.
 
-A name of the selected set is withheld where the residual at its place is large beside
-what it explains, where its law differs between groups of rows, or where the generic
-terms of unexplained places explain as much. A residual of less than `SMALL_RESIDUAL` of
-the mismatch withholds no name that explains ten times as much.
+Generic terms of the selected set are unexplained places. A name is withheld where the
+residual at its place is large beside what it explains, where its law differs between
+groups of rows, or where the generic terms of unexplained places explain as much. A
+residual of less than `SMALL_RESIDUAL` of the mismatch withholds no name that explains
+ten times as much.
 
 ==========  ==========================================================================
 Equation    P(name) = sum of exp(w_j / phi) over the name and its first three
@@ -31,7 +32,6 @@ from stiffness.diagnosis.gate import (
     pose_statistics,
 )
 from stiffness.diagnosis.localisation import (
-    WORDS,
     confounded_with,
     law_of,
     places_of_map,
@@ -68,7 +68,6 @@ from stiffness.diagnosis.selection import (
     SelectedModel,
     exchange_search,
     last_of_each,
-    names_beside,
 )
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects.jacobian import EffectJacobian
@@ -132,12 +131,14 @@ def judge(model: SelectedModel) -> JudgedModel:
     beyond = residual_equations(case, model.fit)
     left = residual_test(case, beyond)
     uneven = homogeneity_tests(case, model.fit, beyond.after)
-    places = _unexplained_places(model, beyond) if left.p_value < SIGNIFICANCE else ()
+    places = _unexplained_places(model, beyond if left.p_value < SIGNIFICANCE else None)
     excess = _largest_excess(left)
     share = excess / max(excess + model.fit.gain, 1e-12)
     large = left.p_value < SIGNIFICANCE and share > SMALL_RESIDUAL
     found: dict[tuple[str, str], Decision] = {}
     for member, gain, differs in zip(members, gains, uneven, strict=True):
+        if member.is_generic:
+            continue
         near = _residual_near(member, left) / max(gain, 1e-12) if large else 0.0
         second_order = LAW_ACCURACY * max(
             g
@@ -155,17 +156,21 @@ def judge(model: SelectedModel) -> JudgedModel:
             found[member.name] = Decision(
                 member.name, "homogeneity", False, ratio, INHOMOGENEITY_LIMIT, reason
             )
-    of_name = dict(zip((m.name for m in members), gains, strict=True))
+    of_name = {
+        m.name: g for m, g in zip(members, gains, strict=True) if not m.is_generic
+    }
+    unknown = sum(g for m, g in zip(members, gains, strict=True) if m.is_generic)
+    unknown += excess if large else 0.0
     wrong = sum(of_name[name] for name in found) / max(model.fit.gain, 1e-12)
     if large or wrong > SMALL_RESIDUAL:
         for weak in _replaced_by_generic(model, places, set(found)):
             found[weak.candidate] = weak
-    for weak in _imitating(model, places, of_name):
-        found.setdefault(weak.candidate, weak)
-    for weak in _outweighed(of_name, excess if large else 0.0, set(found)):
+    for weak in _outweighed(of_name, unknown, set(found)):
         found[weak.candidate] = weak
     kinds = [
-        d.grouping for d, g in zip(uneven, gains, strict=True) if is_inhomogeneous(d, g)
+        d.grouping
+        for m, d, g in zip(members, uneven, gains, strict=True)
+        if is_inhomogeneous(d, g) and not m.is_generic
     ]
     return JudgedModel(
         model,
@@ -220,7 +225,9 @@ def _replaced_by_generic(
         for block in case.library.map
         if any(are_near(block.where, one) for one in wrong)
     }
-    terms = [t for t in model.fit.members if t.name not in contradicted]
+    terms = [
+        t for t in model.fit.members if t.name not in contradicted and not t.is_generic
+    ]
     of_map = case.library.jacobians[-len(case.library.map) :]
     generic = [
         law
@@ -235,41 +242,6 @@ def _replaced_by_generic(
         replace(d, gate="generic_terms", reason=reason)
         for d in gated.decisions
         if not d.accepted
-    ]
-
-
-def _imitating(
-    model: SelectedModel,
-    places: Sequence[UnexplainedPlace],
-    gains: Mapping[tuple[str, str], float],
-) -> list[Decision]:
-    """Return names near an unexplained place that may be what imitates its mechanism.
-
-    They explain less than ten times the residual there, which is more than the laws
-    near it may be wrong by, and a search in which its generic terms come first leaves
-    them out.
-    """
-    members, blocks = model.fit.members, set[tuple[str, str]]()
-    suspects: set[tuple[str, str]] = set()
-    for place in places:
-        left = place.share * model.statistics.whole
-        near = [m.name for m in members if may_show_at(m, place.where)]
-        if left <= LAW_ACCURACY * max((gains[n] for n in near), default=0.0):
-            continue
-        blocks |= {
-            (b.where, b.depends_on)
-            for b in model.case.library.map
-            if b.where == place.where
-            and WORDS.get(b.depends_on, b.depends_on) in place.depends_on
-        }
-        suspects |= {n for n in near if RESIDUAL_SHARE_LIMIT * gains[n] < left}
-    if not suspects:
-        return []
-    kept = names_beside(model.case, members, suspects, blocks)
-    reason = "it is worth nothing beside generic terms of an unexplained place"
-    return [
-        Decision(name, "generic_terms", False, gains[name], 0.0, reason)
-        for name in suspects - kept
     ]
 
 
@@ -296,20 +268,37 @@ def _outweighed(
 
 
 def _unexplained_places(
-    model: SelectedModel, beyond: ResidualEquations
+    model: SelectedModel, beyond: ResidualEquations | None
 ) -> tuple[UnexplainedPlace, ...]:
-    """Return the places of the map where the residual is significant."""
-    mask, given = ~model.case.split.held_out, beyond.normal_equations
-    fold = given.fold[mask] - 1
-    fitted = NormalEquations(given.gram[1:], given.score[mask], fold, given.raw)
-    found = places_of_map(
-        beyond.library, fitted, fitted.score, beyond.known, model.case.seed + 2
-    )
+    """Return places of generic terms, and where the residual is significant.
+
+    Args:
+        model: The set.
+        beyond: What is left beside it; None where nothing is.
+    """
+    asked = {d.candidate: d.statistic for d in model.decisions if d.gate == "left_out"}
+    found = [
+        (term.where, asked[term.name], gain, term.depends_on)
+        for term, gain in zip(model.fit.members, model.drop_one_gains, strict=True)
+        if term.is_generic
+    ]
+    if beyond is not None:
+        mask, given = ~model.case.split.held_out, beyond.normal_equations
+        fold = given.fold[mask] - 1
+        fitted = NormalEquations(given.gram[1:], given.score[mask], fold, given.raw)
+        found += places_of_map(
+            beyond.library, fitted, fitted.score, beyond.known, model.case.seed + 2
+        )
     total = model.statistics.whole
-    return tuple(
-        UnexplainedPlace(where, p, float(captured) / total, depends_on)
-        for where, p, captured, depends_on in found
-    )
+    joined: dict[str, UnexplainedPlace] = {}
+    for where, p, captured, depends_on in found:
+        share = float(captured) / total
+        old = joined.get(where, UnexplainedPlace(where, p, 0.0, ()))
+        words = tuple(dict.fromkeys((*old.depends_on, *depends_on)))
+        joined[where] = UnexplainedPlace(
+            where, min(p, old.p_value), old.share + share, words
+        )
+    return tuple(sorted(joined.values(), key=lambda place: -place.share))
 
 
 def largest_residual_site(found: DetectionTest) -> str:
@@ -393,10 +382,12 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     case, members, last = model.case, model.fit.members, judged.residual
     effects, rivals, decisions = [], [], list(judged.decisions)
     shares: dict[Name, float] = {}
-    every = {member.name for member in members}
+    every = {member.name for member in members if not member.is_generic}
     for k, (member, one) in enumerate(
         zip(members, exchange_posteriors(model), strict=True)
     ):
+        if member.is_generic:
+            continue
         sure = one.probability >= SURE
         reason = "probability of it or its equivalents, the other names held"
         parameters = as_held(case.situation, member, model.parameters[k])
@@ -442,7 +433,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     unexplained = None
     if not explained:
         loose = loose_marker(case, found, last if effects else found)
-        known = members if effects else ()
+        known = [m for m in members if not m.is_generic] if effects else []
         places = judged.unexplained_places if effects else ()
         shown = (
             *(Located(x.where, x.p_value, x.share, x.depends_on, "") for x in places),
@@ -521,7 +512,7 @@ def unexplained_of(
     where = largest_residual_site(last)
     if loose is not None:
         where = loose.where
-    elif not known and located:
+    elif located and (not known or last.p_value >= SIGNIFICANCE):
         where = located[0].where
     laws = [m.jacobian(case.situation) for m in known]
     law, look = law_of(case, (*case.nominal, *laws), where)

@@ -1,82 +1,42 @@
 """Selection of groups of columns on normal equations alone, without a limit of size.
 
-Columns come in groups; groups that share a name are shapes of one law. A set of groups
-is worth what it explains less its size. The search adds, drops and exchanges groups
-until nothing raises that worth; a gate on observations that were left out follows.
+A set of groups is worth what it explains less its size. The search adds, drops and
+exchanges groups until nothing raises that worth; a gate on observations that were left
+out follows.
 
 ==========  ==========================================================================
-Equation    worth(S) = gain(S) / 2 - (rank + shapes) ln(n) / 2 + sum over names of log
-            prior + sum over effects of ln [B(c + m, c N + M - m) / B(c, c N + M)]; gain
-            = b_S' G_SS^+ b_S with the nominal columns projected out, n the units of
-            information, N names, of an effect m named of M sites, c = `COMMON`
-Source      unit-information prior: Kass and Wasserman 1995; forward selection with
-            exchange: Miller 2002, "Subset Selection in Regression", 2nd ed., chapter 3;
-            groups: Yuan and Lin 2006; names: Scott and Berger 2010, "Bayes and
-            empirical-Bayes multiplicity adjustment", an inclusion rate for each effect
+Equation    worth(S) = gain(S) / 2 - price(S); gain = b_S' G_SS^+ b_S with the nominal
+            columns projected out; price: `regression.group_sets`
+Source      forward selection with exchange: Miller 2002, "Subset Selection in
+            Regression", 2nd ed., chapter 3; groups: Yuan and Lin 2006
 Valid       a set of less rank than its units of information
-Ignores     priors of shapes beyond their count; that errors may be misstated
-==========  ==========================================================================
-
-Adding a group is a step of block Gram-Schmidt on the Gram matrix. Leaving one out gives
-back the one direction of the span that no other group has, so every exchange is tried
-without factorising anew.
-
-==========  ==========================================================================
-Equation    X_S = Q R; the rows of R^-1 that belong to a group span what it alone
-            explains: u = orth(rows), gain falls by |u'y|^2, y = Q'b
-Source      updating a QR factorisation: Golub and Van Loan 2013, "Matrix
-            Computations", 4th ed., 6.5
-Valid       groups whose directions survive in the set by more than `SURVIVES`
-Ignores     nothing: else the set is factorised anew
+Ignores     that errors may be misstated
 ==========  ==========================================================================
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import qr
-from scipy.special import betaln
 
-from stiffness.regression.elimination import projection_coefficients, schur_complement
+from stiffness.regression.group_sets import (
+    SURVIVES,
+    FactorisedSet,
+    GroupProblem,
+)
 from stiffness.regression.predictive_gate import Decision, Name
 
-SURVIVES = 1e-7
-"""Share of a direction's raw information that must survive what is known; chosen: ten
-thousand times above what rounding leaves of a hundred columns."""
 RISES = 1e-6
 """By how much the worth must rise for a change; chosen: rounding is below."""
 MANY_COLUMNS, AT_MOST_FOR_ONE = 3, 4
 """Columns of a name from which several others are tried in its place, and how many;
 chosen: a length, a mass or a drift imitates two or three offsets."""
-COMMON = 0.05
-"""First parameter of the Beta prior of how often an effect occurs at its sites; its
-mean is one in all names. Chosen: one name of an effect makes it ten times as likely at
-its other sites, as gears of one arm are alike."""
+TOGETHER = 2.0
+"""By how much more several groups may explain together than each alone, as a factor;
+chosen: what one of many columns imitates rarely cancels between its causes."""
 ROUNDS = 50
 """Rounds of drops, exchanges and additions at most; a few do."""
-
-
-# --- Groups --------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class ColumnGroup:
-    """Columns that come in together.
-
-    Attributes:
-        name: Of the law; groups of one name are shapes of it.
-        columns: Their numbers.
-        shape_parameters: How many numbers the shape has that were searched.
-        log_prior: How much rarer than others the name is, as a log.
-    """
-
-    name: Name
-    columns: Int[np.ndarray, " columns"]
-    shape_parameters: int = 0
-    log_prior: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -94,204 +54,6 @@ class GroupSelection:
     gain: float
     log_evidence: float
     decisions: tuple[Decision, ...]
-
-
-# --- Normal equations beyond the nominal columns --------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class GroupProblem:
-    """Normal equations of all groups, nominal columns projected out, columns scaled.
-
-    Attributes:
-        gram: Of the groups' columns, each scaled to a raw information of one.
-        score: The same.
-        groups: With numbers of columns as they stand here.
-        units: How many units of information there are.
-    """
-
-    gram: Float[np.ndarray, "columns columns"]
-    score: Float[np.ndarray, " columns"]
-    groups: tuple[ColumnGroup, ...]
-    units: int
-
-    @classmethod
-    def of(
-        cls,
-        gram: Float[np.ndarray, "all all"],
-        score: Float[np.ndarray, " all"],
-        raw: Float[np.ndarray, " all"],
-        nominal: Int[np.ndarray, " nominal"],
-        groups: Sequence[ColumnGroup],
-        units: int,
-    ) -> "GroupProblem":
-        """Project nominal columns out and scale the others.
-
-        Args:
-            gram: X' S^-1 X of all columns.
-            score: X' S^-1 y.
-            raw: Information of each column before anything was projected out.
-            nominal: Columns that explain for free.
-            groups: What may be selected.
-            units: Independent observations, such as poses.
-        """
-        used = [group.columns for group in groups]
-        columns = np.concatenate([np.zeros(0, dtype=int), *used])
-        live = raw > 0.0
-        scale = np.where(live, 1.0 / np.sqrt(np.where(live, raw, 1.0)), 0.0)
-        gram = gram * scale * scale[:, None]
-        score = score * scale
-        share = projection_coefficients(gram, nominal)
-        inner = schur_complement(gram, nominal, share, columns)
-        asked = score[columns] - score[nominal] @ share[:, columns]
-        ends = np.cumsum([0, *(len(c) for c in used)])
-        own = tuple(
-            ColumnGroup(g.name, np.arange(a, b), g.shape_parameters, g.log_prior)
-            for g, a, b in zip(groups, ends[:-1], ends[1:], strict=True)
-        )
-        return cls(0.5 * (inner + inner.T), asked, own, units)
-
-    @cached_property
-    def names(self) -> tuple[Name, ...]:
-        """All names, each once."""
-        return tuple(dict.fromkeys(group.name for group in self.groups))
-
-    @cached_property
-    def number_of_name(self) -> Int[np.ndarray, " groups"]:
-        """Number of each group's name."""
-        number = {name: k for k, name in enumerate(self.names)}
-        return np.array([number[group.name] for group in self.groups], dtype=int)
-
-    @cached_property
-    def by_width(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
-        """Groups of equal width: their numbers, and their columns, one group a row."""
-        width = np.array([len(group.columns) for group in self.groups], dtype=int)
-        found = []
-        for w in np.unique(width[width > 0]):
-            some = np.flatnonzero(width == w)
-            found.append((some, np.stack([self.groups[k].columns for k in some])))
-        return tuple(found)
-
-    @cached_property
-    def kind_of_name(self) -> Int[np.ndarray, " names"]:
-        """Number of the effect of each name, wherever it is."""
-        number = {
-            kind: k for k, kind in enumerate(dict.fromkeys(n[0] for n in self.names))
-        }
-        return np.array([number[name[0]] for name in self.names], dtype=int)
-
-    @cached_property
-    def sites_of_kind(self) -> Int[np.ndarray, " kinds"]:
-        """How many names each effect has."""
-        return np.bincount(self.kind_of_name)
-
-    def named_of_kind(self, groups: Sequence[int]) -> Int[np.ndarray, " kinds"]:
-        """Return how many names of each effect a set has."""
-        named = np.unique(self.number_of_name[list(groups)])
-        return np.bincount(self.kind_of_name[named], minlength=len(self.sites_of_kind))
-
-    def prices(self, groups: Sequence[int]) -> Float[np.ndarray, " groups"]:
-        """Return what each group's name costs beside a set that has it not.
-
-        Args:
-            groups: The set.
-        """
-        count = self.named_of_kind(groups)
-        rest = np.maximum(self.sites_of_kind - count - 1, 0) + COMMON * len(self.names)
-        price = np.log(rest / (COMMON + count))[self.kind_of_name[self.number_of_name]]
-        return price - np.array([group.log_prior for group in self.groups])
-
-    @cached_property
-    def shape_parameters(self) -> Int[np.ndarray, " groups"]:
-        """How many shape parameters each group has."""
-        return np.array([g.shape_parameters for g in self.groups], dtype=int)
-
-    def price(self, groups: Sequence[int], rank: int) -> float:
-        """Return what the size of a set costs.
-
-        Args:
-            groups: The set.
-            rank: Of its columns together.
-        """
-        first = {self.groups[k].name: k for k in reversed(groups)}
-        rarer = sum(self.groups[k].log_prior for k in first.values())
-        named, sites = self.named_of_kind(groups), self.sites_of_kind
-        absent = COMMON * len(self.names)
-        odds = betaln(COMMON + named, absent + sites - named)
-        chosen = float(np.sum(betaln(COMMON, absent + sites) - odds))
-        numbers = rank + int(self.shape_parameters[list(groups)].sum())
-        return 0.5 * numbers * np.log(self.units) + chosen - rarer
-
-
-@dataclass(frozen=True, eq=False)
-class FactorisedSet:
-    """A set of groups with an orthonormal basis Q of its span.
-
-    Attributes:
-        groups: In the order of the basis.
-        rows: Q'X of every column.
-        aim: Q'y.
-        upper: R of the groups' own directions; None where some do not survive.
-        ends: Where each group's rows begin, and the end.
-    """
-
-    groups: tuple[int, ...]
-    rows: Float[np.ndarray, "rank columns"]
-    aim: Float[np.ndarray, " rank"]
-    upper: Float[np.ndarray, "rank rank"] | None
-    ends: Int[np.ndarray, " _"]
-
-    @classmethod
-    def of(cls, problem: GroupProblem, groups: Sequence[int]) -> "FactorisedSet":
-        """Factorise a set, group by group; what adds no direction counts nothing."""
-        width = sum(len(problem.groups[k].columns) for k in groups)
-        rows, aim = np.zeros((width, len(problem.score))), np.zeros(width)
-        ends, turns, whole = [0], [], True
-        for k in groups:
-            own, at = problem.groups[k].columns, ends[-1]
-            before, known = rows[:at], rows[:at, own]
-            inner = problem.gram[np.ix_(own, own)] - known.T @ known
-            value, vector = np.linalg.eigh(inner)
-            keep = value > SURVIVES * len(own)
-            whole = whole and bool(keep.all())
-            turn = vector[:, keep] / np.sqrt(value[keep])
-            end = at + turn.shape[1]
-            rows[at:end] = turn.T @ (problem.gram[own] - known.T @ before)
-            aim[at:end] = turn.T @ (problem.score[own] - known.T @ aim[:at])
-            ends.append(end)
-            turns.append(own)
-        end = ends[-1]
-        rows, aim = rows[:end], aim[:end]
-        upper = None
-        if whole and groups:
-            upper = rows[:, np.concatenate(turns)]
-        return cls(tuple(groups), rows, aim, upper, np.array(ends))
-
-    @property
-    def gain(self) -> float:
-        """Whitened square that the set explains."""
-        return float(self.aim @ self.aim)
-
-    @cached_property
-    def inverse(self) -> Float[np.ndarray, "rank rank"] | None:
-        """R^-1, where every group's directions survive."""
-        if self.upper is None:
-            return None
-        upper = self.upper.copy()
-        for a, b in zip(self.ends[:-1], self.ends[1:], strict=True):
-            upper[b:, a:b] = 0.0  # orthogonal but for rounding
-        return np.linalg.inv(upper)
-
-    def own_directions(self, places: Sequence[int]) -> np.ndarray | None:
-        """Return the directions of the basis that these groups alone explain.
-
-        Args:
-            places: Places of the groups in the set.
-        """
-        if self.inverse is None:
-            return None
-        rows = np.concatenate([np.arange(*self.ends[p : p + 2]) for p in places])
-        return np.asarray(qr(self.inverse[rows].T, mode="economic")[0])
 
 
 # --- Search ---------------------------------------------------------------------------
@@ -384,17 +146,33 @@ def _worth_without(
     return 0.5 * (here.gain - lost) - problem.price(rest, rank)
 
 
-def _additions(problem: GroupProblem, left: Residual) -> Float[np.ndarray, " groups"]:
-    """Return by how much the worth rises with each group; less than 0: it falls."""
-    rise = np.full(len(problem.groups), -np.inf)
+def gains_beside(
+    problem: GroupProblem, groups: Sequence[int]
+) -> Float[np.ndarray, " groups"]:
+    """Return the whitened square that each group explains beside a set."""
+    left = _residual(problem, FactorisedSet.of(problem, groups))
+    return _gains(problem, left)[0]
+
+
+def _gains(
+    problem: GroupProblem, left: Residual
+) -> tuple[Float[np.ndarray, " groups"], Int[np.ndarray, " groups"]]:
+    """Return what each group explains beside a set, and along how many directions."""
+    gain, rank = np.zeros(len(problem.groups)), np.zeros(len(problem.groups), dtype=int)
     for (some, index), block in zip(problem.by_width, left.blocks, strict=True):
         value, vector = np.linalg.eigh(block)
         keep = value > SURVIVES * index.shape[1]
         asked = (vector.swapaxes(1, 2) @ left.score[index][..., None])[..., 0]
-        gain = np.where(keep, asked**2 / np.where(keep, value, 1.0), 0.0).sum(axis=1)
-        numbers = keep.sum(axis=1) + problem.shape_parameters[some]
-        paid = 0.5 * numbers * np.log(problem.units)
-        rise[some] = np.where(keep.any(axis=1), 0.5 * gain - paid, -np.inf)
+        own = np.where(keep, asked**2 / np.where(keep, value, 1.0), 0.0)
+        gain[some], rank[some] = own.sum(axis=1), keep.sum(axis=1)
+    return gain, rank
+
+
+def _additions(problem: GroupProblem, left: Residual) -> Float[np.ndarray, " groups"]:
+    """Return by how much the worth rises with each group; less than 0: it falls."""
+    gain, rank = _gains(problem, left)
+    paid = 0.5 * (rank + problem.shape_parameters) * np.log(problem.units)
+    rise = np.where(rank > 0, 0.5 * gain - paid, -np.inf)
     known = np.zeros(len(problem.names), dtype=bool)
     known[problem.number_of_name[list(left.groups)]] = True
     known_name = known[problem.number_of_name]
@@ -405,14 +183,14 @@ def _additions(problem: GroupProblem, left: Residual) -> Float[np.ndarray, " gro
 
 def _grown(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
     """Add the group that is worth most, as long as one is worth anything."""
-    while len(groups) < len(problem.groups):
-        left = _residual(problem, FactorisedSet.of(problem, groups))
-        rise = _additions(problem, left)
+    here = FactorisedSet.of(problem, groups)
+    while len(here.groups) < len(problem.groups):
+        rise = _additions(problem, _residual(problem, here))
         best = int(np.argmax(rise))
         if rise[best] <= RISES:
             break
-        groups = (*groups, best)
-    return groups
+        here = FactorisedSet.of(problem, [best], here)
+    return here.groups
 
 
 def _pruned(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
@@ -457,25 +235,28 @@ def _with_several_for_one(
 
     What many columns imitate can be several names, none of which alone does as well.
     """
-    worth = _worth(problem, FactorisedSet.of(problem, groups))
+    here = FactorisedSet.of(problem, groups)
+    whole = _residual(problem, here)
+    wide = np.array([len(g.columns) >= MANY_COLUMNS for g in problem.groups])
     for k in groups:
-        if k not in groups or len(problem.groups[k].columns) < MANY_COLUMNS:
+        if k not in here.groups or not wide[k]:
             continue
-        name = problem.groups[k].name
-        tried = tuple(g for g in groups if problem.groups[g].name != name)
+        own = _places_of_names(problem, here.groups)[problem.groups[k].name]
+        left, tried = _residual_without(problem, here, whole, own), None
         for _ in range(AT_MOST_FOR_ONE):
-            left = _residual(problem, FactorisedSet.of(problem, tried))
-            rise = _additions(problem, left)
-            rise[[len(g.columns) >= MANY_COLUMNS for g in problem.groups]] = -np.inf
+            rise = np.where(wide, -np.inf, _additions(problem, left))
             best = int(np.argmax(rise))
-            if rise[best] <= RISES:
+            most = np.sort(rise)[-AT_MOST_FOR_ONE:]
+            hoped = left.worth + TOGETHER * float(most[most > 0.0].sum())
+            if rise[best] <= RISES or hoped <= whole.worth + RISES:
                 break
-            tried = (*tried, best)
-            after = left.worth + float(rise[best])
-            if after > worth + RISES:
-                groups, worth = tried, after
+            tried = tried or FactorisedSet.of(problem, left.groups)
+            tried = FactorisedSet.of(problem, [best], tried)
+            left = _residual(problem, tried)
+            if left.worth > whole.worth + RISES:
+                here, whole = tried, left
                 break
-    return groups
+    return here.groups
 
 
 @dataclass(frozen=True)
@@ -525,12 +306,13 @@ def exchange_worths(
         if other not in places
     }
     found[name] = max(whole.worth, rest.worth + instead[name])
+    without = FactorisedSet.of(problem, rest.groups)
     close = [n for n, w in found.items() if n != name and w > found[name] - live]
     of_name = problem.number_of_name == problem.names.index(name)
     for other in close:
         own = problem.number_of_name == problem.names.index(other)
         best = int(np.argmax(np.where(own, rise, -np.inf)))
-        with_it = FactorisedSet.of(problem, [*rest.groups, best])
+        with_it = FactorisedSet.of(problem, [best], without)
         more = np.where(
             of_name, -np.inf, _additions(problem, _residual(problem, with_it))
         )

@@ -123,7 +123,7 @@ def sign_flip_test(
     if not len(some):
         count = len(white)
         return MaxTResult(
-            np.zeros(count), freedom, np.full(count, -9.0), *np.ones((2, count))
+            np.zeros(count), np.zeros(count), np.full(count, -9.0), *np.ones((2, count))
         )
     poses = len(white[0])
     stacked = np.concatenate([w for w in white if w.shape[1]], axis=1)

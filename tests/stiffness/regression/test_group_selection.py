@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stiffness.regression.group_selection import (
+from stiffness.regression.group_selection import GroupSelection, select_groups
+from stiffness.regression.group_sets import (
     COMMON,
     ColumnGroup,
     FactorisedSet,
     GroupProblem,
-    GroupSelection,
-    select_groups,
 )
 from stiffness.regression.predictive_gate import UnitStatistics, gate_names
 

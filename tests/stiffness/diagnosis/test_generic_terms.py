@@ -1,0 +1,91 @@
+"""Generic terms of a place take what has no name, and leave names to what has one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from small_bench import FEW, MODEL, arm, prepared, recording
+
+from bench.effects.out_of_library.axis_crosstalk import AxisCrosstalk
+from bench.effects.out_of_library.thrust_turn import ThrustTurn
+from bench.effects.parse import parse_all
+from bench.experiment import record
+from bench.instruments import Instruments
+from bench.rig import Rig
+from bench.standard_plans import table_one_plan
+from stiffness.diagnosis.candidates import residual_map
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.result import Diagnosis
+from stiffness.effects import HYPOTHESES
+from stiffness.effects.drift import Drift
+from stiffness.effects.jacobian import BodyTwist
+from stiffness.effects.marker_slip import MarkerSlip
+
+
+def names(found: Diagnosis) -> list[tuple[str, str]]:
+    return [(e.name.effect, e.name.where) for e in found.named]
+
+
+def test_compliance_of_a_place_is_symmetric_along_the_moving_side():
+    """Forces at the origin of axis 3 move it by a full symmetric compliance."""
+    here = prepared().situation
+    block = next(
+        b for b in residual_map(here) if (b.where, b.kind) == ("a3", "compliance")
+    )
+    (part,) = block.jacobian.parts
+    assert isinstance(part, BodyTwist)
+    size = np.random.default_rng(0).normal(size=block.jacobian.columns)
+    compliance = np.zeros((6, 6))
+    compliance[np.triu_indices(6)] = [*size, 0.0]
+    compliance += np.triu(compliance, 1).T
+    frame, origin = here.frame[:, 3], here.origin[:, 3]
+    load = np.concatenate(
+        [
+            np.einsum("rij,ri->rj", frame, here.force[:, 3]),
+            np.einsum("rij,ri->rj", frame, here.moment[:, 3]),
+        ],
+        axis=1,
+    )
+    motion = load @ compliance
+    turned = np.einsum("rij,rj->ri", frame, motion[:, 3:])
+    shifted = np.einsum("rij,rj->ri", frame, motion[:, :3])
+    own = part.twist @ size
+    assert_allclose(own[:, 3:], turned, atol=1e-12 * np.abs(turned).max())
+    moved = own[:, :3] + np.cross(own[:, 3:], origin)
+    assert_allclose(moved, shifted, atol=1e-9 * np.abs(shifted).max())
+
+
+@pytest.mark.parametrize(
+    ("unknown", "places"),
+    [
+        (ThrustTurn(where="a3", compliance_rad_per_nm=1e-5), {"a3"}),
+        (AxisCrosstalk(where="a2", with_axis="a1"), {"a1", "a2"}),
+    ],
+)
+def test_a_linear_mechanism_without_a_name_takes_no_names_of_its_neighbours(
+    unknown, places
+):
+    """A thread and a shared casting: no bearing tilts and no link bends there."""
+    rig = Rig(MODEL)
+    known = parse_all(("hysteresis@a2", "bearing_tilt@a5"), rig.nominal)
+    rig = replace(rig, effects=(*known, unknown))
+    made = record(rig, table_one_plan(poses=60), Instruments(), seed=4)
+    found = diagnose(made, arm(), HYPOTHESES)
+    assert set(names(found)) <= {("hysteresis", "a2"), ("bearing_tilt", "a5")}
+    assert ("hysteresis", "a2") in names(found)
+    assert found.verdict == "partly_explained"
+    assert {one.where for one in found.unexplained_places} <= places
+    assert found.unexplained_places[0].depends_on[0] == "load"
+
+
+def test_a_wave_of_the_tracker_is_no_slip_of_many_marks():
+    """All marks move together, as no slip does: twice to and fro over the recording."""
+    made = recording()
+    assert made.points is not None
+    hours = made.time / np.ptp(made.time)
+    wave = 3e-5 * (np.sin(4.0 * np.pi * hours) + np.sqrt(hours))
+    moved = made.points + wave[:, None, None] * np.array([0.7, 0.2, -0.7])
+    found = diagnose(replace(made, points=moved), arm(), (*FEW, Drift(), MarkerSlip()))
+    assert not any(effect == "marker_slip" for effect, _ in names(found))
+    assert "base" in {one.where for one in found.unexplained_places + found.located}
