@@ -53,12 +53,14 @@ class ModelEvaluation:
             shape, other forms of the members' laws, and columns beside.
         forms: Columns of each member's other forms.
         unselected: Columns of each term that may be there too; the last.
+        beside: These terms.
     """
 
     fit: ModelFit
     slopes: PerPoseScores
     forms: tuple[Int[np.ndarray, " _"], ...]
     unselected: tuple[Int[np.ndarray, " _"], ...] = ()
+    beside: tuple[ModelTerm, ...] = ()
 
     @property
     def known(self) -> int:
@@ -115,7 +117,9 @@ def evaluate_model(
     mix[at:, known:] = np.eye(ends[-1] - known)
     blocks = tuple(np.arange(a, b) for a, b in pairwise(ends))
     count = len(members)
-    return ModelEvaluation(fit, every.mixed(mix), blocks[:count], blocks[count:])
+    return ModelEvaluation(
+        fit, every.mixed(mix), blocks[:count], blocks[count:], tuple(beside)
+    )
 
 
 # --- Intervals of parameters ----------------------------------------------------------
@@ -158,20 +162,21 @@ def parameters_of(
         np.maximum(np.diag(spread) / np.maximum(np.diag(inverse), 1e-300), 1.0)
     )
     cov = inverse * grow * grow[:, None] * scale * scale[:, None]
+    unsure = _covariance_of_unselected(look)
     shift = shift_by_forms(look, split) - fitted
     quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, len(score) - 1)))
     answers = []
     every = zip(fit.members, fit.coefficients, _columns_of_members(look), strict=True)
     for member, coefficients, own in every:
         index = np.concatenate([np.arange(len(fit.springs)), own])
+        some = np.ix_(index, index)
         answers.append(
             _of_member(
                 situation,
                 springs,
                 member,
                 (fit.springs, coefficients),
-                cov[np.ix_(index, index)],
-                shift[index],
+                _Errors(cov[some], unsure[some], shift[index]),
                 quantile,
             )
         )
@@ -220,6 +225,44 @@ def shift_by_forms(
     return scale[: look.known] * moved
 
 
+def _covariance_of_unselected(
+    look: ModelEvaluation,
+) -> Float[np.ndarray, "columns columns"]:
+    """Return what terms that were not selected add to the covariance of those known.
+
+    Their coefficients have a prior as wide as those of the same effect that were
+    selected: what data do not hold of them they do not hold of what moves alike.
+    """
+    known, gram = look.known, look.slopes.gram[1]
+    prior = np.zeros(len(gram))
+    used = [np.arange(known)]
+    for term, block in zip(look.beside, look.unselected, strict=True):
+        square = _square_of(term, look.fit, len(block))
+        if square is not None:
+            prior[block] = 1.0 / np.maximum(square, 1e-300)
+            used.append(block)
+    some = np.concatenate(used)
+    size = np.sqrt(np.maximum(np.diag(gram)[some], 0.0))
+    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    inner = gram[np.ix_(some, some)] * scale * scale[:, None]
+    own = np.linalg.pinv(inner[:known, :known], rcond=1e-10, hermitian=True)
+    inner += np.diag(np.minimum(prior[some] * scale**2, 1e12))
+    both = np.linalg.pinv(inner, rcond=1e-12, hermitian=True)[:known, :known]
+    return (both - own) * scale[:known] * scale[:known, None]
+
+
+def _square_of(
+    term: ModelTerm, fit: ModelFit, columns: int
+) -> Float[np.ndarray, " columns"] | None:
+    """Return the mean square of each coefficient of a term's effect in a set."""
+    alike = [
+        own
+        for member, own in zip(fit.members, fit.coefficients, strict=True)
+        if member.name[0] == term.name[0] and len(own) == columns
+    ]
+    return np.mean(np.square(alike), axis=0) if alike else None
+
+
 def _columns_of_members(look: ModelEvaluation) -> list[Int[np.ndarray, " _"]]:
     """Return the columns of each member's law and of its shapes."""
     at = len(look.fit.springs)
@@ -250,7 +293,23 @@ def jackknife_covariance(
     return (poses - 1) / poses * np.asarray(moved).T @ np.asarray(moved)
 
 
-def _of_member(situation, springs, member, fitted, cov, shift, quantile):
+@dataclass(frozen=True)
+class _Errors:
+    """Errors of the springs and of a member's coefficients and shapes.
+
+    Attributes:
+        covariance: By how the fit moves as poses are left out.
+        unsure: What terms that were not selected add to it.
+        shift: How far the fit moves beside other forms of the laws.
+    """
+
+    covariance: Float[np.ndarray, "n n"]
+    unsure: Float[np.ndarray, "n n"]
+    shift: Float[np.ndarray, " n"]
+
+
+def _of_member(situation, springs, member, fitted, errors, quantile):
+    cov = errors.covariance
     start = np.concatenate([*fitted, member.shape])
     n, m = len(fitted[0]), len(fitted[1])
 
@@ -278,13 +337,14 @@ def _of_member(situation, springs, member, fitted, cov, shift, quantile):
         low[i] -= step
         up, down = parameters(high), parameters(low)
         slope[:, i] = [(up[k] - down[k]) / (2 * step) for k in names]
-    spread = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", slope, cov, slope), 0.0))
+    total = np.einsum("ki,ij,kj->k", slope, cov + errors.unsure, slope)
+    spread = np.sqrt(np.maximum(total, 0.0))
     given = _given_shapes(cov, len(member.shape))
     fixed = np.einsum(
         "ki,ij,kj->k", slope[:, : len(given)], given, slope[:, : len(given)]
     )
     fixed = np.sqrt(np.maximum(fixed, 0.0))
-    moved = slope @ shift
+    moved = slope @ errors.shift
     nothing = {name: 0.0 for name in member.hypothesis.magnitudes}
     nothing |= dict(member.hypothesis.neutral)
     law, found = member.hypothesis, {}

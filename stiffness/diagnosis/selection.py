@@ -527,20 +527,26 @@ def _of_the_same_kinds(
     """Return effects that were named at two sites at least, at their other sites.
 
     What several axes have the others may have too, though too little to be named; the
-    intervals of what was named allow for it.
+    intervals of what was named allow for it, and for an axis' zero that moves exactly
+    as a geometry error that was named.
     """
     named = [term.name[0] for term in terms if not term.is_generic]
     count = Counter(ALIKE.get(name, name) for name in named)
-    kinds = {kind for kind, sites in count.items() if sites > 1}
-    if not kinds:
+    if not count.keys() & ALIKE.values() and max(count.values(), default=0) < 2:
         return []
     search = Search.of(case, terms, refused)
-    best = best_groups_beside(search.problem, range(len(terms)))
-    return [
-        search.terms[k]
-        for name, k in best.items()
-        if ALIKE.get(name[0], name[0]) in kinds
-    ]
+    here = FactorisedSet.of(search.problem, range(len(terms)))
+    found = []
+    for name, k in best_groups_beside(search.problem, range(len(terms))).items():
+        sites = count[ALIKE.get(name[0], name[0])]
+        alike = name[0] in ALIKE and sites
+        if sites > 1 or (alike and _adds_nothing(search.problem, here, k)):
+            found.append(search.terms[k])
+    return found
+
+
+def _adds_nothing(problem: GroupProblem, here: FactorisedSet, k: int) -> bool:
+    return len(FactorisedSet.of(problem, [k], here).aim) == len(here.aim)
 
 
 def _withheld(

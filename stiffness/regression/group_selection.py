@@ -322,12 +322,15 @@ def exchange_worths(
 
 
 def best_groups_beside(problem: GroupProblem, groups: Sequence[int]) -> dict[Name, int]:
-    """Return of each name that a set has not the group that would do most beside it."""
+    """Return of each name that a set has not the group that would do most beside it.
+
+    The first group of a name that adds no direction at all to the set's.
+    """
     here = FactorisedSet.of(problem, groups)
     rise = _additions(problem, _residual(problem, here))
     held, best = _places_of_names(problem, groups), dict[Name, int]()
     for k in np.argsort(-rise, kind="stable"):
-        if np.isfinite(rise[k]) and problem.groups[k].name not in held:
+        if k not in here.groups and problem.groups[k].name not in held:
             best.setdefault(problem.groups[k].name, int(k))
     return best
 
