@@ -1,14 +1,16 @@
 """Relinearisation about the effects that were selected, and the noise they leave.
 
 ==========  ==========================================================================
-Equation    y = f(c0) + (c1 - c0) df/dc + (c - c1) df/dc' + sizes x columns'; df/dc as
-            prepared, what is dashed at the compliance c1 and under the masses and the
-            hardening that were named, or the wrench that was found, in the round before
+Equation    y = f(c0) + (c1 - c0) df/dc + c1 (t' - t) + (c - c1) df/dc' + sizes x
+            columns'; df/dc and the axes' torques t as prepared, what is dashed at the
+            compliance c1, where the arm rests under what was named in the round before,
+            and under the masses, the hardening and the wrench that were found there
 Source      Gauss-Newton in springs, fixed point in loads: these turn what gives way,
-            whose columns then hold the product of both
-Valid       lever arms held: they move by a thousandth
-Ignores     where the arm rests under it all: that stays as it was prepared; what else
-            changes the pull on springs: a rope's friction
+            whose columns then hold the product of both; a sensor that the arm turns
+            reads the same wrench, along other axes
+Valid       turns of an axis beyond its springs' up to some tens of mrad
+Ignores     what bearings, links and the base turn the sensor; what else changes the
+            pull on springs: a rope's friction
 ==========  ==========================================================================
 """
 
@@ -33,10 +35,19 @@ from stiffness.diagnosis.sufficient_statistics import (
     normal_equations_of,
 )
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import JacobianBlock, values, with_values
-from stiffness.experiment.residuals import shares_of
-from stiffness.experiment.static_state import StaticState
+from stiffness.effects.jacobian import (
+    EffectJacobian,
+    JacobianBlock,
+    JointRotation,
+    MarkerDisplacement,
+    values,
+    with_values,
+)
+from stiffness.effects.statics import wind_up
+from stiffness.experiment.residuals import bodies_of, expected, shares_of
+from stiffness.experiment.static_state import StaticState, moved_to
 from stiffness.regression.splits import Split, seed_of, split_of
+from stiffness.robot.tracker_frame import TrackerFit
 
 MOVED = 0.03
 """Share by which a compliance or a load may change under names before all columns are
@@ -103,7 +114,13 @@ def linearised(
         data = data.subtract(springs, change)
         moved[own] += change
         situation = situation.with_compliance(moved)
-    return data, situation if named is None else _under(situation, named)
+    if named is None:
+        return data, situation
+    turn = _turned(situation, prepared.situation.compliance, named)
+    stands = moved_to(situation, situation.rest + turn)
+    wound = wind_up(situation, (stands.torque - situation.torque)[:, :, None])
+    along_arcs = beyond_linear(situation, stands, prepared.frames)
+    return data.subtract([wound, along_arcs], np.ones(2)), _under(stands, named)
 
 
 def changes(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> bool:
@@ -115,6 +132,54 @@ def changes(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> bool:
         fit: The set.
     """
     return _softened(case, fit) or _change(case, prepared, fit) >= MOVED
+
+
+def _turned(
+    situation: StaticState, before: Float[np.ndarray, " axes"], fit: ModelFit
+) -> Float[np.ndarray, "rows axes"]:
+    """Return how far axes turn under other springs and under what is named, in rad.
+
+    What already holds the turned load, as an encoder's offset does, is left out.
+
+    Args:
+        situation: Where they rest under the springs before, with the new ones.
+        before: Compliance of each axis under which they rest there, in rad/(N m).
+        fit: What is named.
+    """
+    turn = (situation.compliance - before) * situation.torque
+    acting = _under(situation, fit)
+    for member, size in zip(fit.members, fit.coefficients, strict=True):
+        if not member.hypothesis.turns_load:
+            for part in member.jacobian(acting).parts:
+                if isinstance(part, JointRotation):
+                    turn[:, part.axis] += part.law @ size
+    return turn
+
+
+def beyond_linear(
+    situation: StaticState, stands: StaticState, frames: TrackerFit
+) -> EffectJacobian:
+    """Return what marks move by beyond what lever arms say, where axes turned.
+
+    A mark moves on a circle: by half the square of the turn towards the axis, which
+    looks like a scale of the tracker.
+
+    Args:
+        situation: Before they turned.
+        stands: After.
+        frames: Of tracker and markers.
+    """
+    before, after = expected(situation, frames), expected(stands, frames)
+    step = (stands.rest - situation.rest)[:, :, None] * situation.screw
+    names, body = bodies_of(situation.arm, situation.recording)
+    parts = []
+    for m, b in enumerate(body):
+        twist = step[:, situation.carried[1:, situation.bodies.index(names[b])]]
+        along, about = np.split(twist.sum(axis=1), 2, axis=1)
+        linear = along + np.cross(about, before[:, m])
+        more = after[:, m] - before[:, m] - linear
+        parts.append(MarkerDisplacement(m, more[:, :, None]))
+    return EffectJacobian(1, tuple(parts))
 
 
 def _under(situation: StaticState, fit: ModelFit) -> StaticState:

@@ -53,6 +53,8 @@ class Hypothesis(ABC):
         logarithmic: Parameters whose error is a factor rather than a difference.
         linear: Whether its displacement is proportional to the loads of a row, and
             depends on nothing else.
+        turns_load: Whether its Jacobian holds what the load winds up that turns with
+            the sensor.
         size_of_variants: What a unit of any of its `variants` adds to the coefficient
             of a law of one column; None: a variant is no other form of the same size.
         log_prior: Log of its prior odds against others; 0 where nothing is known.
@@ -65,6 +67,7 @@ class Hypothesis(ABC):
     neutral: ClassVar[Mapping[str, float]] = {}
     logarithmic: ClassVar[tuple[str, ...]] = ()
     linear: ClassVar[bool] = False
+    turns_load: ClassVar[bool] = False
     size_of_variants: ClassVar[float | None] = None
     log_prior: ClassVar[float] = 0.0
 

@@ -37,6 +37,7 @@ class EncoderOffset(Hypothesis):
     """
 
     effect: ClassVar[str] = "encoder_offset"
+    turns_load: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"offset_rad": (-0.1, 0.1)}
     magnitudes: ClassVar[tuple[str, ...]] = ("offset_rad",)
 

@@ -37,6 +37,7 @@ class ReadingLag(Hypothesis):
     """
 
     effect: ClassVar[str] = "reading_lag"
+    turns_load: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"lag_rad": (-0.01, 0.01)}
     magnitudes: ClassVar[tuple[str, ...]] = ("lag_rad",)
 

@@ -254,11 +254,50 @@ def static_state_of(
         bodies: Bodies whose motion is needed.
     """
     rest, wrench = _rest(arm, recording, compliance)
+    midway = _midway(recording, rest)
+    return _state(arm, recording, compliance, bodies, rest, wrench, midway)
+
+
+def moved_to(situation: StaticState, rest: np.ndarray) -> StaticState:
+    """Return the state where the links rest elsewhere than their springs alone say.
+
+    The sensor turns with them, and with it the wrench that it reads. Lever arms are
+    those halfway: a chord is as long as the turn about its middle says.
+
+    Args:
+        situation: Static state.
+        rest: Link-side joint angles, (rows, axes) in rad.
+    """
+    arm, recording = situation.arm, situation.recording
+    wrench = np.zeros_like(situation.wrench)
+    if recording.wrench is not None:
+        wrench = _felt(recording, arm.at(rest))
+    midway = _midway(recording, (situation.rest + rest) / 2.0)
+    compliance, bodies = situation.compliance, situation.bodies
+    state = _state(arm, recording, compliance, bodies, rest, wrench, midway)
+    return replace(
+        state,
+        tracker=situation.tracker,
+        marker_positions=situation.marker_positions,
+        giving=situation.giving,
+        curved=situation.curved,
+    )
+
+
+def _state(
+    arm: Arm,
+    recording: Recording,
+    compliance: Float[np.ndarray, " axes"],
+    bodies: Sequence[str],
+    rest: Float[np.ndarray, "rows axes"],
+    wrench: Float[np.ndarray, "rows 6"],
+    midway: Float[np.ndarray, "rows axes"],
+) -> StaticState:
+    """Return all forces and torques where the links rest, lever arms midway."""
     standing = arm.at(rest)
     rows, axes = rest.shape
     sensor, sensor_axes = _sensor(recording, standing)
     force, moment = _carried(recording, standing, wrench, sensor)
-    midway = _midway(recording, rest)
     origin, frame = _places(arm.at(midway))
     load = np.zeros((rows, axes))
     if recording.wrench is not None and recording.wrench_sensor is not None:

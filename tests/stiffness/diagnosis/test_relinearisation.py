@@ -8,19 +8,36 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from small_bench import arm, recording
 
+from bench.effects.hardening import Hardening as HardeningGear
 from bench.effects.wrench_bias import WrenchBias
 from bench.effects.wrench_gain import WrenchGain
 from bench.effects.wrench_misalignment import WrenchMisalignment
+from bench.experiment import observed
+from bench.instruments import Instruments, Markers
+from bench.rig import Rig
+from bench.shared.plan import parse_path
 from bench.shared.recording import Payload
+from bench.standard_plans import tour
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.nominal_fit import prepare
+from stiffness.diagnosis.relinearisation import beyond_linear, build_problem
+from stiffness.diagnosis.selection import select_model
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_load import GravityLoad, seen, torques
 from stiffness.effects.hardening import Hardening
-from stiffness.effects.jacobian import EffectJacobian, JointRotation
+from stiffness.effects.jacobian import (
+    EffectJacobian,
+    JointRotation,
+    MarkerDisplacement,
+)
 from stiffness.effects.wrench_misalignment import WrenchMisalignment as TurnedOrBeside
-from stiffness.experiment.static_state import StaticState
+from stiffness.experiment.residuals import expected
+from stiffness.experiment.static_state import StaticState, moved_to
+from stiffness.robot.arm import Arm
+from stiffness.robot.tracker_frame import TrackerFit
+from stiffness.robot.wrench import turned as wrench_along
 
 NONE = np.zeros(0)
 MASS, CENTRE = 3.0, np.array([0.02, -0.03, 0.05])
@@ -185,3 +202,44 @@ def test_mass_and_what_gives_way_under_it_are_both_named():
     size = mass.parameters["mass_kg"]
     assert size.low < 8.0 < size.high
     assert size.high - size.low < 1.0
+
+
+def test_a_sensor_is_turned_as_the_named_effects_hold_it(kr10):
+    """A soft axis that hardens: linear springs hold it 11 mrad off, and its sensor."""
+    rig = Rig(kr10)
+    soft = rig.nominal.jnt_stiffness * [0.3, 0.05, 0.1, 0.1, 0.1, 0.1]
+    true = HardeningGear("a2", stiffness_ratio=3.0, torque_nm=29.0)
+    rig = replace(rig, effects=(true,), stiffness=soft)
+    plan = tour(rig, 16, parse_path("0,10,0"), 0, 0)
+    states = rig.carry_out(plan, np.zeros_like(plan.posture))
+    seen = observed(rig, plan, states, Instruments(markers=Markers()), 3)
+    prepared = prepare(seen, Arm.from_mjcf(kr10).for_recording(seen))
+    case = build_problem(prepared, [Hardening()])
+    named = select_model(case, prepared, [Hardening()]).case.situation
+    sensor = states.rotation[:, states.bodies.index("flange")]
+    felt = wrench_along(states.wrench, sensor)
+    before, after = (
+        (np.abs(s.wrench - felt).max(), np.abs(s.rest - states.axis_angle).max())
+        for s in (prepared.situation, named)
+    )
+    assert before[1] > 5e-3
+    assert after[0] < before[0] / 3
+    assert after[1] < before[1] / 3
+
+
+def test_an_axis_that_turns_far_moves_its_marks_on_a_circle():
+    """Half the square of the turn towards the axis, which no lever arm holds."""
+    before = truth.situation()
+    frames = TrackerFit(
+        np.eye(3), np.zeros(3), np.array([m.position for m in before.recording.markers])
+    )
+    turn = np.zeros_like(before.rest)
+    turn[:, 1] = 0.01
+    after = moved_to(before, before.rest + turn)
+    last = beyond_linear(before, after, frames).parts[-1]
+    assert isinstance(last, MarkerDisplacement)
+    marks = expected(before, frames)[:, last.marker]
+    foot = before.origin[:, 2]
+    axis = before.frame[:, 2, :, 2]
+    arm = np.cross(np.cross(axis, marks - foot), axis)
+    assert_allclose(last.displacement[:, :, 0], -0.5e-4 * arm, atol=1e-6)
