@@ -304,7 +304,7 @@ _ALL = (
         ("axis",),
         (
             *_magnitudes(
-                "amplitude_rad", 0.0, ARCMIN, f"{CHA}: 1 arcmin from peak to peak"
+                "amplitude_rad", 0.0, 0.6 * ARCMIN, f"{CHA}: half of 1.2 arcmin"
             ),
             *_shapes("order phase_rad"),
         ),
