@@ -128,6 +128,7 @@ class Recording:
         load_mass: Nominal mass on the hook, in kg.
         markers: The points that were followed.
         points: Their positions in the tracker's frame, in m; NaN = not seen.
+        spread: One sigma of each of `points`, in m; NaN = as `tracker` says.
         link_posture: Angles measured after the gear, in rad; NaN = no such encoder.
         axis_torque: From motor current, output side, in N m; NaN = not measured.
         temperature: In °C.
@@ -162,6 +163,7 @@ class Recording:
     load_mass: Float[np.ndarray, " rows"] | None = None
     markers: tuple[Marker, ...] = ()
     points: Float[np.ndarray, "rows markers 3"] | None = None
+    spread: Float[np.ndarray, "rows markers 3"] | None = None
     commanded: Float[np.ndarray, "rows axes"] | None = None
     last_move: Float[np.ndarray, "rows axes"] | None = None
     link_posture: Float[np.ndarray, "rows axes"] | None = None
@@ -193,6 +195,7 @@ class Recording:
             "wrench": (rows, 6),
             "load_mass": (rows,),
             "points": (rows, len(self.markers), 3),
+            "spread": (rows, len(self.markers), 3),
             "commanded": (rows, axes),
             "last_move": (rows, axes),
             "link_posture": (rows, axes),
@@ -222,8 +225,8 @@ class Recording:
         """Return the same recording with only these rows (indices or a mask)."""
         per_row = {
             "time", "posture_id", "visit", "posture", "load_time", "stage", "wrench",
-            "load_mass", "points", "commanded", "link_posture", "axis_torque",
-            "temperature", "frames",
+            "load_mass", "points", "spread", "commanded", "link_posture",
+            "axis_torque", "temperature", "frames",
         }  # fmt: skip
         kept = {
             name: getattr(self, name)[rows]

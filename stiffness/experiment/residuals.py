@@ -45,15 +45,26 @@ def expected(
     )
 
 
+SURE = 0.3
+"""Least spread of a reading that counts, over the root mean square of all; chosen: one
+of few frames is known to a third."""
+
+
 def weight_of(recording: Recording) -> Float[np.ndarray, "rows markers"]:
     """Return the number of frames of each reading; 0 where it was not seen.
 
+    A reading with a spread of its own counts as the frames that would give it.
     The points of a 6D target are one reading and share its weight, so that its position
     has the stated accuracy, and its rotation that of one sigma at the points.
     """
     assert recording.points is not None
     seen = np.isfinite(recording.points).all(axis=2)
     frames = 1.0 if recording.frames is None else recording.frames[:, None]
+    tracker = recording.tracker
+    if recording.spread is not None and tracker is not None:
+        stated = np.mean(tracker.repeatability**2)
+        own = np.mean(recording.spread**2, axis=2) / stated
+        frames = np.where(np.isnan(own), frames, 1.0 / np.maximum(own, SURE**2))
     return np.asarray(seen * frames * shares_of(recording), dtype=float)
 
 

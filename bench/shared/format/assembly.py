@@ -171,6 +171,7 @@ def assemble(
         points=np.stack([p for p in points if p is not None], axis=1)
         if points
         else None,
+        spread=_spread(manifest, values),
         commanded=_per_axis(values, layout.axes, "cmd_deg"),
         link_posture=_per_axis(values, layout.axes, "link_deg"),
         axis_torque=_per_axis(values, layout.axes, "tau_nm"),
@@ -329,7 +330,7 @@ def _tracker(
         note = (
             f"tracker's noise from the readings' own spreads (`_std` columns): {shown} "
         )
-        note += "mm in x, y, z, the root mean square, for all rows and markers alike."
+        note += "mm in x, y, z, the root mean square; each reading counts by its own."
         return TrackerSpec(sigma, volumetric), [note]
     if stated is None or stated.repeatability_mm is None:
         if spreads:
@@ -340,6 +341,15 @@ def _tracker(
         return TrackerSpec(sigma, volumetric, is_stated=False), []
     sigma = np.broadcast_to(np.array(stated.repeatability_mm) / 1e3, 3).copy()
     return TrackerSpec(sigma, volumetric), []
+
+
+def _spread(manifest: Manifest, values: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    """Return one sigma of each reading, (rows, markers, 3) in m; None without."""
+    each = [_stacked(values, spread_of(m)) for m in manifest.markers]
+    if all(spread is None for spread in each):
+        return None
+    unknown = np.full((len(values["pose"]), 3), np.nan)
+    return np.stack([unknown if s is None else s for s in each], axis=1)
 
 
 def _wrench_sensor(manifest: Manifest) -> WrenchSpec | None:
@@ -416,6 +426,9 @@ def _columns(recording: Recording) -> dict[str, pa.Array]:
             for axis, end in enumerate(COORDINATES):
                 point = MILLIMETRE.outward(r.points[:, m, axis])
                 columns[marker.name + end] = point
+            if r.spread is not None and not np.all(np.isnan(r.spread[:, m])):
+                sigma = MILLIMETRE.outward(r.spread[:, m].T)
+                columns |= dict(zip(spread_of(marker.name), sigma, strict=True))
     return {name: _array(column) for name, column in columns.items()}
 
 

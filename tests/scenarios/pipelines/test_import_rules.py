@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 from lab_table import NAMES, ROWS, UNITS, Lab, faults_of, read_of
 
+from stiffness.experiment.residuals import weight_of
+
 # --- Each rule ------------------------------------------------------------------------
 
 
@@ -242,6 +244,11 @@ def test_the_readings_own_spread_takes_the_place_of_the_stated_noise(tmp_path, c
     expected = [1e-5, 1e-5, 1e-6 * np.sqrt((6 * 20**2 + 30**2) / 7)]
     np.testing.assert_allclose(read.tracker.repeatability, expected)
     assert "readings' own spreads" in capsys.readouterr().out
+    weight = weight_of(read)[:, 0]
+    own = np.array([[10.0, 10.0, 30.0 if k == 3 else 20.0] for k in range(7)])
+    np.testing.assert_allclose(weight / weight[0], 600.0 / np.sum(own**2, axis=1))
+    sure = weight_of(read_of(tmp_path, spread_lab({3: ""})))[:, 0]
+    assert sure[3] == 1.0
 
 
 def test_a_negative_spread_and_one_without_its_coordinates_are_refused(tmp_path):
