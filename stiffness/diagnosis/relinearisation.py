@@ -44,10 +44,11 @@ from stiffness.effects.jacobian import (
     with_values,
 )
 from stiffness.effects.statics import wind_up
-from stiffness.experiment.residuals import bodies_of, expected, shares_of
+from stiffness.experiment.residuals import expected, shares_of
 from stiffness.experiment.static_state import StaticState, moved_to
+from stiffness.experiment.visits import held_at_mean
 from stiffness.regression.splits import Split, seed_of, split_of
-from stiffness.robot.tracker_frame import TrackerFit
+from stiffness.robot.kinematics import point_jacobian
 
 MOVED = 0.03
 """Share by which a compliance or a load may change under names before all columns are
@@ -119,7 +120,7 @@ def linearised(
     turn = _turned(situation, prepared.situation.compliance, named)
     stands = moved_to(situation, situation.rest + turn)
     wound = wind_up(situation, (stands.torque - situation.torque)[:, :, None])
-    along_arcs = beyond_linear(situation, stands, prepared.frames)
+    along_arcs = beyond_linear(prepared, stands)
     return data.subtract([wound, along_arcs], np.ones(2)), _under(stands, named)
 
 
@@ -156,29 +157,34 @@ def _turned(
     return turn
 
 
-def beyond_linear(
-    situation: StaticState, stands: StaticState, frames: TrackerFit
-) -> EffectJacobian:
+def beyond_linear(prepared: Prepared, stands: StaticState) -> EffectJacobian:
     """Return what marks move by beyond what lever arms say, where axes turned.
 
     A mark moves on a circle: by half the square of the turn towards the axis, which
-    looks like a scale of the tracker.
+    looks like a scale of the tracker. What the tracker's frame was turned to make up
+    for is turned back.
 
     Args:
-        situation: Before they turned.
+        prepared: Before they turned.
         stands: After.
-        frames: Of tracker and markers.
     """
+    situation, frames = prepared.situation, prepared.frames
     before, after = expected(situation, frames), expected(stands, frames)
     step = (stands.rest - situation.rest)[:, :, None] * situation.screw
-    names, body = bodies_of(situation.arm, situation.recording)
-    parts = []
-    for m, b in enumerate(body):
-        twist = step[:, situation.carried[1:, situation.bodies.index(names[b])]]
-        along, about = np.split(twist.sum(axis=1), 2, axis=1)
-        linear = along + np.cross(about, before[:, m])
-        more = after[:, m] - before[:, m] - linear
-        parts.append(MarkerDisplacement(m, more[:, :, None]))
+    carried = situation.carried[1:, prepared.readings.body].astype(float)
+    twist = np.einsum("rki,km->rmi", step, carried)
+    many = before.reshape(len(before), -1)
+    mean = held_at_mean(situation.recording.visit, many).reshape(before.shape)
+    lever = point_jacobian(mean)
+    linear = np.einsum("rmij,rmj->rmi", lever, twist)
+    more = after - before - linear
+    if situation.recording.base_from_tracker is None:
+        seen = prepared.readings.weight > 0
+        left = prepared.readings.value - (after - before)
+        frame = np.linalg.lstsq(lever[seen].reshape(-1, 6), left[seen].ravel())[0]
+        turn = frame[3:]
+        more += np.cross(turn, after - before + np.cross(turn, before) / 2.0)
+    parts = [MarkerDisplacement(m, more[:, m, :, None]) for m in range(more.shape[1])]
     return EffectJacobian(1, tuple(parts))
 
 

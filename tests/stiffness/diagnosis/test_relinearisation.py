@@ -12,8 +12,8 @@ from bench.effects.hardening import Hardening as HardeningGear
 from bench.effects.wrench_bias import WrenchBias
 from bench.effects.wrench_gain import WrenchGain
 from bench.effects.wrench_misalignment import WrenchMisalignment
-from bench.experiment import observed
-from bench.instruments import Instruments, Markers
+from bench.experiment import observed, record
+from bench.instruments import Instruments, Markers, Tracker
 from bench.rig import Rig
 from bench.shared.plan import parse_path
 from bench.shared.recording import Payload
@@ -36,7 +36,6 @@ from stiffness.effects.wrench_misalignment import WrenchMisalignment as TurnedOr
 from stiffness.experiment.residuals import expected
 from stiffness.experiment.static_state import StaticState, moved_to
 from stiffness.robot.arm import Arm
-from stiffness.robot.tracker_frame import TrackerFit
 from stiffness.robot.wrench import turned as wrench_along
 
 NONE = np.zeros(0)
@@ -227,19 +226,18 @@ def test_a_sensor_is_turned_as_the_named_effects_hold_it(kr10):
     assert after[1] < before[1] / 3
 
 
-def test_an_axis_that_turns_far_moves_its_marks_on_a_circle():
+def test_an_axis_that_turns_far_moves_its_marks_on_a_circle(kr10):
     """Half the square of the turn towards the axis, which no lever arm holds."""
-    before = truth.situation()
-    frames = TrackerFit(
-        np.eye(3), np.zeros(3), np.array([m.position for m in before.recording.markers])
-    )
+    rig, watch = Rig(kr10), Instruments(Tracker(frame_error=(0.0,) * 6))
+    seen = record(rig, tour(rig, 8, parse_path("0"), 0, 0), watch, 3)
+    prepared = prepare(seen, Arm.from_mjcf(kr10).for_recording(seen))
+    before = prepared.situation
     turn = np.zeros_like(before.rest)
     turn[:, 1] = 0.01
     after = moved_to(before, before.rest + turn)
-    last = beyond_linear(before, after, frames).parts[-1]
+    last = beyond_linear(prepared, after).parts[-1]
     assert isinstance(last, MarkerDisplacement)
-    marks = expected(before, frames)[:, last.marker]
-    foot = before.origin[:, 2]
+    marks = expected(before, prepared.frames)[:, last.marker]
     axis = before.frame[:, 2, :, 2]
-    arm = np.cross(np.cross(axis, marks - foot), axis)
+    arm = np.cross(np.cross(axis, marks - before.origin[:, 2]), axis)
     assert_allclose(last.displacement[:, :, 0], -0.5e-4 * arm, atol=1e-6)
