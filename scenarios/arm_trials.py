@@ -2,7 +2,8 @@
 
 Each model of a folder (MJCF or URDF, from any collection) is given springs; two effects
 are concealed, once with the base as shipped and once turned and moved at random; names,
-springs and the proof are held against the truth, which both have in common.
+springs, the proof and `model.xml` are held against the truth, which both have in
+common. Each trial is written when it is done; started again, it goes on.
 
 Run:    python -m scenarios.arm_trials --models DIR --trials 3 --out results/arm_trials
 Takes:  1 to 2 minutes a trial (two recordings of 60 postures, diagnosed and proved)
@@ -12,9 +13,10 @@ Expect: the same with either base: both effects named, springs of the patch with
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from scenarios.report.command_line import at_least, progress_bar, run
 
@@ -36,6 +38,9 @@ class Settings:
     """Postures of a recording."""
     seed: int = 0
     """Of everything that is drawn."""
+    stated: Literal["springs", "none", "urdf"] = "springs"
+    """What the model that is diagnosed says of its joints' stiffness: all, nothing, or
+    nothing because it is a URDF."""
 
 
 def main(settings: Settings) -> list[ArmTrial]:
@@ -47,17 +52,23 @@ def main(settings: Settings) -> list[ArmTrial]:
     at_least(1, trials=s.trials, poses=s.poses)
     at_least(0, seed=s.seed)
     models = arm_trials.model_files(s.models)
-    trials: list[ArmTrial] = []
+    s.out.mkdir(parents=True, exist_ok=True)
+    file = s.out / f"arm_trials_{s.stated}_{s.poses}_{s.seed}.csv"
+    rows = data_files.read_table(file) if file.exists() else []
+    trials: list[ArmTrial] = arm_trials.trials_in(rows)
+    bases = Counter((t.model, t.number) for t in trials)
+    known = {pair for pair, count in bases.items() if count == len(arm_trials.BASES)}
+    trials = [t for t in trials if (t.model, t.number) in known]
     with progress_bar() as progress:
         total = len(models) * s.trials * len(arm_trials.BASES)
         task = progress.add_task("concealing, diagnosing", total=total)
-        drawn = arm_trials.trials_of(
-            models, s.trials, s.poses, s.seed, s.out / "models"
-        )
-        for trial in drawn:
+        progress.update(task, advance=len(trials))
+        for trial in arm_trials.trials_of(
+            models, s.trials, s.poses, s.seed, s.out / "models", known, s.stated
+        ):
             trials.append(trial)
+            data_files.write_table(file, arm_trials.rows_of(trials))
             progress.update(task, advance=1)
-    data_files.write_table(s.out / "arm_trials.csv", arm_trials.rows_of(trials))
     right = sum(t.right for t in trials)
     first = f"Both effects were named or declared in {right} of {len(trials)} trials."
     table = page.Table(
@@ -67,7 +78,8 @@ def main(settings: Settings) -> list[ArmTrial]:
     )
     page.write(s.out, "Arms of any model file", first, [table])
     command = f"python -m scenarios.arm_trials --models DIR --trials {s.trials}"
-    command += f" --poses {s.poses} --seed {s.seed} --out {s.out.as_posix()}"
+    command += f" --poses {s.poses} --seed {s.seed} --stated {s.stated}"
+    command += f" --out {s.out.as_posix()}"
     data_files.write_run_file(s.out, command, asdict(s) | {"models": len(models)})
     print(f"{first}\n{s.out / 'report.html'}")
     return trials

@@ -21,7 +21,7 @@ from bench.shared.recording import UNLOADING, Recording
 from stiffness.experiment.visits import commanded_lags
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import ArmState
-from stiffness.robot.wrench import wrench_in_base
+from stiffness.robot.wrench import felt_body, wrench_in_base
 
 # --- Noise from replicates ------------------------------------------------------------
 
@@ -334,6 +334,13 @@ def abilities(
         "the wrench is measured" if loaded else "no wrench: weight is the only load",
         "" if loaded else "a force sensor, fx_n … tz_nm",
     )
+    if loaded and (others := unpulled_axes(r, arm)):
+        yield Ability(
+            "how the other arm gives way to a load",
+            False,
+            f"one wrench is read, and it pulls none of {', '.join(others)}",
+            "a recording of its own with the other hand pulled",
+        )
     warm, absolute = r.temperature is not None, r.displacement == "absolute"
     found = replicate_noise(r)
     yield Ability(
@@ -372,6 +379,15 @@ def abilities(
         else "no two axes move the markers alike",
         "other directions of load, or a marker between these axes" if pairs else "",
     )
+
+
+def unpulled_axes(recording: Recording, arm: Arm) -> tuple[str, ...]:
+    """Return the axes of other arms of a torso than the one that the wrench is on."""
+    chain = arm.chain
+    end = arm.attachment(felt_body(recording)).axis
+    pulled, every = chain.carriers(end), range(len(arm.axes))
+    other = [k for k in every if k not in pulled and end not in chain.carriers(k)]
+    return tuple(f"a{k + 1}" for k in other) if pulled else ()
 
 
 def _between_encoders(r: Recording) -> Ability:

@@ -8,9 +8,11 @@ visible with either base, for what no reading shows cannot be named.
 """
 
 import time
-from collections.abc import Callable, Iterator
+import warnings
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any, Literal, get_type_hints
 from xml.etree import ElementTree
 
 import mujoco
@@ -24,7 +26,9 @@ from bench.experiment import record
 from bench.instruments import Instruments, Markers
 from bench.kinematic_chain import anatomy, with_axes
 from bench.model_file import load, plain_mjcf
+from bench.patched_model import patched_model
 from bench.payload import payload_of, usual_path
+from bench.proof.setup import base_of
 from bench.rig import RIGID, Rig
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.plan import Plan
@@ -46,6 +50,8 @@ SPREAD = 2.0
 FURTHEST = 2.0
 """How far a base is moved in each direction, in m; chosen."""
 BASES = ("as shipped", "turned")
+Stated = Literal["springs", "none", "urdf"]
+"""What the model that is diagnosed says of its joints' stiffness."""
 LEAST_CHI2 = 100.0
 """Size from which a concealed effect counts as visible, after springs, frame and places
 took what they can; chosen: ten standard errors."""
@@ -69,6 +75,8 @@ class ArmTrial:
         springs_off: Largest relative error of a spring of the patch; NaN without.
         after_over_noise: What the patched simulator leaves of the poses kept back, over
             what stated noise leaves; NaN without a proof.
+        bends_off: How far `model.xml` in plain MuJoCo bends under a load otherwise than
+            the patched rig, as a share; NaN without, infinite where MuJoCo warns.
         seconds: Of diagnosis and proof.
         failed: Why there is no answer; empty where there is one.
     """
@@ -83,6 +91,7 @@ class ArmTrial:
     verdict: str
     springs_off: float
     after_over_noise: float
+    bends_off: float
     seconds: float
     failed: str = ""
 
@@ -101,9 +110,15 @@ def model_files(folder: Path) -> list[Path]:
 
 
 def trials_of(
-    models: list[Path], trials: int, poses: int, seed: int, folder: Path
+    models: list[Path],
+    trials: int,
+    poses: int,
+    seed: int,
+    folder: Path,
+    known: Collection[tuple[str, int]] = (),
+    stated: Stated = "springs",
 ) -> Iterator[ArmTrial]:
-    """Carry out trials, each with the base as shipped and turned.
+    """Carry out trials, each with the base as shipped and turned, all arms in turn.
 
     Args:
         models: Files of arms.
@@ -111,11 +126,14 @@ def trials_of(
         poses: Of a recording.
         seed: Of everything that is drawn.
         folder: For the models with springs.
+        known: Models' names and numbers of trials that are left out.
+        stated: What the model that is diagnosed says of its joints' stiffness.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    for m, file in enumerate(models):
-        for number in range(trials):
-            yield from _trials_of(file, poses, (seed, m, number), folder)
+    for number in range(trials):
+        for m, file in enumerate(models):
+            if (file.stem, number) not in known:
+                yield from _trials_of(file, poses, (seed, m, number), folder, stated)
 
 
 def with_springs(file: Path, base: str, draw: np.random.Generator) -> str:
@@ -153,6 +171,77 @@ def with_springs(file: Path, base: str, draw: np.random.Generator) -> str:
             world.remove(child)
         world.append(wall)
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def given(file: Path, stated: Stated, folder: Path) -> Path:
+    """Return the model of an arm with what it is to say of its joints' stiffness.
+
+    Args:
+        file: MJCF with springs.
+        stated: All springs, none, or none because it is a URDF.
+        folder: Where another file is written.
+    """
+    if stated == "springs":
+        return file
+    path = folder / f"{file.stem}_rigid{'.urdf' if stated == 'urdf' else '.xml'}"
+    if stated == "urdf":
+        root = _as_urdf(load(file))
+    else:
+        root = ElementTree.fromstring(plain_mjcf(load(file)))
+        for joint in root.iter("joint"):
+            joint.attrib.pop("stiffness", None)
+    path.write_text(ElementTree.tostring(root, encoding="unicode"), encoding="utf-8")
+    return path
+
+
+def _as_urdf(model: mujoco.MjModel) -> ElementTree.Element:
+    """Return a chain of hinges, each through its body's origin, as URDF."""
+    robot = ElementTree.Element("robot", name="rigid")
+    ElementTree.SubElement(robot, "link", name="world")
+    for b in range(1, model.nbody):
+        link = ElementTree.SubElement(robot, "link", name=model.body(b).name)
+        if model.body_mass[b] > 0.0:
+            inertial = ElementTree.SubElement(link, "inertial")
+            mass = repr(float(model.body_mass[b]))
+            ElementTree.SubElement(inertial, "mass", value=mass)
+            inertial.append(_origin(model.body_ipos[b], model.body_iquat[b]))
+            own = dict(zip(("ixx", "iyy", "izz"), model.body_inertia[b], strict=True))
+            own |= dict.fromkeys(("ixy", "ixz", "iyz"), 0.0)
+            inertia = {name: repr(float(value)) for name, value in own.items()}
+            ElementTree.SubElement(inertial, "inertia", inertia)
+        robot.append(_urdf_joint(model, b))
+    return robot
+
+
+def _urdf_joint(model: mujoco.MjModel, b: int) -> ElementTree.Element:
+    hinged, j = bool(model.body_jntnum[b]), model.body_jntadr[b]
+    name = model.joint(j).name if hinged else f"to_{model.body(b).name}"
+    kind = "revolute" if hinged else "fixed"
+    joint = ElementTree.Element("joint", name=name, type=kind)
+    parent = model.body(model.body_parentid[b]).name
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=model.body(b).name)
+    joint.append(_origin(model.body_pos[b], model.body_quat[b]))
+    if hinged:
+        if np.any(model.jnt_pos[j]) or model.jnt_type[j] != mujoco.mjtJoint.mjJNT_HINGE:
+            fault = f"joint {name!r} is no hinge through its body's origin."
+            raise Unusable("Model as URDF", [fault])
+        axis = " ".join(repr(float(x)) for x in model.jnt_axis[j])
+        ElementTree.SubElement(joint, "axis", xyz=axis)
+        low, high = map(float, model.jnt_range[j])
+        if not model.jnt_limited[j]:
+            low, high = -np.pi, np.pi
+        limit = {"lower": repr(low), "upper": repr(high)}
+        ElementTree.SubElement(joint, "limit", limit, effort="0", velocity="0")
+    return joint
+
+
+def _origin(position: np.ndarray, quaternion: np.ndarray) -> ElementTree.Element:
+    turn = Rotation.from_quat(quaternion, scalar_first=True)
+    with warnings.catch_warnings(action="ignore"):  # of two angles that are one
+        angles = turn.as_euler("xyz")
+    place, spin = (" ".join(repr(float(x)) for x in v) for v in (position, angles))
+    return ElementTree.Element("origin", xyz=place, rpy=spin)
 
 
 def _stiffness(model: mujoco.MjModel) -> dict[str, float]:
@@ -195,7 +284,11 @@ class _Setup:
 
 
 def _trials_of(
-    file: Path, poses: int, key: tuple[int, int, int], folder: Path
+    file: Path,
+    poses: int,
+    key: tuple[int, int, int],
+    folder: Path,
+    stated: Stated,
 ) -> Iterator[ArmTrial]:
     """Carry out one trial with each base; a key is seed, arm and number."""
     number = key[2]
@@ -231,7 +324,8 @@ def _trials_of(
         try:
             recording = setup.seen(truth, seed)
             started = time.perf_counter()
-            yield _answered(file, number, setup, truth, recording)
+            model = given(Path(setup.rig.arm_file), stated, folder)
+            yield _answered(file, number, setup, truth, recording, model)
         except BenchError as error:
             spent = time.perf_counter() - started
             yield _failed(file, number, setup.base, truth, spent, error)
@@ -271,10 +365,11 @@ def _failed(
     seconds: float,
     error: BenchError,
 ) -> ArmTrial:
-    failed = str(error).partition("\n")[0]
+    first, _, faults = str(error).partition("\n")
+    failed = f"{first} {faults.partition(chr(10))[0].strip()}".strip()
     return ArmTrial(
         *(file.stem, number, base, _names(truth), "", False, False, "failed"),
-        *(np.nan, np.nan, seconds, failed),
+        *(np.nan, np.nan, np.nan, seconds, failed),
     )
 
 
@@ -284,9 +379,10 @@ def _answered(
     setup: _Setup,
     truth: tuple[Effect, ...],
     recording: Recording,
+    model: Path,
 ) -> ArmTrial:
     """Diagnose and prove a recording, and hold the answer against the truth."""
-    started, model = time.perf_counter(), Path(setup.rig.arm_file)
+    started = time.perf_counter()
     arm = arm_of(model).for_recording(recording)
     found = asked(recording, arm)
     simulated, why = proved(found, recording, arm, model)
@@ -297,10 +393,11 @@ def _answered(
         f"{e.effect}@{e.where}" for n in answer.named for e in n.equivalents[:3]
     }
     wanted = {f"{e.name}@{e.where}" for e in truth}
-    off = after = np.nan
+    off = after = bends = np.nan
     if simulated is not None and not why:
         fitted = np.minimum(simulated.patched.rig.springs, RIGID)
         off = float(np.max(np.abs(fitted / setup.rig.springs - 1.0)))
+        bends = bends_otherwise(simulated.patched.rig, model)
         if simulated.markers is not None:
             after = simulated.markers.after / simulated.markers.noise
     return ArmTrial(
@@ -314,6 +411,7 @@ def _answered(
         verdict=answer.verdict,
         springs_off=off,
         after_over_noise=after,
+        bends_off=bends,
         seconds=seconds,
         failed=why,
     )
@@ -323,9 +421,62 @@ def _names(effects: tuple[Effect, ...]) -> str:
     return " ".join(sorted(f"{e.name}@{e.where}" for e in effects))
 
 
+LOAD = (30.0, 40.0, -50.0)
+"""On the flange, in N along the world's axes; chosen: a tool's."""
+STEADY = 10.0
+"""Seconds that plain MuJoCo is stepped; by the bar of ten seconds without a warning."""
+
+
+def bends_otherwise(rig: Rig, file: Path) -> float:
+    """Return by what share plain MuJoCo bends otherwise than a patched rig.
+
+    Args:
+        rig: The patched rig.
+        file: The model that the patch is put into.
+    """
+    model = patched_model(rig, file)
+    built, flange = model.compiled(), rig.anatomy.flange
+    b, stood = built.body(flange).id, list[np.ndarray]()
+    for force in (np.zeros(3), np.array(LOAD)):
+        data = mujoco.MjData(built)
+        if built.nkey:
+            mujoco.mj_resetDataKeyframe(built, data, 0)
+        for _ in range(round(STEADY / built.opt.timestep)):
+            mujoco.mj_step1(built, data)
+            data.xfrc_applied[b, :3] = force
+            data.xfrc_applied[b, 3:] = np.cross(data.xpos[b] - data.xipos[b], force)
+            mujoco.mj_step2(built, data)
+        if any(w.number for w in data.warning):
+            return np.inf
+        stood.append(data.xpos[b].copy())
+    posture, base = np.array([list(model.held.values())]), base_of(rig)[1]
+    bare = rig.respond(posture, np.zeros((1, 1, 6)), np.ones((1, 1)))
+    lever = -bare.rotation[0, bare.bodies.index(flange)] @ rig.mounted.sensor_position
+    pull, wrench = np.array(LOAD), np.zeros((1, 2, 6))
+    wrench[0, 1] = [*(base.T @ pull), *(base.T @ np.cross(lever, pull))]
+    still, loaded = rig.respond(posture, wrench, np.full((1, 2), 60.0)).point(
+        flange, np.zeros(3)
+    )
+    moved = loaded - still
+    off = stood[1] - stood[0] - moved
+    return float(np.linalg.norm(off) / np.linalg.norm(moved))
+
+
 def rows_of(trials: list[ArmTrial]) -> list[dict[str, object]]:
     """Return the trials as rows of a table."""
     return [asdict(trial) for trial in trials]
+
+
+def trials_in(rows: list[dict[str, str]]) -> list[ArmTrial]:
+    """Return the trials of a table that was written from `rows_of`."""
+    read: dict[type, Callable[[str], Any]] = {
+        bool: lambda cell: cell == "True",
+        int: int,
+        float: lambda cell: float(cell or "nan"),
+        str: str,
+    }
+    kinds = get_type_hints(ArmTrial)
+    return [ArmTrial(**{n: read[kinds[n]](row[n]) for n in kinds}) for row in rows]
 
 
 def summary_of(trials: list[ArmTrial]) -> list[list[str]]:
@@ -336,6 +487,7 @@ def summary_of(trials: list[ArmTrial]) -> list[list[str]]:
             own = [t for t in trials if (t.model, t.base) == (model, base)]
             off = [t.springs_off for t in own if np.isfinite(t.springs_off)]
             after = [t.after_over_noise for t in own if np.isfinite(t.after_over_noise)]
+            bends = [t.bends_off for t in own]
             count = len(own)
             found.append(
                 [
@@ -345,6 +497,7 @@ def summary_of(trials: list[ArmTrial]) -> list[list[str]]:
                     f"{sum(t.exact for t in own)}/{count}",
                     f"{sum(x <= 0.05 for x in off)}/{count}",
                     f"{sum(x <= 1.05 for x in after)}/{count}",
+                    f"{sum(x <= 0.01 for x in bends)}/{count}",
                     f"{sum(t.verdict == 'explained' for t in own)}/{count}",
                     f"{np.median([t.seconds for t in own]):.0f}",
                 ]
@@ -359,6 +512,7 @@ HEADER = [
     "exactly these",
     "springs within 5 %",
     "after ≤ 1.05 × noise",
+    "model.xml bends as the rig within 1 %",
     "explained",
     "median [s]",
 ]

@@ -22,6 +22,11 @@ from scenarios.pipelines.calibration import (
 )
 from scenarios.pipelines.calibration_proof import unproved
 from scenarios.pipelines.inputs import arm_of, read_for
+from scenarios.pipelines.recording_check import (
+    abilities,
+    axis_views,
+    unpulled_axes,
+)
 from scenarios.pipelines.synthetic_recording import Watching
 from scenarios.report.sections.calibration import write_files
 from stiffness.effects.hysteresis import stop
@@ -75,6 +80,16 @@ def test_a_load_on_either_hand_turns_that_arm_s_axes_and_the_waist_alone():
         situation, expected = loaded(side)
         np.testing.assert_allclose(situation.torque, expected, atol=1e-12)
         np.testing.assert_allclose(np.diff(situation.torque[:, others], axis=0), 0.0)
+
+
+def test_check_says_which_axes_the_one_wrench_does_not_pull():
+    situation, _ = loaded("left")
+    arm, seen = situation.arm, situation.recording
+    found = {a.question: a for a in abilities(seen, arm, axis_views(seen, arm))}
+    other = found["how the other arm gives way to a load"]
+    assert not other.can
+    assert other.why == "one wrench is read, and it pulls none of a4, a5"
+    assert unpulled_axes(seen, Arm.from_mjcf_text(TORSO)) == ("a4", "a5")
 
 
 @pytest.fixture

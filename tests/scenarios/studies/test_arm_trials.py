@@ -4,10 +4,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bench.model_file import load
+from bench.model_file import load, plain_mjcf
 from bench.shared.errors import Unusable
 from scenarios import arm_trials as command
-from scenarios.studies.arm_trials import BASES, WOUND_UP, model_files, with_springs
+from scenarios.studies.arm_trials import (
+    BASES,
+    WOUND_UP,
+    given,
+    model_files,
+    with_springs,
+)
 from stiffness.robot.arm import Arm
 
 
@@ -30,9 +36,12 @@ def test_arms_of_a_folder_are_tried_with_both_bases(models, tmp_path, capsys):
         assert trial.failed == ""
         assert trial.springs_off < 0.15
         assert trial.after_over_noise < 1.5
+        assert trial.bends_off < 0.01
     assert "ur10" in (tmp_path / "out" / "report.md").read_text()
-    assert (tmp_path / "out" / "arm_trials.csv").exists()
     assert "of 2 trials" in capsys.readouterr().out
+    again = command.main(settings)  # read, not carried out again
+    assert [t.named for t in again] == [t.named for t in trials]
+    assert [t.failed for t in again] == ["", ""]
 
 
 def test_a_turned_base_is_the_same_arm_under_another_gravity(models):
@@ -49,6 +58,21 @@ def test_a_turned_base_is_the_same_arm_under_another_gravity(models):
     assert turn.magnitude() > 0.1
     torque = one.gravity_torque(np.zeros((1, 6))) / one.stiffness
     assert np.max(np.abs(torque)) <= 1.5 * WOUND_UP
+
+
+def test_a_turned_arm_as_urdf_stands_and_weighs_as_its_mjcf(models, tmp_path):
+    (file,) = model_files(models)
+    turned = tmp_path / "turned.xml"
+    turned.write_text(with_springs(file, "turned", np.random.default_rng(3)))
+    one, other = (
+        Arm.from_mjcf_text(plain_mjcf(load(given(turned, stated, tmp_path))))
+        for stated in ("none", "urdf")
+    )
+    posture = np.random.default_rng(1).uniform(-1.0, 1.0, (3, 6))
+    assert one.axes == other.axes
+    assert not one.stiffness.any() and not other.stiffness.any()
+    torque = [arm.gravity_torque(posture) for arm in (one, other)]
+    np.testing.assert_allclose(torque[1], torque[0], atol=1e-9)
 
 
 def test_a_folder_without_models_is_refused(tmp_path):
