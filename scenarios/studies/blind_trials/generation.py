@@ -66,7 +66,7 @@ from scenarios.studies.blind_trials.oracle import (
     explained,
     log_bayes_factor,
 )
-from scenarios.studies.blind_trials.strata import STRATA, Stratum
+from scenarios.studies.blind_trials.strata import CARRIED, STRATA, Stratum
 from scenarios.studies.blind_trials.visibility import Visibility, scale_of
 
 # --- Instruments ----------------------------------------------------------------------
@@ -235,8 +235,9 @@ class Bench:
 
     def seen(self, effects: tuple[Effect, ...], instruments: Instruments) -> Recording:
         """Return a recording of the arm with effects, by some instruments."""
-        rig = replace(self.rig, effects=effects)
-        seen = record(rig, self.plan, instruments, self.trial.seed, self.trial.name)
+        rig, of = replace(self.rig, effects=effects), self.trial
+        memory = "carried" if of.stratum.name in CARRIED else "forgotten"
+        seen = record(rig, self.plan, instruments, of.seed, of.name, memory)
         if not self.hook:
             return seen
         quiet = error_free_instruments(self.trial.instruments)

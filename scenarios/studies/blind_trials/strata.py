@@ -259,9 +259,18 @@ STRATA = {
             most=40_000.0,
         ),
         *_noise_statements(),
+        Stratum(
+            "memory_carried",
+            "play, hysteresis or creep in gears that remember the visit before",
+            (400.0,),
+            pool=MEMORY,
+            most=40_000.0,
+        ),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""
+CARRIED = ("memory_carried",)
+"""Strata whose gears remember the visit before, of which the answer is not told."""
 USUAL = tuple(
     name for name, s in STRATA.items() if not (s.effects or s.most or s.marks)
 )
@@ -310,6 +319,8 @@ BARS = (
     Bar(("outside", "removed"), "wrong_name", 0.10, at_most=True),
     Bar(("outside", "removed"), "abstains", 0.80, of="detected"),
     Bar(("memory",), "told_apart", 0.90),
+    Bar(("memory_carried",), "right", 0.95),
+    Bar(("memory_carried",), "told_apart", 0.90),
     Bar(("memory_blind",), "declared", 0.90),
     Bar(("second_law",), "right", 0.97),
     Bar(("one_45",), "detected", 0.90),
