@@ -59,7 +59,7 @@ from scenarios.pipelines.schema import (
 )
 from stiffness.calibration.columns import Key
 from stiffness.calibration.model import readings_of
-from stiffness.calibration.result import Calibrated, calibrated
+from stiffness.calibration.result import Calibrated, calibrated, is_told
 from stiffness.calibration.rigid_fit import outlier_distances
 from stiffness.calibration.selection import (
     BELIEVED,
@@ -80,8 +80,12 @@ from stiffness.robot.arm import Arm
 # --- The entry in schema 1 ------------------------------------------------------------
 
 MM, MRAD = 1e3, 1e3
-LIKE = {"hysteresis": "lost_motion"}
-"""Effects that cannot be told apart at rest: both depend on the side of approach."""
+LIKE = {
+    "hysteresis": ("lost_motion",),
+    "reading_lag": ("hysteresis", "lost_motion"),
+}
+"""Effects that cannot be told apart at rest: all depend on the side of approach, and
+moves between the poses are not known. Commanded angles may tell a lag."""
 IMPOSSIBLE_FIT = "the best fit is a size that the effect cannot have"
 NOT_MISSED = "fitted with the others, but taken out alone it is not missed"
 
@@ -240,8 +244,8 @@ def _called(found: Calibrated, key: Key) -> Called:
             Interval(q, None, None) if turn is None else Interval(q, q - turn, q + turn)
         )
     equivalents = [At(*other) for other in found.selected.equivalents.get(key, ())]
-    if effect in LIKE:
-        equivalents.append(At(LIKE[effect], where))
+    if effect in LIKE and not _is_the_reports(found, key):
+        equivalents += [At(other, where) for other in LIKE[effect]]
     elif effect == "drift":
         equivalents.append(At("drift", "tracker"))
     elif effect == "encoder_offset":
@@ -267,6 +271,14 @@ def first_sentence(answer: Answer, proof: CalibrationProof) -> str:
     stays = f"error as drawn is {before:.3f} mm rms, and no effect earned a name"
     whose = "simulator's" if not proof.failed else "fitted arm's"
     why = f" Nothing was proved: {proof.failed}" if proof.failed else ""
+def _is_the_reports(found: Calibrated, key: Key) -> bool:
+    """Return whether an effect is a lag that commanded angles show."""
+    if key[0] != "reading_lag":
+        return False
+    lag = found.estimates[key]["lag_rad"].estimate
+    return is_told(lag, found.readings.told_lag[int(key[1][1:]) - 1])
+
+
     turned = said_of_turns(answer.proof) if answer.proof is not None else ""
     return (
         f"On {proof.poses} poses in regions that nothing was fitted to, the "

@@ -191,7 +191,8 @@ def held_by_friction(
 
     An axis that stops short of what it reports is wound up by its gear's friction, or
     its report leads: at rest the two look alike, and every gear has friction. Commanded
-    angles that the report leads as well decide for the report.
+    angles that the report leads as well decide for the report. One that goes on beyond
+    its report lags, or friction holds it after it swung back: `is_told` decides.
 
     Args:
         estimates: Of all effects.
@@ -201,9 +202,22 @@ def held_by_friction(
     for effect, where in estimates:
         if effect == "reading_lag":
             lag = estimates[effect, where]["lag_rad"].estimate
-            if lag < 0.0 and not told[int(where[1:]) - 1] < TOLD * lag:
+            if lag < 0.0 and not is_told(lag, told[int(where[1:]) - 1]):
                 found[effect, where] = ("hysteresis", where)
     return found
+
+
+def is_told(lag: float, told: float) -> bool:
+    """Return whether commanded angles show a lag: it is the report's, nothing else's.
+
+    Without them the sides from which poses were reached tell only that an axis rests
+    elsewhere after either move, of which friction is another cause.
+
+    Args:
+        lag: As fitted, in rad.
+        told: How far the report lags behind its command, in rad; NaN = not recorded.
+    """
+    return bool(told * np.sign(lag) > TOLD * abs(lag))
 
 
 def _width(lag: Interval) -> Interval:
