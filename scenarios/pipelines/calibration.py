@@ -53,6 +53,7 @@ from scenarios.pipelines.schema import (
     Proved,
     Refused,
     Remark,
+    label,
     said_of_turns,
     verdict_of,
     why_not,
@@ -156,7 +157,7 @@ def answer_of(
             for e in map(_called, [found] * len(names), names)
             for other in e.equivalents
         ),
-        warnings=(),
+        warnings=tuple(_not_seen(found)),
         proof_requested=True,
         proof=entry,
         next_experiments=(),
@@ -179,6 +180,20 @@ def _refused(found: Calibrated, names: tuple[Key, ...]) -> Iterator[Refused]:
                 n: Interval(e.estimate, e.low, e.high) for n, e in known.items()
             }
             yield Refused(*key, parameters, NOT_MISSED)
+
+
+def not_seen_text(found: Calibrated) -> str:
+    """Say which numbers of the drawing the readings do not show; empty: none."""
+    places: dict[str, list[str]] = {}
+    for e in found.selected.not_seen:
+        places.setdefault(f"{e.effect} at {e.where}", []).append(label(e.parameter))
+    listed = "; ".join(f"{at} ({', '.join(own)})" for at, own in places.items())
+    return f"Not seen by these data, and left as drawn: {listed}." if listed else ""
+
+
+def _not_seen(found: Calibrated) -> Iterator[Remark]:
+    if text := not_seen_text(found):
+        yield Remark("not_seen", "arm", text)
 
 
 def _of_turns(found: Calibrated, proof: CalibrationProof) -> dict[str, Any]:
@@ -256,6 +271,14 @@ def _called(found: Calibrated, key: Key) -> Called:
     return Called(effect, where, sure, tuple(dict.fromkeys(equivalents)), parameters)
 
 
+def _is_the_reports(found: Calibrated, key: Key) -> bool:
+    """Return whether an effect is a lag that commanded angles show."""
+    if key[0] != "reading_lag":
+        return False
+    lag = found.estimates[key]["lag_rad"].estimate
+    return is_told(lag, found.readings.told_lag[int(key[1][1:]) - 1])
+
+
 # --- The report -----------------------------------------------------------------------
 
 
@@ -271,14 +294,6 @@ def first_sentence(answer: Answer, proof: CalibrationProof) -> str:
     stays = f"error as drawn is {before:.3f} mm rms, and no effect earned a name"
     whose = "simulator's" if not proof.failed else "fitted arm's"
     why = f" Nothing was proved: {proof.failed}" if proof.failed else ""
-def _is_the_reports(found: Calibrated, key: Key) -> bool:
-    """Return whether an effect is a lag that commanded angles show."""
-    if key[0] != "reading_lag":
-        return False
-    lag = found.estimates[key]["lag_rad"].estimate
-    return is_told(lag, found.readings.told_lag[int(key[1][1:]) - 1])
-
-
     turned = said_of_turns(answer.proof) if answer.proof is not None else ""
     return (
         f"On {proof.poses} poses in regions that nothing was fitted to, the "
@@ -377,7 +392,7 @@ def calibrate_and_prove(
         said(text)
         answer = msgspec.structs.replace(
             answer,
-            warnings=(Remark("outliers", "tracker", text),),
+            warnings=(Remark("outliers", "tracker", text), *answer.warnings),
             outliers=tuple(
                 OutlierEntry(o.pose, o.marker, MM * o.size) for o in outliers
             ),

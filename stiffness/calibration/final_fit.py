@@ -7,13 +7,26 @@ coefficients into parameters of the arm.
 Intervals (`spread`):
 
 ==========  ==========================================================================
-Equation    cov = C (sum over regions g g') C R / (R − 1), g = A'r / s² of a region,
+Equation    cov = C (sum over regions g g') C R / (R − 1) + D, g = A'r / s² of a region,
             C = (A'A / s² + P)⁻¹; estimate ± t(R − 1) sqrt(cov), never narrower than
-            C times the design effect gives
+            C times the design effect gives; D see below
 Source      Liang, Zeger 1986 (the sandwich of clusters); Cameron, Miller 2015
             (R / (R − 1) and Student's t with R − 1)
 Valid       ten regions or more
-Ignores     the selection that came before, on folds left out
+Ignores     the selection that came before, on folds left out, but for D
+==========  ==========================================================================
+
+What the numbers of the drawing that were not chosen add (`of_unchosen`):
+
+==========  ==========================================================================
+Equation    D = f B S⁻¹ B' + B d d' B', B = C A'U / s², U their columns,
+            S = U'U / s² + P − U'A B / s², d = S⁻¹ U'r / s², f the design effect: the
+            covariance that C has with U's coefficients fitted too, by their priors,
+            and the square of what the estimates would change by
+Source      Bayesian model averaging, its widest model: Hoeting et al. 1999,
+            Statistical Science 14, 382
+Valid       numbers that lie about the drawing as stated
+Ignores     columns of which others, the frame or targets do just the same
 ==========  ==========================================================================
 
 Design effects of the regions (`design_effects`), by which priors count more:
@@ -43,6 +56,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.linalg import cho_solve
 from scipy.stats import t as student
 
 from bench.shared.settings import SETTINGS
@@ -121,7 +135,7 @@ def spread(
     variance = np.diag(total) * count / (count - 1)
     design = found.blocks.by_prior(found.design)[found.known[wanted]]
     least = inverse[wanted, np.arange(len(wanted))] * design
-    variance = np.maximum(variance, least)
+    variance = np.maximum(variance, least) + found.of_unchosen[wanted]
     return student.ppf(0.5 + LEVEL / 2, count - 1) * np.sqrt(variance)
 
 
@@ -285,6 +299,8 @@ class FinalFit:
         residual: Residual on all rows, in m; see `CalibrationState.residual`.
         used: Effective number of coefficients per fitted coordinate.
         design: Design effects of the regions.
+        of_unchosen: What each coefficient's variance is larger by, since numbers of the
+            drawing that were not fitted may be off as well.
     """
 
     blocks: Blocks
@@ -296,6 +312,7 @@ class FinalFit:
     residual: Float[np.ndarray, "rows coordinates"]
     used: float
     design: DesignEffects
+    of_unchosen: Float[np.ndarray, " known"]
 
 
 def final_fit(
@@ -349,9 +366,11 @@ def _about(readings, keep, rigid, wanted, sprung, highest, design) -> FinalFit:
         ]
     )
     one = np.where(keep, 0, -1)
-    normal = normals_of(full, stance, one, 1)[0].only(known)
+    every_column = normals_of(full, stance, one, 1)[0]
+    normal = every_column.only(known)
     stated, more = 1.0 / full.size[known] ** 2, full.by_prior(design)[known]
     fit, sizes = learnt(normal, full.band[known], stated, more)
+    wider = _of_unchosen(full, every_column, known, fit, sizes.noise, design)
     left = np.empty_like(stance.residual)
     for start in range(0, len(left), 500):
         rows = np.arange(start, min(start + 500, len(left)))
@@ -359,7 +378,39 @@ def _about(readings, keep, rigid, wanted, sprung, highest, design) -> FinalFit:
         left[rows] = (y - a[:, known] @ fit.x).reshape(len(rows), -1)
     drawn = corrected_geometry_of(full, rigid.geometry, known, fit.x)
     used = float(np.sum(1.0 - fit.precision * fit.spread())) / normal.count
-    return FinalFit(full, stance, known, fit, sizes, drawn, left, used, design)
+    return FinalFit(full, stance, known, fit, sizes, drawn, left, used, design, wider)
+
+
+def _of_unchosen(
+    full: Blocks,
+    normal: Normal,
+    known: Int[np.ndarray, " known"],
+    fit: Solved,
+    noise: float,
+    design: DesignEffects,
+) -> Float[np.ndarray, " known"]:
+    """Return D's diagonal; see the module.
+
+    Args:
+        full: All columns.
+        normal: Their normal equations.
+        known: Indices of the fitted columns.
+        fit: Their solution.
+        noise: Variance of a coordinate, in m^2.
+        design: Design effects of the regions.
+    """
+    rest = np.setdiff1d(np.flatnonzero(np.isfinite(full.size)), known)
+    if not len(rest):
+        return np.zeros(len(known))
+    factor = design.get(STATED, 1.0)
+    cross = normal.gram[np.ix_(known, rest)] / noise
+    moved = cho_solve(fit.factor, cross)  # B
+    inner = normal.gram[np.ix_(rest, rest)] / noise - cross.T @ moved
+    inner[np.diag_indices(len(rest))] += factor / full.size[rest] ** 2
+    score = normal.aim[rest] / noise - cross.T @ fit.x
+    inverse = np.linalg.inv(inner)
+    step = moved @ (inverse @ score)
+    return factor * np.einsum("ij,jk,ik->i", moved, inverse, moved) + step**2
 
 
 def springs_of(

@@ -66,7 +66,7 @@ from stiffness.calibration.model import (
     entries_of,
     readings_of,
 )
-from stiffness.calibration.rigid_fit import RigidFit, fitted
+from stiffness.calibration.rigid_fit import RigidFit, fitted, not_seen
 from stiffness.calibration.selection import (
     MARGIN,
     Judge,
@@ -346,6 +346,7 @@ def calibrated(
     more = blocks.by_prior(design)
     _, sizes = learnt(total_of(folds), blocks.band, stated, more)
     chosen = selected(Judge(blocks, folds, sizes, stated, more), said)
+    chosen = replace(chosen, not_seen=not_seen(fit_on, rigid))
     said("drawing tables in full")
     wanted = {(blocks.owner[j], blocks.parameter[j]) for j in chosen.columns}
     del folds

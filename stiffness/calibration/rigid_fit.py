@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 from stiffness.calibration.model import (
     NAMES,
     CalibrationState,
+    Entry,
     Geometry,
     Readings,
     entries_of,
@@ -111,6 +112,32 @@ def _fit_until_stable(readings: Readings, start: Geometry, redraw: bool) -> Rigi
         if np.abs(step).max() < STILL:
             break
     return fit
+
+
+BLIND = 0.9
+"""Share of what is stated to which a number's sigma has to fall to count as seen;
+chosen: what readings say is then a fifth of what both say."""
+ANYWHERE = 200
+"""Postures at random that show what an arm could show."""
+
+
+def not_seen(readings: Readings, fit: RigidFit) -> tuple[Entry, ...]:
+    """Return the numbers of the drawing that other postures show, and these do not.
+
+    Their sigma stays as stated, or another number does nearly the same here.
+    """
+    entries, count = entries_of(readings.arm.chain), len(fit.geometry.values)
+    stance = CalibrationState.of(readings, fit.geometry)
+    a, size = _flat(stance)[:, fit.kept], prior_sizes(readings)[fit.kept]
+    known = a.T @ a / np.mean(stance.residual**2) + np.diag(1.0 / size**2)
+    sigma = np.zeros(len(fit.kept))
+    sigma[fit.kept] = np.sqrt(np.diag(np.linalg.inv(known))) / size
+    some = readings.take(np.arange(ANYWHERE) % len(readings.posture))
+    angles = np.random.default_rng(0).uniform(-np.pi, np.pi, some.posture.shape)
+    anywhere = CalibrationState.of(replace(some, posture=angles), fit.geometry)
+    could = identifiable(_flat(anywhere), count, redraw=True)
+    blind = could & (~fit.kept | (sigma > BLIND))
+    return tuple(e for e, unseen in zip(entries, blind, strict=False) if unseen)
 
 
 def _flat(stance: CalibrationState) -> Float[np.ndarray, "n silent"]:

@@ -67,7 +67,7 @@ from scipy.cluster.vq import kmeans2
 
 from bench.shared.settings import SETTINGS
 from stiffness.calibration.columns import SILENT, Blocks, Key
-from stiffness.calibration.model import Readings
+from stiffness.calibration.model import Entry, Readings
 from stiffness.regression.elimination import ColumnIndices, Eliminated
 from stiffness.regression.empirical_bayes import VarianceComponents, precision_of
 from stiffness.regression.normal_equations import Normal, total_of
@@ -463,12 +463,14 @@ class Selected:
         budget: For each effect believed, the increase of the logarithm of the mean
             square on folds left out when it alone is removed, and its standard error.
         equivalents: For each effect believed, those that predict as well in its place.
+        not_seen: Numbers of the drawing that the readings do not show.
     """
 
     columns: ColumnIndices
     steps: tuple[Step, ...]
     budget: dict[Key, tuple[float, float]]
     equivalents: dict[Key, tuple[Key, ...]]
+    not_seen: tuple[Entry, ...] = ()
 
 
 def selected(judge: Judge, said: Callable[[str], object] = lambda _: None) -> Selected:

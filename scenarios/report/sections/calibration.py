@@ -120,13 +120,15 @@ def _blocks(
     )
     yield Heading("What to bear in mind")
     yield Paragraph(
-        "Corrections of the drawing are those that these postures show; what the "
-        "tracker's frame, the target's place or another entry does as well stays as "
-        "drawn. An uneven gear's slow waves, offsets and compliance resemble each "
-        "other where an axis moves little. The side an axis came from is taken from "
-        "the poses recorded; moves between them are not known. The simulator proves "
-        "everything as mechanisms but that side, which is played as axes that stop "
-        "short."
+        f"{calibration.not_seen_text(found)} What the tracker's frame, the target's "
+        "place or another number of the drawing does just as well stays as drawn too. "
+        "Intervals hold what numbers that were not chosen may be off by, as stated. An "
+        "uneven gear's slow waves, offsets and compliance resemble each other where an "
+        "axis moves little. The side an axis came from is taken from the poses "
+        "recorded; moves between them are not known, so a reading that lags and "
+        "friction are alike unless commanded angles tell them apart. The simulator "
+        "proves everything as mechanisms but that side, which is played as axes that "
+        "stop short.".strip()
     )
 
 

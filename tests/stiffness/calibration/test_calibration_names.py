@@ -8,14 +8,14 @@ from test_calibration import NOISE, PLACE, UR10, recorded
 from bench import patch
 from bench.patch import PatchEffect
 from bench.shared.recording import DrawingAccuracy, Marker, Recording
-from scenarios.pipelines.calibration import calibrate_and_prove
+from scenarios.pipelines.calibration import calibrate_and_prove, not_seen_text
 from scenarios.pipelines.calibration_proof import rms
 from scenarios.pipelines.inputs import arm_of
 from scenarios.report.sections.calibration import write_files
 from stiffness.calibration import model
-from stiffness.calibration.model import readings_of
+from stiffness.calibration.model import CalibrationState, entries_of, readings_of
 from stiffness.calibration.result import calibrated, held_by_friction, is_told
-from stiffness.calibration.rigid_fit import fitted
+from stiffness.calibration.rigid_fit import fitted, not_seen
 from stiffness.calibration.selection import spatial_folds_of
 from stiffness.experiment.visits import commanded_lags
 from stiffness.regression.intervals import Interval
@@ -140,6 +140,64 @@ def test_what_a_recording_hardly_shows_stays_at_the_drawing(seed):
     assert np.abs(rigid.values).max() < 5e-3
     assert np.abs(found.corrected_geometry.values).max() < 5e-3
     assert "encoder_offset" not in {effect for effect, _ in found.named}
+
+
+def test_numbers_that_the_postures_do_not_show_are_said_to_be_unseen(crooked):
+    readings = readings_of(narrow(3), arm_of(UR10))
+    unseen = not_seen(readings, fitted(readings, redraw=True))
+    assert [(e.where, e.parameter) for e in unseen] == [("link_5", "rx_rad")]
+    chosen = replace(crooked.found.selected, not_seen=unseen)
+    text = not_seen_text(replace(crooked.found, selected=chosen))
+    assert text.endswith("left as drawn: geometry_error at link_5 (rx).")
+    assert not_seen_text(crooked.found) == ""
+    assert crooked.answer.warnings == ()
+
+
+SIZES = {"offset_rad": 3.5e-3, "x_m": 1e-3, "y_m": 1e-3, "z_m": 1e-3} | dict.fromkeys(
+    ("rx_rad", "ry_rad", "rz_rad"), 1.75e-3
+)
+"""One sigma of each number of a drawing, as taken where nothing is stated."""
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_intervals_hold_what_numbers_that_were_not_chosen_may_be_off_by(seed):
+    """A third of the drawing is wrong; else 4 of 11 and 4 of 7 intervals miss it."""
+    arm, random = arm_of(UR10), np.random.default_rng(seed)
+    entries = entries_of(arm.chain)
+    wrong = {e: random.normal(0.0, SIZES[e.parameter]) for e in entries
+             if random.uniform() < 0.3}  # fmt: skip
+    effects = [PatchEffect(e.effect, e.where, {e.parameter: v})
+               for e, v in wrong.items()]  # fmt: skip
+    readings = readings_of(
+        recorded(UR10, (*effects, *NARROW), 60, seed, reach=0.3), arm
+    )
+    found = calibrated(readings, spatial_folds_of(readings))
+    truth = as_kept(readings, np.array([wrong.get(e, 0.0) for e in entries]))
+    missed = [
+        entry
+        for entry, value in zip(entries, truth, strict=True)
+        for i in [found.estimates.get((entry.effect, entry.where), {})]
+        if entry.parameter in i
+        if not i[entry.parameter].low <= value <= i[entry.parameter].high
+    ]
+    assert not missed
+    names = {k for k in found.named if k[0] in ("geometry_error", "encoder_offset")}
+    true = {(e.effect, e.where) for e, v in zip(entries, truth, strict=True) if v}
+    assert names <= true
+
+
+def as_kept(readings, values):
+    """Return a drawing's errors as those of the columns that a fit keeps."""
+    fit = fitted(readings, redraw=True)
+    start = replace(fit.geometry, values=np.zeros(len(values)))
+    a = CalibrationState.of(readings, start).nuisance_jacobian()
+    a = a.reshape(-1, len(fit.kept))
+    lost = np.flatnonzero(~fit.kept[: len(values)])
+    moved = a[:, lost] @ values[lost]
+    found = np.append(values, np.zeros(len(fit.kept) - len(values)))
+    found[lost] = 0.0
+    found[fit.kept] += np.linalg.lstsq(a[:, fit.kept], moved, rcond=None)[0]
+    return found[: len(values)]
 
 
 def test_a_drawing_that_is_far_off_is_corrected_where_the_data_insist():
