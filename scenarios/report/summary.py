@@ -10,6 +10,7 @@ prints all of it, with a table of the named effects.
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from statistics import median
 
 from rich.console import Console
 from rich.markup import escape
@@ -74,18 +75,22 @@ def rows(nominal: Nominal, slides: tuple[bool, ...]) -> Iterator[list[str]]:
 
 def sentence(nominal: Nominal) -> str:
     """Return which springs clearly differ from the model's; empty: none does."""
-    told = []
+    told, ratios = [], []
     every = zip(nominal.compliance, nominal.sigma, nominal.modelled, strict=True)
     for k, (c, s, m) in enumerate(every):
         if min(c, s, m) <= 0.0 or f"a{k + 1}" in nominal.blind:
             continue
+        ratios.append(m / c)
         if abs(c - m) > max(ANOTHER * c, SIGMAS * s):
             told.append(f"a{k + 1} {m / c:.3g} ± {s * m / c**2:.1g}")
     if not told:
         return ""
+    one, all_alike = median(ratios), ""
+    if len(ratios) > 1 and max(ratios) - min(ratios) < ANOTHER * one:
+        all_alike = f" One factor does for all within {ANOTHER:.0%}: {one:.2g}."
     return (
         "Springs were fitted as nuisance parameters. Over the model's stiffness, "
-        f"± one sigma of noise: {', '.join(told)}."
+        f"± one sigma of noise: {', '.join(told)}.{all_alike}"
     )
 
 
