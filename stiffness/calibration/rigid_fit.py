@@ -74,20 +74,32 @@ def outlier_distances(readings: Readings) -> Float[np.ndarray, " rows"]:
     size = np.zeros(len(readings.seen))
     for _ in range(SWEEPS):
         arm = fitted(readings.take(size == 0.0), redraw=True)
-        left = CalibrationState.of(readings, arm.geometry).residual
-        found = np.zeros_like(size)
-        for part in (left[:, :3], left[:, 3:]):  # position, orientation as a length
-            away = np.linalg.norm(part, axis=1)
-            for m in range(len(readings.names)):
-                own = np.flatnonzero(readings.marker == m)
-                far = own[far_off(away[own])]
-                if len(far) <= max(RARE * len(own), FEW):
-                    found[far] = np.maximum(found[far], away[far])
+        found = far_from(readings, CalibrationState.of(readings, arm.geometry).residual)
         settled = np.array_equal(found > 0.0, size > 0.0)
         size = found
         if settled:
             break
     return size
+
+
+def far_from(
+    readings: Readings, residual: Float[np.ndarray, "rows coordinates"]
+) -> Float[np.ndarray, " rows"]:
+    """Return how far outliers are from a fitted arm, in m; 0: none is.
+
+    Args:
+        readings: The readings.
+        residual: What a fit leaves of them, see `CalibrationState.residual`.
+    """
+    found = np.zeros(len(residual))
+    for part in (residual[:, :3], residual[:, 3:]):  # position, orientation as a length
+        away = np.linalg.norm(part, axis=1)
+        for m in range(len(readings.names)):
+            own = np.flatnonzero(readings.marker == m)
+            far = own[far_off(away[own])]
+            if len(far) <= max(RARE * len(own), FEW):
+                found[far] = np.maximum(found[far], away[far])
+    return found
 
 
 def _fit_until_stable(readings: Readings, start: Geometry, redraw: bool) -> RigidFit:

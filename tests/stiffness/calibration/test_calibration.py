@@ -311,10 +311,15 @@ def test_calibration_lists_wild_positions_and_is_otherwise_as_without_them(
     recording, outcome
 ):
     points = recording.points.copy()
-    points[[17, 200], 0] += [[0.0, 0.0, 4e-3], [0.3, 0.0, 0.0]]
+    hidden = 1e-3  # beyond what the calibrated arm leaves, not what a rigid one does
+    off = [[0.0, 0.0, 4e-3], [0.3, 0.0, 0.0], [0.0, hidden, 0.0]]
+    points[[17, 200, 90], 0] += off
     wild = replace(recording, points=points)
+    size = outlier_distances(readings_of(wild, arm_of(UR10)))
+    assert np.flatnonzero(size).tolist() == [17, 200]
     found = calibrate_and_prove(wild, arm_of(UR10), UR10)
-    assert [o.pose for o in found.answer.outliers] == [17, 200]
+    assert [o.pose for o in found.answer.outliers] == [17, 90, 200]
+    assert found.answer.outliers[1].size_mm == pytest.approx(1e3 * hidden, rel=0.2)
     assert [w.code for w in found.answer.warnings] == ["outliers"]
     names = {(n.effect, n.where) for n in outcome.answer.named}
     assert {(n.effect, n.where) for n in found.answer.named} >= names & {
