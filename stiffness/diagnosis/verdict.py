@@ -18,7 +18,7 @@ Ignores     exchanges of two names at once
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,9 +27,7 @@ from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.detection import DetectionTest
 from stiffness.diagnosis.gate import (
     are_near,
-    gate_terms,
     may_show_at,
-    pose_statistics,
 )
 from stiffness.diagnosis.localisation import (
     confounded_with,
@@ -70,7 +68,6 @@ from stiffness.diagnosis.selection import (
     last_of_each,
 )
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
-from stiffness.effects.jacobian import EffectJacobian
 from stiffness.regression.group_selection import exchange_worths
 from stiffness.regression.normal_equations import NormalEquations
 from stiffness.regression.testing import SIGNIFICANCE
@@ -156,17 +153,6 @@ def judge(model: SelectedModel) -> JudgedModel:
             found[member.name] = Decision(
                 member.name, "homogeneity", False, ratio, INHOMOGENEITY_LIMIT, reason
             )
-    of_name = {
-        m.name: g for m, g in zip(members, gains, strict=True) if not m.is_generic
-    }
-    unknown = sum(g for m, g in zip(members, gains, strict=True) if m.is_generic)
-    unknown += excess if large else 0.0
-    wrong = sum(of_name[name] for name in found) / max(model.fit.gain, 1e-12)
-    if large or wrong > SMALL_RESIDUAL:
-        for weak in _replaced_by_generic(model, places, set(found)):
-            found[weak.candidate] = weak
-    for weak in _outweighed(of_name, unknown, set(found)):
-        found[weak.candidate] = weak
     kinds = [
         d.grouping
         for m, d, g in zip(members, uneven, gains, strict=True)
@@ -206,65 +192,6 @@ def _residual_near(member: ModelTerm, left: DetectionTest) -> float:
     if left.tested.p_value >= SIGNIFICANCE:  # poses differ, but not along any law
         most = max(most, left.excess)
     return most
-
-
-def _replaced_by_generic(
-    model: SelectedModel,
-    places: Sequence[UnexplainedPlace],
-    contradicted: set[tuple[str, str]],
-) -> list[Decision]:
-    """Return the other names that predict nothing beside generic terms of open places.
-
-    A name that mends a wrong law elsewhere is needed no more once the place of that law
-    may do anything.
-    """
-    case, where = model.case, {place.where for place in places}
-    wrong = [t.where for t in model.fit.members if t.name in contradicted]
-    where |= {
-        block.where
-        for block in case.library.map
-        if any(are_near(block.where, one) for one in wrong)
-    }
-    terms = [
-        t for t in model.fit.members if t.name not in contradicted and not t.is_generic
-    ]
-    of_map = case.library.jacobians[-len(case.library.map) :]
-    generic = [
-        law
-        for law, block in zip(of_map, case.library.map, strict=True)
-        if block.where in where and isinstance(law, EffectJacobian)
-    ]
-    if not terms or not generic:
-        return []
-    gated, _ = gate_terms(pose_statistics(case, terms, generic))
-    reason = "generic terms of the unexplained places do as well"
-    return [
-        replace(d, gate="generic_terms", reason=reason)
-        for d in gated.decisions
-        if not d.accepted
-    ]
-
-
-def _outweighed(
-    of_name: Mapping[tuple[str, str], float],
-    excess: float,
-    contradicted: set[tuple[str, str]],
-) -> list[Decision]:
-    """Return names weaker than a wrong one, where most of the mismatch has no name.
-
-    What explains less than an unknown effect does may be part of how it is imitated.
-    """
-    wrong = [of_name[name] for name in contradicted]
-    right = sum(gain for name, gain in of_name.items() if name not in contradicted)
-    share = (sum(wrong) + excess) / max(sum(wrong) + excess + right, 1e-12)
-    if share <= MAJORITY:
-        return []
-    reason = "weaker than a withheld name, and most of the mismatch has no name"
-    return [
-        Decision(name, "outweighed", False, share, MAJORITY, reason)
-        for name, gain in of_name.items()
-        if name not in contradicted and gain < max(wrong, default=0.0)
-    ]
 
 
 def _unexplained_places(
