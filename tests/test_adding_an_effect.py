@@ -21,8 +21,7 @@ Ignores     slip of the belt under load
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -44,14 +43,6 @@ class BeltRatio(CommandEffect):
     name: ClassVar[str] = "belt_ratio"
     places: ClassVar[tuple[str, ...]] = ("axis",)
     ratio: float = 5e-4
-
-    @override
-    def off(self) -> "BeltRatio":
-        return replace(self, ratio=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"ratio": self.ratio}
 
     @override
     def command(
@@ -81,8 +72,8 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, absolute, still
-from stiffness.effects.jacobian import NOTHING, EffectJacobian, turn
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, still
+from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
 
 
@@ -101,37 +92,15 @@ class BeltRatio(Hypothesis):
         return tuple(a for k, a in enumerate(situation.axes) if not still(situation, k))
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
-        return np.zeros((1, 0))
-
-    @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         return turn(k, situation.recording.posture[:, k])
 
     @override
-    def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-    ) -> EffectJacobian:
-        return NOTHING
-
-    @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return {"ratio": coefficients[0]}
 '''

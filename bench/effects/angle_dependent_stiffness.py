@@ -9,7 +9,7 @@ Ignores     the energy that a turn of the axis under load would exchange
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -32,23 +32,12 @@ class AngleDependentStiffness(CommandEffect):
 
     name: ClassVar[str] = "angle_dependent_stiffness"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
     at_least: ClassVar[Mapping[str, float]] = {"ratio": -0.9}
     at_most: ClassVar[Mapping[str, float]] = {"ratio": 0.9}
     ratio: float = 0.05
     order: float = 2.0
     phase_rad: float = 0.0
-
-    @override
-    def off(self) -> "AngleDependentStiffness":
-        return replace(self, ratio=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {
-            "ratio": self.ratio,
-            "order": self.order,
-            "phase_rad": self.phase_rad,
-        }
 
     @override
     def command(

@@ -10,7 +10,7 @@ Ignores     hardening of either side, hysteresis
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -34,17 +34,10 @@ class AsymmetricStiffness(ModelEffect):
 
     name: ClassVar[str] = "asymmetric_stiffness"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     at_least: ClassVar[Mapping[str, float]] = {"ratio": 1e-2}
     at_most: ClassVar[Mapping[str, float]] = {"ratio": 100.0}
     ratio: float = 1.3
-
-    @override
-    def off(self) -> "AsymmetricStiffness":
-        return replace(self, ratio=1.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"ratio": self.ratio}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

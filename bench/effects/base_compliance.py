@@ -11,7 +11,7 @@ Ignores     coupling of tilt and shift: the pedestal bends about its top
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -52,14 +52,6 @@ class BaseCompliance(ModelEffect):
     x_m_per_n: float = 0.0
     y_m_per_n: float = 0.0
     z_m_per_n: float = 0.0
-
-    @override
-    def off(self) -> "BaseCompliance":
-        return replace(self, **dict.fromkeys(self.parameters(), 0.0))
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

@@ -14,7 +14,7 @@ along z they are x and y of the seat, which does not turn with the axis.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -38,6 +38,7 @@ class BearingTilt(ModelEffect):
 
     name: ClassVar[str] = "bearing_tilt"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"u_rad_per_nm": 0.0, "v_rad_per_nm": 0.0}
     at_least: ClassVar[Mapping[str, float]] = {
         "u_rad_per_nm": 0.0,
         "v_rad_per_nm": 0.0,
@@ -45,18 +46,6 @@ class BearingTilt(ModelEffect):
     u_rad_per_nm: float = 1 / 480e3
     v_rad_per_nm: float = 1 / 480e3
     centre_m: float = 0.0
-
-    @override
-    def off(self) -> "BearingTilt":
-        return replace(self, u_rad_per_nm=0.0, v_rad_per_nm=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {
-            "u_rad_per_nm": self.u_rad_per_nm,
-            "v_rad_per_nm": self.v_rad_per_nm,
-            "centre_m": self.centre_m,
-        }
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

@@ -9,7 +9,7 @@ Ignores     recovery of different speed, temperature
 """
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -31,18 +31,11 @@ class Creep(ModelEffect):
 
     name: ClassVar[str] = "creep"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
     at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.0, "time_s": 1e-3}
     at_most: ClassVar[Mapping[str, float]] = {"ratio": 10.0, "time_s": 10000000.0}
     ratio: float = 0.03
     time_s: float = 20.0
-
-    @override
-    def off(self) -> "Creep":
-        return replace(self, ratio=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"ratio": self.ratio, "time_s": self.time_s}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

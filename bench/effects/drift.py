@@ -10,8 +10,7 @@ Ignores     the changed direction of gravity and rope relative to a base that tu
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from typing_extensions import override
@@ -41,14 +40,6 @@ class Drift(InstrumentEffect):
     rx_rad_per_h: float = 0.0
     ry_rad_per_h: float = 0.0
     rz_rad_per_h: float = 0.0
-
-    @override
-    def off(self) -> "Drift":
-        return replace(self, **dict.fromkeys(self.parameters(), 0.0))
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
 
     @override
     def fault(self, instruments: Instruments) -> Instruments:

@@ -11,8 +11,8 @@ The kind of an effect is where its physics happens:
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -36,6 +36,8 @@ class Effect(ABC):
         at_least: Lower bound of each parameter that has one.
         at_most: Upper bound of each parameter beyond which the model breaks down or
             memory runs out; chosen, far beyond all catalogues.
+        absent: Parameters at which it is switched off; empty: all of them at zero.
+        assumed: Fields of its mechanism that the vocabulary does not have.
         where: The part it sits in: an axis `a1` …, a link `link_k` (between axes k
             and k+1), `arm`, `base`, `flange`, `tool`, `rig`, `tracker`,
             `wrench_sensor` or `marker:<name>`.
@@ -45,6 +47,8 @@ class Effect(ABC):
     places: ClassVar[tuple[str, ...]]
     at_least: ClassVar[Mapping[str, float]] = {}
     at_most: ClassVar[Mapping[str, float]] = {}
+    absent: ClassVar[Mapping[str, float]] = {}
+    assumed: ClassVar[tuple[str, ...]] = ()
     where: str
 
     def __post_init__(self):
@@ -62,13 +66,17 @@ class Effect(ABC):
         if faults:
             raise Unusable(f"Effect {self.name!r} at {self.where!r}", faults)
 
-    @abstractmethod
     def off(self) -> "Effect":
         """Return the same effect with size zero."""
+        return replace(self, **(self.absent or dict.fromkeys(self.parameters(), 0.0)))
 
-    @abstractmethod
-    def parameters(self) -> Mapping[str, float | str]:
-        """Return its parameters in SI under the names of the diagnosis' vocabulary."""
+    def parameters(self) -> Mapping[str, Any]:
+        """Return its parameters in SI under the names of the diagnosis' vocabulary.
+
+        Numbers, and names of other parts.
+        """
+        shown = (f.name for f in fields(self)[1:] if f.name not in self.assumed)
+        return {name: getattr(self, name) for name in shown}
 
 
 class ModelEffect(Effect):

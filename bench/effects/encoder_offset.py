@@ -9,8 +9,7 @@ Ignores     eccentricity of the encoder (that is transmission_error)
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -32,14 +31,6 @@ class EncoderOffset(CommandEffect):
     name: ClassVar[str] = "encoder_offset"
     places: ClassVar[tuple[str, ...]] = ("axis",)
     offset_rad: float = 5e-4
-
-    @override
-    def off(self) -> "EncoderOffset":
-        return replace(self, offset_rad=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"offset_rad": self.offset_rad}
 
     @override
     def command(

@@ -10,8 +10,7 @@ Ignores     nothing at rest
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -45,14 +44,6 @@ class GeometryError(ModelEffect):
     rx_rad: float = 0.0
     ry_rad: float = 5e-4
     rz_rad: float = 0.0
-
-    @override
-    def off(self) -> "GeometryError":
-        return replace(self, **dict.fromkeys(self.parameters(), 0.0))
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

@@ -11,7 +11,7 @@ Ignores     free length (with it: k (1 - s₀/s) a b sin α), a gas spring's tem
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -38,16 +38,9 @@ class GravityCompensator(ModelEffect):
 
     name: ClassVar[str] = "gravity_compensator"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"torque_nm": 0.0}
     torque_nm: float = 50.0
     phase_rad: float = 0.0
-
-    @override
-    def off(self) -> "GravityCompensator":
-        return replace(self, torque_nm=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"torque_nm": self.torque_nm, "phase_rad": self.phase_rad}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

@@ -11,7 +11,7 @@ A centre of mass alone is shifted by two of these effects, one with a negative m
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -36,23 +36,11 @@ class GravityLoad(ModelEffect):
 
     name: ClassVar[str] = "gravity_load"
     places: ClassVar[tuple[str, ...]] = ("link", "tool")
+    absent: ClassVar[Mapping[str, float]] = {"mass_kg": 0.0}
     mass_kg: float = 1.0
     com_x_m: float = 0.1
     com_y_m: float = 0.0
     com_z_m: float = 0.0
-
-    @override
-    def off(self) -> "GravityLoad":
-        return replace(self, mass_kg=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {
-            "mass_kg": self.mass_kg,
-            "com_x_m": self.com_x_m,
-            "com_y_m": self.com_y_m,
-            "com_z_m": self.com_z_m,
-        }
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

@@ -9,7 +9,7 @@ Ignores     hysteresis, the gear's own lost motion
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -33,6 +33,8 @@ class Hardening(ModelEffect):
 
     name: ClassVar[str] = "hardening"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"stiffness_ratio": 1.0}
+    assumed: ClassVar[tuple[str, ...]] = ("middle_share", "second_torque")
     at_least: ClassVar[Mapping[str, float]] = {
         "stiffness_ratio": 1.0,
         "torque_nm": 0.0,
@@ -49,14 +51,6 @@ class Hardening(ModelEffect):
     torque_nm: float = 29.0
     middle_share: float = 0.81
     second_torque: float = 3.72
-
-    @override
-    def off(self) -> "Hardening":
-        return replace(self, stiffness_ratio=1.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"stiffness_ratio": self.stiffness_ratio, "torque_nm": self.torque_nm}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

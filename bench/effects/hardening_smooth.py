@@ -11,7 +11,7 @@ Ignores     hysteresis, the gear's own lost motion
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -38,20 +38,13 @@ class SmoothHardening(ModelEffect):
 
     name: ClassVar[str] = "hardening"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"stiffness_ratio": 1.0}
     at_least: ClassVar[Mapping[str, float]] = {
         "stiffness_ratio": 1.0,
         "torque_nm": 1e-3,
     }
     stiffness_ratio: float = 1.79
     torque_nm: float = 29.0
-
-    @override
-    def off(self) -> "SmoothHardening":
-        return replace(self, stiffness_ratio=1.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"stiffness_ratio": self.stiffness_ratio, "torque_nm": self.torque_nm}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

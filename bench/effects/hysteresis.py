@@ -11,7 +11,7 @@ Ignores     Stribeck effect, ageing of the contact
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -35,6 +35,7 @@ class Hysteresis(ModelEffect):
 
     name: ClassVar[str] = "hysteresis"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    assumed: ClassVar[tuple[str, ...]] = ("elements", "stiffening")
     at_least: ClassVar[Mapping[str, float]] = {
         "width_rad": 0.0,
         "elements": 1,
@@ -48,14 +49,6 @@ class Hysteresis(ModelEffect):
     width_rad: float = 1.5e-4
     elements: int = 4
     stiffening: float = 0.6
-
-    @override
-    def off(self) -> "Hysteresis":
-        return replace(self, width_rad=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"width_rad": self.width_rad}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

@@ -11,7 +11,7 @@ Ignores     Stribeck effect, ageing of the contact
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -36,6 +36,7 @@ class ManyContacts(ModelEffect):
 
     name: ClassVar[str] = "hysteresis"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    assumed: ClassVar[tuple[str, ...]] = ("elements", "stiffening")
     at_least: ClassVar[Mapping[str, float]] = {
         "width_rad": 0.0,
         "elements": 1,
@@ -49,14 +50,6 @@ class ManyContacts(ModelEffect):
     width_rad: float = 1.5e-4
     elements: int = 12
     stiffening: float = 1.0
-
-    @override
-    def off(self) -> "ManyContacts":
-        return replace(self, width_rad=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"width_rad": self.width_rad}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

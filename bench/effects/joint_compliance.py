@@ -10,7 +10,7 @@ Ignores     hardening, hysteresis, compliance of the bearing and the links
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -33,14 +33,6 @@ class JointCompliance(ModelEffect):
     places: ClassVar[tuple[str, ...]] = ("axis",)
     at_least: ClassVar[Mapping[str, float]] = {"compliance_rad_per_nm": 0.0}
     compliance_rad_per_nm: float = 2e-5
-
-    @override
-    def off(self) -> "JointCompliance":
-        return replace(self, compliance_rad_per_nm=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"compliance_rad_per_nm": self.compliance_rad_per_nm}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

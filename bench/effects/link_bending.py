@@ -15,7 +15,7 @@ Ignores     shear, stretch, the bend under the link's own distributed weight; wh
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -40,17 +40,13 @@ class LinkBending(ModelEffect):
 
     name: ClassVar[str] = "link_bending"
     places: ClassVar[tuple[str, ...]] = ("link",)
+    absent: ClassVar[Mapping[str, float]] = {
+        "bending_nm2": math.inf,
+        "torsion_nm2": math.inf,
+    }
     at_least: ClassVar[Mapping[str, float]] = {"bending_nm2": 1.0, "torsion_nm2": 1.0}
     bending_nm2: float = 6.3e5
     torsion_nm2: float = 4.7e5
-
-    @override
-    def off(self) -> "LinkBending":
-        return replace(self, bending_nm2=math.inf, torsion_nm2=math.inf)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"bending_nm2": self.bending_nm2, "torsion_nm2": self.torsion_nm2}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

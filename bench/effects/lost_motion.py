@@ -12,7 +12,7 @@ Ignores     friction inside the play (that is hysteresis)
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -43,6 +43,7 @@ class LostMotion(ModelEffect):
 
     name: ClassVar[str] = "lost_motion"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    assumed: ClassVar[tuple[str, ...]] = ("closing_nm", "across")
     at_least: ClassVar[Mapping[str, float]] = {
         "width_rad": 0.0,
         "closing_nm": 1e-6,
@@ -56,14 +57,6 @@ class LostMotion(ModelEffect):
     width_rad: float = 1.5e-4
     closing_nm: float = 0.3
     across: int = 0
-
-    @override
-    def off(self) -> "LostMotion":
-        return replace(self, width_rad=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"width_rad": self.width_rad}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

@@ -10,7 +10,7 @@ Ignores     friction inside the play (that is hysteresis)
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -37,18 +37,11 @@ class SmoothLostMotion(ModelEffect):
 
     name: ClassVar[str] = "lost_motion"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    assumed: ClassVar[tuple[str, ...]] = ("closing_nm",)
     at_least: ClassVar[Mapping[str, float]] = {"width_rad": 0.0, "closing_nm": 1e-6}
     at_most: ClassVar[Mapping[str, float]] = {"width_rad": 0.1, "closing_nm": 10000.0}
     width_rad: float = 1.5e-4
     closing_nm: float = 1.5
-
-    @override
-    def off(self) -> "SmoothLostMotion":
-        return replace(self, width_rad=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"width_rad": self.width_rad}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

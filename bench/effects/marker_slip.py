@@ -9,7 +9,7 @@ Ignores     slow creep of the glue
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from typing_extensions import override
@@ -31,19 +31,12 @@ class MarkerSlip(InstrumentEffect):
 
     name: ClassVar[str] = "marker_slip"
     places: ClassVar[tuple[str, ...]] = ("marker",)
+    absent: ClassVar[Mapping[str, float]] = {"x_m": 0.0, "y_m": 0.0, "z_m": 0.0}
     at_least: ClassVar[Mapping[str, float]] = {"time_s": 0.0}
     x_m: float = 5e-5
     y_m: float = 0.0
     z_m: float = 0.0
     time_s: float = 1800.0
-
-    @override
-    def off(self) -> "MarkerSlip":
-        return replace(self, x_m=0.0, y_m=0.0, z_m=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
 
     @override
     def fault(self, instruments: Instruments) -> Instruments:

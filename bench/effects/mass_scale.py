@@ -10,7 +10,7 @@ Ignores     that a tool, its sensor and what hangs on them were weighed: they st
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -34,16 +34,9 @@ class MassScale(ModelEffect):
 
     name: ClassVar[str] = "mass_scale"
     places: ClassVar[tuple[str, ...]] = ("arm",)
+    absent: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.01}
     ratio: float = 1.3
-
-    @override
-    def off(self) -> "MassScale":
-        return replace(self, ratio=1.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"ratio": self.ratio}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

@@ -11,7 +11,7 @@ Ignores     angle of wrap, stiffness of the rope, load
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -34,14 +34,6 @@ class PulleyFriction(RopeEffect):
     at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
     at_most: ClassVar[Mapping[str, float]] = {"ratio": 0.5}
     ratio: float = 0.02
-
-    @override
-    def off(self) -> "PulleyFriction":
-        return replace(self, ratio=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"ratio": self.ratio}
 
     @override
     def tension(

@@ -12,8 +12,7 @@ Ignores     speed and length of the move, on which the lag depends where it is t
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -36,14 +35,6 @@ class ReadingLag(CommandEffect):
     name: ClassVar[str] = "reading_lag"
     places: ClassVar[tuple[str, ...]] = ("axis",)
     lag_rad: float = 3e-4
-
-    @override
-    def off(self) -> "ReadingLag":
-        return replace(self, lag_rad=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"lag_rad": self.lag_rad}
 
     @override
     def command(

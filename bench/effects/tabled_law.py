@@ -46,6 +46,7 @@ class TabledLaw(ModelEffect):
 
     name: ClassVar[str] = "tabled_law"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    assumed: ClassVar[tuple[str, ...]] = ("torque_nm", "wind_up_rad")
     at_least: ClassVar[Mapping[str, float]] = {"width_rad": 0.0}
     torque_nm: tuple[float, ...] = (-10.0, 0.0, 10.0)
     wind_up_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
@@ -67,10 +68,6 @@ class TabledLaw(ModelEffect):
     def off(self) -> "TabledLaw":
         nothing = (0.0,) * len(self.wind_up_rad)
         return replace(self, wind_up_rad=nothing, width_rad=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"width_rad": self.width_rad}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

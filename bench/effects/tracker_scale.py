@@ -33,14 +33,6 @@ class TrackerScale(InstrumentEffect):
     ratio: float = 5e-5
 
     @override
-    def off(self) -> "TrackerScale":
-        return replace(self, ratio=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"ratio": self.ratio}
-
-    @override
     def fault(self, instruments: Instruments) -> Instruments:
         tracker = instruments.tracker
         scaled = replace(tracker, scale=tracker.scale + self.ratio)

@@ -10,7 +10,7 @@ Ignores     the share that grows with load (Ghorbel 2001)
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -34,21 +34,10 @@ class TransmissionError(CommandEffect):
 
     name: ClassVar[str] = "transmission_error"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"amplitude_rad": 0.0}
     amplitude_rad: float = 1.45e-4
     order: float = 2.0
     phase_rad: float = 0.0
-
-    @override
-    def off(self) -> "TransmissionError":
-        return replace(self, amplitude_rad=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {
-            "amplitude_rad": self.amplitude_rad,
-            "order": self.order,
-            "phase_rad": self.phase_rad,
-        }
 
     @override
     def command(

@@ -9,8 +9,7 @@ Ignores     drift of the bias
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from typing_extensions import override
@@ -40,14 +39,6 @@ class WrenchBias(InstrumentEffect):
     tx_nm: float = 0.0
     ty_nm: float = 0.0
     tz_nm: float = 0.0
-
-    @override
-    def off(self) -> "WrenchBias":
-        return replace(self, **dict.fromkeys(self.parameters(), 0.0))
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
 
     @override
     def fault(self, instruments: Instruments) -> Instruments:

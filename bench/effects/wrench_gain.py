@@ -9,8 +9,7 @@ Ignores     crosstalk, for which `ForceSensor.gain` has off-diagonal entries
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -41,14 +40,6 @@ class WrenchGain(InstrumentEffect):
     tx: float = 0.0
     ty: float = 0.0
     tz: float = 0.0
-
-    @override
-    def off(self) -> "WrenchGain":
-        return replace(self, **dict.fromkeys(self.parameters(), 0.0))
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
 
     @override
     def fault(self, instruments: Instruments) -> Instruments:

@@ -9,8 +9,7 @@ Ignores     nothing
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from typing_extensions import override
@@ -42,14 +41,6 @@ class WrenchMisalignment(InstrumentEffect):
     x_m: float = 0.0
     y_m: float = 0.0
     z_m: float = 0.0
-
-    @override
-    def off(self) -> "WrenchMisalignment":
-        return replace(self, **dict.fromkeys(self.parameters(), 0.0))
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {f.name: getattr(self, f.name) for f in fields(self)[1:]}
 
     @override
     def fault(self, instruments: Instruments) -> Instruments:

@@ -16,7 +16,7 @@ chosen.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -43,12 +43,9 @@ class WristCoupling(ModelEffect):
 
     name: ClassVar[str] = "wrist_coupling"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"compliance_rad_per_nm": 0.0}
     with_axis: str = "a4"
     compliance_rad_per_nm: float = 5e-6
-
-    @override
-    def off(self) -> "WristCoupling":
-        return replace(self, compliance_rad_per_nm=0.0)
 
     @override
     def parameters(self) -> Mapping[str, float | str]:

@@ -17,10 +17,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, orders, sprung
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, orders, sprung
 from stiffness.effects.jacobian import EffectJacobian, hstack, turn
 from stiffness.experiment.static_state import StaticState
 
@@ -45,17 +44,12 @@ class AngleDependentStiffness(Hypothesis):
         )
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         return orders(situation, situation.axis(where))[:, None]
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         phase = shape[0] * situation.recording.posture[:, k]
@@ -65,10 +59,7 @@ class AngleDependentStiffness(Hypothesis):
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         others = [self.jacobian(situation, where, n * shape) for n in (2.0, 3.0)]
         k = situation.axis(where)
@@ -82,11 +73,7 @@ class AngleDependentStiffness(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         a, b = coefficients
         mean = situation.unloaded_compliance(situation.axis(where))

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, reversing, sprung
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, reversing, sprung
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
 
@@ -38,10 +37,7 @@ class AsymmetricStiffness(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         wound = situation.wound(k, situation.torque[:, k])
@@ -49,11 +45,7 @@ class AsymmetricStiffness(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         mean = situation.unloaded_compliance(situation.axis(where))
         half = coefficients[0]

@@ -21,6 +21,13 @@ from jaxtyping import Float
 from stiffness.effects.jacobian import NOTHING, EffectJacobian
 from stiffness.experiment.static_state import StaticState
 
+Shape = Float[np.ndarray, " parameters"]
+"""Nonlinear parameters of a law, see `Hypothesis`."""
+Shapes = Float[np.ndarray, "shapes parameters"]
+"""Several of them, one a row."""
+Coeffs = Float[np.ndarray, " columns"]
+"""Amplitudes of a law's columns: its coefficients."""
+
 # --- Hypothesis -----------------------------------------------------------------------
 
 
@@ -79,9 +86,7 @@ class Hypothesis(ABC):
         an axis without torque); each site returned must give a Jacobian.
         """
 
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         """Return a coarse grid of shapes within their physical bounds, one a row.
 
         At most about a dozen: neighbours should have Jacobians with a cosine near 0.95.
@@ -92,18 +97,12 @@ class Hypothesis(ABC):
 
     @abstractmethod
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         """Return the displacement per unit of each coefficient."""
 
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         """Return the Jacobian that other accepted forms of the same law add.
 
@@ -116,11 +115,7 @@ class Hypothesis(ABC):
 
     @abstractmethod
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         """Turn a fit into the parameters of the vocabulary, in SI.
 
@@ -129,11 +124,7 @@ class Hypothesis(ABC):
         """
 
     def acting(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> StaticState:
         """Return the static state that springs and other effects see with this effect.
 

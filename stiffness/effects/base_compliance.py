@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis
+from stiffness.effects.base import Coeffs, Hypothesis, Shape
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian
 from stiffness.experiment.static_state import StaticState
 
@@ -48,10 +47,7 @@ class BaseCompliance(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         give = np.zeros((situation.rows, 6, 6))
         along = np.arange(3)
@@ -61,10 +57,7 @@ class BaseCompliance(Hypothesis):
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         moment, force = situation.moment[:, 0], situation.force[:, 0]
         give = np.zeros((situation.rows, 6, 5))
@@ -78,10 +71,6 @@ class BaseCompliance(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return dict(zip((*TURNS, *SHIFTS), coefficients, strict=True))

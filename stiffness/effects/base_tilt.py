@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis
+from stiffness.effects.base import Coeffs, Hypothesis, Shape
 from stiffness.effects.base_compliance import TURNS, BaseCompliance
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian, values
 from stiffness.experiment.static_state import StaticState
@@ -41,19 +40,13 @@ class BaseTilt(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         return springs(situation, where, (0, 1))
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         beside = springs(situation, where, (2, 3, 4, 5))
         coupled = BaseCompliance().variants(situation, where, shape)
@@ -62,11 +55,7 @@ class BaseTilt(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return dict(zip(TURNS[:2], coefficients, strict=True))
 

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
 from stiffness.effects.jacobian import EffectJacobian, rotate
 from stiffness.experiment.static_state import StaticState
 
@@ -43,17 +43,12 @@ class BearingTilt(Hypothesis):
         return situation.axes
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         return np.array([-0.3, -0.15, -0.05, 0.0, 0.05, 0.15, 0.3])[:, None]
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         seat, moment, centre = _across(situation, where, shape[0])
         rotation = seat * np.einsum("rij,ri->rj", seat, moment)[:, None, :]
@@ -61,10 +56,7 @@ class BearingTilt(Hypothesis):
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         seat, moment, centre = _across(situation, where, shape[0])
         about = np.einsum("rij,ri->rj", seat, moment)[:, ::-1]
@@ -73,11 +65,7 @@ class BearingTilt(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         u, v = coefficients
         return {"u_rad_per_nm": u, "v_rad_per_nm": v, "centre_m": shape[0]}

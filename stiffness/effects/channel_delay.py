@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, sprung
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, sprung
 from stiffness.effects.jacobian import (
     EffectJacobian,
     EncoderError,
@@ -53,10 +53,7 @@ class ChannelDelay(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         if where == "wrench_sensor":
             return wind_up(situation, torque_at_sensor(situation, _later(situation)))
@@ -74,11 +71,7 @@ class ChannelDelay(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return {"delay_s": coefficients[0]}
 

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, sprung
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, sprung
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
 from stiffness.experiment.visits import (
@@ -59,9 +59,7 @@ class Creep(Hypothesis):
         return sprung(situation)
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         recording, steps = situation.recording, situation.steps
         stands = waits(situation)
         visit = recording.time[steps[:, -1]] - recording.load_time[steps[:, 0]]
@@ -72,20 +70,14 @@ class Creep(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         return turn(k, followed(situation, k, shape[0], round(shape[1])))
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         time, own = shape[0], round(shape[1])
@@ -95,11 +87,7 @@ class Creep(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         compliance = situation.unloaded_compliance(situation.axis(where))
         return {"ratio": coefficients[0] / compliance, "time_s": shape[0]}

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis
+from stiffness.effects.base import Coeffs, Hypothesis, Shape
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian, rotate, translate
 from stiffness.experiment.static_state import StaticState
 
@@ -49,20 +49,14 @@ class Drift(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         hours = situation.recording.time / HOUR
         return wander(situation, where, hours)
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         recording = situation.recording
         hours, temperature = recording.time / HOUR, recording.temperature
@@ -73,11 +67,7 @@ class Drift(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         names = (f"{name}_per_h" for name in NAMES)
         return dict(zip(names, coefficients, strict=True))

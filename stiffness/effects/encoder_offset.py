@@ -18,11 +18,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis
+from stiffness.effects.base import Coeffs, Hypothesis, Shape
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import encoder_offset_response
 from stiffness.experiment.static_state import StaticState
@@ -49,19 +47,12 @@ class EncoderOffset(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         return encoder_offset_response(situation, situation.axis(where))
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return {"offset_rad": coefficients[0]}

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, absolute, axes_of
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, axes_of
 from stiffness.effects.jacobian import (
     BodyTwist,
     EffectJacobian,
@@ -49,10 +48,7 @@ class GeometryError(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         _, place = situation.ends_of(where)
         axes = axes_of(situation, where)
@@ -64,10 +60,6 @@ class GeometryError(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return dict(zip(NAMES, coefficients, strict=True))

@@ -17,10 +17,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, absolute, orders, sprung
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, orders, sprung
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.effects.statics import encoder_offset_response
 from stiffness.experiment.static_state import StaticState
@@ -49,10 +48,7 @@ class GravityCompensator(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         angle = situation.recording.posture[:, k]
@@ -62,11 +58,7 @@ class GravityCompensator(Hypothesis):
 
     @override
     def acting(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> StaticState:
         k = situation.axis(where)
         if len(coefficients) != 2 or situation.compliance[k] <= 0.0:
@@ -79,11 +71,7 @@ class GravityCompensator(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         k = situation.axis(where)
         compliance = situation.compliance[k]

@@ -20,7 +20,14 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, absolute, axes_of, point_of
+from stiffness.effects.base import (
+    Coeffs,
+    Hypothesis,
+    Shape,
+    absolute,
+    axes_of,
+    point_of,
+)
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import given_way, pulled, torque_of, wind_up
 from stiffness.experiment.static_state import StaticState
@@ -70,20 +77,14 @@ class GravityLoad(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         torque = torques(situation, where)
         return wind_up(situation, torque[:, :, seen(situation, torque)])
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         return given_way(
             situation, [partial(weighed_down, body=where, size=s) for s in np.eye(4)]
@@ -91,11 +92,7 @@ class GravityLoad(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         names = [NAMES[i] for i in seen(situation, torques(situation, where))]
         found = dict(zip(names, coefficients, strict=True))
@@ -107,11 +104,7 @@ class GravityLoad(Hypothesis):
 
     @override
     def acting(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> StaticState:
         size = np.zeros(4)
         size[seen(situation, torques(situation, where))] = coefficients

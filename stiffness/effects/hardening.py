@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import CurvedSpring, StaticState
 
@@ -54,18 +54,13 @@ class Hardening(Hypothesis):
         return tuple(a for a, soft in zip(situation.axes, sprung, strict=True) if soft)
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         largest = np.max(np.abs(situation.torque[:, situation.axis(where)]))
         return (largest * np.array(KNEES))[:, None]
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         torque, knee = situation.torque[:, k], shape[0]
@@ -74,10 +69,7 @@ class Hardening(Hypothesis):
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         torque, knee = situation.torque[:, k], shape[0]
@@ -88,11 +80,7 @@ class Hardening(Hypothesis):
 
     @override
     def acting(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> StaticState:
         k, a = situation.axis(where), float(coefficients[0])
         stiff = float(situation.compliance[k])
@@ -114,11 +102,7 @@ class Hardening(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         stiff = situation.compliance[situation.axis(where)]
         ratio = (stiff + coefficients[0]) / stiff

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
 from stiffness.experiment.visits import (
@@ -55,9 +55,7 @@ class Hysteresis(Hypothesis):
         return situation.axes
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         largest = np.max(np.abs(situation.load_torque[:, situation.axis(where)]))
         slips = largest * np.array([0.03, 0.09, 0.22, 0.55])
         kept = memories(situation.recording.visit)
@@ -65,10 +63,7 @@ class Hysteresis(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         half = 0.5 * situation.softness_of(k)
@@ -76,10 +71,7 @@ class Hysteresis(Hypothesis):
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         slip, own = shape[0], round(shape[1])
@@ -94,11 +86,7 @@ class Hysteresis(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return {"width_rad": coefficients[0]}
 

@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, inside_of
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, inside_of
 from stiffness.effects.jacobian import (
     NOTHING,
     BodyTwist,
@@ -73,17 +73,12 @@ class LinkBending(Hypothesis):
         )
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         return np.array([[0.0], [1.0]] if self._marked(situation, where) else [[0.0]])
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         ends = situation.ends_of(where)
         place = ends[1]
@@ -100,10 +95,7 @@ class LinkBending(Hypothesis):
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         if not self._marked(situation, where):
             return NOTHING
@@ -115,11 +107,7 @@ class LinkBending(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         bending, torsion = coefficients
         return {"bending_nm2": 1.0 / bending, "torsion_nm2": 1.0 / torsion}

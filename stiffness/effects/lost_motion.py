@@ -16,11 +16,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from scipy.special import erf
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, reversing
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, reversing
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.effects.statics import ROUNDING
 from stiffness.experiment.static_state import StaticState
@@ -48,9 +47,7 @@ class LostMotion(Hypothesis):
         return reversing(situation)
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         k = situation.axis(where)
         largest = np.max(np.abs(situation.torque[:, k]))
         loaded = np.max(np.abs(situation.load_torque[:, k]))
@@ -59,10 +56,7 @@ class LostMotion(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         closed = erf(np.sqrt(np.pi) / 2.0 * situation.torque[:, k] / shape[0])
@@ -70,10 +64,7 @@ class LostMotion(Hypothesis):
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         share = situation.torque[:, k] / shape[0]
@@ -81,10 +72,6 @@ class LostMotion(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return {"width_rad": coefficients[0]}

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, absolute, axes_of
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, absolute, axes_of
 from stiffness.effects.jacobian import EffectJacobian, MarkerDisplacement
 from stiffness.experiment.static_state import StaticState
 
@@ -48,9 +47,7 @@ class MarkerSlip(Hypothesis):
         return tuple(PREFIX + marker.name for marker in situation.recording.markers)
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         begins = np.sort(situation.recording.time[situation.steps[:, 0]])[1:]
         edge = min(np.ceil(EDGE * len(begins)), (len(begins) - 1) // 2)
         chosen = np.linspace(edge, len(begins) - 1 - edge, TIMES).round()
@@ -58,10 +55,7 @@ class MarkerSlip(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         names = [PREFIX + marker.name for marker in situation.recording.markers]
         m = names.index(where)
@@ -76,11 +70,7 @@ class MarkerSlip(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         x, y, z = coefficients
         return {"x_m": x, "y_m": y, "z_m": z, "time_s": shape[0]}

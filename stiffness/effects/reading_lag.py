@@ -20,10 +20,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, absolute
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute
 from stiffness.effects.jacobian import EffectJacobian, values, with_values
 from stiffness.effects.statics import encoder_offset_response
 from stiffness.experiment.static_state import StaticState
@@ -51,10 +50,7 @@ class ReadingLag(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         side = situation.recording.side[:, k, None]
@@ -64,10 +60,6 @@ class ReadingLag(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return {"lag_rad": coefficients[0]}

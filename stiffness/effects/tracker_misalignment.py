@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, absolute
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian
 from stiffness.experiment.static_state import StaticState
 
@@ -41,20 +40,13 @@ class TrackerMisalignment(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         motion = np.broadcast_to(np.eye(6), (situation.rows, 6, 6))
         return EffectJacobian(6, (BodyTwist(0, motion),))
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return dict(zip(NAMES, coefficients, strict=True))

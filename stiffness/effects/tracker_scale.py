@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, absolute, marked_point
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, marked_point
 from stiffness.effects.jacobian import EffectJacobian, MarkerDisplacement
 from stiffness.experiment.static_state import StaticState
 from stiffness.robot.tracker_frame import LARGEST_SCALE
@@ -43,10 +42,7 @@ class TrackerScale(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         frame = situation.recording.base_from_tracker
         stand = np.zeros(3) if frame is None else frame[:3, 3]
@@ -58,10 +54,6 @@ class TrackerScale(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return {"ratio": coefficients[0]}

@@ -17,10 +17,18 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, absolute, middle_angle, orders, still
+from stiffness.effects.base import (
+    Coeffs,
+    Hypothesis,
+    Shape,
+    Shapes,
+    absolute,
+    middle_angle,
+    orders,
+    still,
+)
 from stiffness.effects.jacobian import NOTHING, EffectJacobian, turn
 from stiffness.effects.statics import encoder_offset_response
 from stiffness.experiment.static_state import StaticState
@@ -55,18 +63,13 @@ class TransmissionError(Hypothesis):
         return tuple(a for a, t in zip(situation.axes, turns, strict=True) if t)
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         found = orders(situation, situation.axis(where))
         return found[:, None] if len(found) else np.ones((1, 1))
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         if still(situation, k):
@@ -76,10 +79,7 @@ class TransmissionError(Hypothesis):
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         if still(situation, k):
@@ -89,11 +89,7 @@ class TransmissionError(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         s, c = coefficients[0], coefficients[-1]
         if len(coefficients) == 1:  # all of a sine at its crest where the axis stands

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, absolute, sprung
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, sprung
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import (
     along_sensor,
@@ -51,32 +51,21 @@ class WrenchBias(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         torque = torques(situation)
         return wind_up(situation, torque[:, :, felt(situation, torque)])
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         names = [NAMES[i] for i in felt(situation, torques(situation))]
         return dict(zip(names, coefficients, strict=True))
 
     @override
     def acting(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> StaticState:
         shown = felt(situation, torques(situation))
         return read_right(situation, missing(situation)[:, :, shown] @ coefficients)

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, sprung
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, sprung
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import (
     along_sensor,
@@ -50,20 +50,14 @@ class WrenchGain(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         torque = torques(situation)
         return wind_up(situation, torque[:, :, felt(situation, torque)])
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         to, of = np.nonzero(~np.eye(6, dtype=bool))
         crosstalk = np.zeros((situation.rows, 6, len(to)))
@@ -73,11 +67,7 @@ class WrenchGain(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         names = [NAMES[i] for i in felt(situation, torques(situation))]
         share = np.asarray(coefficients)
@@ -85,11 +75,7 @@ class WrenchGain(Hypothesis):
 
     @override
     def acting(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> StaticState:
         shown = felt(situation, torques(situation))
         return read_right(situation, missing(situation)[:, :, shown] @ coefficients)

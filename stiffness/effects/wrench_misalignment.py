@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, sprung
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, sprung
 from stiffness.effects.jacobian import NOTHING, EffectJacobian
 from stiffness.effects.statics import (
     along_sensor,
@@ -61,9 +61,7 @@ class WrenchMisalignment(Hypothesis):
         return ("wrench_sensor",) if measured and sprung(situation) else ()
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         carried = torques(situation, True)[:, situation.arm.compliance > 0.0]
         value = np.linalg.svd(carried.reshape(-1, 3), compute_uv=False)
         shown = len(value) == len(SHIFT) and value[-1] > LEAST_TURN * value[0]
@@ -71,19 +69,13 @@ class WrenchMisalignment(Hypothesis):
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         return wind_up(situation, torques(situation, bool(shape[0])))
 
     @override
     def variants(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         forms = self.shapes(situation, where)
         other = [form for form in forms if form[0] != shape[0]]
@@ -91,21 +83,13 @@ class WrenchMisalignment(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return dict(zip(SHIFT if shape[0] else TURN, coefficients, strict=True))
 
     @override
     def acting(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> StaticState:
         return read_right(situation, missing(situation, bool(shape[0])) @ coefficients)
 

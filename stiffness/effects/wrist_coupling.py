@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Hypothesis, sprung
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, sprung
 from stiffness.effects.jacobian import EffectJacobian, JointRotation
 from stiffness.experiment.static_state import StaticState
 
@@ -47,17 +47,12 @@ class WristCoupling(Hypothesis):
         return tuple(a for a in situation.axes if len(partners(situation, a)))
 
     @override
-    def shapes(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, "shapes parameters"]:
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
         return partners(situation, where)[:, None] + 1.0
 
     @override
     def jacobian(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
+        self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         far, near = situation.axis(where), round(shape[0]) - 1
         torque = situation.torque
@@ -69,11 +64,7 @@ class WristCoupling(Hypothesis):
 
     @override
     def parameters(
-        self,
-        situation: StaticState,
-        where: str,
-        shape: Float[np.ndarray, " parameters"],
-        coefficients: Float[np.ndarray, " columns"],
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         partner = float(round(shape[0]))
         return {"compliance_rad_per_nm": coefficients[0], "with": partner}

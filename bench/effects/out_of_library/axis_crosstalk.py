@@ -10,7 +10,7 @@ Ignores     friction
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -32,12 +32,9 @@ class AxisCrosstalk(ModelEffect):
 
     name: ClassVar[str] = "axis_crosstalk"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"compliance_rad_per_nm": 0.0}
     with_axis: str = "a2"
     compliance_rad_per_nm: float = 1e-6
-
-    @override
-    def off(self) -> "AxisCrosstalk":
-        return replace(self, compliance_rad_per_nm=0.0)
 
     @override
     def parameters(self) -> Mapping[str, float | str]:

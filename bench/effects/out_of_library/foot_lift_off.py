@@ -11,7 +11,7 @@ Ignores     the foot's rotation about its edge, which moves as the gap opens
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -40,22 +40,11 @@ class FootLiftOff(ModelEffect):
 
     name: ClassVar[str] = "foot_lift_off"
     places: ClassVar[tuple[str, ...]] = ("base",)
+    absent: ClassVar[Mapping[str, float]] = {"edge_rad_per_nm": 0.0}
     at_least: ClassVar[Mapping[str, float]] = {"edge_rad_per_nm": 0.0}
     edge_rad_per_nm: float = 1e-6
     angle_rad: float = 0.0
     preload_nm: float = 5.0
-
-    @override
-    def off(self) -> "FootLiftOff":
-        return replace(self, edge_rad_per_nm=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {
-            "edge_rad_per_nm": self.edge_rad_per_nm,
-            "angle_rad": self.angle_rad,
-            "preload_nm": self.preload_nm,
-        }
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

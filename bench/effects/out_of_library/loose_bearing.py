@@ -11,7 +11,7 @@ Ignores     growth of the contact's stiffness with its load
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -39,17 +39,10 @@ class LooseBearing(ModelEffect):
 
     name: ClassVar[str] = "loose_bearing"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"u_rad_per_nm": 0.0}
     at_least: ClassVar[Mapping[str, float]] = {"u_rad_per_nm": 0.0}
     u_rad_per_nm: float = 4e-6
     angle_rad: float = 0.0
-
-    @override
-    def off(self) -> "LooseBearing":
-        return replace(self, u_rad_per_nm=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"u_rad_per_nm": self.u_rad_per_nm, "angle_rad": self.angle_rad}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

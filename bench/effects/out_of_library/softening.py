@@ -10,7 +10,7 @@ Ignores     friction between the parts
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -32,17 +32,10 @@ class Softening(ModelEffect):
 
     name: ClassVar[str] = "softening"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.2, "torque_nm": 0.0}
     ratio: float = 0.8
     torque_nm: float = 20.0
-
-    @override
-    def off(self) -> "Softening":
-        return replace(self, ratio=1.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"ratio": self.ratio, "torque_nm": self.torque_nm}
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

@@ -12,7 +12,7 @@ Ignores     friction of the teeth
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
@@ -38,23 +38,13 @@ class ThrustTurn(ModelEffect):
 
     name: ClassVar[str] = "thrust_turn"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"compliance_rad_per_nm": 0.0}
     at_least: ClassVar[Mapping[str, float]] = {
         "compliance_rad_per_nm": 0.0,
         "lead_m": 1e-3,
     }
     compliance_rad_per_nm: float = 4e-6
     lead_m: float = 0.1
-
-    @override
-    def off(self) -> "ThrustTurn":
-        return replace(self, compliance_rad_per_nm=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {
-            "compliance_rad_per_nm": self.compliance_rad_per_nm,
-            "lead_m": self.lead_m,
-        }
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

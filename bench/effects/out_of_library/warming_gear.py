@@ -10,7 +10,7 @@ Ignores     cooling while the arm rests
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -32,17 +32,10 @@ class WarmingGear(CommandEffect):
 
     name: ClassVar[str] = "warming_gear"
     places: ClassVar[tuple[str, ...]] = ("axis",)
+    absent: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
     at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.0, "visits": 1.0}
     ratio: float = 0.05
     visits: float = 50.0
-
-    @override
-    def off(self) -> "WarmingGear":
-        return replace(self, ratio=0.0)
-
-    @override
-    def parameters(self) -> Mapping[str, float]:
-        return {"ratio": self.ratio, "visits": self.visits}
 
     @override
     def command(
