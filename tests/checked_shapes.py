@@ -5,9 +5,10 @@ took longer than the diagnosis; and to compile the checks of functions that no t
 process calls took longer than the imports.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from functools import partial, wraps
-from types import FunctionType
+from types import CodeType, FunctionType
 from typing import Any
 
 import jaxtyping
@@ -17,7 +18,12 @@ FIRST, EVERY = 50, 64
 """Calls of a function that are checked in each process: the first so many, and one of
 so many later ones; chosen: a twentieth of the time of checking all."""
 
+DEFINED = 5
+"""Times that a function within a function is defined and checked; chosen: each time its
+checks are compiled anew, which took longer than all that a diagnosis computes."""
+
 _checked: Callable[..., Any] = _decorator.jaxtyped
+_definitions: Counter[CodeType] = Counter()
 
 
 def check_sparingly() -> None:
@@ -29,6 +35,10 @@ def _jaxtyped(fn: Any = None, *, typechecker: Any) -> Any:
     if fn is None:
         return partial(_jaxtyped, typechecker=typechecker)
     if isinstance(fn, FunctionType):
+        if "<locals>" in fn.__qualname__:
+            _definitions[fn.__code__] += 1
+            if _definitions[fn.__code__] > DEFINED:
+                return fn
         return sparingly(fn, typechecker)
     return _checked(fn, typechecker=typechecker)  # comes back with what it holds
 

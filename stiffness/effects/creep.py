@@ -161,7 +161,7 @@ def _states(
     state = np.empty_like(torque)
     last, before = changed[:, 0], torque[:, 0]
     for step in range(torque.shape[1]):
-        change = np.clip(changed[:, step], last, read[:, step])
+        change = np.minimum(np.maximum(changed[:, step], last), read[:, step])
         now = before + (now - before) * np.exp((last - change) / time_constant)
         before, last = torque[:, step], read[:, step]
         now = before + (now - before) * np.exp((change - last) / time_constant)

@@ -75,7 +75,7 @@ class Hysteresis(Hypothesis):
     ) -> EffectJacobian:
         k = situation.axis(where)
         slip, own = shape[0], round(shape[1])
-        spread = [stop(situation, k, f * slip, own) for f in (0.3, 0.6, 1.0, 1.7)]
+        spread = _stops(situation, k, np.array([0.3, 0.6, 1.0, 1.7]) * slip, own)
         others = [spread_stop(situation, k, slip, memory) for memory in ALIKE[own]]
         soft = [rounded(situation, k, f * slip, own) for f in (0.5, 1.0, 2.0)]
         slope = situation.softness_of(k)
@@ -102,15 +102,7 @@ def stop(
         slip: Half width of the play, in N m.
         memory: Its state at arrival, one of `MEMORIES`; gravity's is its middle.
     """
-
-    def slipped(last: np.ndarray, before: np.ndarray, now: np.ndarray) -> np.ndarray:
-        return np.clip(last + now - before, -slip, slip)
-
-    if memory != BEFORE:
-        state = _along_visits(situation, axis, memory == GRAVITY, slipped)
-    else:
-        state = _along_all(situation, axis, slip, slipped, is_stop=True)
-    return state / max(slip, np.finfo(float).tiny)  # 0: never loaded
+    return _stops(situation, axis, np.array([slip]), memory)[0]
 
 
 def spread_stop(
@@ -124,8 +116,23 @@ def spread_stop(
         slip: Largest half width of a play, in N m.
         memory: As in `stop`.
     """
-    one = [share * stop(situation, axis, share * slip, memory) for share in SPREAD]
+    share = np.array(SPREAD)
+    one = share[:, None] * _stops(situation, axis, share * slip, memory)
     return np.sum(one, axis=0) / sum(SPREAD)
+
+
+def _stops(
+    situation: StaticState, axis: int, slips: Float[np.ndarray, " slips"], memory: int
+) -> Float[np.ndarray, "slips rows"]:
+    """Return the stops of several slips; see `stop`."""
+    high = slips[:, None]
+    low = -high
+
+    def slipped(last: np.ndarray, before: np.ndarray, now: np.ndarray) -> np.ndarray:
+        return np.minimum(np.maximum(last + now - before, low), high)
+
+    state = _along(situation, axis, slips, slipped, memory, is_stop=True)
+    return state / np.maximum(high, np.finfo(float).tiny)  # 0: never loaded
 
 
 def rounded(
@@ -147,67 +154,60 @@ def rounded(
         end = np.sign(change)
         return end + (last - end) * np.exp(-np.abs(change) / max(slip, 1e-300))
 
-    if memory != BEFORE:
-        return _along_visits(situation, axis, memory == GRAVITY, followed)
-    return _along_all(situation, axis, 1.0, followed, is_stop=False)
+    return _along(situation, axis, np.ones(1), followed, memory, is_stop=False)[0]
 
 
 Moved = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """New state from the old one and the torque before and now, in N m."""
 
 
-def _along_visits(
-    situation: StaticState, axis: int, at_rest: bool, moved: Moved
-) -> Float[np.ndarray, " rows"]:
-    """Propagate a state, from 0, along an axis' torque in each visit by itself.
+def _along(
+    situation: StaticState,
+    axis: int,
+    bounds: Float[np.ndarray, " laws"],
+    moved: Moved,
+    memory: int,
+    is_stop: bool,
+) -> Float[np.ndarray, "laws rows"]:
+    """Propagate states, from 0, along an axis' torque.
 
     Args:
         situation: With the torque and the order of rows.
         axis: Its index, counted from 0.
-        at_rest: Whether it is 0 at the first reading, not at no torque.
-        moved: The law.
+        bounds: Of the state of each law, either sign.
+        moved: The laws, one a row.
+        memory: BEFORE: through all visits and the ways between them; else along each
+            visit by itself, and 0 at its first reading for GRAVITY, at no torque for
+            NOTHING.
+        is_stop: Whether they sum changes of torque between bounds.
     """
     path = situation.wound(axis, situation.torque[situation.steps, axis])
-    before = path[:, 0] if at_rest else np.zeros(len(path))
-    return situation.from_steps(_states(path, before, np.zeros(len(path)), moved))
-
-
-def _along_all(
-    situation: StaticState, axis: int, bound: float, moved: Moved, is_stop: bool
-) -> Float[np.ndarray, " rows"]:
-    """Propagate a state, from 0, along an axis' torque in all visits and between them.
-
-    Args:
-        situation: With the torque and the order of rows.
-        axis: Its index, counted from 0.
-        bound: Of the state, either sign.
-        moved: The law.
-        is_stop: Whether it sums changes of torque between bounds.
-    """
-    within = situation.wound(axis, situation.torque[situation.steps, axis])
-    way = situation.wound(axis, situation.way_torque[:, :, axis])
-    path = np.hstack([way, within])
-    before = np.concatenate([[0.0], within[:-1, -1]])
-    least, most = (
-        _states(path, before, np.full(len(path), start), moved)[:, -1]
-        for start in (-bound, bound)
-    )
-    change = within[:, -1] - before if is_stop else None
-    arrival = carried_states(least, most, bound, change)
-    states = _states(path, before, arrival, moved)
-    return situation.from_steps(states[:, way.shape[1] :])
+    start, skipped = np.zeros((len(bounds), len(path))), 0
+    if memory == BEFORE:
+        before = np.concatenate([[0.0], path[:-1, -1]])
+        change = path[:, -1] - before if is_stop else None
+        way = situation.wound(axis, situation.way_torque[:, :, axis])
+        path, skipped = np.hstack([way, path]), way.shape[1]
+        either = np.array([-1.0, 1.0])[:, None, None] * bounds[:, None]
+        least, most = _states(path, before, start + either, moved)[-1]
+        ends = zip(least, most, bounds, strict=True)
+        start = np.stack([carried_states(*end, change) for end in ends])
+    else:
+        before = path[:, 0] if memory == GRAVITY else np.zeros(len(path))
+    states = _states(path, before, start, moved)[skipped:]
+    return np.stack([situation.from_steps(states[:, k].T) for k in range(len(bounds))])
 
 
 def _states(
     path: Float[np.ndarray, "visits steps"],
     before: Float[np.ndarray, " visits"],
-    last: Float[np.ndarray, " visits"],
+    last: Float[np.ndarray, "*laws visits"],
     moved: Moved,
-) -> Float[np.ndarray, "visits steps"]:
-    """Return the state after each step of a path of torque, from one before it."""
-    state = np.empty_like(path)
-    for step in range(path.shape[1]):
-        last = moved(last, before, path[:, step])
-        before = path[:, step]
-        state[:, step] = last
-    return state
+) -> Float[np.ndarray, "steps *laws visits"]:
+    """Return the states after each step of a path of torque, from those before it."""
+    states = []
+    for now in path.T:
+        last = moved(last, before, now)
+        before = now
+        states.append(last)
+    return np.array(states)

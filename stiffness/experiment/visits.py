@@ -205,11 +205,13 @@ def carried_states(
         bound: Of the state, either sign.
         change: Of what a stop follows, over each visit; None: it is no stop.
     """
-    arrival = np.zeros(len(least))
-    for v in range(1, len(least)):
-        start, low, high = arrival[v - 1], least[v - 1], most[v - 1]
+    bound, arrival = float(bound), [0.0]
+    moved = np.zeros(len(least)) if change is None else change
+    ends = zip(least.tolist(), most.tolist(), moved.tolist(), strict=True)
+    for low, high, step in list(ends)[:-1]:  # of plain numbers: ten times as fast
+        start = arrival[-1]
         if change is None:
-            arrival[v] = low + (high - low) * (start + bound) / (2.0 * bound)
+            arrival.append(low + (high - low) * (start + bound) / (2.0 * bound))
         else:
-            arrival[v] = min(max(start + change[v - 1], low), high)
-    return arrival
+            arrival.append(min(max(start + step, low), high))
+    return np.array(arrival)
