@@ -5,6 +5,7 @@ Run as a program it is the command `scenarios.study` on those effects.
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from unittest import mock
 
 import numpy as np
@@ -18,6 +19,11 @@ from scenarios.studies.paper import experiment as paper_experiment
 from scenarios.studies.paper import floor as paper_floor
 from scenarios.studies.paper.experiment import Experiment, Material, carry_out, unseen
 from scenarios.study import Settings, main
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.effects.bearing_tilt import BearingTilt as Tilt
+from stiffness.effects.hardening import Hardening
+from stiffness.effects.hysteresis import Hysteresis as OnPaper
+from stiffness.methods import named_physics
 from stiffness.methods.method import Fitted, Method
 from stiffness.methods.vjm import Vjm
 from stiffness.robot.arm import Arm
@@ -29,17 +35,31 @@ POSES = 40
 FEW = ((Hysteresis, "a2"), (BearingTilt, "a3"))
 
 
+LAWS = (Hardening(), OnPaper(), Tilt())
+"""Among which the diagnosis looks for them."""
+
+
 @contextmanager
 def few_effects() -> Iterator[None]:
-    """Give the study's arm two of its effects; to name all takes half a minute."""
+    """Give the study's arm two of its effects, and the diagnosis three of its laws.
+
+    To name all takes half a minute, and to look among all laws four times as long.
+    """
     whole = default_truth()
     kept = [e for e in whole.effects if (type(e), e.where) in FEW]
     few = Truth(tuple(kept), whole.stiffness)
     with (
         mock.patch.object(paper_experiment, "default_truth", lambda: few),
         mock.patch.object(paper_floor, "default_truth", lambda: few),
+        few_laws(),
     ):
         yield
+
+
+def few_laws() -> "mock._patch[partial]":
+    """Have named physics look among a few laws; a context."""
+    among = partial(diagnose, hypotheses=LAWS)
+    return mock.patch.object(named_physics, "diagnose", among)
 
 
 def small_experiment() -> tuple[Experiment, Material]:

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from study_material import POSES, few_effects, small_experiment
+from study_material import POSES, few_effects, few_laws, small_experiment
 
 from bench.shared.errors import NotIdentifiable
 from bench.study_arm import default_truth
@@ -28,6 +28,12 @@ from stiffness.networks.training import Training
 
 TRANSFER = budget("tiny", 0).transfer
 EFFORT = Effort(TRANSFER.shape, 10, 5, Training(steps=5), 4, every=80)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _laws():
+    with few_laws():
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from study_material import POSES, Careless, Mean, Misshapen, small_experiment
+from study_material import (
+    POSES,
+    Careless,
+    Mean,
+    Misshapen,
+    few_laws,
+    small_experiment,
+)
 from typing_extensions import override
 
 from bench import standard_plans
@@ -61,7 +68,8 @@ def worked(material, tmp_path_factory):
     out = tmp_path_factory.mktemp("study")
     own = OwnMethod.named("study_material:Mean")
     cells = [*transfer.cells(TINY, own), *imitation.cells(TINY, 0)]
-    found = swept(cells, material, Spread(out / "cells", jobs=0))
+    with few_laws():
+        found = swept(cells, material, Spread(out / "cells", jobs=0))
     methods = contenders(TINY, found, own)
     with mpl.rc_context({"savefig.dpi": 20}):
         imitation.report(TINY, found, 0, out)
