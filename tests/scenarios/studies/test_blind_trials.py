@@ -13,7 +13,6 @@ from bench import standard_plans
 from bench.effects import EFFECTS, OTHER_LAWS
 from bench.effects.creep import Creep
 from bench.effects.hysteresis import Hysteresis
-from bench.effects.hysteresis_many import ManyContacts
 from bench.effects.out_of_library import OUT_OF_LIBRARY_EFFECTS
 from bench.effects.places import misplaced
 from bench.experiment import record
@@ -48,13 +47,6 @@ from scenarios.studies.blind_trials.method_under_test import (
     answered,
     main,
 )
-from scenarios.studies.blind_trials.rates import (
-    BINS,
-    bars,
-    calibration,
-    confusion,
-    failures,
-)
 from scenarios.studies.blind_trials.run import (
     Sweep,
     Tried,
@@ -63,8 +55,7 @@ from scenarios.studies.blind_trials.run import (
     opened,
     run_trials,
 )
-from scenarios.studies.blind_trials.score import covered_by, score_answer
-from scenarios.studies.blind_trials.strata import BARS, SINGLE, STRATA, USUAL
+from scenarios.studies.blind_trials.strata import SINGLE, STRATA
 from scenarios.studies.blind_trials.visibility import (
     Visibility,
     in_base,
@@ -407,216 +398,6 @@ def test_process_that_answers_puts_the_hash_it_was_given_into_its_answer(tmp_pat
         BenchError, match=r"The diagnosis stopped: (?s:.*)A question cannot"
     ):
         ask({})  # pyright: ignore[reportArgumentType]
-
-
-# --- Marking -------------------------------------------------------------------------
-
-
-def truth_of(*names, stratum="one_400", mechanism="X", **parameters):
-    effects = [
-        {
-            "effect": name.partition("@")[0],
-            "where": name.partition("@")[2],
-            "parameters": parameters,
-            "mechanism": mechanism,
-        }
-        for name in names
-    ]
-    return {"stratum": stratum, "effects": effects, "chi2": [450.0] * len(names)}
-
-
-def named(name, *equivalents, probability=0.99, **parameters: tuple[float, float]):
-    def at(text):
-        effect, _, where = text.partition("@")
-        return {"effect": effect, "where": where}
-
-    stated = {
-        k: {"estimate": (low + high) / 2, "low": low, "high": high}
-        for k, (low, high) in parameters.items()
-    }
-    return at(name) | {
-        "probability": probability,
-        "equivalents": [at(e) for e in equivalents],
-        "parameters": stated,
-    }
-
-
-def answer_of(*entries, verdict="explained", located="a2"):
-    return {
-        "verdict": verdict,
-        "located": [{"where": located}],
-        "named": list(entries),
-        "rivals": [],
-        "seconds": 2.0,
-    }
-
-
-def marks(answer, truth):
-    found = score_answer("one_400 0", "x", answer, truth)
-    names = ("detected", "place_first", "right", "exact", "whole_set", "wrong_name")
-    return {n for n in (*names, "abstains", "told_apart") if getattr(found, n)}
-
-
-TRUE, OTHER = "hysteresis@a2", "lost_motion@a2"
-ALL_RIGHT = {"detected", "place_first", "right", "exact", "whole_set", "told_apart"}
-
-
-@pytest.mark.parametrize(
-    ("answer", "expected"),
-    [
-        (answer_of(named(TRUE)), ALL_RIGHT),
-        (answer_of(named(TRUE, OTHER)), ALL_RIGHT - {"told_apart"}),
-        (
-            answer_of(named(OTHER, "creep@a2", TRUE)),
-            {"detected", "place_first", "right", "whole_set"},
-        ),
-        (
-            answer_of(named(OTHER, "x@a1", "y@a1", "z@a1", TRUE)),
-            "fourth does not count",
-        ),
-        (answer_of(named("hysteresis@a3"), located="a3"), {"detected", "wrong_name"}),
-        (
-            answer_of(named(TRUE), named("creep@a4")),
-            {"detected", "place_first", "right", "wrong_name", "told_apart"},
-        ),
-        (answer_of(verdict="unexplained"), {"detected", "place_first", "abstains"}),
-        (NO_MISMATCH, set()),
-        ({"failed": "Unusable"}, set()),
-    ],
-)
-def test_answer_is_marked_by_the_rules(answer, expected):
-    if expected == "fourth does not count":
-        expected = {"detected", "place_first", "wrong_name"}
-    assert marks(answer, truth_of(TRUE)) == expected
-
-
-def test_two_names_cannot_both_stand_for_one_effect():
-    truth = truth_of(TRUE, "creep@a4", stratum="two_400")
-    both = answer_of(named(OTHER, TRUE, "creep@a4"), named("hardening@a2", TRUE))
-    assert "whole_set" in marks(both, truth)
-    twice = answer_of(named(TRUE, "creep@a4"), named("hardening@a1"))
-    assert "right" in marks(twice, truth)
-    assert "whole_set" not in marks(twice, truth)
-
-
-def test_any_name_for_a_nameless_mechanism_is_wrong():
-    truth = truth_of("softening@a2", stratum="outside")
-    assert "wrong_name" in marks(answer_of(named("hardening@a2")), truth)
-    assert "abstains" in marks(answer_of(verdict="unexplained"), truth)
-
-
-def test_interval_counts_only_for_the_true_name_and_the_same_law():
-    entry = named(TRUE, width_rad=(1e-4, 2e-4), order=(2.0, 2.0))
-    (effect,) = truth_of(TRUE, width_rad=1.5e-4, order=2)["effects"]
-    (found,) = covered_by([entry], effect)
-    assert found.parameter == "hysteresis.width_rad"
-    assert found.holds
-    (outside,) = covered_by([entry], effect | {"parameters": {"width_rad": 3e-4}})
-    assert not outside.holds
-    assert covered_by([entry], effect | {"where": "a3"}) == []
-    assert covered_by([entry], effect | {"mechanism": ManyContacts.__name__}) == []
-
-
-def test_phase_counts_round_the_circle_and_with_the_sign_of_its_wave():
-    (effect,) = truth_of("transmission_error@a2", amplitude_rad=1e-4, phase_rad=3.1)[
-        "effects"
-    ]
-    name = "transmission_error@a2"
-    near = named(name, amplitude_rad=(0.9e-4, 1.1e-4), phase_rad=(-3.3, -3.1))
-    turned = named(name, amplitude_rad=(-1.1e-4, -0.9e-4), phase_rad=(-0.1, 0.1))
-    for stated in (near, turned):
-        found = covered_by([stated], effect)
-        assert [one.holds for one in found] == [True, True]
-
-
-# --- Rates ---------------------------------------------------------------------------
-
-
-def scores():
-    """Nine right answers and a wrong one, nulls of which one alarms."""
-    right = answer_of(named(TRUE, probability=0.98, width_rad=(1e-4, 2e-4)))
-    wrong = answer_of(named("creep@a2", probability=0.96))
-    truth = truth_of(TRUE, width_rad=1.5e-4)
-    found = [score_answer(f"one_400 {k}", f"n{k}", right, truth) for k in range(9)]
-    found.append(score_answer("one_400 9", "n9", wrong, truth))
-    nothing = truth_of(stratum="null")
-    found += [
-        score_answer(f"null {k}", f"m{k}", NO_MISMATCH, nothing) for k in range(4)
-    ]
-    return [
-        *found,
-        score_answer("null 4", "m4", answer_of(verdict="unexplained"), nothing),
-    ]
-
-
-def test_rates_have_the_intervals_of_clopper_and_pearson():
-    rates = {r.what: r for r in bars(scores())}
-    right = rates["right: one_400"]
-    assert (right.successes, right.trials, right.met) == (9, 10, False)
-    assert right.low == pytest.approx(0.5550, abs=5e-5)  # Clopper and Pearson 1934
-    assert right.high == pytest.approx(0.9975, abs=5e-5)
-    alarms = rates["detected: null and null_nuisance"]
-    assert (alarms.successes, alarms.trials, alarms.met) == (1, 5, False)
-    assert rates["detected: one_400"].met
-    assert rates["detected: one_100"].value is None
-    assert rates["intervals that hold their parameter"].trials == 9
-
-
-def test_stable_names_of_few_poses_are_counted_and_what_is_said():
-    truth = truth_of(TRUE)
-    answers = [
-        answer_of(named(TRUE) | {"split_share": 1.0}),
-        answer_of(named("creep@a2") | {"split_share": 0.9}),
-        answer_of(named("creep@a2") | {"split_share": 0.8}),
-        answer_of(verdict="unexplained"),
-    ]
-    found = [
-        score_answer(f"one_400 {k}", f"n{k}", answer, truth)
-        for k, answer in enumerate(answers)
-    ]
-    rates = {r.what: r for r in bars(found)}
-    stable = rates["names of 90% of the splits true"]
-    assert (stable.successes, stable.trials, stable.met) == (1, 2, False)
-    large = rates["effects with a χ² of 400 or more said"]
-    assert (large.successes, large.trials) == (1, 4)
-    assert "names of 90% of the splits true" not in {r.what for r in bars(scores())}
-
-
-def test_noise_statements_are_held_against_the_same_trial_with_true_noise():
-    truth = {
-        name: truth_of(TRUE, stratum=name) for name in ("one_mark", "one_mark_small")
-    }
-    right, none = answer_of(named(TRUE)), answer_of(verdict="unexplained")
-    answers = [("one_mark", 0, right), ("one_mark", 1, right), ("one_mark", 2, none)]
-    answers += [("one_mark_small", 0, right), ("one_mark_small", 1, none)]
-    answers += [("one_mark_small", 2, right)]
-    found = [score_answer(f"{s} {k}", f"{s}{k}", a, truth[s]) for s, k, a in answers]
-    rates = {r.what: r for r in bars(found)}
-    kept = rates["right of those right with the true noise: one_mark_small"]
-    assert (kept.successes, kept.trials) == (1, 2)
-
-
-def test_failures_are_those_that_speak_against_a_bar():
-    assert [s.label for s in failures(scores())] == ["one_400 9", "null 4"]
-
-
-def test_confusion_counts_every_trial_once_and_calibration_every_statement():
-    matrix = confusion(scores())
-    assert sum(row["trials"] for row in matrix) == 15
-    mistaken = [row for row in matrix if row["answer"] == "creep"]
-    assert [(row["truth"], row["trials"]) for row in mistaken] == [("hysteresis", 1)]
-    (row,) = calibration(scores())
-    assert (row["from"], row["to"], row["statements"]) == (0.95, 0.99, 10)
-    assert row["true"] == 0.9
-    assert BINS[0] == 0.0 and BINS[-1] == 1.0
-
-
-def test_every_bar_is_of_a_kind_and_a_mark_that_exist():
-    found = scores()[0]
-    for bar in BARS:
-        assert set(bar.strata) <= set(STRATA)
-        assert isinstance(getattr(found, bar.mark), bool)
-    assert {name for bar in BARS for name in bar.strata} == set(USUAL)
 
 
 # --- The scenario --------------------------------------------------------------------

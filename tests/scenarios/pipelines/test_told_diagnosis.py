@@ -1,0 +1,447 @@
+"""What becomes of a diagnosis: mechanisms of a patch, an answer, a story."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench import patch
+from bench.patch import PatchEffect, effect_of
+from bench.proof.explained_share import Channel
+from bench.shared.format import folder
+from scenarios import record
+from scenarios.pipelines import diagnosis as steps
+from scenarios.pipelines.diagnosis import Result, answer_of, calls_for_calibration
+from scenarios.pipelines.inputs import arm_of
+from scenarios.pipelines.patching import (
+    STIFFEST,
+    fixed_of,
+    patch_entry,
+    patch_of_diagnosis,
+    springs_of_mechanisms,
+    stiffening,
+    within_bounds,
+)
+from scenarios.pipelines.schema import Interval as Said
+from scenarios.pipelines.schema import (
+    chance,
+    label,
+    size,
+    span,
+    text_of,
+)
+from scenarios.report import summary
+from scenarios.report.sections import diagnosis
+from stiffness.diagnosis.diagnose import scattered
+from stiffness.diagnosis.model_evaluation import is_held, may_be_nothing
+from stiffness.diagnosis.result import (
+    Detection,
+    Diagnosis,
+    Interval,
+    Name,
+    NamedEffect,
+    Nominal,
+    Unexplained,
+    Warned,
+)
+from stiffness.effects.bearing_tilt import BearingTilt
+from stiffness.effects.hardening import Hardening
+from stiffness.effects.link_bending import LinkBending
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recorded") / "recording"
+    record.main(
+        record.Settings(
+            out=folder,
+            effect=("hysteresis@a2,width_rad=3e-4",),
+            poses=18,
+            path="0,5,10,5,0",
+            seed=4,
+        )
+    )
+    return folder
+
+
+@pytest.fixture
+def found():
+    """A diagnosis as the engine gives it, by hand."""
+    return Diagnosis(
+        recording="by hand",
+        verdict="partly_explained",
+        detection=Detection(2e-4, 3e-5, 1.7e-5, 5e-7),
+        named=(
+            NamedEffect(
+                Name("hysteresis", "a2"),
+                0.98,
+                (Name("lost_motion", "a2"),),
+                {"width_rad": Interval(1.5e-4, 1.3e-4, 1.7e-4)},
+                shape=(12.0,),
+            ),
+            NamedEffect(
+                Name("wrist_coupling", "a5"),
+                1.0,
+                (),
+                {
+                    "compliance_rad_per_nm": Interval(5e-6, 4e-6, np.inf),
+                    "with": Interval(4.0, 4.0, 4.0),
+                },
+                shape=(4.0,),
+            ),
+            NamedEffect(Name("channel_delay", "tracker"), 1.0, (), {}),
+        ),
+        unexplained=Unexplained(
+            "a3",
+            "odd in torque",
+            {
+                "torque_nm": (-10.0, 10.0),
+                "loading_rad": (-1e-5, 1e-5),
+                "unloading_rad": (0.0, 2e-5),
+            },
+        ),
+        nominal=Nominal(
+            np.array([2e-5, 2e-5, 2e-5, 0.0, 1e-4, 7e-4]),
+            np.array([4e-7, 0.0, 4e-7, 0.0, 4e-6, 4e-5]),
+            np.array([1e-5, 2e-5, 2.01e-5, 0.0, 1e-4, 8e-4]),
+            ("a4",),
+            np.eye(4),
+            np.zeros((0, 3)),
+            1.0,
+            np.zeros(6),
+        ),
+        held_out=(1, 2),
+    )
+
+
+def test_what_was_named_becomes_mechanisms_and_a_table(found, recording, kr10):
+    marked, _ = folder.read(recording)
+    bare = replace(marked, markers=(), points=None)
+    made = patch_of_diagnosis(found, bare, arm_of(kr10))
+    assert [e.effect for e in made.effects] == ["hysteresis", "wrist_coupling"]
+    assert made.effects[1].parameters["with"] == "a4"
+    assert made.stiffness_nm_per_rad["a4"] is None
+    assert made.stiffness_nm_per_rad["a5"] == pytest.approx(1e4)
+    assert made.laws[0].where == "a3"
+    assert len(patch.effects_of(made)) == 3
+
+
+def beam(torsion: Interval, bending: Interval) -> NamedEffect:
+    parameters = {"bending_nm2": bending, "torsion_nm2": torsion}
+    return NamedEffect(Name("link_bending", "link_2"), 1.0, (), parameters)
+
+
+HELD, LOOSE = Interval(6e5, 5e5, 7e5), Interval(-8e5, -np.inf, np.inf)
+
+
+def test_a_size_without_an_interval_does_nothing_in_the_patch_and_it_is_said(found):
+    named = replace(found, named=(beam(LOOSE, HELD),))
+    (effect,) = named.named
+    entry = patch_entry(effect, {})
+    assert entry.parameters == {"bending_nm2": 6e5, "torsion_nm2": None}
+    assert fixed_of(named) == {("link_bending", "link_2", "torsion_nm2")}
+    (said,) = steps.left_neutral(named)
+    assert said.where == "link_2"
+    assert "torsion_nm2" in said.text
+    assert "bending_nm2" not in said.text
+
+
+def test_sizes_of_which_none_has_an_interval_stay_together_as_estimated(found):
+    named = replace(found, named=(beam(Interval(4e5, -np.inf, np.inf), LOOSE),))
+    entry = patch_entry(named.named[0], {})
+    assert entry.parameters == {"bending_nm2": -8e5, "torsion_nm2": 4e5}
+    assert not list(steps.left_neutral(named))
+    wave = {"ratio": LOOSE, "order": HELD, "phase_rad": HELD}
+    effect = NamedEffect(Name("angle_dependent_stiffness", "a1"), 1.0, (), wave)
+    fixed = fixed_of(replace(found, named=(*named.named, effect)))
+    assert {name for _, _, name in fixed} == {"order", "phase_rad"}
+
+
+def test_intervals_end_where_no_mechanism_can_be(found):
+    """A gear that softens is no hardening one; an impossible stiffness is none."""
+    ratio = {"stiffness_ratio": Interval(1.28, -2.65, 5.2)}
+    gear = NamedEffect(Name("hardening", "a1"), 1.0, (), ratio)
+    assert within_bounds(gear)["stiffness_ratio"] == Interval(1.28, 1.0, 5.2)
+    torsion = within_bounds(beam(LOOSE, HELD))["torsion_nm2"]
+    assert torsion == Interval(np.inf, -np.inf, np.inf)
+    assert within_bounds(beam(HELD, HELD))["bending_nm2"] == HELD
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameters", "share"),
+    [
+        ("hardening", {"stiffness_ratio": 1.6, "torque_nm": 20.0}, 1 / 1.6),
+        ("asymmetric_stiffness", {"ratio": 0.8}, 0.9),
+        ("asymmetric_stiffness", {"ratio": 1.25}, 0.9),
+        ("angle_dependent_stiffness", {"ratio": 0.6, "order": 2.0}, 1 / 0.8),
+        ("hysteresis", {"width_rad": 1e-4}, 1.0),
+    ],
+)
+def test_a_mechanism_starts_from_the_stiffness_that_its_own_law_calls_the_spring(
+    effect, parameters, share
+):
+    """K1 of K3, the softer of two sides, the mean of K where 1/K has the mean 1/C."""
+    sized = {name: Interval(v, 0.9 * v, 1.1 * v) for name, v in parameters.items()}
+    named = (NamedEffect(Name(effect, "a2"), 1.0, (), sized),)
+    springs = springs_of_mechanisms({"a1": 3e4, "a2": 5e4, "a3": None}, named)
+    assert springs["a2"] == pytest.approx(5e4 * share)
+    assert springs["a1"] == 3e4
+    assert springs["a3"] is None
+
+
+def test_a_stop_and_slipping_springs_are_equally_stiff_before_they_slip():
+    """C - w/2r = 1 / (K (1 + stiffening))."""
+    width, stiffness, slip = 1.5e-4, 6e4, 12.0
+    extra = stiffening(width, stiffness, slip)
+    soft = 1 / stiffness - width / (2 * slip)
+    assert soft == pytest.approx(1 / (stiffness * (1 + extra)))
+    assert stiffening(1e-2, stiffness, slip) == STIFFEST
+    assert stiffening(width, None, slip) > 0.0
+
+
+def test_an_answer_without_end_or_number_says_null(found):
+    told = answer_of(found, None, "", (), 1.0, False)
+    plain = json.loads(text_of(told))
+    coupling = plain["named"][1]["parameters"]
+    assert coupling["compliance_rad_per_nm"]["high"] is None
+    assert coupling["with"]["estimate"] == "a4"
+    assert plain["proof"] is None
+    nothing = Detection(2e-4, np.nan, np.nan, np.nan)
+    warned = Warned("axis_reversed", "a3", "a3 looks reversed.")
+    stopped = Diagnosis("x", "unexplained", nothing, warnings=(warned,))
+    assert (
+        answer_of(stopped, None, "", (), 1.0, False).detection.residual_rms_mm is None
+    )
+
+
+def test_first_moments_come_with_a_mass_and_a_centre_that_have_them(found):
+    """Of the vocabulary's names, without ends, for no reading holds them."""
+    moments = {
+        "moment_x_kg_m": (0.12, 0.10, 0.14),
+        "moment_y_kg_m": (-0.05, -0.06, -0.04),
+    }
+    pull = NamedEffect(
+        Name("gravity_load", "link_2"),
+        1.0,
+        (),
+        {name: Interval(*values) for name, values in moments.items()},
+    )
+    told = answer_of(replace(found, named=(pull,)), None, "", (), 1.0, False)
+    plain = json.loads(text_of(told))["named"][0]["parameters"]
+    mass = plain["mass_kg"]["estimate"]
+    for name, (moment, _, _) in moments.items():
+        centre = name.replace("moment", "com").replace("_kg_m", "_m")
+        assert mass * plain[centre]["estimate"] == pytest.approx(moment)
+        assert plain[centre]["low"] is None and plain[centre]["high"] is None
+        assert plain[name]["estimate"] == moment
+    values = {name: p["estimate"] for name, p in plain.items()}
+    made = effect_of(PatchEffect("gravity_load", "link_2", values)).parameters()
+    weight = float(made["mass_kg"])
+    assert weight * float(made["com_x_m"]) == pytest.approx(0.12)
+
+
+def test_story_says_what_where_and_what_stays_open(found, recording):
+    marked, _ = folder.read(recording)
+    told = answer_of(found, None, "", (), 1.0, False)
+    words = " ".join(summary.sentences(Result(marked, found, None, "why.", None, told)))
+    for part in (
+        "differ (p = 0.0002)",
+        "30.0 µm, noise alone leaves 17.0 µm",
+        "hysteresis at a2, probability 0.980: width 150 µrad (130 to 170)",
+        "As well by these data: lost_motion at a2",
+        "Open: something at a3",
+        "± one sigma of noise: a1 0.5 ± 0.01.",
+        "Nothing was proved: why.",
+    ):
+        assert part in words
+
+
+def test_what_is_left_is_what_the_patched_arm_leaves_where_there_is_one(found):
+    of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
+    channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses)
+    proof: Any = SimpleNamespace(
+        markers=channel,
+        angles=None,
+        held_out=(1, 2),
+        absolute=True,
+        folds=1,
+        rotations=None,
+    )
+    for simulated, left_mm in ((None, 0.03), (proof, 0.02)):
+        told: Any = answer_of(found, simulated, "", (), 1.0)
+        assert told.unexplained.residual_rms_mm == pytest.approx(left_mm)
+
+
+def test_title_and_first_sentence_say_that_a_name_is_not_proved(found, recording):
+    marked, _ = folder.read(recording)
+    of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 7e-5)
+    worse = Channel(3e-5, 7.6e-5, 1.7e-5, -4.6e-5, -6e-5, -3e-5, *of_poses)
+    proof: Any = SimpleNamespace(
+        markers=worse,
+        angles=None,
+        held_out=(1, 2),
+        absolute=True,
+        folds=1,
+        rotations=None,
+    )
+    all_named = replace(found, verdict="explained", unexplained=None)
+    for simulated, why, said in (
+        (proof, "", "makes it worse: gain -46.0 µm (-60.0 to -30.0)"),
+        (None, "the simulator cannot do it (x).", "the simulator cannot do it (x)."),
+    ):
+        told = answer_of(all_named, simulated, why, (), 1.0)
+        assert told.verdict == "unproved"
+        finding = Result(marked, all_named, simulated, why, None, told)
+        first = next(summary.sentences(finding))
+        assert first.startswith("Not proved:") and said in first
+        assert "not proved" in diagnosis.title_of(finding)
+
+
+@pytest.mark.parametrize(
+    ("absolute", "fitted", "alarms"),
+    [
+        (True, {"held_out_rms": 2.1e-5}, False),
+        (True, {"held_out_rms": 1.9e-5}, True),
+        (False, {"held_out_within_rms": 2.1e-5}, False),
+        (False, {"held_out_within_rms": 1.9e-5, "held_out_rms": 1.0}, True),
+        (False, {}, False),
+    ],
+)
+def test_an_arm_that_the_simulator_does_not_have_raises_an_alarm(
+    found, absolute, fitted, alarms
+):
+    """30 µm in the simulator; the line is 1.5 times what the fitted arm leaves."""
+    of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
+    channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses)
+    simulated: Any = SimpleNamespace(
+        markers=channel,
+        angles=None,
+        held_out=(1, 2),
+        absolute=absolute,
+        folds=1,
+        rotations=None,
+    )
+    other = replace(found, detection=replace(found.detection, **fitted))
+    told = answer_of(other, simulated, "", (), 1.0)
+    assert [w.code for w in told.warnings] == ["simulator_disagrees"] * alarms
+    assert told.verdict == "partly_explained"  # it withholds nothing
+
+
+def test_story_of_no_mismatch_says_what_would_have_shown(found, recording):
+    marked, _ = folder.read(recording)
+    calm = Diagnosis("x", "no_mismatch", replace(found.detection, p_value=0.4))
+    told = answer_of(calm, None, "", (), 1.0, False)
+    (sentence,) = summary.sentences(Result(marked, calm, None, "", None, told))
+    assert "agree (p = 0.4)" in sentence
+    assert "0.5 µm rms would have shown" in sentence
+
+
+def test_story_claims_no_agreement_where_poses_differ_at_random(found, recording):
+    marked, _ = folder.read(recording)
+    calm = replace(found.detection, p_value=0.4)
+    wild = Diagnosis("x", "no_mismatch", calm, warnings=scattered(219.0))
+    finding = Result(
+        marked, wild, None, "", None, answer_of(wild, None, "", (), 1.0, False)
+    )
+    note, sentence = summary.sentences(finding)
+    assert "poses differ 14.8 times as much as the stated errors" in note
+    assert "agree" not in sentence + diagnosis.title_of(finding)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "said"),
+    [
+        ("width_rad", 1.5e-4, "150 µrad"),
+        ("u_rad_per_nm", 2e-6, "2 µrad/(N m)"),
+        ("bending_nm2", 6.3e5, "630 kN m²"),
+        ("ratio", 0.05, "0.05"),
+        ("x_m", 3e-4, "0.3 mm"),
+        ("phase_rad", 0.634, "36.3 °"),
+        ("stiffness_nm", 31684.2, "31684 N m"),
+        ("bending_nm2", None, "no bound"),
+        ("with", "a4", "a4"),
+    ],
+)
+def test_parameters_are_said_in_units_of_people(name, value, said):
+    assert size(name, value) == said
+
+
+def test_an_interval_is_said_with_its_number():
+    assert span("width_rad", Said(1e-4, 0.5e-4, None)) == "100 µrad (50 to ?)"
+    assert span("with", Said("a4", "a4", "a4")) == "a4"
+    assert span("delay_s", Said(3e-3, 2.9e-3, None)) == "3 ms (2.9 to ?)"
+    assert span("phase_rad", Said(0.5, 0.25, 1.0)) == "29 ° (14 to 57)"
+
+
+@pytest.mark.parametrize(
+    ("probability", "said"),
+    [(0.0, "below 0.001"), (0.5, "0.500"), (0.9999, "above 0.999")],
+)
+def test_a_probability_has_no_digits_that_nobody_can_stand_for(probability, said):
+    assert chance(probability) == said
+
+
+def test_a_count_is_said_as_the_whole_number_that_it_can_be():
+    assert span("order", Said(2.02, 1.95, 2.05)) == "2"
+    assert span("order", Said(1.62, 1.42, 1.81)) == "1.62 (1.42 to 1.81)"
+    assert span("order", Said(2.0, 1.0, 3.0)) == "2 (1 to 3)"
+
+
+def test_what_the_data_do_not_hold_is_said_to_be_so_and_gets_no_ends():
+    wide = Said(-3.08e-5, None, None)
+    assert span("z_m", wide) == "-0.0308 mm (not held by these data)"
+    assert not is_held((-0.1, 0.1), -3e-5, 2.4)
+    assert not is_held((1.0, np.inf), 1.6e8, 1.1e9)
+    assert is_held((-0.1, 0.1), -3e-5, 1e-4) and is_held(None, 0.0, 9.0)
+
+
+def test_an_effect_all_of_whose_sizes_may_be_zero_may_be_nothing():
+    zero, clear = Interval(1e-6, -3e-6, 5e-6), Interval(2e-6, 1e-6, 3e-6)
+    centre = Interval(0.1, 0.05, 0.15)
+    faint = {"u_rad_per_nm": zero, "v_rad_per_nm": zero, "centre_m": centre}
+    assert may_be_nothing(BearingTilt(), faint)
+    assert not may_be_nothing(BearingTilt(), {**faint, "v_rad_per_nm": clear})
+    soft, stiff = Interval(-7.8e5, -2e6, 5e5), Interval(1.2e5, 8.6e4, 1.5e5)
+    assert may_be_nothing(LinkBending(), {"bending_nm2": soft})
+    assert not may_be_nothing(
+        LinkBending(), {"bending_nm2": soft, "torsion_nm2": stiff}
+    )
+    ratio = Interval(1.0, -1.0, 3.0)
+    assert not may_be_nothing(Hardening(), {"stiffness_ratio": ratio})
+
+
+def test_an_added_mass_that_does_not_show_is_none_that_no_arm_carries(found):
+    """41 kg m would be 412 kg at a hand's breadth."""
+    pull = NamedEffect(
+        Name("gravity_load", "link_2"), 1.0, (),
+        {"moment_x_kg_m": Interval(41.2, 40.0, 42.0)},
+    )  # fmt: skip
+    (called,) = answer_of(replace(found, named=(pull,)), None, "", (), 1.0, False).named
+    mass, centre = called.parameters["mass_kg"], called.parameters["com_x_m"]
+    assert isinstance(mass.estimate, float) and isinstance(centre.estimate, float)
+    assert mass.estimate <= 100.0 and mass.low is mass.high is None
+    assert mass.estimate * centre.estimate == pytest.approx(41.2)
+    assert label("compliance_rad_per_nm") == "compliance"
+
+
+@pytest.mark.parametrize(
+    ("change", "called"),
+    [
+        ({}, True),
+        ({"wrench": np.zeros((5, 6))}, False),
+        ({"displacement": "relative"}, False),
+        ({"rows": "stream"}, False),
+    ],
+)
+def test_calibration_is_asked_where_positions_without_a_load_stay_unexplained(
+    change, called
+):
+    usual = {"wrench": None, "displacement": "absolute", "rows": "plateaus"}
+    recording: Any = SimpleNamespace(**(usual | change))
+    found: Any = SimpleNamespace(nominal=object(), verdict="unexplained")
+    assert calls_for_calibration(recording, found) == called
+    explained: Any = SimpleNamespace(nominal=object(), verdict="explained")
+    assert not calls_for_calibration(recording, explained)
