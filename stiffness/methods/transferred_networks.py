@@ -139,19 +139,28 @@ def relative_deflection(
     return farther
 
 
-# --- FT-MLP --------------------------------------------------------------------------
+# --- Methods --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
-class FtMlp(Method):
-    """FT-MLP, the paper's method.
+class Direct:
+    """Transfer without change: predictions of the pre-trained network."""
+
+
+Transfer: TypeAlias = Direct | Alignment | FineTuning
+"""The three ways to transfer a network from springs to the arm."""
+
+
+@dataclass(frozen=True)
+class Transferred(Method):
+    """A network that is trained on fitted springs and transferred to the arm.
 
     Attributes:
         arm: The nominal arm.
         plan: Postures and wrenches of the pre-training.
         pretraining: Network and pre-training.
-        tuning: Which layers are trained, how long, which epoch is kept.
-        select: Readings used for the fine-tuning: `every_plateau`, or `one_per_pose`.
+        transfer: `Direct()`, an `Alignment` or a `FineTuning`.
+        select: Readings used for the transfer: `every_plateau`, or `one_per_pose`.
         held: Axes whose compliance the springs take from the model, as in `Vjm`.
         pretrained: A network to use in place of a new pre-training; for sweeps.
         file: File of the pre-training, to resume after an interruption.
@@ -161,7 +170,7 @@ class FtMlp(Method):
     arm: Arm
     plan: SourcePlan = field(default_factory=spanning_plan, repr=False)
     pretraining: Pretraining = field(default_factory=Pretraining)
-    tuning: FineTuning = field(default_factory=FineTuning)
+    transfer: Transfer = field(default_factory=Direct)
     select: Selection = every_plateau
     held: tuple[str, ...] = ()
     pretrained: Pretrained | None = None
@@ -169,8 +178,8 @@ class FtMlp(Method):
     tell: Tell | None = None
 
     @override
-    def fit(self, recording: Recording) -> "FtMlpFit":
-        """Fit springs, pre-train on them, fine-tune on readings; see the base class.
+    def fit(self, recording: Recording) -> "TransferredFit":
+        """Fit springs, pre-train on them, transfer; see the base class.
 
         Raises:
             Unusable: Where the recording or the file cannot be used, with all faults.
@@ -185,21 +194,45 @@ class FtMlp(Method):
             self.file,
             about(self.tell, "pre-training"),
         )
-        tuned = tune(pretrained.network, springs, data, self.tuning, self.tell)
-        return FtMlpFit(tuned.network, springs, pretrained, tuned)
+        network, tuned = pretrained.network, None
+        if isinstance(self.transfer, Alignment):
+            domain, seen = (
+                domain_of(springs, self.plan, data),
+                as_seen(network, arm, data),
+            )
+            told = about(self.tell, "alignment")
+            network = align(network, domain, seen, self.transfer, told)
+        elif isinstance(self.transfer, FineTuning):
+            tuned = tune(network, springs, data, self.transfer, self.tell)
+            network = tuned.network
+        return TransferredFit(network, springs, pretrained, tuned)
 
 
 @dataclass(frozen=True)
-class FtMlpFit(NetworkFit):
-    """A fine-tuned network, with its pre-training.
+class FtMlp(Transferred):
+    """FT-MLP, the paper's method: a perceptron, two of whose layers are fine-tuned."""
+
+    transfer: Transfer = field(default_factory=FineTuning)
+
+
+@dataclass(frozen=True)
+class DtCnn(Transferred):
+    """DT-CNN, the method that the paper compares with."""
+
+    pretraining: Pretraining = field(default_factory=lambda: Pretraining(shape=Cnn()))
+
+
+@dataclass(frozen=True)
+class TransferredFit(NetworkFit):
+    """A transferred network, with its pre-training.
 
     Attributes:
-        pretrained: The network before the fine-tuning.
-        tuned: Result of the fine-tuning.
+        pretrained: The network before the transfer.
+        tuned: Result of the fine-tuning; None: there was none.
     """
 
     pretrained: Pretrained
-    tuned: FineTuned
+    tuned: FineTuned | None
 
 
 def domain_of(springs: VjmFit, plan: SourcePlan, data: Deflections) -> SourceDomain:
@@ -236,78 +269,3 @@ def as_seen(
     """Return a recording's rows encoded as inputs of a network."""
     wrench = wrench_about(arm, data.cases, network.origin_in_flange)
     return network.encode(data.cases.posture, wrench)
-
-
-# --- DT-CNN --------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Direct:
-    """Transfer without change: predictions of the pre-trained network."""
-
-
-Transfer: TypeAlias = Direct | Alignment | FineTuning
-"""The three ways to transfer a network from springs to the arm."""
-
-
-@dataclass(frozen=True)
-class DtCnn(Method):
-    """DT-CNN, the method that the paper compares with.
-
-    Attributes:
-        arm: The nominal arm.
-        plan: Postures and wrenches of the pre-training.
-        pretraining: Network and pre-training.
-        transfer: `Direct()`, an `Alignment` or a `FineTuning`.
-        select: Readings used for the transfer.
-        held: Axes whose compliance the springs take from the model, as in `Vjm`.
-        pretrained: A network to use in place of a new pre-training; for sweeps.
-        file: File of the pre-training, to resume after an interruption.
-        tell: Callback for every step: its phase, its number, the loss.
-    """
-
-    arm: Arm
-    plan: SourcePlan = field(default_factory=spanning_plan, repr=False)
-    pretraining: Pretraining = field(default_factory=lambda: Pretraining(shape=Cnn()))
-    transfer: Transfer = field(default_factory=Direct)
-    select: Selection = every_plateau
-    held: tuple[str, ...] = ()
-    pretrained: Pretrained | None = None
-    file: Path | None = None
-    tell: Tell | None = None
-
-    @override
-    def fit(self, recording: Recording) -> "DtCnnFit":
-        """Fit springs, pre-train on them, transfer; see the base class.
-
-        Raises:
-            Unusable: Where the recording or the file cannot be used, with all faults.
-            NotIdentifiable: Where an axis' spring cannot be identified, by name.
-        """
-        arm = self.arm.for_recording(recording)
-        springs = Vjm(arm, self.held).fit(recording)
-        data = self.select(arm, recording, springs.compliance)
-        domain = domain_of(springs, self.plan, data)
-        pretrained = self.pretrained or pretrain(
-            domain, self.pretraining, self.file, about(self.tell, "pre-training")
-        )
-        network = pretrained.network
-        if isinstance(self.transfer, Alignment):
-            seen = as_seen(network, arm, data)
-            told = about(self.tell, "alignment")
-            network = align(network, domain, seen, self.transfer, told)
-        elif isinstance(self.transfer, FineTuning):
-            tuned = tune(network, springs, data, self.transfer, self.tell)
-            network = tuned.network
-        return DtCnnFit(network, springs, pretrained)
-
-
-@dataclass(frozen=True)
-class DtCnnFit(NetworkFit):
-    """A transferred network, with its pre-training.
-
-    Attributes:
-        pretrained: The network before the transfer.
-    """
-
-    pretrained: Pretrained

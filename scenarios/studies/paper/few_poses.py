@@ -190,7 +190,7 @@ class FewPosesNetworks(Cell):
             for kind in NETWORKS
         )
         tuning = FineTuning(epochs=self.effort.epochs, seed=self.draw)
-        tuned = FtMlp(material.arm, tuning=tuning, held=held, pretrained=mlp)
+        tuned = FtMlp(material.arm, transfer=tuning, held=held, pretrained=mlp)
         direct = DtCnn(material.arm, held=held, pretrained=cnn)
         return residuals(
             {"ft_mlp": tuned.fit(few), "dt_cnn": direct.fit(few)}, material

@@ -36,12 +36,12 @@ from stiffness.experiment.deflections import every_plateau
 from stiffness.methods.gp_residual import GpResidual
 from stiffness.methods.method import Fitted, Method, faults
 from stiffness.methods.named_physics import NamedPhysics, NamedPhysicsFit
-from stiffness.methods.transferred_networks import DtCnn, FtMlp, FtMlpFit, NetworkFit
+from stiffness.methods.transferred_networks import DtCnn, FtMlp, NetworkFit
 from stiffness.methods.vjm import Vjm
 from stiffness.networks.model import Cnn
 from stiffness.networks.pretraining import Pretraining
 from stiffness.networks.training import Training
-from stiffness.networks.transfer import Alignment, FineTuning
+from stiffness.networks.transfer import Alignment, FineTuned, FineTuning
 from stiffness.robot.arm import Arm
 
 # --- Predictions ----------------------------------------------------------------------
@@ -62,11 +62,13 @@ def answers(
     }
 
 
-def learnt(fit: FtMlpFit, material: Material, seed: int) -> np.ndarray:
+def learnt(
+    fit: NetworkFit, tuned: FineTuned, material: Material, seed: int
+) -> np.ndarray:
     """Return MAE and STDE, Eqs 7 and 8, in mm, on training and on choosing poses."""
     data = every_plateau(fit.springs.arm, material.training(seed))
     error = 1e3 * np.abs(fit.predict(data.cases) - data.deflection)
-    chose = np.isin(data.posture_id, fit.tuned.held_back)
+    chose = np.isin(data.posture_id, tuned.held_back)
     return np.array([[e.mean(), e.std()] for e in (error[~chose], error[chose])])
 
 
@@ -290,34 +292,37 @@ class PerceptronCell(Cell):
     @override
     def work(self, material: Material, scratch: Path) -> CellResult:
         settings, recording = self.settings, material.training(self.seed)
+        tuning = FineTuning(epochs=settings.epochs, seed=self.seed)
         method = FtMlp(
             material.arm,
             source_plan(self.plan, settings.every),
             Pretraining(
                 settings.shape, training=Training(steps=settings.steps), seed=self.seed
             ),
-            FineTuning(epochs=settings.epochs, seed=self.seed),
+            tuning,
             file=scratch,
         )
         best = method.fit(recording)
         method = replace(method, pretrained=best.pretrained)
-        last = replace(method, tuning=replace(method.tuning, keep="last"))
+        last = replace(method, transfer=replace(tuning, keep="last"))
         fits = {"best": best, "last": last.fit(recording)}
-        slow = replace(method.tuning, epochs=settings.unfreezing_epochs)
+        slow = replace(tuning, epochs=settings.unfreezing_epochs)
         for layers in self.unfreezings:
-            tuning = replace(slow, unfrozen=layers)
-            fits[unfrozen(layers)] = replace(method, tuning=tuning).fit(recording)
+            other = replace(method, transfer=replace(slow, unfrozen=layers))
+            fits[unfrozen(layers)] = other.fit(recording)
         before = NetworkFit(best.pretrained.network, best.springs)
         found = imitated(best.pretrained) | answers(
             "pretrained", before, material, self.seed
         )
         for name, fit in fits.items():
             found |= answers(name, fit, material, self.seed)
-            found[f"{name}/learnt"] = learnt(fit, material, self.seed)
+            tuned = fit.tuned
+            assert tuned is not None
+            found[f"{name}/learnt"] = learnt(fit, tuned, material, self.seed)
             found[f"{name}/curve"] = 1e3 * np.array(
-                [fit.tuned.training_mae, fit.tuned.validation_mae]
+                [tuned.training_mae, tuned.validation_mae]
             )
-            found[f"{name}/epoch"] = np.array(fit.tuned.epoch)
+            found[f"{name}/epoch"] = np.array(tuned.epoch)
         return found
 
 

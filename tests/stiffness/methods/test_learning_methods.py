@@ -15,8 +15,8 @@ from stiffness.methods.method import Method
 from stiffness.methods.transferred_networks import (
     Direct,
     DtCnn,
-    DtCnnFit,
     FtMlp,
+    TransferredFit,
     relative_deflection,
     wrench_about,
 )
@@ -112,7 +112,7 @@ def test_direct_transfer_looks_at_no_deflection_but_through_the_springs(
     arm, plan, recording
 ):
     fitted = methods(arm, plan)["dt_cnn"].fit(recording)
-    assert isinstance(fitted, DtCnnFit)
+    assert isinstance(fitted, TransferredFit)
     assert DtCnn(arm).transfer == Direct()
     for name, weight in fitted.pretrained.network.weights.items():
         np.testing.assert_array_equal(fitted.network.weights[name], weight)
