@@ -49,8 +49,7 @@ class Settings:
     robot: Annotated[Path, KUKA] = KR10
     """MJCF or URDF of the arm alone."""
     hand: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """Of a torso's arms, the hand that ropes pull; repeat it for others that move. A
-    recording has one wrench: to pull the other hand, record once more."""
+    """Of a torso's arms, the hand that ropes pull; repeat it for others that move."""
     poses: int = 151
     """How many postures; a KR10's table has 151."""
     revisits: int = 0

@@ -348,7 +348,7 @@ class CalibrationOutcome:
         return why_not(self.answer, self.decisions, effect, where)
 
 
-def _without(
+def _calibrated_on_kept(
     readings: Readings,
     size: Float[np.ndarray, " rows"],
     folds: SpatialFolds,
@@ -387,13 +387,13 @@ def calibrate_and_prove(
     outliers = [*outliers_of(recording)]
     readings = readings_of(without_outliers(recording, outliers), arm)
     size, folds = outlier_distances(readings), spatial_folds_of(readings, draw)
-    found = _without(readings, size, folds, said)
+    found = _calibrated_on_kept(readings, size, folds, said)
     own = np.flatnonzero(size == 0.0)
     fitted = own[~found.held]  # others may only be badly predicted
     more = far_from(readings.take(fitted), found.residual[~found.held])
     if more.any():
         size[fitted] = more
-        found = _without(readings, size, folds, said)
+        found = _calibrated_on_kept(readings, size, folds, said)
     kept = size == 0.0
     for row in np.flatnonzero(~kept):
         pose, name = readings.posture_id[row], readings.names[readings.marker[row]]

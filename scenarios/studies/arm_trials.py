@@ -70,7 +70,6 @@ class ArmTrial:
         truth: Names that are true.
         named: Names that were given.
         right: Whether every true name was given or declared as an equivalent.
-        exact: Whether the names given are the true ones.
         verdict: Of the answer.
         springs_off: Largest relative error of a spring of the patch; NaN without.
         after_over_noise: What the patched simulator leaves of the poses kept back, over
@@ -87,13 +86,17 @@ class ArmTrial:
     truth: str
     named: str
     right: bool
-    exact: bool
     verdict: str
     springs_off: float
     after_over_noise: float
     bends_off: float
     seconds: float
     failed: str = ""
+
+    @property
+    def exact(self) -> bool:
+        """Whether the names given are the true ones."""
+        return set(self.named.split()) == set(self.truth.split())
 
 
 def model_files(folder: Path) -> list[Path]:
@@ -368,7 +371,7 @@ def _failed(
     first, _, faults = str(error).partition("\n")
     failed = f"{first} {faults.partition(chr(10))[0].strip()}".strip()
     return ArmTrial(
-        *(file.stem, number, base, _names(truth), "", False, False, "failed"),
+        *(file.stem, number, base, _names(truth), "", False, "failed"),
         *(np.nan, np.nan, np.nan, seconds, failed),
     )
 
@@ -407,7 +410,6 @@ def _answered(
         truth=_names(truth),
         named=" ".join(sorted(given)),
         right=wanted <= declared,
-        exact=wanted == given,
         verdict=answer.verdict,
         springs_off=off,
         after_over_noise=after,

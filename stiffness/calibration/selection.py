@@ -68,9 +68,13 @@ from scipy.cluster.vq import kmeans2
 from bench.shared.settings import SETTINGS
 from stiffness.calibration.columns import SILENT, Blocks, Key
 from stiffness.calibration.model import Entry, Readings
-from stiffness.regression.elimination import ColumnIndices, Eliminated
 from stiffness.regression.empirical_bayes import VarianceComponents, precision_of
-from stiffness.regression.normal_equations import Normal, total_of
+from stiffness.regression.normal_equations import (
+    ColumnIndices,
+    Eliminated,
+    Normal,
+    total_of,
+)
 from stiffness.regression.testing import mean_log_gain
 
 # --- Spatial folds --------------------------------------------------------------------

@@ -24,12 +24,12 @@ from jaxtyping import Float, Int
 
 from bench.shared.effect_catalogue import INSTRUMENTS
 from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem, training
-from stiffness.diagnosis.relinearisation import changes_loads
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
     per_pose_scores,
 )
 from stiffness.effects.jacobian import EffectJacobian
+from stiffness.experiment.static_state import StaticState
 from stiffness.regression.predictive_gate import (
     Decision,
     GatedNames,
@@ -177,7 +177,8 @@ def second_order_name(
         terms: The set, as it was gated.
         gated: What each name's leaving costs.
     """
-    loads = [t for t in terms if changes_loads(case, t)]
+    here = case.situation
+    loads = [t for t in terms if _changes_loads(here, t)]
     strong = [t for t in terms if t.hypothesis.linear or t in loads] if loads else []
     lost = dict(zip(gated.names, (float(x.sum()) for x in gated.lost), strict=True))
     found = []
@@ -191,6 +192,13 @@ def second_order_name(
                 Decision(term.name, "second_order", False, share, SECOND_ORDER, reason)
             )
     return min(found, key=lambda d: d.statistic, default=None)
+
+
+def _changes_loads(here: StaticState, term: ModelTerm) -> bool:
+    """Return whether a term changes forces on the arm, whatever its size."""
+    size = np.ones(term.jacobian(here).columns)
+    acting = term.hypothesis.acting(here, term.where, term.shape, size)
+    return acting.moment is not here.moment
 
 
 def are_near(one: str, other: str) -> bool:

@@ -53,12 +53,12 @@ from stiffness.diagnosis.result import Located, Name
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects.jacobian import EffectJacobian, JointRotation
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.elimination import (
+from stiffness.regression.normal_equations import (
+    NormalEquations,
     projection_coefficients,
     schur_complement,
     whitening_transform,
 )
-from stiffness.regression.normal_equations import NormalEquations
 from stiffness.regression.testing import (
     SIGNIFICANCE,
     is_significant,

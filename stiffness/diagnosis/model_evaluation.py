@@ -53,14 +53,14 @@ class ModelEvaluation:
             shape, other forms of the members' laws, and columns beside.
         forms: Columns of each member's other forms.
         unselected: Columns of each term that may be there too; the last.
-        beside: These terms.
+        unselected_terms: These terms.
     """
 
     fit: ModelFit
     slopes: PerPoseScores
     forms: tuple[Int[np.ndarray, " _"], ...]
     unselected: tuple[Int[np.ndarray, " _"], ...] = ()
-    beside: tuple[ModelTerm, ...] = ()
+    unselected_terms: tuple[ModelTerm, ...] = ()
 
     @property
     def known(self) -> int:
@@ -236,7 +236,7 @@ def _covariance_of_unselected(
     known, gram = look.known, look.slopes.gram[1]
     prior = np.zeros(len(gram))
     used = [np.arange(known)]
-    for term, block in zip(look.beside, look.unselected, strict=True):
+    for term, block in zip(look.unselected_terms, look.unselected, strict=True):
         square = _square_of(term, look.fit, len(block))
         if square is not None:
             prior[block] = 1.0 / np.maximum(square, 1e-300)

@@ -34,8 +34,7 @@ from stiffness.diagnosis.sufficient_statistics import (
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian, values, with_values
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.elimination import minimum_norm_fit
-from stiffness.regression.normal_equations import NormalEquations
+from stiffness.regression.normal_equations import NormalEquations, minimum_norm_fit
 from stiffness.regression.splits import Split
 
 # --- Selection problem ----------------------------------------------------------------

@@ -223,13 +223,6 @@ def loads_of(case: SelectionProblem, fit: ModelFit) -> frozenset[tuple[str, str]
     )
 
 
-def changes_loads(case: SelectionProblem, member: ModelTerm) -> bool:
-    """Return whether a member changes forces on the arm, whatever its size."""
-    here = case.situation
-    size = np.ones(member.jacobian(here).columns)
-    return _acting(here, member, size).moment is not here.moment
-
-
 def _softened(case: SelectionProblem, fit: ModelFit) -> bool:
     """Return whether names leave springs so different that columns change with them."""
     before = case.situation.compliance[list(case.springs)]

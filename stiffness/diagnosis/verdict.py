@@ -201,7 +201,7 @@ def _unexplained_places(
 
     Args:
         model: The set.
-        beyond: What is left beside it; None where nothing is.
+        beyond: Normal equations beside it; None where its residual is noise.
     """
     asked = {d.candidate: d.statistic for d in model.decisions if d.gate == "left_out"}
     found = [

@@ -151,10 +151,10 @@ def gains_beside(
 ) -> Float[np.ndarray, " groups"]:
     """Return the whitened square that each group explains beside a set."""
     left = _residual(problem, FactorisedSet.of(problem, groups))
-    return _gains(problem, left)[0]
+    return _chi_square_gains(problem, left)[0]
 
 
-def _gains(
+def _chi_square_gains(
     problem: GroupProblem, left: Residual
 ) -> tuple[Float[np.ndarray, " groups"], Int[np.ndarray, " groups"]]:
     """Return what each group explains beside a set, and along how many directions."""
@@ -170,7 +170,7 @@ def _gains(
 
 def _additions(problem: GroupProblem, left: Residual) -> Float[np.ndarray, " groups"]:
     """Return by how much the worth rises with each group; less than 0: it falls."""
-    gain, rank = _gains(problem, left)
+    gain, rank = _chi_square_gains(problem, left)
     paid = 0.5 * (rank + problem.shape_parameters) * np.log(problem.units)
     rise = np.where(rank > 0, 0.5 * gain - paid, -np.inf)
     known = np.zeros(len(problem.names), dtype=bool)

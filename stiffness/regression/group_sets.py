@@ -36,7 +36,10 @@ from jaxtyping import Float, Int
 from scipy.linalg import qr
 from scipy.special import betaln
 
-from stiffness.regression.elimination import projection_coefficients, schur_complement
+from stiffness.regression.normal_equations import (
+    projection_coefficients,
+    schur_complement,
+)
 from stiffness.regression.predictive_gate import Name
 
 SURVIVES = 1e-7

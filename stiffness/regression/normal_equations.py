@@ -11,6 +11,20 @@ Ignores     nothing that is linear
 ==========  ==========================================================================
 
 A least-squares problem is its normal equations, fold by fold.
+
+Known columns are eliminated: projections, Schur complements, block Cholesky.
+
+A regularised least-squares problem is eliminated block by block, as blocks come in.
+
+==========  ==========================================================================
+Equation    H = A'A / s² + P = U'U on the known columns; a block c that joins brings
+            S = H_cc − V_c'V_c, V = U'⁻¹ H: its own coefficients are
+            S⁻¹ (b_c − V_c'y), y = U'⁻¹ b, and the known ones' U⁻¹ (y − V_c x_c)
+Source      block Cholesky and Schur complements: Golub, Van Loan 2013, "Matrix
+            Computations", 4th ed., 4.2
+Valid       P that makes H positive definite
+Ignores     nothing: the same solution as solving anew, but for rounding
+==========  ==========================================================================
 """
 
 from collections.abc import Sequence
@@ -18,6 +32,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.linalg import cholesky, get_lapack_funcs, solve_triangular
 
 # --- Normal equations -----------------------------------------------------------------
 
@@ -92,3 +107,165 @@ def total_of(parts: Sequence[Normal]) -> Normal:
     for part in parts[1:]:
         total = total + part
     return total
+
+
+# --- Elimination of known columns -----------------------------------------------------
+
+SPANS = 1e-10
+"""Least share of a direction that is no rounding error; chosen: a million times above
+what sums of some 100,000 products leave."""
+
+
+SURVIVES = 1e-9
+"""Share of a direction's raw information that must survive the projection; chosen: a
+thousand times above rounding, a hundredth of what could ever be detected."""
+
+
+def projection_coefficients(
+    gram: Float[np.ndarray, "columns columns"], known: Int[np.ndarray, " known"]
+) -> Float[np.ndarray, "known columns"]:
+    """Return the share of known columns in all columns: gram_KK^+ gram_Kc.
+
+    Known columns may be multiples of each other; only what they span counts.
+    """
+    if not len(known):
+        return np.zeros((0, gram.shape[1]))
+    inner = gram[np.ix_(known, known)]
+    size = np.sqrt(np.maximum(np.diag(inner), 0.0))  # rounding may go below
+    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    value, vector = np.linalg.eigh(inner * scale * scale[:, None])
+    keep = value > SPANS * len(known)
+    half = (scale[:, None] * vector[:, keep]) / np.sqrt(value[keep])
+    return half @ (half.T @ gram[known])
+
+
+def schur_complement(
+    gram: Float[np.ndarray, "columns columns"],
+    known: Int[np.ndarray, " known"],
+    share: Float[np.ndarray, "known columns"],
+    block: Int[np.ndarray, " block"],
+) -> Float[np.ndarray, "block block"]:
+    """Return the Gram matrix of X_b - X_K share_b, whatever the shares' rounding.
+
+    Written as gram_bb - gram_bK share_b it would err in the first order of it.
+    """
+    own, side = share[:, block], gram[np.ix_(block, known)]
+    inner = gram[np.ix_(known, known)]
+    cross = side @ own
+    return gram[np.ix_(block, block)] - cross - cross.T + own.T @ inner @ own
+
+
+def whitening_transform(
+    residual_gram: Float[np.ndarray, "columns columns"],
+    raw: Float[np.ndarray, " columns"],
+) -> Float[np.ndarray, "columns freedom"]:
+    """Return what makes columns white, directions without information left out.
+
+    Args:
+        residual_gram: Their Gram matrix after everything known was projected out.
+        raw: Their information before that.
+    """
+    live = raw > 0.0
+    scale = np.where(live, 1.0 / np.sqrt(np.where(live, raw, 1.0)), 0.0)
+    value, vector = np.linalg.eigh(residual_gram * scale * scale[:, None])
+    keep = value > SURVIVES * len(raw)
+    return scale[:, None] * vector[:, keep] / np.sqrt(value[keep])
+
+
+def minimum_norm_fit(
+    gram: Float[np.ndarray, "columns columns"], score: Float[np.ndarray, " columns"]
+) -> Float[np.ndarray, " columns"]:
+    """Return the smallest coefficients that fit best; columns may be multiples."""
+    joint = np.block([[gram, score[:, None]], [score[None], np.ones((1, 1))]])
+    return projection_coefficients(joint, np.arange(len(gram)))[:, -1]
+
+
+# --- Block by block, regularised ------------------------------------------------------
+
+ColumnIndices = Int[np.ndarray, " _"]
+
+
+@dataclass(frozen=True)
+class Eliminated:
+    """Sums over some rows, with the known columns eliminated.
+
+    Attributes:
+        total: Sums over all rows.
+        out: Sums over the rows that are left out; None: none are.
+        noise: Variance of a coordinate, in m^2.
+        precision: P of every column.
+        known: Columns, in the order in which they came.
+        through: V of every column that is known or may still come.
+        aim: y.
+    """
+
+    total: Normal
+    out: Normal | None
+    noise: float
+    precision: Float[np.ndarray, " columns"]
+    known: ColumnIndices
+    through: Float[np.ndarray, "known columns"]
+    aim: Float[np.ndarray, " known"]
+
+    @classmethod
+    def of(
+        cls, total: Normal, out: Normal | None, noise: float, precision: np.ndarray
+    ) -> "Eliminated":
+        """Begin with no column known."""
+        width = len(precision)
+        none = np.zeros(0, dtype=int)
+        through = np.zeros((0, width))
+        return cls(total, out, noise, precision, none, through, np.zeros(0))
+
+    def joined_by(self, own: ColumnIndices) -> "Eliminated":
+        """Let a block of columns join the known ones."""
+        rest = np.setdiff1d(np.arange(len(self.precision)), self.known)
+        inner = self.inner(own, rest)
+        upper = cholesky(inner[:, np.searchsorted(rest, own)])
+        more = np.zeros((len(own), len(self.precision)))
+        more[:, rest] = solve_triangular(upper, inner, trans=1)
+        aim = solve_triangular(upper, self._aim(own), trans=1)
+        return Eliminated(
+            self.total,
+            self.out,
+            self.noise,
+            self.precision,
+            np.concatenate([self.known, own]),
+            np.concatenate([self.through, more]),
+            np.concatenate([self.aim, aim]),
+        )
+
+    def with_each(
+        self, blocks: Sequence[ColumnIndices]
+    ) -> Float[np.ndarray, "columns tried"]:
+        """Return the solutions with each block joined by itself; zeros elsewhere."""
+        x = np.zeros((len(self.precision), len(blocks)))
+        for j, own in enumerate(blocks):
+            x[own, j] = np.linalg.solve(self.inner(own, own), self._aim(own))
+        aim = self.aim[:, None] - self.through @ x
+        x[self.known] = solve_triangular(self.through[:, self.known], aim)
+        return x
+
+    def inverse(self) -> Float[np.ndarray, "known known"]:
+        """Return H⁻¹ of the known columns."""
+        factor = self.through[:, self.known]
+        (potri,) = get_lapack_funcs(("potri",), (factor,))
+        upper, _ = potri(factor)
+        return np.triu(upper) + np.triu(upper, 1).T
+
+    def inner(self, rows: ColumnIndices, columns: ColumnIndices) -> np.ndarray:
+        """Return what the known columns leave of H, P's part included."""
+        cross = self.total.gram[np.ix_(rows, columns)]
+        if self.out is not None:
+            cross -= self.out.gram[np.ix_(rows, columns)]
+        cross /= self.noise
+        cross += self.precision[rows, None] * (rows[:, None] == columns)
+        cross -= self.through[:, rows].T @ self.through[:, columns]
+        return cross
+
+    def _aim(self, own: ColumnIndices) -> Float[np.ndarray, " own"]:
+        """Return what the known columns leave of b."""
+        aim = self.total.aim[own]
+        if self.out is not None:
+            aim = aim - self.out.aim[own]
+        return aim / self.noise - self.through[:, own].T @ self.aim

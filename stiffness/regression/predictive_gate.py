@@ -26,12 +26,12 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import norm
 
-from stiffness.regression.elimination import (
+from stiffness.regression.intervals import Interval
+from stiffness.regression.normal_equations import (
     projection_coefficients,
     schur_complement,
     whitening_transform,
 )
-from stiffness.regression.intervals import Interval
 from stiffness.regression.testing import MARGIN
 
 COMPARED = 2000

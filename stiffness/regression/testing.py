@@ -34,7 +34,7 @@ from scipy.spatial import KDTree
 from scipy.stats import norm
 
 from bench.shared.settings import SETTINGS
-from stiffness.regression.elimination import (
+from stiffness.regression.normal_equations import (
     projection_coefficients,
     schur_complement,
     whitening_transform,

@@ -75,7 +75,10 @@ from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.residuals import bodies_of
 from stiffness.experiment.static_state import StaticState, static_state_of
 from stiffness.experiment.visits import visits_of
-from stiffness.regression.elimination import minimum_norm_fit, projection_coefficients
+from stiffness.regression.normal_equations import (
+    minimum_norm_fit,
+    projection_coefficients,
+)
 from stiffness.regression.splits import Split, split_of
 
 # --- Best sets of up to three effects -------------------------------------------------

@@ -28,7 +28,10 @@ from stiffness.effects.jacobian import (
 from stiffness.effects.marker_slip import MarkerSlip
 from stiffness.experiment.visits import Kept, visits_of
 from stiffness.regression import testing
-from stiffness.regression.elimination import minimum_norm_fit, projection_coefficients
+from stiffness.regression.normal_equations import (
+    minimum_norm_fit,
+    projection_coefficients,
+)
 from stiffness.regression.splits import split_of
 from stiffness.regression.testing import sign_flip_test
 from stiffness.robot.kinematics import point_jacobian
