@@ -426,8 +426,8 @@ def select_model(
             break
         own, loads = list(terms), loads_of(case, fit)
         case = under(fit)
-    terms, decisions = _with_generic_terms(case, terms, fine)
-    model = _judged(case, terms, fine, decisions)
+    terms, searched = _with_generic_terms(case, terms, fine)
+    model = _judged(case, terms, fine, [*selected.decisions, *searched])
     if loads <= {member.name for member in model.fit.members}:
         return model
     case = under(model.fit)

@@ -43,7 +43,7 @@ class Unit:
         si = number * self.times / self.over
         return si + self.plus if self.plus else si
 
-    def outward(self, si: Float[np.ndarray, " rows"]) -> Float[np.ndarray, " rows"]:
+    def outward(self, si: Float[np.ndarray, "*some"]) -> Float[np.ndarray, "*some"]:
         """Return SI values in the unit of the file."""
         return (si - self.plus) * self.over / self.times
 

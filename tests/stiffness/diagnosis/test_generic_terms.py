@@ -83,6 +83,8 @@ def test_a_wave_of_the_tracker_is_no_slip_of_many_marks():
     """All marks move together, as no slip does: twice to and fro over the recording."""
     made = recording()
     assert made.points is not None
+    made = replace(made, markers=made.markers[:12], points=made.points[:, :12])
+    assert made.points is not None
     hours = made.time / np.ptp(made.time)
     wave = 3e-5 * (np.sin(4.0 * np.pi * hours) + np.sqrt(hours))
     moved = made.points + wave[:, None, None] * np.array([0.7, 0.2, -0.7])
