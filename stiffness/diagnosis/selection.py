@@ -67,7 +67,12 @@ from stiffness.regression.group_selection import (
     gains_beside,
     select_groups,
 )
-from stiffness.regression.group_sets import ColumnGroup, FactorisedSet, GroupProblem
+from stiffness.regression.group_sets import (
+    ColumnGroup,
+    FactorisedSet,
+    GroupProblem,
+    factorised_set_only,
+)
 from stiffness.regression.intervals import Interval
 from stiffness.regression.predictive_gate import Decision, Name
 from stiffness.regression.splits import Split
@@ -183,11 +188,11 @@ def _first_search(problem: GroupProblem) -> GroupSelection:
     best = select_groups(problem)
     if not 0 < len(best.groups) <= SMALL_SET:
         return best
-    alone: dict[Name, tuple[float, int]] = {}
+    single: dict[Name, tuple[float, int]] = {}
     for k, gain in enumerate(gains_beside(problem, [])):
-        if gain > alone.get(problem.groups[k].name, (0.0, 0))[0]:
-            alone[problem.groups[k].name] = (float(gain), k)
-    starts = [k for _, k in sorted(alone.values(), reverse=True)[1 : STARTS + 1]]
+        if gain > single.get(problem.groups[k].name, (0.0, 0))[0]:
+            single[problem.groups[k].name] = (float(gain), k)
+    starts = [k for _, k in sorted(single.values(), reverse=True)[1 : STARTS + 1]]
     for k in starts:
         if k not in best.groups:
             other = select_groups(problem, [k])
@@ -225,19 +230,19 @@ def _from_rivals(search: Search, selected: GroupSelection, fine: int) -> GroupSe
 def _at_fine_shapes(search: Search, groups: Sequence[int]) -> list[ModelTerm]:
     """Return fine shapes of the names of a set and of what could replace each."""
     problem, terms = search.problem, search.terms
-    whole = FactorisedSet.of(problem, groups).gain
+    whole = factorised_set_only(problem, groups).gain
     close: dict[int, float] = {}
     for name in dict.fromkeys(terms[k].name for k in groups):
         rest = [k for k in groups if terms[k].name != name]
-        lost = 0.5 * (whole - FactorisedSet.of(problem, rest).gain)
-        alone = gains_beside(problem, rest)
+        lost = 0.5 * (whole - factorised_set_only(problem, rest).gain)
+        gains = gains_beside(problem, rest)
         worth = exchange_worths(problem, groups, name).worth
         margin = max(LIVE, FORMS * lost)
         behind = {n: worth[name] - w for n, w in worth.items() if n != name}
         live = sorted((n for n in behind if behind[n] < margin), key=behind.__getitem__)
         for other in live[:MOST_LIVE]:
             own = [k for k, term in enumerate(terms) if term.name == other]
-            best = own[int(np.argmax(alone[own]))]
+            best = own[int(np.argmax(gains[own]))]
             close[best] = min(close.get(best, np.inf), behind[other] / margin)
     rivals = sorted(close, key=lambda k: (close[k], k))[:MOST_FINE]
     wanted = sorted({*groups, *rivals})

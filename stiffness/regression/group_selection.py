@@ -24,6 +24,7 @@ from stiffness.regression.group_sets import (
     SURVIVES,
     FactorisedSet,
     GroupProblem,
+    factorised_set_only,
 )
 from stiffness.regression.predictive_gate import Decision, Name
 
@@ -140,7 +141,8 @@ def _worth_without(
     rest = [k for p, k in enumerate(here.groups) if p not in places]
     own = here.own_directions(places)
     if own is None:
-        return _worth(problem, FactorisedSet.of(problem, rest))
+        found = factorised_set_only(problem, rest)
+        return 0.5 * found.gain - problem.price(rest, len(found.aim))
     lost = float(np.sum((own.T @ here.aim) ** 2))
     rank = len(here.aim) - own.shape[1]
     return 0.5 * (here.gain - lost) - problem.price(rest, rank)

@@ -200,6 +200,27 @@ class GroupProblem:
         return 0.5 * numbers * np.log(self.units) + chosen - rarer
 
 
+def factorised_set_only(
+    problem: GroupProblem, groups: Sequence[int]
+) -> "FactorisedSet":
+    """Factorise a set without the columns of other groups, for its gain and rank.
+
+    Args:
+        problem: The normal equations.
+        groups: The set; they are numbered anew.
+    """
+    own = [problem.groups[k].columns for k in groups]
+    columns = np.concatenate([np.zeros(0, dtype=int), *own])
+    ends = np.cumsum([0, *map(len, own)])
+    part = [
+        ColumnGroup(problem.groups[k].name, np.arange(a, b))
+        for k, a, b in zip(groups, ends[:-1], ends[1:], strict=True)
+    ]
+    gram = problem.gram[np.ix_(columns, columns)]
+    inside = GroupProblem(gram, problem.score[columns], tuple(part), problem.units)
+    return FactorisedSet.of(inside, range(len(part)))
+
+
 @dataclass(frozen=True, eq=False)
 class FactorisedSet:
     """A set of groups with an orthonormal basis Q of its span.
