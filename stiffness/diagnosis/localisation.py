@@ -148,7 +148,7 @@ def places_of_names(
             member.depends_on,
             zone_of(situation, member),
         )
-    return tuple(joined.values())
+    return tuple(sorted(joined.values(), key=lambda place: -place.share))
 
 
 def zone_of(situation: StaticState, member: ModelTerm) -> str:

@@ -99,6 +99,12 @@ def test_every_gate_of_a_whole_arm_leaves_its_decisions():
         assert all(d.accepted for d in own)
 
 
+def test_the_place_with_the_largest_share_is_listed_first():
+    """Several names of one place count together."""
+    shares = [place.share for place in answer().located]
+    assert len(shares) > 2 and shares == sorted(shares, reverse=True)
+
+
 def test_intervals_of_a_whole_arm_are_finite_and_hold_the_tilt():
     (tilt,) = (
         one.parameters
