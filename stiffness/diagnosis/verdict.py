@@ -483,7 +483,8 @@ def _nominal_beside(
     gram = normal_equations_of(case.data, columns, training(case.split)).gram[1]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     inverse = np.linalg.pinv(gram * scale * scale[:, None], hermitian=True)
-    sigma = (scale * np.sqrt(np.diag(inverse)))[: len(case.springs)]
+    variance = np.maximum(np.diag(inverse), 0.0)
+    sigma = (scale * np.sqrt(variance))[: len(case.springs)]
     return nominal_of(replace(prepared, sigma=sigma), fit.springs, case)
 
 
