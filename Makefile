@@ -63,7 +63,8 @@ diagnosis: $(STAMP)
 		--robot mjcf/kr10_r1100_2/kr10_r1100_2.xml --out results/diagnosis/whole_arm
 
 test: $(STAMP)
-	'$(BIN)/python' -m pytest -q --numprocesses $(WORKERS) --maxprocesses 4 --dist loadfile
+	'$(BIN)/python' -m pytest -q --numprocesses $(WORKERS) --maxprocesses 4 --dist loadfile \
+		--no-loadscope-reorder
 
 golden: $(STAMP)
 	'$(BIN)/python' tests/golden --base '$(BASE)' --cases '$(CASES)'
