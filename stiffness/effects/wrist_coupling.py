@@ -1,7 +1,8 @@
 """Wrist coupling: torque on one wrist axis turns another through shared gears.
 
 ==========  ==========================================================================
-Equation    θ₁ = C₁ τ₁ + c τ₂, θ₂ = c τ₁ + C₂ τ₂
+Equation    θ₁ = C₁ τ₁ + c τ₂, θ₂ = c τ₁ + C₂ τ₂; of gears that harden τ is what winds
+            a linear spring up as far, and θ follows the spring's slope there
 Source      compliance through a transmission that mixes axes, T diag(1/k) Tᵀ: Salisbury
             1980, "Active stiffness control of a manipulator in Cartesian coordinates"
 Valid       pairs of the last three axes
@@ -55,11 +56,7 @@ class WristCoupling(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         far, near = situation.axis(where), round(shape[0]) - 1
-        torque = situation.torque
-        parts = (
-            JointRotation(far, torque[:, near, None]),
-            JointRotation(near, torque[:, far, None]),
-        )
+        parts = (_turned(situation, far, near), _turned(situation, near, far))
         return EffectJacobian(1, parts)
 
     @override
@@ -68,6 +65,12 @@ class WristCoupling(Hypothesis):
     ) -> Mapping[str, float]:
         partner = float(round(shape[0]))
         return {"compliance_rad_per_nm": coefficients[0], "with": partner}
+
+
+def _turned(situation: StaticState, one: int, other: int) -> JointRotation:
+    """Return how the torque of another axis turns one; both springs may be curved."""
+    wound = situation.wound(other, situation.torque[:, other])
+    return JointRotation(one, (situation.softness_of(one) * wound)[:, None])
 
 
 def partners(situation: StaticState, where: str) -> Float[np.ndarray, " partners"]:

@@ -100,6 +100,29 @@ def test_columns_are_what_the_mechanism_does(effect, shape, springs):
     near(found, effect.parameters())
 
 
+def test_torque_couples_wrist_axes_through_gears_that_harden():
+    """Linear springs would make it half as large; the knee is rounded in the claim."""
+    gears = [
+        Hardening(a, stiffness_ratio=1.8, torque_nm=2.0, middle_share=1.0)
+        for a in ("a4", "a6")
+    ]
+    effect, linear = WristCoupling("a6", "a4", 5e-6), truth.situation()
+    both = truth.in_base(truth.recording(*gears, effect))
+    done = both - truth.in_base(truth.recording(*gears))
+    situation, knee = linear, np.array([2.0])
+    for k, axis in ((3, "a4"), (5, "a6")):
+        extra = np.array([0.8 * linear.compliance[k]])
+        law = truth.BY_NAME["hardening"]
+        situation = law.acting(situation, axis, knee, extra)
+    sizes = [
+        Fit(s, effect, np.array([4.0]), ["a6", "a4"]).of(done)[2]
+        for s in (linear, situation)
+    ]
+    flat, found = (size["compliance_rad_per_nm"] for size in sizes)
+    assert flat < 0.6 * 5e-6
+    assert found == pytest.approx(5e-6, rel=0.06)
+
+
 def test_link_that_swings_about_a_level_axis_shows_moments_and_no_mass():
     effect = GravityLoad("link_2", 0.5, 0.2, 0.03, 0.05)
     done = truth.in_base(truth.recording(effect)) - truth.in_base(truth.recording())
@@ -391,7 +414,11 @@ class Fit:
         self.hypothesis = truth.BY_NAME[name or effect.name]
         self.axes = [situation.axis(a) for a in springs]
         own = self.hypothesis.jacobian(situation, self.where, shape)
-        silent = [turn(k, situation.torque[:, k]) for k in self.axes]
+        winding = [situation.wound(k, situation.torque[:, k]) for k in self.axes]
+        silent = [
+            turn(k, situation.softness_of(k) * torque)
+            for k, torque in zip(self.axes, winding, strict=True)
+        ]
         self.columns = own.columns
         design = [truth.moved(situation, s) for s in (own, *silent)]
         design = np.concatenate(design, axis=3)
