@@ -74,14 +74,9 @@ def _races(settings: Settings, folder: Path) -> tuple[list[Race], list[str]]:
         tasks.source_race(None if poses == 151 else 20 * poses),
         tasks.springs_race(poses),
         *tasks.reading_races(poses, folder),
+        tasks.diagnosis_race(poses),
     ]
     skipped = [line for each in races for line in each.skipped]
-    try:
-        from scenarios.studies.benchmarks import diagnosis_task as diagnosis
-
-        races.append(diagnosis.race(poses))
-    except ImportError as error:
-        skipped.append(f"diagnosis: {error}.")
     return races, skipped
 
 

@@ -1,4 +1,4 @@
-"""Benchmark tasks: an experiment, recordings on disk, a source domain, six springs.
+"""Benchmark tasks: experiment, recordings, source domain, springs, diagnosis.
 
 An experiment of static states can be solved for each equilibrium, or stepped through as
 time passes. The other way does what a user of MuJoCo does: the same model with damping,
@@ -16,6 +16,11 @@ Six springs are fitted by linear least squares, or by a general optimiser on MuJ
 other ways have MuJoCo find the equilibrium of all cases at once, and differ in their
 optimiser. They are given the deflections and start within a factor of two; ours starts
 from the recording, and from a rigid arm.
+
+The diagnosis ranks causes in columns. One other way simulates the mechanism of each
+hypothesis once, at one site and with one size, and compares nothing: a lower bound on
+any search by simulation. One simulation is run and its time multiplied. The other is
+this diagnosis on a longer recording, its time divided by how much longer it is.
 """
 
 import copy
@@ -35,17 +40,22 @@ from jaxtyping import Float
 from mujoco import batch, minimize, sysid
 from scipy.optimize import least_squares
 
+from bench import postures
 from bench.cell import GRAVITY
+from bench.effects.hysteresis import Hysteresis
 from bench.experiment import record
 from bench.instruments import Instruments
+from bench.postures import Room
 from bench.rig import Rig
 from bench.shared.format import folder as files
 from bench.shared.format.table import CSV_FILE
-from bench.shared.plan import LoadStep, Plan
+from bench.shared.plan import LoadStep, Plan, mixed_pulleys
 from bench.standard_plans import table_one_plan as table_one
 from bench.study_arm import default_truth
 from scenarios.studies.benchmarks.race import Race, Way
 from scenarios.studies.paper.published_values import TABLE_03_NM_PER_RAD
+from stiffness.diagnosis.diagnose import diagnose
+from stiffness.effects import HYPOTHESES
 from stiffness.experiment.deflections import Deflections, one_per_pose
 from stiffness.methods.vjm import Vjm, VjmFit
 from stiffness.networks.source_domain import (
@@ -407,3 +417,47 @@ def _identified(residual: Residual) -> Float[np.ndarray, " axes"]:
             verbose=False,
         )
     return np.exp(found.as_vector())
+
+
+# --- Diagnosis ------------------------------------------------------------------------
+
+LONGER = 4
+"""Factor on the poses of the longer recording; chosen for time."""
+
+
+def diagnosis_race(poses: int) -> Race:
+    """Return the race over the diagnosis of one hysteretic axis."""
+    rig, plan = Rig(KR10, (Hysteresis("a2", width_rad=2.9e-4),)), table_one(poses)
+    recording, arm = record(rig, plan), Arm.from_mjcf(KR10)
+    longer = record(rig, _longer(rig, plan))
+    count = len(HYPOTHESES)
+    return Race(
+        task=f"diagnosis: {len(recording.time)} rows, {count} hypotheses",
+        ways=(
+            Way("stiffness.diagnosis", lambda: diagnose(recording, arm)),
+            Way(
+                f"one simulation for each of {count} hypotheses",
+                lambda: rig.carry_out(plan),
+                share=1 / count,
+            ),
+            Way(
+                f"ours on {LONGER} times the poses, for each of them",
+                lambda: diagnose(longer, arm),
+                share=LONGER,
+            ),
+        ),
+        bar=3.0 if poses == PAPERS else None,
+    )
+
+
+def _longer(rig: Rig, plan: Plan) -> Plan:
+    """Return a plan with postures spread over the joint limits."""
+    poses = LONGER * plan.posture.shape[0]
+    room = Room(rig.nominal, rig.anatomy, rig.mounted)
+    return Plan(
+        name=f"{poses} postures",
+        posture=postures.spread(room.limits, poses, 0, room),
+        posture_id=np.arange(poses),
+        pulley=mixed_pulleys(poses, len(rig.mounted.pulley)),
+        path=plan.path,
+    )

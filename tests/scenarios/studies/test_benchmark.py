@@ -1,6 +1,5 @@
 import json
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -12,9 +11,7 @@ from bench.study_arm import default_truth
 from scenarios.benchmark import Settings, main
 from scenarios.report import data_files
 from scenarios.report.command_line import run as command
-from scenarios.studies import benchmarks
 from scenarios.studies.benchmarks import (
-    diagnosis_task,
     tasks,
 )
 from scenarios.studies.benchmarks.race import Lap, Race, Way, run, runs, show
@@ -111,11 +108,8 @@ def test_every_optimiser_finds_the_springs_of_the_vjm():
 def test_benchmark_writes_ratios_of_every_task_with_their_range(
     tmp_path, capsys, monkeypatch
 ):
-    """A task that cannot be imported is left out with a line that says so."""
-    monkeypatch.setitem(
-        sys.modules, "scenarios.studies.benchmarks.diagnosis_task", None
-    )
-    monkeypatch.delattr(benchmarks, "diagnosis_task", raising=False)
+    short = tasks.diagnosis_race
+    monkeypatch.setattr(tasks, "diagnosis_race", lambda _: short(poses=2))
     brief = (LoadStep(0.0, 1.0), LoadStep(10.0, 1.0))
     monkeypatch.setattr(tasks, "TWO_READINGS", brief)
     laps = main(Settings(out=tmp_path, repeats=1, poses=6))
@@ -124,7 +118,8 @@ def test_benchmark_writes_ratios_of_every_task_with_their_range(
     assert len(rows) == len(laps)
     named = [row["task"].partition(":")[0] for row in rows]
     begun = ["experiment", "source domain", "fit", "write a recording"]
-    assert list(dict.fromkeys(named)) == [*begun, "read a recording"]
+    every = [*begun, "read a recording", "diagnosis"]
+    assert list(dict.fromkeys(named)) == every
     for row in rows:
         low, middle, high = (float(row[f"ratio{e}"]) for e in ("_low", "", "_high"))
         assert 0.0 < low <= middle <= high
@@ -135,16 +130,13 @@ def test_benchmark_writes_ratios_of_every_task_with_their_range(
     facts = json.loads((tmp_path / "run.json").read_text())
     assert facts["cores"] >= 1
     assert facts["load"] >= 0.0
-    assert "Left out: diagnosis" in report
     assert "times ours" in capsys.readouterr().out
 
 
 def test_diagnosis_is_weighed_against_one_simulation_of_each_hypothesis():
-    ours, other, longer = diagnosis_task.race(poses=2).ways
+    ours, other, longer = tasks.diagnosis_race(poses=2).ways
     assert (ours.share, other.share) == (1.0, 1 / len(HYPOTHESES))
-    assert (
-        longer.share == diagnosis_task.LONGER
-    )  # seconds for each of so many are compared
+    assert longer.share == tasks.LONGER  # seconds for each of so many are compared
     assert other.run().position.shape[0] == 18  # two postures of nine readings
 
 
