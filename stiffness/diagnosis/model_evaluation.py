@@ -251,16 +251,23 @@ def _covariance_of_unselected(
     return (both - own) * scale[:known] * scale[:known, None]
 
 
+ALIKE = {"encoder_offset": "geometry_error"}
+"""Effects that count as another kind: an axis' zero is a turn of the link before it."""
+
+
 def _square_of(
     term: ModelTerm, fit: ModelFit, columns: int
 ) -> Float[np.ndarray, " columns"] | None:
-    """Return the mean square of each coefficient of a term's effect in a set."""
-    alike = [
-        own
-        for member, own in zip(fit.members, fit.coefficients, strict=True)
-        if member.name[0] == term.name[0] and len(own) == columns
-    ]
-    return np.mean(np.square(alike), axis=0) if alike else None
+    """Return the mean square of each coefficient of a term's effect in a set.
+
+    An axis' zero may be as large as the turns of the links that were named.
+    """
+    every = list(zip(fit.members, fit.coefficients, strict=True))
+    alike = [c for m, c in every if m.name[0] == term.name[0] and len(c) == columns]
+    turns = [c[3:] for m, c in every if m.name[0] == ALIKE.get(term.name[0])]
+    if alike or not turns:
+        return np.mean(np.square(alike), axis=0) if alike else None
+    return np.full(columns, np.mean(np.square(turns)))
 
 
 def _columns_of_members(look: ModelEvaluation) -> list[Int[np.ndarray, " _"]]:

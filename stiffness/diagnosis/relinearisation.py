@@ -223,6 +223,12 @@ def loads_of(case: SelectionProblem, fit: ModelFit) -> frozenset[tuple[str, str]
     )
 
 
+def acts_on_others(situation: StaticState, term: ModelTerm) -> bool:
+    """Return whether a term changes what others feel, whatever its size."""
+    size = np.ones(term.jacobian(situation).columns)
+    return _acting(situation, term, size) is not situation
+
+
 def _softened(case: SelectionProblem, fit: ModelFit) -> bool:
     """Return whether names leave springs so different that columns change with them."""
     before = case.situation.compliance[list(case.springs)]

@@ -16,12 +16,12 @@ Ignores     sets that differ by two names at once from all that were tried
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from stiffness.diagnosis.candidates import Library, Mapped
+from bench.shared.settings import SETTINGS
+from stiffness.diagnosis.candidates import Library
 from stiffness.diagnosis.gate import (
     PoseStatistics,
     gate_terms,
@@ -29,6 +29,7 @@ from stiffness.diagnosis.gate import (
     second_order_name,
 )
 from stiffness.diagnosis.model_evaluation import (
+    ALIKE,
     ModelEvaluation,
     cost_of_limits,
     evaluate_model,
@@ -37,28 +38,30 @@ from stiffness.diagnosis.model_evaluation import (
     parameters_of,
 )
 from stiffness.diagnosis.model_fit import (
-    WHOLE,
     ModelFit,
     ModelTerm,
     SelectionProblem,
     fit_model,
     fit_shapes,
     training,
-    tried,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.relinearisation import (
+    acts_on_others,
     build_problem,
     changes,
     loads_of,
     total_softening,
 )
-from stiffness.diagnosis.residual_checks import significant_blocks
-from stiffness.diagnosis.sufficient_statistics import (
-    cross_gram,
-    given_many,
-    normal_equations_of,
+from stiffness.diagnosis.search import (
+    Search,
+    at_fine_shapes,
+    first_search,
+    from_rivals,
+    one_each,
+    with_generic_terms,
 )
+from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects.base import Hypothesis
 from stiffness.regression.group_selection import (
     GroupSelection,
@@ -66,12 +69,6 @@ from stiffness.regression.group_selection import (
     exchange_worths,
     gains_beside,
     select_groups,
-)
-from stiffness.regression.group_sets import (
-    ColumnGroup,
-    FactorisedSet,
-    GroupProblem,
-    factorised_set_only,
 )
 from stiffness.regression.intervals import Interval
 from stiffness.regression.predictive_gate import Decision, Name
@@ -81,246 +78,11 @@ BEYOND = 0.1
 """Share of what a name explains that it may lose within its physical limits; chosen: a
 small part of an effect may be out of place beside what was not named."""
 
-# --- Normal equations of the search ---------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Search:
-    """Everything that the search selects from.
-
-    Attributes:
-        case: What may be looked at.
-        terms: Of each group of columns: given terms first, then the library.
-        problem: Their normal equations over the training poses.
-    """
-
-    case: SelectionProblem
-    terms: tuple[ModelTerm, ...]
-    problem: GroupProblem
-
-    @classmethod
-    def of(
-        cls,
-        case: SelectionProblem,
-        first: Sequence[ModelTerm] = (),
-        refused: Collection[Name] = (),
-        generic: Sequence[Mapped] = (),
-    ) -> "Search":
-        """Lay out a few terms with shapes of their own beside the library.
-
-        Args:
-            case: What may be looked at.
-            first: Terms that come before those of the library.
-            refused: Names of the library that are left out.
-            generic: Blocks of the residual map that may be selected too.
-        """
-        given, found = case.normal_equations, tuple(first)
-        gram, score, raw = given.gram[1], given.score, given.raw
-        width, owned = 0, []
-        if found:
-            own = [term.jacobian(case.situation) for term in found]
-            side, score = cross_gram(
-                case.data, own, [*own, *case.library.jacobians], given.fold
-            )
-            gram = given_many(side, given.gram)[1]
-            width = sum(law.columns for law in own)
-            total = side.sum(axis=0)
-            raw = np.concatenate([np.maximum(np.diag(total), 0.0), raw])
-            ends = np.cumsum([0, *(law.columns for law in own)])
-            owned = [np.arange(a, b) for a, b in pairwise(ends)]
-        of_library = [
-            one for one in _terms_of(case.library) if one[0].name not in refused
-        ]
-        of_library += [(_generic_term(block), block.columns) for block in generic]
-        owned += [columns + width for _, columns in of_library]
-        terms = (*found, *(term for term, _ in of_library))
-        groups = [
-            ColumnGroup(
-                term.name, columns, term.degrees_of_freedom, term.hypothesis.log_prior
-            )
-            for term, columns in zip(terms, owned, strict=True)
-        ]
-        nominal = width + np.arange(case.library.nominal)
-        asked = score[~case.split.held_out].sum(axis=0)
-        problem = GroupProblem.of(gram, asked, raw, nominal, groups, case.poses)
-        return cls(case, terms, problem)
-
-
-def _terms_of(library: Library) -> list[tuple[ModelTerm, Int[np.ndarray, " columns"]]]:
-    """Return the library's terms at all coarse shapes, with their columns."""
-    return [
-        (ModelTerm(candidate.hypothesis, candidate.where, shape), columns)
-        for candidate in library.candidates
-        for shape, columns in zip(candidate.shapes, candidate.columns, strict=True)
-    ]
-
-
-def _generic_term(block: Mapped) -> ModelTerm:
-    return ModelTerm(block.hypothesis, block.where, np.zeros(0))
-
-
-# --- Search ---------------------------------------------------------------------------
+# --- The selected model ---------------------------------------------------------------
 
 AGAIN = 2
 """How often all columns are laid out anew; chosen: the second time moves a tenth of the
 first."""
-STARTS = 4
-"""Names from which the search starts, beside nothing; chosen: a name that imitates the
-sum of two is left by starting at one of these."""
-SMALL_SET = 6
-"""Groups of columns up to which a set is searched from several starts; chosen: larger
-sets were exchanged many times."""
-LIVE = 12.0
-"""Log Bayes factor within which another name is tried at fine shapes in the place of a
-name of the set; chosen: refining a coarse shape rarely gains more."""
-FORMS = 0.1
-"""Or share of what the name explains; chosen: what a coarse shape may lose."""
-MOST_LIVE = 8
-"""Names that are tried in the place of one; chosen for time."""
-MOST_FINE = 40
-"""Names that are tried at fine shapes in all, the closest first; chosen for time."""
-POINTS, POINTS_OF_MANY = 7, 3
-"""Fine shapes of a name; of each of more than a dozen. Chosen: the best is fitted."""
-
-
-def _first_search(problem: GroupProblem) -> GroupSelection:
-    """Search from nothing and, a small set, from the strongest single names."""
-    best = select_groups(problem)
-    if not 0 < len(best.groups) <= SMALL_SET:
-        return best
-    single: dict[Name, tuple[float, int]] = {}
-    for k, gain in enumerate(gains_beside(problem, [])):
-        if gain > single.get(problem.groups[k].name, (0.0, 0))[0]:
-            single[problem.groups[k].name] = (float(gain), k)
-    starts = [k for _, k in sorted(single.values(), reverse=True)[1 : STARTS + 1]]
-    for k in starts:
-        if k not in best.groups:
-            other = select_groups(problem, [k])
-            best = max(best, other, key=lambda found: found.log_evidence)
-    return best
-
-
-def _from_rivals(search: Search, selected: GroupSelection, fine: int) -> GroupSelection:
-    """Search a small set again with each rival in each name's place; return the best.
-
-    One name may do what two true ones do; only from one of these is the pair found.
-
-    Args:
-        search: With the rivals' fine shapes among its first terms.
-        selected: The set that was found.
-        fine: How many terms come first.
-    """
-    problem, terms, groups = search.problem, search.terms, selected.groups
-    if not 0 < len(groups) <= SMALL_SET:
-        return selected
-    held = {terms[k].name for k in groups}
-    best = selected
-    for name in held:
-        rest = [k for k in groups if terms[k].name != name]
-        gains: dict[Name, tuple[float, int]] = {}
-        for k, gain in enumerate(gains_beside(problem, rest)[:fine]):
-            if terms[k].name not in held and gain > gains.get(terms[k].name, (0.0,))[0]:
-                gains[terms[k].name] = (float(gain), k)
-        for _, k in sorted(gains.values(), reverse=True)[:STARTS]:
-            other = select_groups(problem, [*rest, k])
-            best = max(best, other, key=lambda found: found.log_evidence)
-    return best
-
-
-def _at_fine_shapes(search: Search, groups: Sequence[int]) -> list[ModelTerm]:
-    """Return fine shapes of the names of a set and of what could replace each."""
-    problem, terms = search.problem, search.terms
-    whole = factorised_set_only(problem, groups).gain
-    close: dict[int, float] = {}
-    for name in dict.fromkeys(terms[k].name for k in groups):
-        rest = [k for k in groups if terms[k].name != name]
-        lost = 0.5 * (whole - factorised_set_only(problem, rest).gain)
-        gains = gains_beside(problem, rest)
-        worth = exchange_worths(problem, groups, name).worth
-        margin = max(LIVE, FORMS * lost)
-        behind = {n: worth[name] - w for n, w in worth.items() if n != name}
-        live = sorted((n for n in behind if behind[n] < margin), key=behind.__getitem__)
-        for other in live[:MOST_LIVE]:
-            own = [k for k, term in enumerate(terms) if term.name == other]
-            best = own[int(np.argmax(gains[own]))]
-            close[best] = min(close.get(best, np.inf), behind[other] / margin)
-    rivals = sorted(close, key=lambda k: (close[k], k))[:MOST_FINE]
-    wanted = sorted({*groups, *rivals})
-    points = POINTS if len(wanted) <= 12 else POINTS_OF_MANY
-    return [
-        fine for k in wanted for fine in _fine_shapes(search.case, terms[k], points)
-    ]
-
-
-def _fine_shapes(
-    case: SelectionProblem, term: ModelTerm, points: int
-) -> list[ModelTerm]:
-    """Return a term at shapes between the coarse grid's neighbours of its own."""
-    law = term.hypothesis
-    grid = law.shapes(case.situation, term.where)
-    for j, name in enumerate(law.shape_names[: term.degrees_of_freedom]):
-        own = np.unique(grid[:, j])
-        if name in WHOLE or len(own) < 2:
-            continue
-        factor = name in law.logarithmic
-        found = []
-        for value in tried(float(term.shape[j]), own, factor, points):
-            shape = term.shape.copy()
-            shape[j] = np.exp(value) if factor else value
-            found.append(replace(term, shape=shape))
-        return found
-    return [term]
-
-
-def _one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
-    """Return one term of each name: of several shapes the one that explains most.
-
-    Reported parameters are of one law; what a second shape mends is left to the other
-    forms of the law, which the residual test allows.
-    """
-    several: dict[Name, list[int]] = {}
-    for k in groups:
-        several.setdefault(search.terms[k].name, []).append(k)
-    best = {name: own[0] for name, own in several.items()}
-    for name, own in several.items():
-        others = [k for n, k in best.items() if n != name]
-        gain = [FactorisedSet.of(search.problem, [*others, k]).gain for k in own]
-        best[name] = own[int(np.argmax(gain))]
-    return tuple(search.terms[k] for k in best.values())
-
-
-def _with_generic_terms(
-    case: SelectionProblem,
-    terms: tuple[ModelTerm, ...],
-    fine: Sequence[ModelTerm],
-    refused: Collection[Name] = (),
-) -> tuple[tuple[ModelTerm, ...], tuple[Decision, ...]]:
-    """Search on from a set where generic terms of all places compete with names.
-
-    Several names that imitate a mechanism without one are worth less than the generic
-    term of its place: that explains as much with fewer numbers, or more.
-
-    Args:
-        case: What may be looked at.
-        terms: The set.
-        fine: What else comes with a shape of its own.
-        refused: Names that are left out.
-    """
-    fit = fit_model(case.data, case.situation, case.nominal, terms, case.split)
-    held = {term.name for term in terms}
-    blocks = [
-        block
-        for block in significant_blocks(case, fit)
-        if _generic_term(block).name not in held
-    ]
-    if not blocks:
-        return terms, ()
-    search = Search.of(case, [*terms, *fine], refused, blocks)
-    selected = select_groups(search.problem, range(len(terms)))
-    return fit_shapes(case, _one_each(search, selected.groups)), selected.decisions
-
-
-# --- The selected model ---------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,6 +115,11 @@ class SelectedModel:
     dispersion: float
     share: float
     decisions: tuple[Decision, ...]
+
+    @property
+    def unexplained_square(self) -> float:
+        """Whitened square of the mismatch on poses left out that is not explained."""
+        return self.statistics.whole * (1.0 - self.share)
 
     def share_without(self, k: int) -> float:
         """Return the share of the mismatch that is not explained without a member."""
@@ -396,48 +163,125 @@ def exchange_search(model: SelectedModel) -> Search:
     return Search.of(model.case, [*model.fit.members, *fine], model.refused)
 
 
+MUCH_OPEN = 0.03
+"""Share of the mismatch that a set does not explain on poses left out, from which loads
+are tried in place of its names; chosen: what whole arms are asked to explain."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """How columns are laid out under a set.
+
+    Attributes:
+        prepared: The recording against its nominal model.
+        hypotheses: What may be named.
+    """
+
+    prepared: Prepared
+    hypotheses: Sequence[Hypothesis]
+
+    def under(self, case: SelectionProblem, fit: ModelFit) -> SelectionProblem:
+        """Lay all columns out anew under a set that was fitted to others."""
+        softer = total_softening(case, self.prepared, fit)
+        return build_problem(self.prepared, self.hypotheses, softer, fit)
+
+
 def select_model(
     case: SelectionProblem, prepared: Prepared, hypotheses: Sequence[Hypothesis]
 ) -> SelectedModel:
     """Search the set that explains best, and withhold what does not hold.
 
-    A load that is withheld once columns were laid out under it acts no more on them.
+    A name may do alone what a load does, but a load also acts on all others: where much
+    stays unexplained, the search runs again under loads in the place of such names.
 
     Args:
         case: As laid out where nothing is named.
         prepared: The recording against its nominal model.
         hypotheses: What may be named.
     """
+    layout, search = _Layout(prepared, hypotheses), Search.of(case)
+    model = _selected_under(layout, search, first_search(search.problem))
+    if model.share > 1.0 - MUCH_OPEN:
+        return model
+    loads = _loads_in_place_of_names(model)
+    if not loads:
+        return model
+    members = [loads.get(member.name, member) for member in model.fit.members]
+    case = layout.under(model.case, _fit(model.case, members))
+    search = Search.of(case, members, loads)
+    start = select_groups(search.problem, range(len(members)))
+    other = _selected_under(layout, search, start, loads)
+    return min(model, other, key=lambda found: found.unexplained_square)
 
-    def under(fit: ModelFit) -> SelectionProblem:
-        softer = total_softening(case, prepared, fit)
-        return build_problem(prepared, hypotheses, softer, fit)
 
-    search = Search.of(case)
-    selected = _first_search(search.problem)
+def _loads_in_place_of_names(model: SelectedModel) -> dict[Name, ModelTerm]:
+    """Return loads by the names of a set that do alone what each of them does."""
+    search, found = exchange_search(model), dict[Name, ModelTerm]()
+    here, members = model.case.situation, model.fit.members
+    for member in members:
+        if member.is_generic or acts_on_others(here, member):
+            continue
+        every = exchange_worths(search.problem, range(len(members)), member.name)
+        alone = {n: w + every.price[n] for n, w in every.worth.items()}
+        least = alone[member.name] - SETTINGS.equivalent_log_bayes
+        rest = [k for k, other in enumerate(members) if other is not member]
+        gains = gains_beside(search.problem, rest)
+        alike = [
+            (float(gain), term)
+            for gain, term in zip(gains, search.terms, strict=True)
+            if term.name != member.name
+            and alone.get(term.name, -np.inf) > least
+            and acts_on_others(here, term)
+        ]
+        if alike:
+            found[member.name] = max(alike, key=lambda one: one[0])[1]
+    return found
+
+
+def _selected_under(
+    layout: _Layout,
+    search: Search,
+    selected: GroupSelection,
+    refused: Collection[Name] = (),
+) -> SelectedModel:
+    """Search on from a set, lay columns out anew under it, and gate what comes out.
+
+    A load that is withheld once columns were laid out under it acts no more on them.
+
+    Args:
+        layout: How columns are laid out.
+        search: What the set was selected from.
+        selected: The set.
+        refused: Names that are left out.
+    """
+    case = search.case
     own = [search.terms[k] for k in selected.groups]
-    loads: frozenset[Name] = frozenset()
+    loads = frozenset[Name]()
     terms: tuple[ModelTerm, ...] = ()
     fine: list[ModelTerm] = []
     for turn in range(AGAIN + 1):
-        fine = _at_fine_shapes(search, selected.groups)
-        search = Search.of(case, [*own, *fine])
-        selected = _from_rivals(
+        fine = at_fine_shapes(search, selected.groups)
+        search = Search.of(case, [*own, *fine], refused)
+        selected = from_rivals(
             search, select_groups(search.problem, range(len(own))), len(own) + len(fine)
         )
-        terms = fit_shapes(case, _one_each(search, selected.groups))
-        fit = fit_model(case.data, case.situation, case.nominal, terms, case.split)
-        if turn == AGAIN or not changes(case, prepared, fit):
+        terms = fit_shapes(case, one_each(search, selected.groups))
+        fit = _fit(case, terms)
+        if turn == AGAIN or not changes(case, layout.prepared, fit):
             break
         own, loads = list(terms), loads_of(case, fit)
-        case = under(fit)
-    terms, searched = _with_generic_terms(case, terms, fine)
+        case = layout.under(case, fit)
+    terms, searched = with_generic_terms(case, terms, fine, refused)
     model = _judged(case, terms, fine, [*selected.decisions, *searched])
     if loads <= {member.name for member in model.fit.members}:
         return model
-    case = under(model.fit)
+    case = layout.under(case, model.fit)
     terms = fit_shapes(case, model.fit.members)
     return _judged(case, terms, fine, model.decisions)
+
+
+def _fit(case: SelectionProblem, terms: Sequence[ModelTerm]) -> ModelFit:
+    return fit_model(case.data, case.situation, case.nominal, terms, case.split)
 
 
 def select_again(model: SelectedModel, split: Split) -> SelectedModel:
@@ -455,8 +299,8 @@ def select_again(model: SelectedModel, split: Split) -> SelectedModel:
     case = replace(first, library=library, normal_equations=found, split=split)
     fine = [term for term in model.fine if term.name not in model.refused]
     search = Search.of(case, [*model.fit.members, *fine])
-    selected = _first_search(search.problem)
-    terms = fit_shapes(case, _one_each(search, selected.groups))
+    selected = first_search(search.problem)
+    terms = fit_shapes(case, one_each(search, selected.groups))
     return _judged(case, terms, fine, selected.decisions)
 
 
@@ -505,7 +349,7 @@ def _judged(
         if weakest.gate == "physical":
             refused.add(weakest.candidate)
             others = [term for term in fine if term.name not in refused]
-            terms, searched = _with_generic_terms(case, terms, others, refused)
+            terms, searched = with_generic_terms(case, terms, others, refused)
             decisions += searched
     return SelectedModel(
         case,
@@ -522,36 +366,25 @@ def _judged(
     )
 
 
-ALIKE = {"encoder_offset": "geometry_error"}
-"""Effects that count as another kind: an axis' zero is a turn of the link before it."""
-
-
 def _of_the_same_kinds(
     case: SelectionProblem, terms: Sequence[ModelTerm], refused: Collection[Name]
 ) -> list[ModelTerm]:
     """Return effects that were named at two sites at least, at their other sites.
 
     What several axes have the others may have too, though too little to be named; the
-    intervals of what was named allow for it, and for an axis' zero that moves exactly
-    as a geometry error that was named.
+    intervals of what was named allow for it, and for the zeros of all axes beside a
+    geometry error that was named.
     """
     named = [term.name[0] for term in terms if not term.is_generic]
     count = Counter(ALIKE.get(name, name) for name in named)
     if not count.keys() & ALIKE.values() and max(count.values(), default=0) < 2:
         return []
     search = Search.of(case, terms, refused)
-    here = FactorisedSet.of(search.problem, range(len(terms)))
-    found = []
-    for name, k in best_groups_beside(search.problem, range(len(terms))).items():
-        sites = count[ALIKE.get(name[0], name[0])]
-        alike = name[0] in ALIKE and sites
-        if sites > 1 or (alike and _adds_nothing(search.problem, here, k)):
-            found.append(search.terms[k])
-    return found
-
-
-def _adds_nothing(problem: GroupProblem, here: FactorisedSet, k: int) -> bool:
-    return len(FactorisedSet.of(problem, [k], here).aim) == len(here.aim)
+    return [
+        search.terms[k]
+        for name, k in best_groups_beside(search.problem, range(len(terms))).items()
+        if count[ALIKE.get(name[0], name[0])] > (name[0] not in ALIKE)
+    ]
 
 
 def _withheld(

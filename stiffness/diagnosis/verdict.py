@@ -24,7 +24,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.shared.settings import SETTINGS
-from stiffness.diagnosis.detection import DetectionTest
+from stiffness.diagnosis.detection import (
+    DetectionTest,
+    HomogeneityTest,
+    ResidualEquations,
+    homogeneity_tests,
+    residual_equations,
+    residual_test,
+)
 from stiffness.diagnosis.gate import (
     are_near,
     may_show_at,
@@ -44,13 +51,6 @@ from stiffness.diagnosis.model_fit import (
     training,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
-from stiffness.diagnosis.residual_checks import (
-    HomogeneityTest,
-    ResidualEquations,
-    homogeneity_tests,
-    residual_equations,
-    residual_test,
-)
 from stiffness.diagnosis.result import (
     Decision,
     Located,
@@ -62,13 +62,12 @@ from stiffness.diagnosis.result import (
     UnexplainedPlace,
 )
 from stiffness.diagnosis.selection import (
-    LIVE,
     SelectedModel,
     exchange_search,
     last_of_each,
 )
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
-from stiffness.regression.group_selection import exchange_worths
+from stiffness.regression.group_selection import LIVE, exchange_worths
 from stiffness.regression.normal_equations import NormalEquations
 from stiffness.regression.testing import SIGNIFICANCE
 

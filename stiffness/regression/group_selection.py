@@ -24,7 +24,6 @@ from stiffness.regression.group_sets import (
     SURVIVES,
     FactorisedSet,
     GroupProblem,
-    factorised_set_only,
 )
 from stiffness.regression.predictive_gate import Decision, Name
 
@@ -36,6 +35,11 @@ chosen: a length, a mass or a drift imitates two or three offsets."""
 TOGETHER = 2.0
 """By how much more several groups may explain together than each alone, as a factor;
 chosen: what one of many columns imitates rarely cancels between its causes."""
+MOST_SHAPES = 3
+"""Groups of one name in a set at most; chosen: more of them follow what is no law."""
+LIVE = 12.0
+"""Log Bayes factor within which another name is tried at fine shapes in the place of a
+name of the set; chosen: refining a coarse shape rarely gains more."""
 ROUNDS = 50
 """Rounds of drops, exchanges and additions at most; a few do."""
 
@@ -122,8 +126,6 @@ def _residual_without(
     """Return what a set leaves once some of its groups have gone."""
     rest = tuple(k for p, k in enumerate(here.groups) if p not in places)
     own = here.own_directions(places)
-    if own is None:
-        return _residual(problem, FactorisedSet.of(problem, rest))
     rows, aim = own.T @ here.rows, own.T @ here.aim
     blocks = []
     for (_, index), block in zip(problem.by_width, whole.blocks, strict=True):
@@ -139,13 +141,8 @@ def _worth_without(
 ) -> float:
     """Return what a set is worth once some of its groups have gone."""
     rest = [k for p, k in enumerate(here.groups) if p not in places]
-    own = here.own_directions(places)
-    if own is None:
-        found = factorised_set_only(problem, rest)
-        return 0.5 * found.gain - problem.price(rest, len(found.aim))
-    lost = float(np.sum((own.T @ here.aim) ** 2))
-    rank = len(here.aim) - own.shape[1]
-    return 0.5 * (here.gain - lost) - problem.price(rest, rank)
+    rank = len(here.aim) - here.own_directions(places).shape[1]
+    return 0.5 * (here.gain - here.own_gain(places)) - problem.price(rest, rank)
 
 
 def gains_beside(
@@ -175,10 +172,10 @@ def _additions(problem: GroupProblem, left: Residual) -> Float[np.ndarray, " gro
     gain, rank = _chi_square_gains(problem, left)
     paid = 0.5 * (rank + problem.shape_parameters) * np.log(problem.units)
     rise = np.where(rank > 0, 0.5 * gain - paid, -np.inf)
-    known = np.zeros(len(problem.names), dtype=bool)
-    known[problem.number_of_name[list(left.groups)]] = True
-    known_name = known[problem.number_of_name]
-    rise -= np.where(known_name, 0.0, problem.prices(left.groups))
+    own = problem.number_of_name[list(left.groups)]
+    shapes = np.bincount(own, minlength=len(problem.names))[problem.number_of_name]
+    rise -= np.where(shapes > 0, 0.0, problem.prices(left.groups))
+    rise[shapes >= MOST_SHAPES] = -np.inf
     rise[list(left.groups)] = -np.inf
     return rise
 

@@ -14,16 +14,17 @@ Ignores     priors of shapes beyond their count; that errors may be misstated
 ==========  ==========================================================================
 
 Adding a group is a step of block Gram-Schmidt on the Gram matrix. Leaving one out gives
-back the one direction of the span that no other group has, so every exchange is tried
+back the directions of the span that no other group has, so every exchange is tried
 without factorising anew.
 
 ==========  ==========================================================================
-Equation    X_S = Q R; the rows of R^-1 that belong to a group span what it alone
-            explains: u = orth(rows), gain falls by |u'y|^2, y = Q'b
-Source      updating a QR factorisation: Golub and Van Loan 2013, "Matrix
-            Computations", 4th ed., 6.5
-Valid       groups whose directions survive in the set by more than `SURVIVES`
-Ignores     nothing: else the set is factorised anew
+Equation    X_S = Q A, A' = H T with H'H = 1 (QR); what a group g alone explains is u =
+            orth(T^-1 w), w the right singular vectors of H_g whose leverage, the
+            squared singular value, is one: A_h' u = 0 for every other group h; the gain
+            falls by |u'y|^2, y = Q'b
+Source      leverage: Hoaglin and Welsch 1978, "The hat matrix in regression and ANOVA"
+Valid       sets of any rank
+Ignores     a direction of which others have less than `SURVIVES`
 ==========  ==========================================================================
 """
 
@@ -33,7 +34,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import qr
+from scipy.linalg import qr, solve_triangular
 from scipy.special import betaln
 
 from stiffness.regression.normal_equations import (
@@ -200,27 +201,6 @@ class GroupProblem:
         return 0.5 * numbers * np.log(self.units) + chosen - rarer
 
 
-def factorised_set_only(
-    problem: GroupProblem, groups: Sequence[int]
-) -> "FactorisedSet":
-    """Factorise a set without the columns of other groups, for its gain and rank.
-
-    Args:
-        problem: The normal equations.
-        groups: The set; they are numbered anew.
-    """
-    own = [problem.groups[k].columns for k in groups]
-    columns = np.concatenate([np.zeros(0, dtype=int), *own])
-    ends = np.cumsum([0, *map(len, own)])
-    part = [
-        ColumnGroup(problem.groups[k].name, np.arange(a, b))
-        for k, a, b in zip(groups, ends[:-1], ends[1:], strict=True)
-    ]
-    gram = problem.gram[np.ix_(columns, columns)]
-    inside = GroupProblem(gram, problem.score[columns], tuple(part), problem.units)
-    return FactorisedSet.of(inside, range(len(part)))
-
-
 @dataclass(frozen=True, eq=False)
 class FactorisedSet:
     """A set of groups with an orthonormal basis Q of its span.
@@ -229,15 +209,15 @@ class FactorisedSet:
         groups: In the order of the basis.
         rows: Q'X of every column.
         aim: Q'y.
-        upper: R of the groups' own directions; None where some do not survive.
-        ends: Where each group's rows begin, and the end.
+        columns: Of the groups, in their order.
+        widths: Where each group's columns begin among these, and the end.
     """
 
     groups: tuple[int, ...]
     rows: Float[np.ndarray, "rank columns"]
     aim: Float[np.ndarray, " rank"]
-    upper: Float[np.ndarray, "rank rank"] | None
-    ends: Int[np.ndarray, " _"]
+    columns: Int[np.ndarray, " own"]
+    widths: Int[np.ndarray, " _"]
 
     @classmethod
     def of(
@@ -253,30 +233,36 @@ class FactorisedSet:
             groups: What comes in.
             start: A set that comes before them; None: nothing.
         """
-        before = start or cls((), problem.score[None][:0], np.zeros(0), None, NOTHING)
+        none = np.zeros(0, dtype=int)
+        before = start or cls((), problem.score[None][:0], np.zeros(0), none, NOTHING)
         own = [problem.groups[k].columns for k in groups]
         width = len(before.aim) + sum(map(len, own))
         rows, aim = np.zeros((width, len(problem.score))), np.zeros(width)
         rows[: len(before.aim)], aim[: len(before.aim)] = before.rows, before.aim
-        ends, whole = list(before.ends), not before.groups or before.upper is not None
+        at = len(before.aim)
         for columns in own:
-            at = ends[-1]
             known = rows[:at, columns]
             inner = problem.gram[np.ix_(columns, columns)] - known.T @ known
             value, vector = np.linalg.eigh(inner)
             keep = value > SURVIVES * len(columns)
-            whole = whole and bool(keep.all())
             turn = vector[:, keep] / np.sqrt(value[keep])
             end = at + turn.shape[1]
             rows[at:end] = turn.T @ (problem.gram[columns] - known.T @ rows[:at])
             aim[at:end] = turn.T @ (problem.score[columns] - known.T @ aim[:at])
-            ends.append(end)
-        end, every = ends[-1], (*before.groups, *groups)
-        rows, aim = rows[:end], aim[:end]
-        upper = None
-        if whole and every:
-            upper = rows[:, np.concatenate([problem.groups[k].columns for k in every])]
-        return cls(every, rows, aim, upper, np.array(ends))
+            at = end
+        widths = np.cumsum([before.widths[-1], *map(len, own)])
+        return cls(
+            (*before.groups, *groups),
+            rows[:at],
+            aim[:at],
+            np.concatenate([before.columns, *own]),
+            np.concatenate([before.widths[:-1], widths]),
+        )
+
+    @property
+    def own(self) -> Float[np.ndarray, "rank own"]:
+        """Q'X of the groups' own columns."""
+        return self.rows[:, self.columns]
 
     @property
     def gain(self) -> float:
@@ -284,22 +270,35 @@ class FactorisedSet:
         return float(self.aim @ self.aim)
 
     @cached_property
-    def inverse(self) -> Float[np.ndarray, "rank rank"] | None:
-        """R^-1, where every group's directions survive."""
-        if self.upper is None:
-            return None
-        upper = self.upper.copy()
-        for a, b in zip(self.ends[:-1], self.ends[1:], strict=True):
-            upper[b:, a:b] = 0.0  # orthogonal but for rounding
-        return np.linalg.inv(upper)
+    def leverage(self) -> "_Leverage":
+        """QR factorisation of the groups' own columns in the basis."""
+        return _Leverage(*np.linalg.qr(self.own.T))
 
-    def own_directions(self, places: Sequence[int]) -> np.ndarray | None:
+    def own_directions(self, places: Sequence[int]) -> Float[np.ndarray, "rank own"]:
         """Return the directions of the basis that these groups alone explain.
 
         Args:
             places: Places of the groups in the set.
         """
-        if self.inverse is None:
-            return None
-        rows = np.concatenate([np.arange(*self.ends[p : p + 2]) for p in places])
-        return np.asarray(qr(self.inverse[rows].T, mode="economic")[0])
+        rows = np.concatenate([np.arange(*self.widths[p : p + 2]) for p in places])
+        _, value, vector = np.linalg.svd(self.leverage.span[rows], full_matrices=False)
+        alone = vector[value**2 > 1.0 - SURVIVES]
+        turned = solve_triangular(self.leverage.upper, alone.T)
+        return np.asarray(qr(turned, mode="economic")[0])
+
+    def own_gain(self, places: Sequence[int]) -> float:
+        """Return the whitened square that these groups explain and no others do."""
+        return float(np.sum((self.own_directions(places).T @ self.aim) ** 2))
+
+
+@dataclass(frozen=True, eq=False)
+class _Leverage:
+    """A' = H T of a set's own columns A in its basis.
+
+    Attributes:
+        span: H, whose squared rows are leverages.
+        upper: T.
+    """
+
+    span: Float[np.ndarray, "columns rank"]
+    upper: Float[np.ndarray, "rank rank"]

@@ -15,12 +15,18 @@ from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
 from scenarios.pipelines import schema
 from scenarios.pipelines.diagnosis import answer_of
-from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest, Scatter
+from stiffness.diagnosis.detection import (
+    MEASURED,
+    MISSTATED,
+    DetectionTest,
+    Scatter,
+    homogeneity_tests,
+    residual_after,
+)
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.residual_checks import homogeneity_tests, residual_after
 from stiffness.diagnosis.result import Decision, refused_with_size
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.hysteresis import Hysteresis

@@ -21,10 +21,11 @@ from bench.standard_plans import tour
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import beyond_linear, build_problem
-from stiffness.diagnosis.selection import select_model
+from stiffness.diagnosis.selection import _loads_in_place_of_names, select_model
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.geometry_error import GeometryError
+from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad, seen, torques
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.jacobian import (
@@ -32,6 +33,7 @@ from stiffness.effects.jacobian import (
     JointRotation,
     MarkerDisplacement,
 )
+from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_misalignment import WrenchMisalignment as TurnedOrBeside
 from stiffness.experiment.residuals import expected
 from stiffness.experiment.static_state import StaticState, moved_to
@@ -224,6 +226,19 @@ def test_a_sensor_is_turned_as_the_named_effects_hold_it(kr10):
     assert before[1] > 5e-3
     assert after[0] < before[0] / 3
     assert after[1] < before[1] / 3
+
+
+def test_a_load_is_tried_in_the_place_of_a_name_that_does_alone_what_it_does():
+    """A wave of the gear turns its axis as a compensator, which also winds others."""
+    seen = recording("gravity_compensator@a1,torque_nm=40,phase_rad=0.5", poses=20)
+    some = (TransmissionError(), GravityCompensator())
+    prepared = prepare(seen, arm().for_recording(seen))
+    model = select_model(build_problem(prepared, some[:1]), prepared, some[:1])
+    assert [m.name for m in model.fit.members] == [("transmission_error", "a1")]
+    both = build_problem(prepared, some)
+    found = _loads_in_place_of_names(replace(model, case=both))
+    (load,) = found.values()
+    assert load.name == ("gravity_compensator", "a1")
 
 
 def test_an_axis_that_turns_far_moves_its_marks_on_a_circle(kr10):

@@ -7,7 +7,11 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from stiffness.regression.group_selection import GroupSelection, select_groups
+from stiffness.regression.group_selection import (
+    MOST_SHAPES,
+    GroupSelection,
+    select_groups,
+)
 from stiffness.regression.group_sets import (
     COMMON,
     ColumnGroup,
@@ -124,6 +128,20 @@ def test_column_that_others_make_up_adds_no_rank():
     whole = x @ np.linalg.lstsq(x, y)[0]
     first = FactorisedSet.of(case, (0,))
     assert_allclose(both.gain - first.gain, whole @ whole - known @ known, rtol=1e-6)
+    for alone, rest in ((0, 1), (1, 0)):  # of either order, whatever its rank
+        own = both.gain - FactorisedSet.of(case, (rest,)).gain
+        assert_allclose(both.own_gain([alone]), own, rtol=1e-6)
+        assert both.own_directions([alone]).shape == (3, 1)
+
+
+def test_a_name_has_few_shapes_at_most():
+    """More of them would follow what is no law of one shape."""
+    x = np.random.default_rng(3).standard_normal((400, 6))
+    y = x @ np.full(6, 3.0)
+    own = [ColumnGroup(("law", ""), np.array([k]), 1) for k in range(6)]
+    gram, none = x.T @ x, np.zeros(0, dtype=int)
+    case = GroupProblem.of(gram, x.T @ y, np.diag(gram), none, own, UNITS)
+    assert len(select_groups(case).groups) == MOST_SHAPES
 
 
 def test_gain_is_that_of_least_squares():

@@ -1,0 +1,280 @@
+"""Search over sets of effects on normal equations, at coarse and at fine shapes.
+
+A set is searched at coarse shapes of all effects at all places, once more among fine
+shapes of its names and of what could stand in their place, and on from there where
+generic terms compete with the names.
+
+==========  ==========================================================================
+Equation    worth of a set: `regression.group_selection`
+Source      forward selection with exchange: Miller 2002, "Subset Selection in
+            Regression", 2nd ed., chapter 3
+Valid       poses that err independently
+Ignores     sets that differ by two names at once from all that were tried
+==========  ==========================================================================
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Int
+
+from stiffness.diagnosis.candidates import Library, Mapped
+from stiffness.diagnosis.detection import significant_blocks
+from stiffness.diagnosis.model_fit import (
+    WHOLE,
+    ModelTerm,
+    SelectionProblem,
+    fit_model,
+    fit_shapes,
+    tried,
+)
+from stiffness.diagnosis.sufficient_statistics import cross_gram, given_many
+from stiffness.regression.group_selection import (
+    LIVE,
+    GroupSelection,
+    exchange_worths,
+    gains_beside,
+    select_groups,
+)
+from stiffness.regression.group_sets import (
+    ColumnGroup,
+    FactorisedSet,
+    GroupProblem,
+)
+from stiffness.regression.predictive_gate import Decision, Name
+
+# --- Normal equations of the search ---------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Everything that the search selects from.
+
+    Attributes:
+        case: What may be looked at.
+        terms: Of each group of columns: given terms first, then the library.
+        problem: Their normal equations over the training poses.
+    """
+
+    case: SelectionProblem
+    terms: tuple[ModelTerm, ...]
+    problem: GroupProblem
+
+    @classmethod
+    def of(
+        cls,
+        case: SelectionProblem,
+        first: Sequence[ModelTerm] = (),
+        refused: Collection[Name] = (),
+        generic: Sequence[Mapped] = (),
+    ) -> "Search":
+        """Lay out a few terms with shapes of their own beside the library.
+
+        Args:
+            case: What may be looked at.
+            first: Terms that come before those of the library.
+            refused: Names of the library that are left out.
+            generic: Blocks of the residual map that may be selected too.
+        """
+        given, found = case.normal_equations, tuple(first)
+        gram, score, raw = given.gram[1], given.score, given.raw
+        width, owned = 0, []
+        if found:
+            own = [term.jacobian(case.situation) for term in found]
+            side, score = cross_gram(
+                case.data, own, [*own, *case.library.jacobians], given.fold
+            )
+            gram = given_many(side, given.gram)[1]
+            width = sum(law.columns for law in own)
+            total = side.sum(axis=0)
+            raw = np.concatenate([np.maximum(np.diag(total), 0.0), raw])
+            ends = np.cumsum([0, *(law.columns for law in own)])
+            owned = [np.arange(a, b) for a, b in pairwise(ends)]
+        of_library = [
+            one for one in _terms_of(case.library) if one[0].name not in refused
+        ]
+        of_library += [(_generic_term(block), block.columns) for block in generic]
+        owned += [columns + width for _, columns in of_library]
+        terms = (*found, *(term for term, _ in of_library))
+        groups = [
+            ColumnGroup(
+                term.name, columns, term.degrees_of_freedom, term.hypothesis.log_prior
+            )
+            for term, columns in zip(terms, owned, strict=True)
+        ]
+        nominal = width + np.arange(case.library.nominal)
+        asked = score[~case.split.held_out].sum(axis=0)
+        problem = GroupProblem.of(gram, asked, raw, nominal, groups, case.poses)
+        return cls(case, terms, problem)
+
+
+def _terms_of(library: Library) -> list[tuple[ModelTerm, Int[np.ndarray, " columns"]]]:
+    """Return the library's terms at all coarse shapes, with their columns."""
+    return [
+        (ModelTerm(candidate.hypothesis, candidate.where, shape), columns)
+        for candidate in library.candidates
+        for shape, columns in zip(candidate.shapes, candidate.columns, strict=True)
+    ]
+
+
+def _generic_term(block: Mapped) -> ModelTerm:
+    return ModelTerm(block.hypothesis, block.where, np.zeros(0))
+
+
+# --- Search ---------------------------------------------------------------------------
+
+STARTS = 4
+"""Names from which the search starts, beside nothing; chosen: a name that imitates the
+sum of two is left by starting at one of these."""
+SMALL_SET = 6
+"""Groups of columns up to which a set is searched from several starts; chosen: larger
+sets were exchanged many times."""
+FORMS = 0.1
+"""Or, beside `LIVE`, share of what the name explains; chosen: what a coarse shape may
+lose."""
+MOST_LIVE = 8
+"""Names that are tried in the place of one; chosen for time."""
+MOST_FINE = 40
+"""Names that are tried at fine shapes in all, the closest first; chosen for time."""
+POINTS, POINTS_OF_MANY = 7, 3
+"""Fine shapes of a name; of each of more than a dozen. Chosen: the best is fitted."""
+
+
+def first_search(problem: GroupProblem) -> GroupSelection:
+    """Search from nothing and, a small set, from the strongest single names."""
+    best = select_groups(problem)
+    if not 0 < len(best.groups) <= SMALL_SET:
+        return best
+    single: dict[Name, tuple[float, int]] = {}
+    for k, gain in enumerate(gains_beside(problem, [])):
+        if gain > single.get(problem.groups[k].name, (0.0, 0))[0]:
+            single[problem.groups[k].name] = (float(gain), k)
+    starts = [k for _, k in sorted(single.values(), reverse=True)[1 : STARTS + 1]]
+    for k in starts:
+        if k not in best.groups:
+            other = select_groups(problem, [k])
+            best = max(best, other, key=lambda found: found.log_evidence)
+    return best
+
+
+def from_rivals(search: Search, selected: GroupSelection, fine: int) -> GroupSelection:
+    """Search a small set again with each rival in each name's place; return the best.
+
+    One name may do what two true ones do; only from one of these is the pair found.
+
+    Args:
+        search: With the rivals' fine shapes among its first terms.
+        selected: The set that was found.
+        fine: How many terms come first.
+    """
+    problem, terms, groups = search.problem, search.terms, selected.groups
+    if not 0 < len(groups) <= SMALL_SET:
+        return selected
+    held = {terms[k].name for k in groups}
+    best = selected
+    for name in held:
+        rest = [k for k in groups if terms[k].name != name]
+        gains: dict[Name, tuple[float, int]] = {}
+        for k, gain in enumerate(gains_beside(problem, rest)[:fine]):
+            if terms[k].name not in held and gain > gains.get(terms[k].name, (0.0,))[0]:
+                gains[terms[k].name] = (float(gain), k)
+        for _, k in sorted(gains.values(), reverse=True)[:STARTS]:
+            other = select_groups(problem, [*rest, k])
+            best = max(best, other, key=lambda found: found.log_evidence)
+    return best
+
+
+def at_fine_shapes(search: Search, groups: Sequence[int]) -> list[ModelTerm]:
+    """Return fine shapes of the names of a set and of what could replace each."""
+    problem, terms = search.problem, search.terms
+    here = FactorisedSet.of(problem, groups)
+    close: dict[int, float] = {}
+    for name in dict.fromkeys(terms[k].name for k in groups):
+        rest = [k for k in groups if terms[k].name != name]
+        own = [p for p, k in enumerate(groups) if terms[k].name == name]
+        lost = 0.5 * here.own_gain(own)
+        gains = gains_beside(problem, rest)
+        worth = exchange_worths(problem, groups, name).worth
+        margin = max(LIVE, FORMS * lost)
+        behind = {n: worth[name] - w for n, w in worth.items() if n != name}
+        live = sorted((n for n in behind if behind[n] < margin), key=behind.__getitem__)
+        for other in live[:MOST_LIVE]:
+            every = [k for k, term in enumerate(terms) if term.name == other]
+            best = every[int(np.argmax(gains[every]))]
+            close[best] = min(close.get(best, np.inf), behind[other] / margin)
+    rivals = sorted(close, key=lambda k: (close[k], k))[:MOST_FINE]
+    wanted = sorted({*groups, *rivals})
+    points = POINTS if len(wanted) <= 12 else POINTS_OF_MANY
+    return [
+        fine for k in wanted for fine in _fine_shapes(search.case, terms[k], points)
+    ]
+
+
+def _fine_shapes(
+    case: SelectionProblem, term: ModelTerm, points: int
+) -> list[ModelTerm]:
+    """Return a term at shapes between the coarse grid's neighbours of its own."""
+    law = term.hypothesis
+    grid = law.shapes(case.situation, term.where)
+    for j, name in enumerate(law.shape_names[: term.degrees_of_freedom]):
+        own = np.unique(grid[:, j])
+        if name in WHOLE or len(own) < 2:
+            continue
+        factor = name in law.logarithmic
+        found = []
+        for value in tried(float(term.shape[j]), own, factor, points):
+            shape = term.shape.copy()
+            shape[j] = np.exp(value) if factor else value
+            found.append(replace(term, shape=shape))
+        return found
+    return [term]
+
+
+def one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
+    """Return one term of each name: of several shapes the one that explains most.
+
+    Reported parameters are of one law; what a second shape mends is left to the other
+    forms of the law, which the residual test allows.
+    """
+    several: dict[Name, list[int]] = {}
+    for k in groups:
+        several.setdefault(search.terms[k].name, []).append(k)
+    best = {name: own[0] for name, own in several.items()}
+    for name, own in several.items():
+        others = [k for n, k in best.items() if n != name]
+        gain = [FactorisedSet.of(search.problem, [*others, k]).gain for k in own]
+        best[name] = own[int(np.argmax(gain))]
+    return tuple(search.terms[k] for k in best.values())
+
+
+def with_generic_terms(
+    case: SelectionProblem,
+    terms: tuple[ModelTerm, ...],
+    fine: Sequence[ModelTerm],
+    refused: Collection[Name] = (),
+) -> tuple[tuple[ModelTerm, ...], tuple[Decision, ...]]:
+    """Search on from a set where generic terms of all places compete with names.
+
+    Several names that imitate a mechanism without one are worth less than the generic
+    term of its place: that explains as much with fewer numbers, or more.
+
+    Args:
+        case: What may be looked at.
+        terms: The set.
+        fine: What else comes with a shape of its own.
+        refused: Names that are left out.
+    """
+    fit = fit_model(case.data, case.situation, case.nominal, terms, case.split)
+    held = {term.name for term in terms}
+    blocks = [
+        block
+        for block in significant_blocks(case, fit)
+        if _generic_term(block).name not in held
+    ]
+    if not blocks:
+        return terms, ()
+    search = Search.of(case, [*terms, *fine], refused, blocks)
+    selected = select_groups(search.problem, range(len(terms)))
+    return fit_shapes(case, one_each(search, selected.groups)), selected.decisions
