@@ -89,6 +89,10 @@ def _on_disk(text: str, reader: Callable[[Path], Read]) -> Read:
         return reader(path)
 
 
+APART = "no joint: "
+"""Put before names of other frames while joints are fixed; a name must not begin so."""
+
+
 def without_other_joints(
     model: pinocchio.Model, axes: Sequence[str]
 ) -> pinocchio.Model:
@@ -111,7 +115,14 @@ def without_other_joints(
     others = [model.getJointId(name) for name in known if name not in axes]
     if not others:
         return model
-    return pinocchio.buildReducedModel(model, others, pinocchio.neutral(model))
+    named = model.copy()  # Pinocchio finds a joint's frame by its name alone
+    for frame in named.frames:
+        if frame.type != pinocchio.FrameType.JOINT:
+            frame.name = APART + frame.name
+    reduced = pinocchio.buildReducedModel(named, others, pinocchio.neutral(named))
+    for frame in reduced.frames:
+        frame.name = frame.name.removeprefix(APART)
+    return reduced
 
 
 def _faults(model: pinocchio.Model, root: ElementTree.Element) -> list[str]:

@@ -225,6 +225,17 @@ def test_named_axes_come_in_the_order_asked_for(odd, arm):
     np.testing.assert_array_equal(fewer.stiffness, [5.0, 7.0])
 
 
+def test_an_axis_may_bear_the_name_of_a_body(odd):
+    """As it often does; a body's place is still found where other axes are fixed."""
+    alike = ODD_ARM.replace('"bend"', '"lower"').replace('"track"', '"carriage"')
+    fewer = Arm.of(Arm.from_mjcf_text(alike).file, axes=["swing"])
+    expected = Arm.of(odd.file, axes=["swing"])
+    bodies, posture = ["carriage", "upper", "lower", "hand"], np.array([[0.4]])
+    np.testing.assert_array_equal(
+        fewer.placements(posture, bodies), expected.placements(posture, bodies)
+    )
+
+
 def test_standard_names_of_bodies_work_on_a_model_without_them(odd):
     posture = np.array([[0.1, 0.2, 0.3]])
     bodies = ["base", "link_1", "link_3", "flange", "tool"]
