@@ -12,7 +12,9 @@ Ignores     accelerations, limits of bearings and of the flange, heat
 
 A model states its payload as MJCF's `<custom><numeric name="payload_kg" data="10"/>`.
 Effort limits are a joint's `actuatorfrcrange`, which is also what a URDF's
-`<limit effort="…"/>` becomes, and the `forcerange` of the actuators on a joint.
+`<limit effort="…"/>` becomes, the `forcerange` of the actuators on a joint, and the
+`ctrlrange` of its motors. A range of controls is a program's choice and may be a
+controller's rest beside gravity's torque: one that does not hold the arm is none.
 """
 
 from collections.abc import Sequence
@@ -20,7 +22,7 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from bench import postures
 from bench.cell import GRAVITY
@@ -72,9 +74,12 @@ def payload_of(rig: Rig) -> RatedLoad | None:
                 raise Unusable(what, [f"{NUMERIC} is {mass:g}, expected above 0."])
             return RatedLoad(mass, "the payload that its model states")
     limits = effort_limits(model, rig.anatomy.axes)
-    if not np.isfinite(limits).any():
+    narrower = np.minimum(limits, _control_limits(model, rig.anatomy.axes))
+    mass, axis = _estimate(rig, SHARE * narrower)
+    if not mass > 0.0:
+        mass, axis = _estimate(rig, SHARE * limits)
+    if not np.isfinite(mass):
         return None
-    mass, axis = _estimate(rig, SHARE * limits)
     name = rig.anatomy.axes[axis]
     if not mass > 0.0:
         unit = "N" if rig.anatomy.slides[axis] else "N m"
@@ -102,13 +107,37 @@ def effort_limits(
         joint = model.joint(axis).id
         if model.jnt_actfrclimited[joint]:
             limits[i] = np.abs(model.jnt_actfrcrange[joint]).min()
-        on = (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (
-            model.actuator_trnid[:, 0] == joint
-        )
+        on = _actuators_on(model, joint)
         if on.any() and model.actuator_forcelimited[on].all():
             force = np.abs(model.actuator_forcerange[on]).min(axis=1)
             limits[i] = min(limits[i], force @ np.abs(model.actuator_gear[on, 0]))
     return np.where(limits > 0.0, limits, np.inf)  # 0: its author did not know
+
+
+def _control_limits(
+    model: mujoco.MjModel, axes: Sequence[str]
+) -> Float[np.ndarray, " axes"]:
+    """Return what the ranges of motors' controls allow; infinite where not limited."""
+    limits = np.full(len(axes), np.inf)
+    motor = (
+        (model.actuator_gaintype == mujoco.mjtGain.mjGAIN_FIXED)
+        & (model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE)
+        & (model.actuator_dyntype == mujoco.mjtDyn.mjDYN_NONE)
+        & model.actuator_ctrllimited.astype(bool)
+    )
+    for i, axis in enumerate(axes):
+        on = _actuators_on(model, model.joint(axis).id)
+        if on.any() and motor[on].all():
+            control = np.abs(model.actuator_ctrlrange[on]).min(axis=1)
+            gain = model.actuator_gainprm[on, 0] * model.actuator_gear[on, 0]
+            limits[i] = control @ np.abs(gain)
+    return np.where(limits > 0.0, limits, np.inf)
+
+
+def _actuators_on(model: mujoco.MjModel, joint: int) -> Bool[np.ndarray, " actuators"]:
+    return (model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (
+        model.actuator_trnid[:, 0] == joint
+    )
 
 
 def _estimate(rig: Rig, allowed: Float[np.ndarray, " axes"]) -> tuple[float, int]:

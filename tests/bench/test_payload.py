@@ -89,6 +89,25 @@ def test_limits_that_do_not_hold_the_arm_are_refused(lever):
         payload_of(lever(' actuatorfrcrange="-5 5"'))
 
 
+MOTOR = '<actuator><motor joint="a1" gear="2" ctrlrange="-{0} {0}"{1}/></actuator>'
+
+
+def test_motors_hold_what_the_range_of_their_controls_allows(lever):
+    limited = payload_of(lever(' actuatorfrcrange="-50 50"'))
+    found = payload_of(lever(' actuatorfrcrange="-90 90"', MOTOR.format(25, "")))
+    assert found == limited
+    assert payload_of(lever("", MOTOR.format(99, ' forcerange="-25 25"'))) == limited
+
+
+def test_controls_that_do_not_hold_the_arm_are_no_limits(lever):
+    """They may come beside gravity's torque; what the drives hold is not said."""
+    assert payload_of(lever("", MOTOR.format(2, ""))) is None
+    wide = ' actuatorfrcrange="-50 50"'
+    assert payload_of(lever(wide, MOTOR.format(2, ""))) == payload_of(lever(wide))
+    servo = MOTOR.replace("motor", "position")
+    assert payload_of(lever("", servo.format(25, ""))) is None
+
+
 def test_nothing_is_claimed_where_the_model_says_nothing(lever):
     assert payload_of(lever()) is None
     assert usual_path(None) == DEFAULT_PATH
