@@ -13,8 +13,11 @@ from bench.model_file import load
 from bench.patch import Mounted, Patch, PatchEffect, rig_of
 from bench.proof.simulation import ReplaySimulation, replay_of
 from bench.rig import Rig, States
-from bench.shared.errors import BenchError, UnknownName
+from bench.shared.errors import BenchError, UnknownName, Unusable
 from bench.shared.recording import Recording
+
+STANDS = 1e-5
+"""Change of the sensor's axes that is none; chosen: the next is a hundredth of it."""
 
 
 def mounted_on(recording: Recording, rig: Rig) -> Mounted:
@@ -155,18 +158,30 @@ def replay_simulation_of(
     spec = recording.wrench_sensor
     if spec is None or recording.wrench is None:
         return world
-    so_far, base_turn = world, world.base[1]
-    for known in (False, True):  # the sensor turns with the arm, by 1e-3
-        wrench = recording.wrench if known else np.zeros((rows, 6))
-        done = replace(recording, wrench=wrench)
-        states = replace(so_far, recording=done, _known={}).states(assumed)
-        body = states.bodies.index(model_body(recording, assumed, spec.body))
-        mounting = Rotation.from_quat(spec.quaternion_wxyz, scalar_first=True)
-        axes = base_turn.T @ states.rotation[:, body] @ mounting.as_matrix()
-        so_far = replace(so_far, sensor_axes=axes)
-        at = states.position[:, body] + states.rotation[:, body] @ spec.position
-        so_far = replace(so_far, weight=_held(recording, assumed, states, at))
-    return replace(world, sensor_axes=so_far.sensor_axes, weight=so_far.weight)
+    unloaded = replace(recording, wrench=np.zeros((rows, 6)))
+    turned = _sensor_turned(replace(world, recording=unloaded), assumed)
+    step, so_far = np.inf, replace(turned, recording=recording)
+    while step > STANDS:
+        turned, before = _sensor_turned(so_far, assumed), step
+        step = float(np.abs(turned.sensor_axes - so_far.sensor_axes).max(initial=0.0))
+        if not step < before:
+            fault = "the arm and its force sensor turn each other ever further."
+            raise Unusable(f"Recording {recording.name!r}", [fault])
+        so_far = turned
+    return so_far
+
+
+def _sensor_turned(world: ReplaySimulation, assumed: Rig) -> ReplaySimulation:
+    """Return a world whose sensor is turned as what it reads there turns the arm."""
+    recording, spec = world.recording, world.recording.wrench_sensor
+    assert spec is not None
+    states = replace(world, _known={}).states(assumed)
+    body = states.bodies.index(model_body(recording, assumed, spec.body))
+    mounting = Rotation.from_quat(spec.quaternion_wxyz, scalar_first=True)
+    axes = world.base[1].T @ states.rotation[:, body] @ mounting.as_matrix()
+    at = states.position[:, body] + states.rotation[:, body] @ spec.position
+    weight = _held(recording, assumed, states, at)
+    return replace(world, sensor_axes=axes, weight=weight)
 
 
 def base_of(rig: Rig) -> tuple[np.ndarray, np.ndarray]:

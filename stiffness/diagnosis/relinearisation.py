@@ -45,7 +45,7 @@ from stiffness.effects.jacobian import (
 )
 from stiffness.effects.statics import wind_up
 from stiffness.experiment.residuals import expected, shares_of
-from stiffness.experiment.static_state import StaticState, moved_to
+from stiffness.experiment.static_state import StaticState, moved_to, rest_of
 from stiffness.experiment.visits import held_at_mean
 from stiffness.regression.splits import Split, seed_of, split_of
 from stiffness.robot.kinematics import point_jacobian
@@ -115,13 +115,14 @@ def linearised(
         data = data.subtract(springs, change)
         moved[own] += change
         situation = situation.with_compliance(moved)
-    if named is None:
-        return data, situation
-    turn = _turned(situation, prepared.situation.compliance, named)
-    stands = moved_to(situation, situation.rest + turn)
+    rest = rest_of(situation.arm, situation.recording, situation.compliance)
+    if named is not None:
+        rest += _turned(situation, named)
+    stands = moved_to(situation, rest)
     wound = wind_up(situation, (stands.torque - situation.torque)[:, :, None])
     along_arcs = beyond_linear(prepared, stands)
-    return data.subtract([wound, along_arcs], np.ones(2)), _under(stands, named)
+    data = data.subtract([wound, along_arcs], np.ones(2))
+    return data, stands if named is None else _under(stands, named)
 
 
 def changes(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> bool:
@@ -135,19 +136,12 @@ def changes(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> bool:
     return _softened(case, fit) or _change(case, prepared, fit) >= MOVED
 
 
-def _turned(
-    situation: StaticState, before: Float[np.ndarray, " axes"], fit: ModelFit
-) -> Float[np.ndarray, "rows axes"]:
-    """Return how far axes turn under other springs and under what is named, in rad.
+def _turned(situation: StaticState, fit: ModelFit) -> Float[np.ndarray, "rows axes"]:
+    """Return how far axes turn under what is named, in rad.
 
     What already holds the turned load, as an encoder's offset does, is left out.
-
-    Args:
-        situation: Where they rest under the springs before, with the new ones.
-        before: Compliance of each axis under which they rest there, in rad/(N m).
-        fit: What is named.
     """
-    turn = (situation.compliance - before) * situation.torque
+    turn = np.zeros_like(situation.rest)
     acting = _under(situation, fit)
     for member, size in zip(fit.members, fit.coefficients, strict=True):
         if not member.hypothesis.turns_load:

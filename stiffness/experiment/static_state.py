@@ -20,7 +20,7 @@ Ignores     compliance beyond the axes' own springs
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -253,9 +253,9 @@ def static_state_of(
         compliance: Of each axis, in rad/(N m); 0 = rigid.
         bodies: Bodies whose motion is needed.
     """
-    rest, wrench = _rest(arm, recording, compliance)
+    rest = rest_of(arm, recording, compliance)
     midway = _midway(recording, rest)
-    return _state(arm, recording, compliance, bodies, rest, wrench, midway)
+    return _state(arm, recording, compliance, bodies, rest, midway)
 
 
 def moved_to(situation: StaticState, rest: np.ndarray) -> StaticState:
@@ -269,12 +269,9 @@ def moved_to(situation: StaticState, rest: np.ndarray) -> StaticState:
         rest: Link-side joint angles, (rows, axes) in rad.
     """
     arm, recording = situation.arm, situation.recording
-    wrench = np.zeros_like(situation.wrench)
-    if recording.wrench is not None:
-        wrench = _felt(recording, arm.at(rest))
     midway = _midway(recording, (situation.rest + rest) / 2.0)
     compliance, bodies = situation.compliance, situation.bodies
-    state = _state(arm, recording, compliance, bodies, rest, wrench, midway)
+    state = _state(arm, recording, compliance, bodies, rest, midway)
     return replace(
         state,
         tracker=situation.tracker,
@@ -290,13 +287,13 @@ def _state(
     compliance: Float[np.ndarray, " axes"],
     bodies: Sequence[str],
     rest: Float[np.ndarray, "rows axes"],
-    wrench: Float[np.ndarray, "rows 6"],
     midway: Float[np.ndarray, "rows axes"],
 ) -> StaticState:
     """Return all forces and torques where the links rest, lever arms midway."""
     standing = arm.at(rest)
     rows, axes = rest.shape
     sensor, sensor_axes = _sensor(recording, standing)
+    wrench = _felt(recording, standing)
     force, moment = _carried(recording, standing, wrench, sensor)
     origin, frame = _places(arm.at(midway))
     load = np.zeros((rows, axes))
@@ -340,35 +337,33 @@ def _state(
     )
 
 
-def _rest(
-    arm: Arm, recording: Recording, compliance: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the links' rest posture and the consistent wrench in the base's axes."""
-    rest = recording.posture
-    if recording.wrench is None or recording.wrench_sensor is None:
-        rest = equilibrium(arm, rest, compliance, payload=recording.tool)
-        return rest, np.zeros((len(rest), 6))
-    spec = recording.wrench_sensor
-    wrench = _felt(recording, arm.at(rest))
-    for _ in range(2):  # the sensor turns with the flange: by 1e-3, then by 1e-6
-        rest = equilibrium(
-            arm,
-            recording.posture,
-            compliance,
-            wrench,
-            spec.position,
-            recording.tool,
-            spec.body,
-        )
-        wrench = _felt(recording, arm.at(rest))
-    return rest, wrench
+def rest_of(
+    arm: Arm, recording: Recording, compliance: Float[np.ndarray, " axes"]
+) -> Float[np.ndarray, "rows axes"]:
+    """Return the links' rest posture in rad, under a wrench that turns with its sensor.
+
+    Args:
+        arm: The nominal arm, with the recording's names.
+        recording: The experiment.
+        compliance: Of each axis, in rad/(N m); 0 = rigid.
+
+    Raises:
+        BenchError: Where there is no rest: the springs are too soft for the load.
+    """
+    posture, tool, spec = recording.posture, recording.tool, recording.wrench_sensor
+    if spec is None or recording.wrench is None:
+        return equilibrium(arm, posture, compliance, payload=tool)
+    felt = partial(_felt, recording)
+    return equilibrium(arm, posture, compliance, felt, spec.position, tool, spec.body)
 
 
 def _felt(recording: Recording, standing: ArmState) -> Float[np.ndarray, "rows 6"]:
     """Return the wrench along the base's axes, without directions of noise only."""
     spec, (_, axes) = recording.wrench_sensor, _sensor(recording, standing)
+    if spec is None or recording.wrench is None:
+        return np.zeros((len(axes), 6))
     wrench = tared(recording, wrench_in_base(recording, standing), axes)
-    return wrench if spec is None else clear_channels(spec, wrench, axes)
+    return clear_channels(spec, wrench, axes)
 
 
 def _sensor(recording: Recording, standing: ArmState) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 Rest posture of springs, gravity and load (`equilibrium`):
 
 ==========  ==========================================================================
-Equation    q = q_commanded + C (gravity torque(q) + J(q)^T wrench), C = diag(1/k)
+Equation    q = q_commanded + C (gravity torque(q) + J(q)^T wrench(q)), C = diag(1/k)
 Source      Spong 1987, "Modeling and control of elastic joint robots", at rest
 Valid       springs in the axes, stiff against the change of gravity and load torque
             with q
@@ -20,12 +20,15 @@ Ignores     the change of lever arms by the load (Chen and Kao's K_C)
 ==========  ==========================================================================
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float
 
 from bench.shared.errors import BenchError
 from bench.shared.recording import Payload
 from stiffness.robot.arm import Arm
+from stiffness.robot.kinematics import ArmState
 
 # --- Equilibrium ----------------------------------------------------------------------
 
@@ -34,13 +37,15 @@ CLOSE_ENOUGH = 1e-12
 STEPS = 60
 """Maximum number of iterations; chosen: each gains a factor k / |d torque/dq|, about
 300."""
+TurningWrench = Callable[[ArmState], Float[np.ndarray, "cases 6"]]
+"""A wrench along the base's axes, by where the arm stands."""
 
 
 def equilibrium(
     arm: Arm,
     posture: Float[np.ndarray, "cases axes"],
     compliance: Float[np.ndarray, " axes"],
-    wrench_in_base: Float[np.ndarray, "cases 6"] | None = None,
+    wrench_in_base: Float[np.ndarray, "cases 6"] | TurningWrench | None = None,
     position: Float[np.ndarray, "*cases 3"] | None = None,
     payload: Payload | None = None,
     body: str = "flange",
@@ -55,7 +60,9 @@ def equilibrium(
         posture: Joint angles that the motors hold, in rad.
         compliance: Of each axis, in rad/(N m); 0 = rigid.
         wrench_in_base: Load on the body, force and torque about the point, along the
-            base's axes, which do not turn with the arm; None = none.
+            base's axes, which do not turn with the arm; or how it follows from where
+            the arm stands, as one that was read by a sensor that turns with it; None =
+            none.
         position: The point in the body's frame, in m; None = the body's origin.
         payload: A mass mounted on the flange.
         body: The body that the load acts on.
@@ -73,7 +80,9 @@ def equilibrium(
         standing = arm.at(rest)
         torque = standing.gravity_torque(payload)
         if wrench_in_base is not None:
-            torque = torque + standing.load_torque(wrench_in_base, body, position)
+            turns = callable(wrench_in_base)
+            wrench = wrench_in_base(standing) if turns else wrench_in_base
+            torque = torque + standing.load_torque(wrench, body, position)
         after = posture + torque * compliance
         step = np.max(np.abs(after - rest), initial=0.0)
         rest = after

@@ -312,6 +312,16 @@ def laid_out(recording, kr10):
     return replay_simulation_of(recording, rig), assumed
 
 
+def test_the_load_acts_along_the_sensor_that_it_turned(recording, kr10):
+    """On an arm ten times as soft, which it turns by some hundredths of a radian."""
+    soft = replace(Rig(kr10), stiffness=Rig(kr10).nominal.jnt_stiffness / 10)
+    world = replay_simulation_of(recording, soft)
+    states = world.states(soft)
+    flange = states.bodies.index(soft.anatomy.flange)
+    turned_to = world.base[1].T @ states.rotation[:, flange]
+    assert_allclose(world.sensor_axes, turned_to, atol=1e-6)
+
+
 def test_columns_of_springs_are_what_the_simulator_does(laid_out):
     """A share of 1e-3 more compliance; 2 %: torques change with it, too."""
     world, assumed = laid_out

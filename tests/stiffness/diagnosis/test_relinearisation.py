@@ -6,7 +6,7 @@ import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from small_bench import arm, recording
+from small_bench import arm, prepared, recording
 
 from bench.effects.hardening import Hardening as HardeningGear
 from bench.effects.wrench_bias import WrenchBias
@@ -239,6 +239,16 @@ def test_a_load_is_tried_in_the_place_of_a_name_that_does_alone_what_it_does():
     found = _loads_in_place_of_names(replace(model, case=both))
     (load,) = found.values()
     assert load.name == ("gravity_compensator", "a1")
+
+
+def test_the_arm_rests_under_its_fitted_springs_where_nothing_is_named():
+    """They are fitted to all poses that may be looked at, and prepared from a few."""
+    ready = prepared("lost_motion@a2,width_rad=2e-3")
+    case = build_problem(ready, [Hardening()])
+    change = case.situation.compliance - ready.situation.compliance
+    assert np.abs(change * case.situation.torque).max() > 1e-6
+    wound = case.situation.compliance * case.situation.torque
+    assert_allclose(case.situation.rest - case.situation.recording.posture, wound)
 
 
 def test_an_axis_that_turns_far_moves_its_marks_on_a_circle(kr10):
