@@ -438,11 +438,10 @@ def bends_otherwise(rig: Rig, file: Path) -> float:
     """
     model = patched_model(rig, file)
     built, flange = model.compiled(), rig.anatomy.flange
-    b, stood = built.body(flange).id, list[np.ndarray]()
-    for force in (np.zeros(3), np.array(LOAD)):
-        data = mujoco.MjData(built)
-        if built.nkey:
-            mujoco.mj_resetDataKeyframe(built, data, 0)
+    b, stood, data = built.body(flange).id, list[np.ndarray](), mujoco.MjData(built)
+    if built.nkey:
+        mujoco.mj_resetDataKeyframe(built, data, 0)
+    for force in (np.zeros(3), np.array(LOAD)):  # in turn: friction remembers
         for _ in range(round(STEADY / built.opt.timestep)):
             mujoco.mj_step1(built, data)
             data.xfrc_applied[b, :3] = force

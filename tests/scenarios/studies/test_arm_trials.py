@@ -5,11 +5,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.model_file import load, plain_mjcf
+from bench.patch import Patch, PatchEffect, rig_of
 from bench.shared.errors import Unusable
 from scenarios import arm_trials as command
 from scenarios.studies.arm_trials import (
     BASES,
     WOUND_UP,
+    bends_otherwise,
     given,
     model_files,
     with_springs,
@@ -73,6 +75,20 @@ def test_a_turned_arm_as_urdf_stands_and_weighs_as_its_mjcf(models, tmp_path):
     assert not one.stiffness.any() and not other.stiffness.any()
     torque = [arm.gravity_torque(posture) for arm in (one, other)]
     np.testing.assert_allclose(torque[1], torque[0], atol=1e-9)
+
+
+def test_a_gear_with_friction_is_loaded_where_it_stands(tmp_path):
+    """The load takes back half of what the arm's own weight winds up."""
+    file = tmp_path / "seesaw.xml"
+    file.write_text(
+        '<mujoco><worldbody><body name="base"><body name="link" pos="0 0 1">'
+        '<joint name="a1" axis="0 1 0" stiffness="2e4"/>'
+        '<inertial pos="0.4 0 0" mass="10" diaginertia="1 1 1"/>'
+        '<body name="flange" pos="-0.4 0 0"/></body></body></worldbody></mujoco>'
+    )
+    slack = PatchEffect("hysteresis", "a1", {"width_rad": 1e-3})
+    rig = rig_of(Patch(effects=(slack,)), file)
+    assert bends_otherwise(rig, file) < 0.01
 
 
 def test_a_folder_without_models_is_refused(tmp_path):
