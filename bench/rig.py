@@ -25,7 +25,7 @@ from bench.kinematic_chain import Anatomy, anatomy, with_axes, with_seats
 from bench.model_file import RIGID, load, plain_mjcf
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.plan import Plan
-from bench.shared.recording import last_moves
+from bench.shared.recording import LastMoves
 
 # --- True states ----------------------------------------------------------------------
 
@@ -208,7 +208,7 @@ class Rig:
         wrench: Float[np.ndarray, "visits steps 6"],
         hold: Float[np.ndarray, "visits steps"],
         way: Float[np.ndarray, " visits"] | None = None,
-        side: Float[np.ndarray, "visits axes"] | None = None,
+        moves: LastMoves | None = None,
     ) -> States:
         """Apply wrenches at the sensor's origin along the base's axes, step by step.
 
@@ -218,7 +218,7 @@ class Rig:
             hold: How long each stands before its row is read, in s.
             way: How long the way to each visit takes, in s, where gears remember the
                 visit before; None: they forget.
-            side: Direction in which each axis arrived; None: from the visit before.
+            moves: How each axis arrived; None: from the visit before.
 
         Returns:
             Where everything was; rows run over visits, then steps.
@@ -227,22 +227,22 @@ class Rig:
         turn = pose_in_world(self.spec.body(self.anatomy.base))[0]
         wrench = (wrench.reshape(-1, 3) @ turn.T).reshape(wrench.shape)
         none = np.zeros(posture.shape)
-        return self._rest(posture, ropes, wrench, hold, none, way, side)
+        return self._rest(posture, ropes, wrench, hold, none, way, moves)
 
     def command(
         self,
         posture: Float[np.ndarray, "visits axes"],
-        side: Float[np.ndarray, "visits axes"] | None = None,
+        moves: LastMoves | None = None,
     ) -> Command:
         """Return what the gears are asked to hold, command effects included.
 
         Args:
             posture: Angles that the controller reports, in rad.
-            side: Direction in which each axis arrived; None: from the row before.
+            moves: How each axis arrived; None: from the row before.
         """
-        side = last_moves(posture) if side is None else side
+        moves = LastMoves.of(posture) if moves is None else moves
         springs = np.broadcast_to(self.springs, posture.shape)
-        total = nominal = Command(posture, springs, side)
+        total = nominal = Command(posture, springs, moves)
         for effect in self._sorted:
             if isinstance(effect, CommandEffect):
                 added = effect.command(posture, nominal, self.anatomy)
@@ -259,12 +259,12 @@ class Rig:
         hold,
         arrival: Float[np.ndarray, "visits axes"],
         way: Float[np.ndarray, " visits"] | None,
-        side: Float[np.ndarray, "visits axes"] | None = None,
+        moves: LastMoves | None = None,
     ) -> States:
         model = self.model
         axes = np.array([model.joint(axis).id for axis in self.anatomy.axes])
         creep = creeping(self._sorted, model, self.anatomy)
-        command = self.command(posture, side)
+        command = self.command(posture, moves)
         schedule = equilibrium.Schedule(
             command.reference + arrival, command.stiffness, ropes, wrench, hold
         )

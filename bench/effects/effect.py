@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from bench.kinematic_chain import Anatomy
 from bench.shared.errors import Unusable
+from bench.shared.recording import LastMoves
 
 
 @dataclass(frozen=True)
@@ -99,12 +100,12 @@ class Command:
     Attributes:
         reference: Angle of each axis at which its spring is slack, in rad.
         stiffness: Stiffness of each axis' spring, in N m/rad.
-        side: Direction in which each axis arrived, 1 or −1; None: it is not known.
+        moves: How each axis arrived; None: it is not known.
     """
 
     reference: Float[np.ndarray, "visits axes"]
     stiffness: Float[np.ndarray, "visits axes"]
-    side: Float[np.ndarray, "visits axes"] | None = None
+    moves: LastMoves | None = None
 
 
 class CommandEffect(Effect):

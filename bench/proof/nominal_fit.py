@@ -160,10 +160,9 @@ def wind_up(
 ) -> Float[np.ndarray, "rows axes"]:
     """Return by how much every axis of the arm is wound, in rad."""
     posture = np.zeros_like(seen.states.axis_angle)
-    side = np.zeros_like(posture)
     posture[:, world.order] = world.recording.posture
-    side[:, world.order] = world.recording.side
-    return seen.states.axis_angle - rig.command(posture, side).reference
+    moves = world.recording.moves.of_axes(world.order, posture.shape[1])
+    return seen.states.axis_angle - rig.command(posture, moves).reference
 
 
 def carried(

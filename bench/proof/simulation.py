@@ -39,7 +39,7 @@ from bench.experiment import faulty
 from bench.instruments import ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.tracker import HOUR, STILL, displaced, inverse
 from bench.rig import Memory, Rig, States
-from bench.shared.recording import Recording
+from bench.shared.recording import LastMoves, Recording
 
 # --- Replay ---------------------------------------------------------------------------
 
@@ -63,7 +63,7 @@ class Replay:
         hold: For how long each step lasts, in s.
         visit: Index of each row's stay, from 0, by which differences are taken.
         way: How long the way to each visit took, in s; the first has none.
-        side: Direction in which each axis arrived at each visit, 1 or −1; 0: unknown.
+        moves: How each axis arrived at each visit.
     """
 
     posture: Float[np.ndarray, "visits axes"]
@@ -72,7 +72,7 @@ class Replay:
     hold: Float[np.ndarray, "visits steps"]
     visit: Int[np.ndarray, " rows"]
     way: Float[np.ndarray, " visits"]
-    side: Float[np.ndarray, "visits axes"]
+    moves: LastMoves
 
     @property
     def rows(self) -> int:
@@ -114,8 +114,8 @@ def replay_of(recording: Recording, waits: bool = True) -> Replay:
     way[1:] = np.maximum(
         recording.load_time[first[1:]] - recording.time[last[:-1]], 0.0
     )
-    hold, side = np.maximum(hold, QUICK), recording.side[first]
-    return Replay(posture[first], row, read, hold, visit, way, side)
+    hold, moves = np.maximum(hold, QUICK), recording.moves.take(first)
+    return Replay(posture[first], row, read, hold, visit, way, moves)
 
 
 def _steps(
@@ -344,11 +344,12 @@ class ReplaySimulation:
 
     def _simulated(self, rig: Rig) -> States:
         replay, axes = self.replay, len(rig.anatomy.axes)
-        posture, side = np.zeros((2, len(replay.posture), axes))
-        posture[:, self.order], side[:, self.order] = replay.posture, replay.side
+        posture = np.zeros((len(replay.posture), axes))
+        posture[:, self.order] = replay.posture
+        moves = replay.moves.of_axes(self.order, axes)
         wrench = self.wrench(rig)[replay.row]
         way = replay.way if self.memory == "carried" else None
-        states = rig.respond(posture, wrench, replay.hold, way, side)
+        states = rig.respond(posture, wrench, replay.hold, way, moves)
         return replace(
             states,
             position=replay.to_rows(states.position),

@@ -327,7 +327,7 @@ _ALL = (
         "reading_lag",
         "geometry",
         ("axis",),
-        _magnitudes("lag_rad", -1e-3, 1e-3, CHOSEN),
+        _magnitudes("lag_rad share_lag_rad", -1e-3, 1e-3, CHOSEN),
         ("direction",),
         MEANS,
         "the reported angle lags along the last move: the axis rests elsewhere",

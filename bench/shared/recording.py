@@ -52,6 +52,68 @@ def last_moves(
     return side
 
 
+def move_shares(
+    posture: Float[np.ndarray, "rows axes"],
+) -> Float[np.ndarray, "rows axes"]:
+    """Return each axis' share of the last move before or in each row.
+
+    ==========  ======================================================================
+    Equation    share_k = Δq_k / max_j |Δq_j|, Δq the move from where the arm stood
+    Source      synchronised point-to-point motion: all axes start and arrive together
+    Valid       moves from one stand straight to the next
+    Ignores     stands that were not recorded; that a slide's metres are no radians
+    ==========  ======================================================================
+
+    Args:
+        posture: Angles in the order of time, in rad (slides in m).
+
+    Returns:
+        From −1 to 1; 0 of all axes before the first move.
+    """
+    share = np.zeros_like(posture)
+    stood, last = posture[0], share[0]
+    for row, angles in enumerate(posture):
+        gone = angles - stood
+        most = np.abs(gone).max(initial=0.0)
+        if most > MOVED:
+            stood, last = angles, gone / most
+        share[row] = last
+    return share
+
+
+@dataclass(frozen=True)
+class LastMoves:
+    """How each axis came to where it stands.
+
+    Attributes:
+        side: Direction in which it last moved: 1, −1, or 0 before its first move.
+        share: Its share of the arm's last move, see `move_shares`.
+    """
+
+    side: Float[np.ndarray, "rows axes"]
+    share: Float[np.ndarray, "rows axes"]
+
+    @classmethod
+    def of(cls, posture: Float[np.ndarray, "rows axes"]) -> "LastMoves":
+        """Return the moves between postures in the order of time, in rad."""
+        return cls(last_moves(posture), move_shares(posture))
+
+    def take(self, rows: np.ndarray) -> "LastMoves":
+        """Return those of some rows (indices or a mask)."""
+        return LastMoves(self.side[rows], self.share[rows])
+
+    def of_axes(self, axes: Int[np.ndarray, " axes"], count: int) -> "LastMoves":
+        """Return those of an arm of more axes, of which these are some.
+
+        Args:
+            axes: Index of each of these axes among the arm's.
+            count: Number of the arm's axes; others stood still.
+        """
+        side, share = np.zeros((2, len(self.side), count))
+        side[:, axes], share[:, axes] = self.side, self.share
+        return LastMoves(side, share)
+
+
 @dataclass(frozen=True)
 class Marker:
     """A point on a body that the tracker follows.
@@ -116,8 +178,8 @@ class Recording:
         visit: Counts visits from 0; the same pose again is another visit.
         posture: Axis angles the controller reports, in rad (slides in m).
         commanded: Those that it was told, likewise; NaN = not recorded.
-        last_move: Direction in which each axis last moved, see `last_moves`, where
-            rows before were left out; None: as the rows say.
+        last_move: How each axis came to each row, where rows before were left out;
+            None: as the rows say.
         load_time: When the load of each row last changed, in s.
         stage: One of `STAGES` for each row.
         axes: The model's joints for a1, a2 …; empty: from base to tip.
@@ -165,7 +227,7 @@ class Recording:
     points: Float[np.ndarray, "rows markers 3"] | None = None
     spread: Float[np.ndarray, "rows markers 3"] | None = None
     commanded: Float[np.ndarray, "rows axes"] | None = None
-    last_move: Float[np.ndarray, "rows axes"] | None = None
+    last_move: LastMoves | None = None
     link_posture: Float[np.ndarray, "rows axes"] | None = None
     axis_torque: Float[np.ndarray, "rows axes"] | None = None
     temperature: Float[np.ndarray, " rows"] | None = None
@@ -197,7 +259,6 @@ class Recording:
             "points": (rows, len(self.markers), 3),
             "spread": (rows, len(self.markers), 3),
             "commanded": (rows, axes),
-            "last_move": (rows, axes),
             "link_posture": (rows, axes),
             "axis_torque": (rows, axes),
             "temperature": (rows,),
@@ -214,12 +275,17 @@ class Recording:
             raise Unusable(f"Recording {self.name!r}", faults)
 
     @cached_property
-    def side(self) -> Float[np.ndarray, "rows axes"]:
-        """Direction of each axis' last move, 1 or −1; 0 before the first."""
+    def moves(self) -> LastMoves:
+        """How each axis came to each row."""
         if self.last_move is not None:
             return self.last_move
         told = self.posture if self.commanded is None else self.commanded
-        return last_moves(np.where(np.isnan(told), self.posture, told))
+        return LastMoves.of(np.where(np.isnan(told), self.posture, told))
+
+    @property
+    def side(self) -> Float[np.ndarray, "rows axes"]:
+        """Direction of each axis' last move, 1 or −1; 0 before the first."""
+        return self.moves.side
 
     def take(self, rows: np.ndarray) -> "Recording":
         """Return the same recording with only these rows (indices or a mask)."""
@@ -233,7 +299,7 @@ class Recording:
             for name in per_row
             if getattr(self, name) is not None
         }
-        return replace(self, **kept, last_move=self.side[rows])
+        return replace(self, **kept, last_move=self.moves.take(rows))
 
 
 def targets_of(recording: Recording) -> dict[str, list[int]]:

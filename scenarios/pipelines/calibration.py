@@ -61,7 +61,7 @@ from scenarios.pipelines.schema import (
 )
 from stiffness.calibration.columns import Key
 from stiffness.calibration.model import Readings, readings_of
-from stiffness.calibration.result import Calibrated, calibrated, is_told
+from stiffness.calibration.result import Calibrated, calibrated, is_told, mean_lag
 from stiffness.calibration.rigid_fit import far_from, outlier_distances
 from stiffness.calibration.selection import (
     BELIEVED,
@@ -277,8 +277,9 @@ def _is_the_reports(found: Calibrated, key: Key) -> bool:
     """Return whether an effect is a lag that commanded angles show."""
     if key[0] != "reading_lag":
         return False
-    lag = found.estimates[key]["lag_rad"].estimate
-    return is_told(lag, found.readings.told_lag[int(key[1][1:]) - 1])
+    axis = int(key[1][1:]) - 1
+    lag = mean_lag(found.estimates[key], found.readings, axis)
+    return is_told(lag, found.readings.told_lag[axis])
 
 
 # --- The report -----------------------------------------------------------------------

@@ -185,9 +185,9 @@ def _residual(
     readings = found.readings
     rig = rig_of(patch, model)
     order = [rig.anatomy.axes.index(name) for name in readings.arm.axes]
-    posture, side = np.zeros((2, len(readings.seen), len(rig.anatomy.axes)))
+    posture = np.zeros((len(readings.seen), len(rig.anatomy.axes)))
     posture[:, order] = readings.posture + pose_repeatability
-    side[:, order] = readings.side
+    moves = readings.moves.of_axes(np.array(order), posture.shape[1])
     mounts = np.zeros((len(readings.bodies), 0, 3))
     if geometry.mounts is not None:  # three points more, along the target's axes
         mounts = geometry.mounts.swapaxes(1, 2)
@@ -196,7 +196,7 @@ def _residual(
         rows = np.arange(start, min(start + AT_ONCE, len(posture)))
         still = np.zeros((len(rows), 1, 6))
         hold = np.full((len(rows), 1), SETTLED)
-        states = rig.respond(posture[rows], still, hold, side=side[rows])
+        states = rig.respond(posture[rows], still, hold, moves=moves.take(rows))
         for m, name in enumerate(readings.bodies):
             own = readings.marker[rows] == m
             body = model_body(recording, rig, name)
@@ -238,7 +238,7 @@ def _pose_repeatability(found: Calibrated) -> Float[np.ndarray, "rows axes"]:
         if effect in FROM_SIDES:
             k = int(where[1:]) - 1
             width = numbers["width_rad"].estimate
-            short[:, k] = -width / 2 * found.readings.side[:, k]
+            short[:, k] = -width / 2 * found.readings.moves.side[:, k]
     return short
 
 

@@ -296,7 +296,7 @@ def patched_arm(
     ]
     rest = tuple(e for e in patch.effects if e not in from_side)
     rig = rig_of(replace(patch, effects=rest), robot)
-    side, short = world.replay.side, np.zeros(world.replay.posture.shape)
+    side, short = world.replay.moves.side, np.zeros(world.replay.posture.shape)
     for effect in from_side:
         k = rig.anatomy.axes.index(rig.anatomy.axis(effect.where))
         own = world.order.tolist().index(k)

@@ -367,7 +367,7 @@ PLAIN: Mapping[str, tuple[str, str, str, str, str]] = {
     ),
     "reading_lag": (
         *("axis", "is read before it rests", "are read before they rest"),
-        *("lag_rad", "along the last move"),
+        *("lag_rad share_lag_rad", "along the last move"),
     ),
     "geometry_error": ("link", "is not as drawn", "are not as drawn", "", ""),
     "pulley_friction": ("", "has a pulley that rubs", "", "ratio", "of the pull"),

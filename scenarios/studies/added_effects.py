@@ -245,7 +245,7 @@ def _displacement(
         k = int(named.where[1:]) - 1
         width = named.parameters["width_rad"]
         assert isinstance(width, float)
-        short[:, k] = -width / 2 * readings.side[:, k]
+        short[:, k] = -width / 2 * readings.moves.side[:, k]
         named = PatchEffect("encoder_offset", named.where, {"offset_rad": 0.0})
     with_it = _points(readings, model, Patch(effects=(named,)), short)
     return with_it - _points(readings, model, Patch(), np.zeros_like(short))

@@ -14,9 +14,10 @@ Equation    joint_compliance    turn about the axis = c tau
                                 a_n cos n q + b_n sin n q
             lost_motion         a slide's guide: turn about x and about y of its seat
                                 = width / 2 to the side of the moment about each
-            reading_lag         turn about the axis = lag along its last move; below
-                                zero it is hysteresis, a wind-up of width = −2 lag that
-                                friction holds (`stiffness.calibration.result`)
+            reading_lag         turn about the axis = lag along its last move, or lag
+                                times its share of that move; a constant one below zero
+                                is hysteresis, a wind-up of width = −2 lag that friction
+                                holds (`stiffness.calibration.result`)
             drift               the arm's base moves and turns with time
             tracker_scale       places = (1 + ratio) places
             tau, moment: of the arm's own weight and its tool's, in N m
@@ -54,6 +55,9 @@ VISIBLE = 1e-6
 SOFTEST = 1e-4
 """Compliance in rad/(N m) at which that of an axis has to be visible; the soft end of
 the catalogue's usual range, where wrists are: one that is missing bends the others."""
+FARTHEST = 0.01
+"""Lag in rad beyond which an axis is not read while it settles; chosen, far beyond what
+the catalogue calls usual."""
 USUAL_TORQUE_COMPLIANCE, USUAL_TURN = 1e-5, 1e-4
 """In rad/(N m) and rad; the usual sizes at which the visibility of columns is
 judged."""
@@ -111,7 +115,9 @@ def candidates_of(
             play = _guide_play(k)
             found.append(Candidate("lost_motion", where, ("width_rad",), play, 0.0))
             continue
-        found.append(Candidate("reading_lag", where, ("lag_rad",), _side(k)))
+        for name, law in (("lag_rad", _side(k)), ("share_lag_rad", _share(k))):
+            lag = Candidate("reading_lag", where, (name,), law, -FARTHEST, FARTHEST)
+            found.append(lag)
         orders = tuple(range(1, min(highest, poses // POSES_PER_ORDER + 1)))
         names = tuple(f"{f}_{n}" for n in orders for f in ("cos", "sin"))
         twice = tuple(n for n in orders for _ in range(2))
@@ -161,7 +167,11 @@ def _wind_up(k: int):
 
 
 def _side(k: int):
-    return lambda s: (s.lever[k] * s.readings.side[:, k, None])[:, :, None]
+    return lambda s: (s.lever[k] * s.readings.moves.side[:, k, None])[:, :, None]
+
+
+def _share(k: int):
+    return lambda s: (s.lever[k] * s.readings.moves.share[:, k, None])[:, :, None]
 
 
 def _tilt(k: int, j: int):

@@ -39,6 +39,7 @@ from bench.shared.errors import Unusable
 from bench.shared.recording import (
     UNLOADED,
     DrawingAccuracy,
+    LastMoves,
     Payload,
     Recording,
     targets_of,
@@ -88,7 +89,7 @@ class Readings:
     Attributes:
         arm: The nominal arm.
         posture: Reported joint angles, in rad (m for a prismatic axis).
-        side: Direction in which each axis last moved: −1, 0 (unknown), 1.
+        moves: How each axis came to each row.
         seen: Position of the target, in the tracker's frame, in m.
         marker: Index of the target in `names`.
         posture_id: Id of the pose.
@@ -108,7 +109,7 @@ class Readings:
 
     arm: Arm
     posture: Float[np.ndarray, "rows axes"]
-    side: Float[np.ndarray, "rows axes"]
+    moves: LastMoves
     seen: Float[np.ndarray, "rows 3"]
     marker: Int[np.ndarray, " rows"]
     posture_id: Int[np.ndarray, " rows"]
@@ -152,7 +153,7 @@ class Readings:
                 turns, turn=turns.turn[rows], metres_per_rad=turns.metres_per_rad[rows]
             )
         return Readings(
-            self.arm, self.posture[rows], self.side[rows], self.seen[rows],
+            self.arm, self.posture[rows], self.moves.take(rows), self.seen[rows],
             self.marker[rows], self.posture_id[rows], self.hours[rows],
             self.names, self.bodies, self.places, self.stated, self.tool,
             self.told_lag, self.placed, self.drawing, turns,
@@ -207,7 +208,7 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
     return Readings(
         arm=arm,
         posture=posture[v],
-        side=rest.side[first][v],
+        moves=rest.moves.take(first[v]),
         seen=means[v, np.array(chosen)[m]],
         marker=m,
         posture_id=rest.posture_id[first][v],

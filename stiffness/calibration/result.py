@@ -193,6 +193,8 @@ def held_by_friction(
     its report leads: at rest the two look alike, and every gear has friction. Commanded
     angles that the report leads as well decide for the report. One that goes on beyond
     its report lags, or friction holds it after it swung back: `is_told` decides.
+    What goes with an axis' share of the move is the report's: friction does not know
+    how fast the axis arrived.
 
     Args:
         estimates: Of all effects.
@@ -200,7 +202,7 @@ def held_by_friction(
     """
     found = {}
     for effect, where in estimates:
-        if effect == "reading_lag":
+        if effect == "reading_lag" and set(estimates[effect, where]) == {"lag_rad"}:
             lag = estimates[effect, where]["lag_rad"].estimate
             if lag < 0.0 and not is_told(lag, told[int(where[1:]) - 1]):
                 found[effect, where] = ("hysteresis", where)
@@ -218,6 +220,19 @@ def is_told(lag: float, told: float) -> bool:
         told: How far the report lags behind its command, in rad; NaN = not recorded.
     """
     return bool(told * np.sign(lag) > TOLD * abs(lag))
+
+
+def mean_lag(sizes: Mapping[str, Interval], readings: Readings, axis: int) -> float:
+    """Return the mean lag of an axis along its last moves, in rad.
+
+    Args:
+        sizes: Of its `reading_lag`.
+        readings: Whose moves they are.
+        axis: Its index, counted from 0.
+    """
+    side, share = readings.moves.side[:, axis], readings.moves.share[:, axis]
+    parts = {"lag_rad": np.abs(side), "share_lag_rad": side * share}
+    return float(sum(sizes[n].estimate * np.mean(parts[n]) for n in sizes))
 
 
 def _width(lag: Interval) -> Interval:
@@ -243,7 +258,7 @@ def _renamed(chosen: Selected, friction: Mapping[Key, Key]) -> Selected:
                 parameters=("width_rad",),
                 values=tuple(-2.0 * v for v in step.values),
             )
-            if step.key in friction
+            if step.key in friction and step.parameters == ("lag_rad",)
             else step
             for step in chosen.steps
         ),

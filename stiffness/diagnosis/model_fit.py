@@ -227,7 +227,7 @@ def other_forms(
 
 # --- Refinement of shapes -------------------------------------------------------------
 
-WHOLE = ("with", "memory", "within", "beside")
+WHOLE = ("with", "memory", "within", "beside", "law")
 """Shape parameters that count something and have nothing in between."""
 
 

@@ -10,6 +10,7 @@ from bench.effects.geometry_error import GeometryError
 from bench.effects.reading_lag import ReadingLag
 from bench.effects.transmission_error import TransmissionError
 from bench.rig import Rig
+from bench.shared.recording import LastMoves
 
 
 @pytest.fixture
@@ -37,8 +38,22 @@ def test_axis_rests_beyond_the_reported_angle_along_its_last_move(arm):
     posture[:, 0] = reported
     beyond = rig.command(posture).reference[:, 0] - reported
     assert_allclose(beyond, 5e-4 * np.array([0, 1, 1, -1, -1, 1]), atol=1e-15)
-    said = rig.command(posture[3:], side=np.ones_like(posture[3:])).reference[:, 0]
+    ways = LastMoves(np.ones_like(posture[3:]), np.zeros_like(posture[3:]))
+    said = rig.command(posture[3:], ways).reference[:, 0]
     assert_allclose(said - reported[3:], 5e-4, rtol=1e-9)
+
+
+def test_lag_by_share_follows_the_axis_speed_in_a_synchronised_move(arm):
+    """Alone, a third of another's way, back at full speed, at rest beside others."""
+    posture = np.array([[0.1, 0.0], [0.4, 0.0], [0.5, 0.3], [0.2, 0.3], [0.2, 0.9]])
+    rig = Rig(arm, (ReadingLag("a1", 0.0, 5e-4),))
+    still = np.zeros((5, len(rig.anatomy.axes)))
+    still[:, : posture.shape[1]] = posture[:, : still.shape[1]]
+    moves = LastMoves.of(posture).of_axes(np.arange(2), 2)
+    assert_allclose(moves.share[:, 0], [0, 1, 1 / 3, -1, 0], atol=1e-12)
+    first = LastMoves(moves.side[:, :1], moves.share[:, :1])
+    beyond = rig.command(still, first).reference[:, 0] - posture[:, 0]
+    assert_allclose(beyond, 5e-4 * moves.share[:, 0], atol=1e-15)
 
 
 @pytest.mark.parametrize("reported", [-1.0, 0.3, 2.0])

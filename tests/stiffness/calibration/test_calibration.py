@@ -19,6 +19,7 @@ from bench.shared.instrument_specs import TrackerSpec
 from bench.shared.recording import (
     UNLOADED,
     DrawingAccuracy,
+    LastMoves,
     Marker,
     Payload,
     Recording,
@@ -397,7 +398,7 @@ def state_of(arm, posture, body, place, seen) -> CalibrationState:
     readings = geometry.Readings(
         arm=arm,
         posture=posture,
-        side=np.zeros_like(posture),
+        moves=LastMoves.of(np.zeros_like(posture)),
         seen=seen,
         marker=0 * rows,
         posture_id=rows,

@@ -312,6 +312,20 @@ def test_lag_of_a_reported_angle_is_named_with_its_sign_and_proved(late):
     assert not named & {(r.effect, r.where) for r in late.answer.refused}
 
 
+@pytest.mark.parametrize("lag", [LAG, -LAG])
+def test_lag_by_an_axis_share_of_the_move_is_told_from_a_constant_one(lag):
+    """What goes with the speed of arrival is the report's, whatever its sign."""
+    by_share = [PatchEffect("reading_lag", "a2", {"share_lag_rad": lag})]
+    found = calibrate_and_prove(recorded(UR10, by_share, 100, 12), arm_of(UR10), UR10)
+    (a2,) = [n for n in found.answer.named if n.where == "a2"]
+    assert a2.effect == "reading_lag"
+    assert set(a2.parameters) == {"share_lag_rad"}
+    size = a2.parameters["share_lag_rad"]
+    assert size.low <= lag <= size.high
+    assert size.low * size.high > 0.0
+    assert rms(found.proof.after) < 1.2 * NOISE * np.sqrt(3.0)
+
+
 def test_report_that_leads_looks_like_friction_and_both_are_said(late):
     (a3,) = [n for n in late.answer.named if n.where == "a3"]
     assert a3.effect == "hysteresis"

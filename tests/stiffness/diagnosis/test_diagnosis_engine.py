@@ -110,12 +110,15 @@ def test_an_effect_is_found_placed_and_named(effect, name, where):
     assert found.located[0].where == where
 
 
+@pytest.mark.parametrize("law", ["lag_rad", "share_lag_rad"])
 @pytest.mark.parametrize("lag", [3e-4, -3e-4])
-def test_a_lag_of_the_report_is_named_with_its_sign(lag):
-    made = recording(f"reading_lag@a2,lag_rad={lag}")
+def test_a_lag_of_the_report_is_named_with_its_law_and_its_sign(lag, law):
+    """Constant, or in proportion to the axis' share of the move."""
+    made = recording(f"reading_lag@a2,{law}={lag}")
     (named,) = diagnose(made, arm(), (*FEW, ReadingLag())).named
     assert (named.name.effect, named.name.where) == ("reading_lag", "a2")
-    size = named.parameters["lag_rad"]
+    assert set(named.parameters) == {law}
+    size = named.parameters[law]
     assert size.low <= lag <= size.high
     assert size.low * size.high > 0.0
 

@@ -35,7 +35,7 @@ VOCABULARY = {
     "bearing_tilt": {"u_rad_per_nm", "v_rad_per_nm", "centre_m"},
     "wrist_coupling": {"compliance_rad_per_nm", "with"},
     "encoder_offset": {"offset_rad"},
-    "reading_lag": {"lag_rad"},
+    "reading_lag": {"lag_rad", "share_lag_rad"},
     "link_bending": {"bending_nm2", "torsion_nm2"},
     "gravity_load": {"mass_kg", "com_x_m", "com_y_m", "com_z_m"}
     | {f"moment_{axis}_kg_m" for axis in "xyz"},
