@@ -428,12 +428,16 @@ FORCES = (("kgf", KGF), ("lbf", LBF))
 """Other units of force, in N."""
 
 
-def of_loads(some: Recording, arm: Arm) -> Iterator[tuple[Warned, Recording]]:
+def of_loads(
+    some: Recording, arm: Arm, misfit: Callable[[np.ndarray], float]
+) -> Iterator[tuple[Warned, Recording]]:
     """List how else the load, and relative displacements, may be meant.
 
     Args:
         some: With a wrench.
         arm: The nominal arm, with the recording's names.
+        misfit: Residual in m with each of the wrench's six components times a factor;
+            of all units of force the one with the smallest is listed.
     """
     wrench, sensor = some.wrench, some.wrench_sensor
     assert wrench is not None and sensor is not None
@@ -450,13 +454,13 @@ def of_loads(some: Recording, arm: Arm) -> Iterator[tuple[Warned, Recording]]:
         text = f"the {part} looks reversed: the arm moves against it, not the rest."
         warned = Warned("wrench_sign", "wrench_sensor", text)
         yield warned, replace(some, wrench=wrench * sign)
-    for unit, size_in_n in FORCES:
-        text = (
-            f"the forces look as if given in {unit}, the torques in Nm: they fit "
-            f"together with the forces times {size_in_n:g}. N is expected."
-        )
-        meant = wrench * np.array([size_in_n] * 3 + [1.0] * 3)
-        yield Warned("units", "wrench_sensor", text), replace(some, wrench=meant)
+    units = [(unit, n, np.array([n] * 3 + [1.0] * 3)) for unit, n in FORCES]
+    unit, size_in_n, size = min(units, key=lambda other: misfit(other[2]))
+    text = (
+        f"the forces look as if given in {unit}, the torques in Nm: they fit "
+        f"together with the forces times {size_in_n:g}. N is expected."
+    )
+    yield Warned("units", "wrench_sensor", text), replace(some, wrench=wrench * size)
     for factor in (1e3, 1e-3):
         size = np.array([1.0] * 3 + [factor] * 3)
         text = (

@@ -307,7 +307,14 @@ def load_setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
         return ()
     answer = None
     if written.residual_rms > RIGHT * written.whole:
-        others = [*of_loads(some, arm), *of_columns(some)]
+        few, seen = _few(some, frames)
+
+        def misfit(size: np.ndarray) -> float:
+            assert few.wrench is not None
+            fit = load_response(replace(few, wrench=few.wrench * size), seen, arm)
+            return np.inf if fit is None else fit.residual_rms
+
+        others = [*of_loads(some, arm, misfit), *of_columns(some)]
         if recording.rows == "plateaus":
             others += [(warned, r.take(pairs)) for warned, r in of_rows(recording)]
         left, answer = _better(others, written, arm, frames)

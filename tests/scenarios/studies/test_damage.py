@@ -3,21 +3,39 @@ from dataclasses import replace
 
 import pytest
 
+from bench.shared.format.folder import read
 from scenarios.damaged import Settings, main, outcome_of
 from scenarios.pipelines.schema import Remark
+from scenarios.pipelines.synthetic_recording import KR10
 from scenarios.report import route
 from scenarios.studies.damage import (
     MISTAKES,
     damages,
     good_recording,
+    in_set_up,
     own_names,
     rewritten,
 )
+from stiffness.diagnosis.setup_loads import load_setup_errors
+from stiffness.robot.arm import Arm
 
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory):
     return good_recording(tmp_path_factory.mktemp("good") / "recording", 12)
+
+
+def test_the_unit_of_forces_that_fits_best_is_said(tmp_path):
+    """The other one fits better than what is written too, by nine tenths."""
+    for damage in in_set_up(good_recording(tmp_path / "good", 20)):
+        if damage.code == "units":
+            folder = tmp_path / damage.word
+            folder.mkdir()
+            damage.write(folder)
+            recording = read(folder)[0]
+            arm = Arm.from_mjcf(KR10).for_recording(recording)
+            (warned,) = load_setup_errors(recording, arm)
+            assert f"look as if given in {damage.word}" in warned.text
 
 
 @pytest.mark.slow
