@@ -270,7 +270,8 @@ def answer_of(
     """
     sliding = {f"a{k}" for k, slide in enumerate(slides, start=1) if slide}
     d, open_ = diagnosis, diagnosis.unexplained
-    found = d.detection
+    found, within = d.detection, simulated is not None and not simulated.absolute
+    missed, noise = (number(size, MM) for size in found.sizes(within))
     proof = None if unproved else simulated
     best = proof and proof.markers
     entry, share = proof_entry(proof), explained_share_of(proof)
@@ -291,8 +292,8 @@ def answer_of(
         ),
         detection=Detected(
             float(found.p_value),
-            number(found.residual_rms, MM),
-            number(found.noise_rms, MM),
+            missed,
+            noise,
             number(found.smallest_effect, MM),
         ),
         located=tuple(
@@ -313,7 +314,7 @@ def answer_of(
             open_.where,
             open_.signature,
             {k: tuple(map(float, v)) for k, v in open_.law.items()},
-            number(found.residual_rms if best is None else best.after, MM),
+            missed if best is None else number(best.after, MM),
         ),
         confounded=tuple((_at(a), _at(b)) for a, b in d.confounded),
         warnings=tuple(Remark(w.code, w.where, w.text) for w in remarks),
@@ -359,8 +360,7 @@ def disagreements(diagnosis: Diagnosis, simulated: Proof | None) -> Iterator[War
 def left_neutral(diagnosis: Diagnosis) -> Iterator[Warned]:
     """Say which sizes of what was named the readings do not hold."""
     for effect in diagnosis.named:
-        names = tuple(neutral_sizes(effect))
-        if names:
+        if names := tuple(neutral_sizes(effect)):
             called, where = effect.name.effect, effect.name.where
             yield Warned(
                 "size_not_held",

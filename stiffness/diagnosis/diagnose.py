@@ -89,10 +89,14 @@ class ChiSquareSummary:
     Attributes:
         rms: What the fitted nominal arm leaves, in m.
         noise: What the tracker's errors alone would leave, in m.
+        within: `rms` of differences within visits, each marker's mean taken off, in m.
+        noise_within: `noise` of these, in m.
     """
 
     rms: float
     noise: float
+    within: float
+    noise_within: float
 
 
 @dataclass(frozen=True)
@@ -137,24 +141,25 @@ def chi_square_summary(prepared: Prepared, case: SelectionProblem) -> ChiSquareS
         prepared: The recording against its nominal model.
         case: The same with springs as the readings have them.
     """
-    rms, noise = _within(prepared, case)
+    within, noise_within = rms, noise = _within(prepared, case)
     if case.data.between is not None:
         share = shares_of(prepared.situation.recording)
         more, by_noise = _between(case.data.between, share)
         rms, noise = rms + more, noise + by_noise
-    return ChiSquareSummary(float(np.sqrt(rms)), float(np.sqrt(noise)))
+    squares = (rms, noise, within, noise_within)
+    return ChiSquareSummary(*(float(np.sqrt(square)) for square in squares))
 
 
 def _within(prepared: Prepared, case: SelectionProblem) -> tuple[float, float]:
     """Return mean squares of differences within visits, and by noise; 0 without."""
     apart, seen = _apart(prepared, case)
-    freedom = int(np.maximum(seen.sum(axis=1) - 1, 0).sum())
+    count, freedom = int(seen.sum()), int(np.maximum(seen.sum(axis=1) - 1, 0).sum())
     if not freedom:
         return 0.0, 0.0
     one = np.trace(np.linalg.inv(prepared.readings.inverse))
     share = np.broadcast_to(shares_of(prepared.situation.recording), seen.shape)
     by_noise = one * np.mean(share[seen] / _reading_weights(prepared)[seen])
-    return float(np.sum(apart**2)) / freedom, float(by_noise)
+    return float(np.sum(apart**2)) / count, float(by_noise) * freedom / count
 
 
 def _apart(
@@ -509,6 +514,8 @@ def _detection(
         smallest,
         held_out.within,
         held_out.whole,
+        misfit.within,
+        misfit.noise_within,
     )
 
 

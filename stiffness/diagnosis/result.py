@@ -65,6 +65,8 @@ class Detection:
         held_out_within_rms: What the fitted nominal arm leaves on the poses held out of
             differences within visits, in m; NaN where none is held out.
         held_out_rms: The same with what means of visits leave.
+        within_rms: `residual_rms` of differences within visits, in m.
+        noise_within_rms: `noise_rms` of these, in m.
     """
 
     p_value: float
@@ -73,6 +75,14 @@ class Detection:
     smallest_effect: float
     held_out_within_rms: float = float("nan")
     held_out_rms: float = float("nan")
+    within_rms: float = float("nan")
+    noise_within_rms: float = float("nan")
+
+    def sizes(self, within: bool) -> tuple[float, float]:
+        """Return rms and noise, of differences within visits where these are known."""
+        if within and np.isfinite(self.within_rms):
+            return self.within_rms, self.noise_within_rms
+        return self.residual_rms, self.noise_rms
 
 
 @dataclass(frozen=True)

@@ -300,6 +300,17 @@ def test_title_and_first_sentence_say_that_a_name_is_not_proved(found, recording
         assert "not proved" in diagnosis.title_of(finding)
 
 
+@pytest.mark.parametrize(("absolute", "missed"), [(True, 0.064), (False, 0.031)])
+def test_a_mismatch_is_stated_as_its_proof_compares_readings(found, absolute, missed):
+    sizes = {"residual_rms": 6.4e-5, "within_rms": 3.1e-5, "noise_within_rms": 1.6e-5}
+    simulated: Any = SimpleNamespace(
+        markers=None, angles=None, rotations=None, absolute=absolute, folds=1
+    )
+    other = replace(found, detection=replace(found.detection, **sizes))
+    told = answer_of(other, simulated, "", (), 1.0)
+    assert told.detection.residual_rms_mm == pytest.approx(missed)
+
+
 @pytest.mark.parametrize(
     ("absolute", "fitted", "alarms"),
     [
