@@ -16,8 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from bench.proof.proof import Channel, Proof
-from scenarios.pipelines.diagnosis import MICRO, Result, channel_of
+from scenarios.pipelines.diagnosis import Result
 from scenarios.pipelines.schema import (
     Answer,
     Called,
@@ -25,6 +24,7 @@ from scenarios.pipelines.schema import (
     Left,
     Open,
     Placed,
+    Proved,
     chance,
     label,
     rounded,
@@ -114,16 +114,13 @@ def sentences(finding: Result) -> Iterator[str]:
     yield from _names(a, finding.recording.posture.shape[1])
     if not a.named:
         yield "What: no name of the list explains it; none is given."
-    if a.unexplained is not None:
-        yield _open(a.unexplained)
-    if len(a.unexplained_places) > 1 or (a.unexplained_places and len(a.named) >= MANY):
-        yield _open_places(a.unexplained_places)
+    yield from _left(a)
     if a.confounded:
         pairs = [f"{x.effect} at {x.where} with {y.effect} at {y.where}"
                  for x, y in a.confounded[:3]]  # fmt: skip
         yield f"These data hardly tell apart: {_list(pairs)}."
     if finding.proof is not None:
-        yield _proved(finding.proof)
+        yield _proved(finding.answer)
     elif finding.unproved and a.verdict != "unproved":
         yield f"Nothing was proved: {finding.unproved}"
     for step in a.next_experiments[:1]:
@@ -139,12 +136,9 @@ def headlines(finding: Result) -> Iterator[str]:
         yield _unproved(finding)
     yield _detected(answer)
     if finding.proof is not None:
-        yield _proved(finding.proof)
+        yield _proved(finding.answer)
     yield from _names(answer, finding.recording.posture.shape[1])
-    if answer.unexplained_places:
-        yield _open_places(answer.unexplained_places)
-    elif answer.unexplained is not None:
-        yield _open(answer.unexplained)
+    yield from _left(answer)
 
 
 def _where(located: Sequence[Placed]) -> str:
@@ -171,7 +165,10 @@ def _detected(answer: Answer) -> str:
     found = answer.detection
     p = f"p = {found.p_value:.2g}"
     if found.residual_rms_mm is None or found.noise_rms_mm is None:
-        return "The set-up does not fit the model; nothing further was tried."
+        if answer.proof is None:
+            return "The set-up does not fit the model; nothing further was tried."
+        agree = "agree" if answer.verdict == "no_mismatch" else "differ"
+        return f"Simulation and recording {agree} ({p})."
     missed, noise = 1e3 * found.residual_rms_mm, 1e3 * found.noise_rms_mm
     sizes = (
         f"readings miss the fitted nominal arm by {missed:.1f} µm, noise alone leaves "
@@ -235,6 +232,15 @@ def _names(answer: Answer, axes: int) -> Iterator[str]:
         yield f"As well by these data: {_list(told)}."
 
 
+def _left(answer: Answer) -> Iterator[str]:
+    """Yield what stays open: several places, or one; no warning is repeated."""
+    places, one = answer.unexplained_places, answer.unexplained
+    if len(places) > 1 or (places and len(answer.named) >= MANY):
+        yield _open_places(places)
+    elif one is not None and one.signature not in {w.text for w in answer.warnings}:
+        yield _open(one)
+
+
 def _open_places(places: Sequence[Open]) -> str:
     told = []
     for p in places:
@@ -251,60 +257,82 @@ def _open(left: Left) -> str:
     return f"Open: something at {left.where or 'no one place'}{look}. {law}"
 
 
-def _proved(proof: Proof) -> str:
-    channel, unit = channel_of(proof)
-    if channel is None:
+def _proved(answer: Answer) -> str:
+    """Return what a patch is worth on the poses kept back, by any engine."""
+    proof = answer.proof
+    if proof is None:
         return "Proof: nothing was seen on the poses kept back."
-    before, after, noise = (
-        f"{MICRO * x:.1f} {unit}"
-        for x in (channel.before, channel.after, channel.noise)
+    values = [proof.before_rms_mm, proof.after_rms_mm, proof.noise_rms_mm]
+    factor, unit, gain = _judged(proof)
+    if unit == "µrad":
+        values = [proof.before_rms_urad, proof.after_rms_urad, proof.noise_rms_urad]
+    before, after, noise = (f"{_in_unit(v, factor)} {unit}" for v in values)
+    said = (
+        f"Proof: on {_poses(proof.held_out_poses, proof.folds)}, the patched "
+        f"simulator misses by {after} instead of {before}; noise alone leaves {noise}."
     )
-    doubt = ""
-    if channel.high < 0.0:
-        doubt = " On the poses kept back the patch makes it worse."
-    elif channel.low <= 0.0:
-        doubt = " The gain's interval holds zero: they do not prove it."
-    return (
-        f"Proof: on {_poses(len(proof.held_out), proof.folds)}, the patched "
-        f"simulator misses by {after} instead of {before}; stated noise alone leaves "
-        f"{noise}. Gain {_gain(channel, unit)}.{_share(channel)}{doubt}"
-    )
+    low = high = None
+    if gain is not None:
+        low, high = gain.low, gain.high
+        said += f" Gain {_gain(gain, factor, unit)}."
+    share = answer.explained_share
+    if share is not None and isinstance(low, float) and low > 0.0:
+        ends = [f"{v:.1%}" for v in (share.estimate, share.low, share.high)
+                if isinstance(v, float)]  # fmt: skip
+        said += f" Of what noise does not explain, {ends[0]} are explained"
+        said += f" ({ends[1]} to {ends[2]})." if len(ends) == 3 else "."
+    if turned := said_of_turns(proof):
+        said += f" {turned}"
+    if isinstance(high, float) and high < 0.0:
+        said += " On the poses kept back the patch makes it worse."
+    elif isinstance(low, float) and low <= 0.0:
+        said += " The gain's interval holds zero: they do not prove it."
+    return said
+
+
+def _judged(proof: Proved) -> tuple[float, str, Interval | None]:
+    """Return factor, unit and gain of what judges: marks, or encoders without marks."""
+    if isinstance(proof.gain_mm, Interval):
+        return 1e3, "µm", proof.gain_mm
+    gain = proof.gain_urad
+    return 1.0, "µrad", gain if isinstance(gain, Interval) else None
+
+
+def _in_unit(value: object, factor: float) -> str:
+    return f"{factor * value:.1f}" if isinstance(value, float) else "?"
 
 
 def _poses(count: int, folds: object) -> str:
     """Return the poses that judge a patch, in words."""
     if isinstance(folds, int) and folds > 1:
         return f"all {count} poses, each kept back once from one of {folds} fits"
-    return f"{count} poses that were kept back"
+    return (
+        "one pose that was kept back"
+        if count == 1
+        else (f"{count} poses that were kept back")
+    )
 
 
 def _unproved(finding: Result) -> str:
     """Return a sentence that says that the names are not proved, and why."""
-    proof = finding.proof
-    channel, unit = (None, "") if proof is None else channel_of(proof)
-    if proof is None or channel is None:
+    proof = finding.answer.proof
+    factor, unit, gain = (1.0, "", None) if proof is None else _judged(proof)
+    if proof is None or gain is None:
         why = finding.unproved or "nothing was seen on the poses kept back."
         return f"Not proved: what is named below was not confirmed, for {why}"
-    worse = "makes it worse" if channel.high < 0.0 else "does not surely help"
+    lost = isinstance(gain.high, float) and gain.high < 0.0
+    worse = "makes it worse" if lost else "does not surely help"
     return (
-        f"Not proved: on {_poses(len(proof.held_out), proof.folds)}, what is "
-        f"named below {worse}: gain {_gain(channel, unit)}."
+        f"Not proved: on {_poses(proof.held_out_poses, proof.folds)}, what is "
+        f"named below {worse}: gain {_gain(gain, factor, unit)}."
     )
 
 
-def _gain(channel: Channel, unit: str) -> str:
-    gain, low, high = (MICRO * x for x in (channel.gain, channel.low, channel.high))
-    return f"{gain:.1f} {unit} ({low:.1f} to {high:.1f})"
-
-
-def _share(channel: Channel) -> str:
-    share = channel.explained
-    if share is None or channel.low <= 0.0:
-        return ""
-    return (
-        f" Of what noise does not explain, {share.estimate:.1%} are explained "
-        f"({share.low:.1%} to {share.high:.1%})."
+def _gain(gain: Interval, factor: float, unit: str) -> str:
+    value, low, high = (
+        _in_unit(v, factor) for v in (gain.estimate, gain.low, gain.high)
     )
+    return f"{value} {unit} ({low} to {high})"
 
 
 def _list(words) -> str:
@@ -516,42 +544,11 @@ def narrative(answer: Answer) -> Iterator[str]:
         yield _where(answer.located)
     yield from _names(answer, 0)
     if answer.proof is not None:
-        yield _proof_line(answer)
-    if answer.unexplained is not None:
-        yield _open(answer.unexplained)
-    elif answer.warnings and not answer.named:
+        yield _proved(answer)
+    left = list(_left(answer))
+    yield from left
+    if not left and answer.warnings and not answer.named:
         yield f"Note ({answer.warnings[0].where}): {answer.warnings[0].text}"
-
-
-def _proof_line(answer: Answer) -> str:
-    proof = answer.proof
-    assert proof is not None
-    unit, values = "µm", [proof.before_rms_mm, proof.after_rms_mm, proof.noise_rms_mm]
-    factor, gain = 1e3, proof.gain_mm
-    if not isinstance(gain, Interval):
-        unit, factor, gain = "µrad", 1.0, proof.gain_urad
-        values = [proof.before_rms_urad, proof.after_rms_urad, proof.noise_rms_urad]
-    before, after, noise = (_in_unit(v, factor) for v in values)
-    said = (
-        f"Proof: on {_poses(proof.held_out_poses, proof.folds)}, it misses by "
-        f"{after} {unit} instead of {before}; noise alone leaves {noise}."
-    )
-    if isinstance(gain, Interval):
-        ends = [_in_unit(v, factor) for v in (gain.estimate, gain.low, gain.high)]
-        said += f" Gain {ends[0]} ({ends[1]} to {ends[2]})."
-    if turned := said_of_turns(proof):
-        said += f" {turned}"
-    share = answer.explained_share
-    if share is not None and answer.verdict != "unproved":
-        ends = [f"{v:.1%}" for v in (share.estimate, share.low, share.high)
-                if isinstance(v, float)]  # fmt: skip
-        said += f" Of what noise does not explain, {ends[0]} are explained"
-        said += f" ({ends[1]} to {ends[2]})." if len(ends) == 3 else "."
-    return said
-
-
-def _in_unit(value: object, factor: float) -> str:
-    return f"{factor * value:.1f}" if isinstance(value, float) else "?"
 
 
 # --- The terminal ---------------------------------------------------------------------

@@ -5,6 +5,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -25,14 +26,17 @@ from scenarios.pipelines.patching import (
     stiffening,
     within_bounds,
 )
-from scenarios.pipelines.schema import Interval as Said
 from scenarios.pipelines.schema import (
+    Detected,
+    Open,
+    Proved,
     chance,
     label,
     size,
     span,
     text_of,
 )
+from scenarios.pipelines.schema import Interval as Said
 from scenarios.report import summary
 from scenarios.report.sections import diagnosis
 from stiffness.diagnosis.diagnose import scattered
@@ -273,6 +277,66 @@ def test_what_is_left_is_what_the_patched_arm_leaves_where_there_is_one(found):
     for simulated, left_mm in ((None, 0.03), (proof, 0.02)):
         told: Any = answer_of(found, simulated, "", (), 1.0)
         assert told.unexplained.residual_rms_mm == pytest.approx(left_mm)
+
+
+def test_a_proof_has_the_same_sentence_in_the_terminal_and_in_print(found, recording):
+    marked, _ = folder.read(recording)
+    of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
+    proof: Any = SimpleNamespace(
+        markers=Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses),
+        angles=None,
+        held_out=(1, 2),
+        absolute=True,
+        folds=1,
+        rotations=None,
+    )
+    told = answer_of(found, proof, "", (), 1.0)
+    every = list(summary.sentences(Result(marked, found, proof, "", None, told)))
+    said = [s for s in every if s.startswith("Proof:")]
+    assert said == [s for s in summary.narrative(told) if s.startswith("Proof:")]
+    assert "misses by 20.0 µm instead of 30.0 µm; noise alone leaves 17.0" in said[0]
+
+
+def test_what_encoders_prove_is_told_in_the_same_words(found):
+    sizes = Detected(2e-4, None, None, None)
+    proof = Proved(
+        simulator="mujoco",
+        held_out_poses=1,
+        before_rms_urad=500.0,
+        after_rms_urad=40.0,
+        noise_rms_urad=38.0,
+        gain_urad=Said(460.0, 450.0, 470.0),
+    )
+    told = answer_of(found, None, "", (), 1.0, False)
+    told = msgspec.structs.replace(told, detection=sizes, proof=proof)
+    said = " ".join(summary.narrative(told))
+    assert "one pose that was kept back, the patched simulator misses by 40.0" in said
+    assert "Simulation and recording differ" in said and "set-up" not in said
+
+
+def test_a_mistake_of_the_set_up_is_said_once(found, recording):
+    marked, _ = folder.read(recording)
+    text = "a3 looks reversed."
+    stopped = Diagnosis(
+        "x",
+        "unexplained",
+        Detection(2e-4, np.nan, np.nan, np.nan),
+        unexplained=Unexplained("a3", text, {}),
+        warnings=(Warned("axis_reversed", "a3", text),),
+    )
+    told = answer_of(stopped, None, "why.", (), 1.0)
+    finding = Result(marked, stopped, None, "why.", None, told)
+    for said in (summary.sentences(finding), summary.narrative(told)):
+        assert " ".join(said).count(text) == 1
+
+
+def test_of_several_open_places_none_is_said_twice(found, recording):
+    marked, _ = folder.read(recording)
+    told = answer_of(found, None, "", (), 1.0, False)
+    places = (Open("a3", 0.2, ("torque",), ""), Open("a5", 0.1, (), ""))
+    told = msgspec.structs.replace(told, unexplained_places=places)
+    said = " ".join(summary.sentences(Result(marked, found, None, "", None, told)))
+    assert "left at a3" in said and "Open:" not in said
 
 
 def test_title_and_first_sentence_say_that_a_name_is_not_proved(found, recording):
