@@ -384,13 +384,13 @@ def judged_before_after(judgement: Judgement, file: Path) -> None:
     for ax, (title, rows) in zip(plots, parts, strict=True):
         drawn = []
         for error, colour, lw in ((j.before, GREY, 3.5), (j.after, ORANGE, 2)):
-            size = MM * np.sort(error[rows][np.isfinite(error[rows])])
+            size = MICRO * np.sort(error[rows][np.isfinite(error[rows])])
             drawn += ax.plot(size, np.linspace(0, 100, len(size)), color=colour, lw=lw)
-        noise = MM * float(np.sqrt(np.mean(j.noise[rows] ** 2)))
+        noise = MICRO * float(np.sqrt(np.mean(j.noise[rows] ** 2)))
         drawn.append(ax.axvline(noise, color=BLUE, ls="--", lw=1))
-        ax.set(xscale="log", xlabel="error [mm]", ylim=(0, 101))
-        sizes = " → ".join(f"{_root(error[rows]):.3g}" for error in (j.before, j.after))
-        ax.set_title(f"{title}: {sizes} mm rms", loc="left", size=10)
+        ax.set(xscale="log", xlabel="error [µm]", ylim=(0, 101))
+        sizes = " → ".join(f"{_root(error[rows]):.1f}" for error in (j.before, j.after))
+        ax.set_title(f"{title}: {sizes} µm rms", loc="left", size=10)
         plain_log(ax.xaxis)
     _legend(figure, drawn, ("as drawn", "with the patch", "stated noise"))
     plots[0].set_ylabel("readings below [%]")
@@ -421,7 +421,7 @@ def judged_over_angles(judgement: Judgement, file: Path) -> None:
     for ax in plots[len(axes) :]:
         ax.axis("off")
     for ax in plots[::ACROSS]:
-        ax.set_ylabel("rms [mm]")
+        ax.set_ylabel("rms [µm]")
     _legend(figure, drawn, ("as drawn", "with the patch"))
     save(figure, file)
 
@@ -432,7 +432,7 @@ def _slides(judgement: Judgement) -> set[int]:
 
 def _root(error: np.ndarray) -> float:
     good = error[np.isfinite(error)]
-    return MM * float(np.sqrt(np.mean(good**2))) if len(good) else np.nan
+    return MICRO * float(np.sqrt(np.mean(good**2))) if len(good) else np.nan
 
 
 # --- A comparison of encoders ---------------------------------------------------------

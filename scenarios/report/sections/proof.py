@@ -14,7 +14,7 @@ from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 
 # --- The result in words --------------------------------------------------------------
 
-MM = 1e3
+UM = 1e6
 MOST_LISTED = 20
 
 
@@ -24,10 +24,10 @@ def first_sentence(judgement: Judgement) -> str:
     poses = j.answer.proof.held_out_poses
     said = (
         f"{_verdict(whole)} On {poses} poses of another recording, where frame and "
-        f"targets alone were fitted, the simulator misses by {_mm(whole.after)} rms "
-        f"with the patch and by {_mm(whole.before)} as drawn: gain {_mm(whole.gain)} "
-        f"({_mm(whole.low)} to {_mm(whole.high)}); stated noise alone leaves "
-        f"{_mm(whole.noise)}."
+        f"targets alone were fitted, the simulator misses by {_um(whole.after)} rms "
+        f"with the patch and by {_um(whole.before)} as drawn: gain {_um(whole.gain)} "
+        f"({UM * whole.low:.1f} to {UM * whole.high:.1f}); stated noise alone leaves "
+        f"{_um(whole.noise)}."
     )
     share = j.answer.covered_share
     if share is None:
@@ -38,8 +38,8 @@ def first_sentence(judgement: Judgement) -> str:
     )
     if j.inside is not None and j.outside is not None:
         return (
-            f"{said}: {_mm(j.inside.before)} as drawn and {_mm(j.inside.after)} with "
-            f"the patch there, {_mm(j.outside.before)} and {_mm(j.outside.after)} "
+            f"{said}: {_um(j.inside.before)} as drawn and {_um(j.inside.after)} with "
+            f"the patch there, {_um(j.outside.before)} and {_um(j.outside.after)} "
             "elsewhere."
         )
     return f"{said}."
@@ -53,8 +53,8 @@ def _verdict(channel: Channel) -> str:
     return "It is not shown that the patch holds here."
 
 
-def _mm(value: float) -> str:
-    return f"{MM * value:.3g} mm"
+def _um(value: float) -> str:
+    return f"{UM * value:.1f} µm"
 
 
 # --- The report -----------------------------------------------------------------------
@@ -76,14 +76,14 @@ def blocks_of(judgement: Judgement) -> Iterator[Block]:
     channels = [("all", j.whole), ("covered", j.inside), ("not covered", j.outside)]
     yield Table(
         "Rms over readings; the interval of the gain is a bootstrap over poses.",
-        ("readings", "as drawn [mm]", "patched [mm]", "noise [mm]", "gain [mm]"),
+        ("readings", "as drawn [µm]", "patched [µm]", "noise [µm]", "gain [µm]"),
         [
             (
                 name,
-                f"{MM * c.before:.4f}",
-                f"{MM * c.after:.4f}",
-                f"{MM * c.noise:.4f}",
-                f"{MM * c.gain:.4f} ({MM * c.low:.4f} to {MM * c.high:.4f})",
+                f"{UM * c.before:.1f}",
+                f"{UM * c.after:.1f}",
+                f"{UM * c.noise:.1f}",
+                f"{UM * c.gain:.1f} ({UM * c.low:.1f} to {UM * c.high:.1f})",
             )
             for name, c in channels
             if c is not None
@@ -96,13 +96,13 @@ def blocks_of(judgement: Judgement) -> Iterator[Block]:
         yield Heading("What each part of the patch is worth here")
         yield Table(
             f"Rms of position without one part alone, where all of the patch leaves "
-            f"{_mm(j.error)}. A part that makes it smaller when it is taken out does "
+            f"{_um(j.error)}. A part that makes it smaller when it is taken out does "
             "not hold here, or makes up for another.",
-            ("taken out", "then [mm]", "grows by [%]"),
+            ("taken out", "then [µm]", "grows by [%]"),
             [
                 (
                     p.name,
-                    f"{MM * p.rms:.4f}",
+                    f"{UM * p.rms:.1f}",
                     f"{100 * (p.rms / j.error - 1):+.1f}",
                 )
                 for p in sorted(j.parts, key=lambda p: -p.rms)
@@ -165,9 +165,12 @@ def _notes(j: Judgement) -> Iterator[Block]:
         yield Table(
             f"Readings more than {FAR:.0f} times as far off as the median one; they "
             f"count above. Without the {len(far)} farthest the patch leaves "
-            f"{_mm(float(np.sqrt(np.mean(others**2))))}.",
-            ("pose", "target", "off by [mm]"),
-            [(str(o.pose), o.marker, f"{o.size_mm:.3f}") for o in far[:MOST_LISTED]],
+            f"{_um(float(np.sqrt(np.mean(others**2))))}.",
+            ("pose", "target", "off by [µm]"),
+            [
+                (str(o.pose), o.marker, f"{1e3 * o.size_mm:.1f}")
+                for o in far[:MOST_LISTED]
+            ],
         )
 
 

@@ -154,7 +154,10 @@ def test_the_command_writes_the_fixed_form_and_nothing_else(loaded, kr10, tmp_pa
         *("before_after.png", "proof.json", "report.html", "report.md"),
         "residual_map.png",
     ]
-    assert "The patch holds here." in (out / "report.md").read_text("utf-8")
+    text = (out / "report.md").read_text("utf-8")
+    assert "The patch holds here." in text
+    after = 1e3 * told["proof"]["after_rms_mm"]
+    assert f"misses by {after:.1f} µm" in text and "[mm]" not in text
 
 
 def test_every_fault_is_named_before_anything_is_simulated(loaded, kr10, tmp_path):
