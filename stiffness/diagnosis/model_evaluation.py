@@ -50,8 +50,10 @@ class ModelEvaluation:
     Attributes:
         fit: Members fitted together with the nominal springs.
         slopes: Statistics of each pose of springs, members, a little more of each
-            shape, other forms of the members' laws, and columns beside.
+            shape, other forms of the members' laws, constants that these assume, and
+            columns beside.
         forms: Columns of each member's other forms.
+        assumed: Columns of constants that each member's law assumes.
         unselected: Columns of each term that may be there too; the last.
         unselected_terms: These terms.
     """
@@ -59,15 +61,27 @@ class ModelEvaluation:
     fit: ModelFit
     slopes: PerPoseScores
     forms: tuple[Int[np.ndarray, " _"], ...]
+    assumed: tuple[Int[np.ndarray, " _"], ...]
     unselected: tuple[Int[np.ndarray, " _"], ...] = ()
     unselected_terms: tuple[ModelTerm, ...] = ()
 
     @property
     def known(self) -> int:
         """How many columns are of springs, members and shapes."""
-        return self.slopes.gram.shape[1] - sum(
-            map(len, (*self.forms, *self.unselected))
-        )
+        beside = (*self.forms, *self.assumed, *self.unselected)
+        return self.slopes.gram.shape[1] - sum(map(len, beside))
+
+    @property
+    def priors(self) -> Float[np.ndarray, " columns"]:
+        """Inverse prior variance of constants and of terms beside; 0 for all others."""
+        prior = np.zeros(self.slopes.gram.shape[1])
+        for own, block in zip(self.fit.coefficients, self.assumed, strict=True):
+            prior[block] = 1.0 / max(float(own[0]) ** 2, 1e-300)
+        for term, block in zip(self.unselected_terms, self.unselected, strict=True):
+            square = _square_of(term, self.fit, len(block))
+            if square is not None:
+                prior[block] = 1.0 / np.maximum(square, 1e-300)
+        return prior
 
 
 def evaluate_model(
@@ -95,6 +109,7 @@ def evaluate_model(
         for s in shape_columns(situation, m, np.eye(one.columns))
     ]
     forms = [m.hypothesis.variants(situation, m.where, m.shape) for m in members]
+    forms += [m.hypothesis.assumed(situation, m.where, m.shape) for m in members]
     forms += [m.jacobian(situation) for m in beside]
     some = [form for form in forms if form.columns]
     every = per_pose_scores(data, [*nominal, *own, *steps, *some], training(split))
@@ -118,7 +133,12 @@ def evaluate_model(
     blocks = tuple(np.arange(a, b) for a, b in pairwise(ends))
     count = len(members)
     return ModelEvaluation(
-        fit, every.mixed(mix), blocks[:count], blocks[count:], tuple(beside)
+        fit,
+        every.mixed(mix),
+        blocks[:count],
+        blocks[count : 2 * count],
+        blocks[2 * count :],
+        tuple(beside),
     )
 
 
@@ -162,7 +182,7 @@ def parameters_of(
         np.maximum(np.diag(spread) / np.maximum(np.diag(inverse), 1e-300), 1.0)
     )
     cov = inverse * grow * grow[:, None] * scale * scale[:, None]
-    unsure = _covariance_of_unselected(look)
+    unsure = _covariance_of_the_unknown(look)
     shift = shift_by_forms(look, split) - fitted
     quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, len(score) - 1)))
     answers = []
@@ -190,7 +210,7 @@ def shift_by_forms(
 
     Each law's other forms together have a prior whose variance is their own mean
     square beyond noise: which form is true is not known. What they do as the law and
-    its shapes would is counted with these.
+    its shapes would is counted with these. Constants stay as laws assume them.
 
     Args:
         look: The fitted set.
@@ -199,6 +219,7 @@ def shift_by_forms(
     gram, asked = look.slopes.gram[1], look.slopes.score[~split.held_out].sum(axis=0)
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    scale[np.concatenate([np.zeros(0, dtype=int), *look.assumed])] = 0.0
     gram, asked = gram * scale * scale[:, None], asked * scale
     inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
     first, noise = inverse @ asked, np.diag(inverse)
@@ -225,23 +246,18 @@ def shift_by_forms(
     return scale[: look.known] * moved
 
 
-def _covariance_of_unselected(
+def _covariance_of_the_unknown(
     look: ModelEvaluation,
 ) -> Float[np.ndarray, "columns columns"]:
-    """Return what terms that were not selected add to the covariance of those known.
+    """Return what else is not known adds to the covariance of members.
 
-    Their coefficients have a prior as wide as those of the same effect that were
+    These are constants that laws assume, and terms that were not selected: their
+    coefficients have a prior as wide as those of the same effect that were
     selected: what data do not hold of them they do not hold of what moves alike.
     """
     known, gram = look.known, look.slopes.gram[1]
-    prior = np.zeros(len(gram))
-    used = [np.arange(known)]
-    for term, block in zip(look.unselected_terms, look.unselected, strict=True):
-        square = _square_of(term, look.fit, len(block))
-        if square is not None:
-            prior[block] = 1.0 / np.maximum(square, 1e-300)
-            used.append(block)
-    some = np.concatenate(used)
+    prior = look.priors
+    some = np.flatnonzero((prior > 0.0) | (np.arange(len(gram)) < known))
     size = np.sqrt(np.maximum(np.diag(gram)[some], 0.0))
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
     inner = gram[np.ix_(some, some)] * scale * scale[:, None]

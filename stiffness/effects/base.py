@@ -113,6 +113,17 @@ class Hypothesis(ABC):
         """
         return NOTHING
 
+    def assumed(
+        self, situation: StaticState, where: str, shape: Shape
+    ) -> EffectJacobian:
+        """Return what constants that the law assumes change of its first column.
+
+        A column is of one prior standard deviation of a constant, per unit of the law's
+        first coefficient; intervals allow for it. Nothing, unless overridden: the law
+        assumes no number.
+        """
+        return NOTHING
+
     @abstractmethod
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs

@@ -26,6 +26,8 @@ from stiffness.experiment.static_state import CurvedSpring, StaticState
 MIDDLE, SECOND = 0.15, 3.5
 """m and r; chosen: between the table's sizes 25 and 32. Where no torque reaches T2, K3
 is K2 by this share: right within an eighth of K3/K1 - 1 for them, low for size 14."""
+MIDDLE_SIGMA, SECOND_SIGMA = 0.06, 0.17
+"""Standard deviations of m and r over gears: of a uniform draw from the table's."""
 ROUND = 0.1
 """Width over which a knee is rounded, over its torque; chosen: teeth engage one by
 one."""
@@ -77,6 +79,18 @@ class Hardening(Hypothesis):
         slow = ARCTAN * knee * np.arctan(torque / (ARCTAN * knee))
         fast = [x * np.tanh(torque / x) for x in (0.7 * knee, knee, 1.5 * knee)]
         return turn(k, *sharp, slow, *fast)
+
+    @override
+    def assumed(
+        self, situation: StaticState, where: str, shape: Shape
+    ) -> EffectJacobian:
+        """Return what m and r would change; below T2 the ratio hangs on m alone."""
+        k = situation.axis(where)
+        torque, knee = situation.torque[:, k], shape[0]
+        second = bent(torque, SECOND * knee)
+        later = bent(torque, (SECOND + SECOND_SIGMA) * knee)
+        middle = MIDDLE_SIGMA * (second - bent(torque, knee))
+        return turn(k, middle, MIDDLE * (later - second))
 
     @override
     def acting(

@@ -83,6 +83,16 @@ def test_law_of_another_form_comes_back_under_the_same_name(law, name):
     assert found.verdict == "explained"
 
 
+@pytest.mark.parametrize(("middle", "second"), [(0.6, 3.1), (0.81, 3.72), (1.0, 3.5)])
+def test_interval_of_a_hardening_holds_for_all_gears_of_the_table(middle, second):
+    """Torques end below T2: whether K2 is K3 is a matter of the gear."""
+    gear = f"stiffness_ratio=1.7,torque_nm=60,middle_share={middle}"
+    seen = recording(f"hardening@a2,{gear},second_torque={second}", poses=20)
+    (found,) = diagnose(seen, arm(), (Hardening(),)).named
+    ratio = found.parameters["stiffness_ratio"]
+    assert 1.0 < ratio.low < 1.7 < ratio.high
+
+
 def test_mass_of_some_kilograms_is_sized_with_the_springs_that_it_leaves():
     found = diagnose(
         recording("gravity_load@link_3,mass_kg=6,com_x_m=0.2"),
