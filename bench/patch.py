@@ -35,8 +35,8 @@ from bench.effects.gravity_load import GravityLoad
 from bench.effects.tabled_law import TabledLaw
 from bench.model_file import plain_mjcf
 from bench.rig import RIGID, Memory, Rig
-from bench.shared.effect_catalogue import on_slide
-from bench.shared.errors import BenchError, UnknownName, Unusable
+from bench.shared.effect_catalogue import limit, on_slide
+from bench.shared.errors import BenchError, UnknownName, Unusable, refuse
 from bench.shared.recording import Payload
 
 # --- Effects by name ------------------------------------------------------------------
@@ -323,6 +323,42 @@ def rig_of(patch: Patch, arm_file: Path | None = None) -> Rig:
     return replace(rig, stiffness=springs)
 
 
+WAVES = ("order", "with")
+"""Parameters in which two of an effect at one place differ: waves of a gear, and axes
+that turn another. Others are given once, as one law."""
+MOST_FAULTS = 20
+"""Faults that are listed, chosen: what a screen shows; the others are counted."""
+
+
+def faults_of(patch: Patch) -> list[str]:
+    """Return every fault of a patch's effects and springs."""
+    faults, known = [], set()
+    for number, one in enumerate(patch.effects, start=1):
+        title = f"effect {number}, {one.effect} at {one.where}"
+        try:
+            effect_of(one)
+        except Unusable as error:
+            faults += [f"{title}: {fault}" for fault in error.faults]
+        except UnknownName as error:
+            faults.append(f"{title}: {error}")
+        for name, value in one.parameters.items():
+            most = limit(one.effect, name)
+            if isinstance(value, float) and abs(value) > most:
+                faults.append(
+                    f"{title}: {name} is {value:g}, expected at most {most:g}."
+                )
+        own = (one.effect, one.where, *(one.parameters.get(wave) for wave in WAVES))
+        if own in known:
+            faults.append(f"{title}: it is given twice; add it up to one.")
+        known.add(own)
+    for axis, value in patch.stiffness_nm_per_rad.items():
+        if value is not None and not value > 0.0:
+            faults.append(f"spring of {axis}: {value:g}, expected above 0, or null.")
+    if (more := len(faults) - MOST_FAULTS) > 0:
+        faults = [*faults[:MOST_FAULTS], f"and {more} more like these."]
+    return faults
+
+
 def with_arm(patch: Patch, rig: Rig) -> Patch:
     """Return the patch with the nominal arm of a rig in it."""
     return replace(patch, arm=plain_mjcf(rig.nominal))
@@ -342,10 +378,13 @@ def read(file: Path) -> Patch:
     """
     if not file.is_file() or file.stat().st_size > MAX_BYTES:
         raise BenchError(f"There is no {FILE} at {str(file)!r}, or it is too large.")
+    what = f"Patch {str(file)!r}"
     try:
-        return msgspec.json.decode(file.read_bytes(), type=Patch)
+        patch = msgspec.json.decode(file.read_bytes(), type=Patch)
     except msgspec.MsgspecError as error:
-        raise Unusable(f"Patch {str(file)!r}", [f"{error}."]) from None
+        raise Unusable(what, [f"{error}."]) from None
+    refuse(what, faults_of(patch))
+    return patch
 
 
 def load(folder: Path | str) -> Rig:

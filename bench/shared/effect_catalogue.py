@@ -493,3 +493,26 @@ def on_slide(effect: str, parameter: str) -> str:
 def usual(effect: str, parameter: str) -> Range | None:
     """Return the usual range of an effect's parameter; None where there is none."""
     return CATALOGUE[effect].usual(parameter) if effect in CATALOGUE else None
+
+
+FAR, FARTHEST, BEYOND_ALL = 100.0, 1e4, 1e9
+"""Times the largest physical size, times the usual one, and the size in SI of what has
+neither, beyond which a number is a mistake; chosen: no estimate comes near them."""
+
+
+def limit(effect: str, parameter: str) -> float:
+    """Return the size, in SI, beyond which a parameter is no arm's.
+
+    A stiffness has none: the larger it is, the less its effect does.
+    """
+    if parameter.endswith("_nm2"):
+        return float("inf")
+    info = CATALOGUE.get(effect)
+    if info is None:
+        return BEYOND_ALL
+    along = {on_slide(effect, p.name): p.name for p in info.parameters}
+    parameter = along.get(parameter, parameter)
+    if info.largest is not None and parameter in info.magnitudes:
+        return FAR * info.largest
+    known = info.usual(parameter)
+    return BEYOND_ALL if known is None else FARTHEST * known.high

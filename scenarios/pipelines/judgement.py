@@ -176,7 +176,8 @@ def judge(
     """
     _check(recording)
     kept = tuple(e for e in patch.effects if e.effect not in OWN_RECORDING)
-    gone = tuple(At(e.effect, e.where) for e in patch.effects if e not in kept)
+    own = (e for e in patch.effects if e.effect in OWN_RECORDING)
+    gone = tuple(At(e.effect, e.where) for e in own)
     axes, hand = patch.axes, patch.hand
     if not axes:
         axes, hand = moving(recording, load(robot))

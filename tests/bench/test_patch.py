@@ -94,6 +94,46 @@ def test_a_folder_holds_the_patched_rig(tmp_path, kr10):
     assert_array_equal(pulled(rebuilt).position, pulled(rig).position)
 
 
+def test_every_impossible_number_of_a_patch_is_refused_at_once(tmp_path):
+    play = PatchEffect("lost_motion", "a2", {"width_rad": 1e300})
+    bend = PatchEffect("link_bending", "link_2", {"bending_nm2": 1e300})
+    tilt = PatchEffect("bearing_tilt", "a1", {"u_rad_per_nm": -1e9})
+    strange = PatchEffect("hysteresis", "a3", {"breadth": 1.0})
+    guide = PatchEffect("lost_motion", "a4", {"width_m": 1e300})
+    wave = {"amplitude_rad": 1e-5, "order": 1.0, "phase_rad": 0.0}
+    waves = [PatchEffect("transmission_error", "a1", {**wave, "order": k})
+             for k in (1.0, 2.0)]  # fmt: skip
+    every = (play, bend, tilt, strange, guide, *waves, tilt)
+    file = tmp_path / patch.FILE
+    file.write_text(text_of(Patch({"a1": -1.0, "a2": None}, every)))
+    with pytest.raises(Unusable) as told:
+        patch.read(file)
+    said = str(told.value)
+    for words in (
+        "effect 1, lost_motion at a2: width_rad is 1e+300, expected at most 0.2.",
+        "effect 3, bearing_tilt at a1: u_rad_per_nm is -1e+09",
+        "'breadth'",
+        "effect 5, lost_motion at a4: width_m is 1e+300, expected at most 0.2.",
+        "effect 8, bearing_tilt at a1: it is given twice",
+        "spring of a1: -1, expected above 0",
+    ):
+        assert words in said
+    assert "7 faults" in said
+
+
+def test_a_patch_of_thousands_is_refused_in_a_screen(tmp_path):
+    twice = (PatchEffect("hysteresis", "a2", {"width_rad": 1e-8}),) * 5000
+    (tmp_path / patch.FILE).write_text(text_of(Patch(effects=twice)))
+    with pytest.raises(Unusable, match="and 4979 more like these"):
+        patch.read(tmp_path / patch.FILE)
+
+
+def test_patches_of_the_committed_results_are_read(root):
+    files = sorted((root / "results").rglob(patch.FILE))
+    assert files
+    assert all(patch.read(file).effects for file in files)
+
+
 def test_what_is_mounted_weighs_as_the_recording_says(kr10):
     light = rig_of(Patch(), kr10)
     heavy = rig_of(Patch(mounted=Mounted(mass_kg=2.0, com_m=(0.0, 0.0, 0.1))), kr10)
