@@ -359,7 +359,8 @@ def _of_base(situation: StaticState) -> list[MapBlock]:
         for t in course.T
         for law in (translate, lambda p, r: rotate(p, r, origin))
     ]
-    return [block("load", loads + shifts), block("time", wander)]
+    of_load = block("load", loads + shifts)
+    return [of_load, block("time", wander)] if wander else [of_load]
 
 
 # --- Library --------------------------------------------------------------------------

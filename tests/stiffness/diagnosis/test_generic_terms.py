@@ -56,6 +56,16 @@ def test_compliance_of_a_place_is_symmetric_along_the_moving_side():
     assert_allclose(moved, shifted, atol=1e-9 * np.abs(shifted).max())
 
 
+def test_rows_of_one_time_have_no_course_in_time():
+    here = prepared().situation
+    still = np.zeros_like(here.recording.time)
+    at_once = replace(here.recording, time=still, load_time=still)
+    blocks = residual_map(replace(here, recording=at_once))
+    kinds = {(b.where, b.kind) for b in residual_map(here)}
+    lost = kinds - {(b.where, b.kind) for b in blocks}
+    assert lost == {("base", "time"), *((f"a{k}", "time") for k in range(1, 7))}
+
+
 @pytest.mark.parametrize(
     ("unknown", "places"),
     [
