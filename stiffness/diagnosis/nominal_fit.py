@@ -465,19 +465,19 @@ def with_load_springs(recording: Recording, arm: Arm) -> Arm:
 
 
 def springs_warning(springs: Sequence[int], axes: int) -> Warned:
-    """Say which compliances are nominal though the model states none.
+    """Say which compliances a diagnosis fits as nominal though the model states none.
 
     Args:
-        springs: The axes that were fitted, from 0.
+        springs: The axes that are fitted, from 0.
         axes: How many the arm has.
     """
     text = "the model states no joint stiffness; "
     if not len(springs):
-        text += "the load shows no compliance of an axis, and all were left rigid."
+        text += "the load shows no compliance of an axis, and all stay rigid."
     else:
         whose = "all" if len(springs) == axes else f"{len(springs)} of {axes}"
         names = ", ".join(f"a{k + 1}" for k in springs)
-        text += f"compliances of {whose} axes were fitted as nominal: {names}."
+        text += f"a diagnosis fits compliances of {whose} axes as nominal: {names}."
     return Warned("springs_fitted", "arm", text)
 
 

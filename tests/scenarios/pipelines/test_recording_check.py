@@ -379,7 +379,7 @@ def test_springs_that_the_model_does_not_state_are_said(tmp_path, capsys):
     write(folder, loaded_recording(poses=8))
     check.main(check.Settings(folder, unstated_springs.as_urdf(MODEL, tmp_path)))
     text = " ".join(capsys.readouterr().out.split())
-    said = "Note: the model states no joint stiffness; compliances of all axes were"
-    assert f"{said} fitted as nominal: a1, a2, a3, a4, a5, a6." in text
+    said = "Note: the model states no joint stiffness; a diagnosis fits compliances of"
+    assert f"{said} all axes as nominal: a1, a2, a3, a4, a5, a6." in text
     check.main(check.Settings(folder, MODEL))
     assert "joint stiffness" not in capsys.readouterr().out

@@ -127,8 +127,8 @@ def test_it_is_said_which_compliances_are_nominal(rigid):
     [remark] = prepare(loaded(), rigid).warnings
     assert remark.code == "springs_fitted"
     assert remark.text == (
-        "the model states no joint stiffness; compliances of all axes were fitted as "
-        "nominal: a1, a2, a3, a4, a5, a6."
+        "the model states no joint stiffness; a diagnosis fits compliances of all "
+        "axes as nominal: a1, a2, a3, a4, a5, a6."
     )
     assert prepare(loaded(), arm()).warnings == ()
 
@@ -143,9 +143,7 @@ def test_axes_that_no_marker_shows_stay_rigid(rigid):
     ready = prepare(made, rigid)
     assert ready.springs == (0, 1, 2) and ready.blind == (3, 4, 5)
     assert not ready.situation.compliance[3:].any()
-    assert ready.warnings[0].text.endswith(
-        "3 of 6 axes were fitted as nominal: a1, a2, a3."
-    )
+    assert ready.warnings[0].text.endswith("3 of 6 axes as nominal: a1, a2, a3.")
 
 
 def test_axis_that_is_stiff_is_seen_to_be(rigid):
@@ -175,7 +173,7 @@ def test_without_a_measured_load_a_rigid_model_stays_rigid(rigid):
 def test_load_that_turns_no_axis_leaves_all_rigid_and_says_so(rigid):
     ready = prepare(recording(poses=8, softness=(1e6,)), rigid)
     assert ready.springs == ready.blind == ()
-    assert "all were left rigid" in ready.warnings[0].text
+    assert "all stay rigid" in ready.warnings[0].text
 
 
 def test_diagnosis_says_what_is_nominal_and_calls_the_model_rigid(found):
