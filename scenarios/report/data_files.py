@@ -25,7 +25,7 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import unescape
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import Unusable, refuse
 from bench.user_model import ASSETS
 
 if TYPE_CHECKING:
@@ -139,17 +139,29 @@ def refuse_folder(folder: Path, recording: Path, patch: Path | None = None) -> N
         patch: Folder of the patch that is judged; None: there is none.
 
     Raises:
-        Unusable: Where it is a file, or one of the other folders.
+        Unusable: Where it is a file, leads elsewhere or is one of the other folders.
     """
-    what, faults = f"Folder {str(folder)!r}", []
-    if folder.exists() and not folder.is_dir():
-        faults.append("it is not a folder; give another --out.")
+    what, faults = f"Folder {str(folder)!r}", _astray(folder)
     if folder.resolve() == recording.resolve():
         faults.append("it is the recording itself; give another --out.")
     if patch is not None and folder.resolve() == patch.resolve():
         faults.append("it is the folder of the patch itself; give another --out.")
-    if faults:
-        raise Unusable(what, faults)
+    refuse(what, faults)
+
+
+def _astray(folder: Path) -> list[str]:
+    """Name what keeps an answer from being in this folder: a file, a symbolic link."""
+    if folder.is_symlink():
+        return ["it is a symbolic link; give the folder itself, or another --out."]
+    if folder.exists() and not folder.is_dir():
+        return ["it is not a folder; give another --out."]
+    inside = [folder / ASSETS, *sorted((folder / ASSETS).rglob("*"))]
+    return [
+        f"{path.relative_to(folder).as_posix()} in it is a symbolic link to another "
+        "folder; remove it, or give another --out."
+        for path in inside
+        if path.is_symlink() and not path.is_file()
+    ]
 
 
 def write_folder(
@@ -165,6 +177,7 @@ def write_folder(
     Raises:
         Unusable: Where nothing can be written; then nothing is.
     """
+    refuse(f"Folder {str(folder)!r}", _astray(folder))
     waiting: Path | None = None
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)

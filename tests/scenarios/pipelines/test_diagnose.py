@@ -20,7 +20,7 @@ from scenarios.pipelines.schema import (
 )
 from scenarios.report import route
 from scenarios.report.command_line import run
-from scenarios.report.data_files import DECISIONS, FILES, write_folder
+from scenarios.report.data_files import DECISIONS, FILES, refuse_folder, write_folder
 from scenarios.report.sections import diagnosis
 from stiffness.diagnosis.result import (
     Name,
@@ -240,6 +240,28 @@ def test_an_answer_takes_the_files_of_an_earlier_one_of_any_engine_away(tmp_path
     write_folder(tmp_path / "o", makes, FILES)
     left = sorted(p.name for p in (tmp_path / "o").iterdir())
     assert left == ["draws.csv", "report.html"]
+
+
+@pytest.mark.parametrize("link", ["o", "o/model_assets", "o/model_assets/arm"])
+def test_an_answer_is_not_written_through_a_link_into_another_folder(tmp_path, link):
+    other = tmp_path / "other"
+    other.mkdir()
+    (tmp_path / link).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / link).symlink_to(other)
+
+    def makes(folder):
+        (folder / "model_assets" / "arm").mkdir(parents=True)
+        (folder / "model_assets" / "arm" / "a.stl").write_text("now", encoding="utf-8")
+        (folder / "diagnosis.json").write_text("{}", encoding="utf-8")
+
+    for refused in (
+        lambda: refuse_folder(tmp_path / "o", tmp_path / "recording"),
+        lambda: write_folder(tmp_path / "o", makes),
+    ):
+        with pytest.raises(Unusable, match="a symbolic link"):
+            refused()
+    assert not list(other.iterdir())
+    assert not (tmp_path / "o" / "diagnosis.json").exists()
 
 
 def test_meshes_of_an_earlier_model_go_and_files_of_others_stay(tmp_path):
