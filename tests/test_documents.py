@@ -9,13 +9,15 @@ import sys
 from pathlib import Path
 from typing import get_args
 
+import msgspec
 import pytest
 import tyro
 from effect_table import COMMAND, README, tables, written
 from source import ROOT, scenario_files
 
 from bench import standard_plans
-from scenarios.pipelines.schema import Verdict
+from scenarios.pipelines.schema import Answer, Verdict
+from scenarios.report.summary import narrative
 
 DOCUMENTS = [
     *("README.md", "bench/README.md", "stiffness/README.md", "scenarios/README.md"),
@@ -113,6 +115,47 @@ def test_each_verdict_is_explained_and_no_other(document):
 
 def test_first_page_can_be_read_in_five_minutes():
     assert len(text("README.md").splitlines()) <= FIVE_MINUTES
+
+
+def test_numbers_of_trials_on_the_first_page_are_those_of_the_results():
+    def bars(of: str) -> dict[str, dict]:
+        file = ROOT / "results" / "blind_trials" / of / "summary.json"
+        return {bar["what"]: bar for bar in json.loads(file.read_text("utf-8"))["bars"]}
+
+    def good(of: str, *names: str) -> str:
+        known = [bars(of)[name] for name in names]
+        return f"{sum(b['successes'] for b in known):,} of " + (
+            f"{sum(b['trials'] for b in known):,}"
+        )
+
+    arms = [good(of, "right: one_100", "right: one_400") for of in
+            ("six", "seven", "column")]  # fmt: skip
+    hits, trials = (sum(int(a.split()[k]) for a in arms) for k in (0, 2))
+    outside = "whole arms with a mechanism outside"
+    held = "intervals that hold their parameter"
+    said = {
+        good("", "detected: null and null_nuisance"),
+        good("", "right: one_100"),
+        good("", "right: one_400"),
+        good("", "right: flange_400"),
+        good("", "whole set: two_400"),
+        good("", held),
+        f"{hits} of {trials}",
+        good("strangers", "told apart: memory", "declared: memory_blind"),
+        good("whole", f"places outside the vocabulary said: {outside}"),
+        good("whole", f"names that are false: {outside}"),
+        good("whole", "names that are false: whole arms"),
+        good("whole", f"{held}: whole arms"),
+    }
+    page = " ".join(text("README.md").split())
+    assert sorted(number for number in said if number not in page) == []
+
+
+def test_proof_on_the_first_page_is_that_of_the_result():
+    file = ROOT / "results" / "diagnosis" / "diagnosis.json"
+    answer = msgspec.json.decode(file.read_bytes(), type=Answer)
+    [proof] = [line for line in narrative(answer) if line.startswith("Proof:")]
+    assert proof in " ".join(text("README.md").split())
 
 
 @pytest.mark.slow
