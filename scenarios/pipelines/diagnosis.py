@@ -271,7 +271,7 @@ def answer_of(
     sliding = {f"a{k}" for k, slide in enumerate(slides, start=1) if slide}
     d, open_ = diagnosis, diagnosis.unexplained
     found, within = d.detection, simulated is not None and not simulated.absolute
-    missed, noise = (number(size, MM) for size in found.sizes(within))
+    missed, noise = (number(size, MM) for size in found.rms_and_noise(within))
     proof = None if unproved else simulated
     best = proof and proof.markers
     entry, share = proof_entry(proof), explained_share_of(proof)

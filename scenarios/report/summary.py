@@ -114,7 +114,7 @@ def sentences(finding: Result) -> Iterator[str]:
     yield from _names(a, finding.recording.posture.shape[1])
     if not a.named:
         yield "What: no name of the list explains it; none is given."
-    yield from _left(a)
+    yield from _still_open(a)
     if a.confounded:
         pairs = [f"{x.effect} at {x.where} with {y.effect} at {y.where}"
                  for x, y in a.confounded[:3]]  # fmt: skip
@@ -138,7 +138,7 @@ def headlines(finding: Result) -> Iterator[str]:
     if finding.proof is not None:
         yield _proved(finding.answer)
     yield from _names(answer, finding.recording.posture.shape[1])
-    yield from _left(answer)
+    yield from _still_open(answer)
 
 
 def _where(located: Sequence[Placed]) -> str:
@@ -232,7 +232,7 @@ def _names(answer: Answer, axes: int) -> Iterator[str]:
         yield f"As well by these data: {_list(told)}."
 
 
-def _left(answer: Answer) -> Iterator[str]:
+def _still_open(answer: Answer) -> Iterator[str]:
     """Yield what stays open: several places, or one; no warning is repeated."""
     places, one = answer.unexplained_places, answer.unexplained
     if len(places) > 1 or (places and len(answer.named) >= MANY):
@@ -545,9 +545,9 @@ def narrative(answer: Answer) -> Iterator[str]:
     yield from _names(answer, 0)
     if answer.proof is not None:
         yield _proved(answer)
-    left = list(_left(answer))
-    yield from left
-    if not left and answer.warnings and not answer.named:
+    told = list(_still_open(answer))
+    yield from told
+    if not told and answer.warnings and not answer.named:
         yield f"Note ({answer.warnings[0].where}): {answer.warnings[0].text}"
 
 

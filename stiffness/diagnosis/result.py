@@ -78,7 +78,7 @@ class Detection:
     within_rms: float = float("nan")
     noise_within_rms: float = float("nan")
 
-    def sizes(self, within: bool) -> tuple[float, float]:
+    def rms_and_noise(self, within: bool) -> tuple[float, float]:
         """Return rms and noise, of differences within visits where these are known."""
         if within and np.isfinite(self.within_rms):
             return self.within_rms, self.noise_within_rms
