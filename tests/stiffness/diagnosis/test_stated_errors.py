@@ -302,11 +302,12 @@ def test_nominal_arm_misses_by_the_noise_however_many_frames_a_row_has(kr10, arm
 def test_noise_is_that_of_one_reading_and_within_visits_that_of_its_difference(
     kr10, arm
 ):
-    """0.01 mm a coordinate; each visit's mean takes one of its readings' squares."""
+    """As measured; each visit's mean takes one of its readings' squares."""
     seen = plain_of(kr10)
     ready = prepare(seen, arm)
     found = chi_square_summary(ready, build_problem(ready, FEW))
-    of_one, each = 1e-5 * np.sqrt(3.0), len(seen.time) / len(np.unique(seen.visit))
+    of_one = ready.noise * 1e-5 * np.sqrt(3.0)
+    each = len(seen.time) / len(np.unique(seen.visit))
     assert found.noise == pytest.approx(of_one, rel=1e-3)
     assert found.noise_within == pytest.approx(of_one * np.sqrt(1.0 - 1.0 / each))
     assert found.within == pytest.approx(found.noise_within, rel=0.05)
