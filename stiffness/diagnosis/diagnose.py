@@ -73,7 +73,11 @@ from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis
 from stiffness.experiment.outliers import outlier_text, outliers_of, without_outliers
 from stiffness.experiment.residuals import shares_of
-from stiffness.experiment.sensor_noise import average_encoders, with_measured_noise
+from stiffness.experiment.sensor_noise import (
+    FINEST,
+    average_encoders,
+    with_measured_noise,
+)
 from stiffness.regression.splits import other_splits
 from stiffness.regression.testing import SIGNIFICANCE, SMALLEST
 from stiffness.robot.arm import Arm
@@ -237,9 +241,10 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
     tracker = prepared.situation.recording.tracker
     if tracker is not None and tracker.is_stated and _odd(prepared):
         measured = prepared.noise * float(np.sqrt(np.mean(tracker.repeatability**2)))
+        less = " or less" if measured < 1.01 * FINEST else ""
         text = (
             f"the stated noise cannot be true: readings scatter {prepared.noise:.2f} "
-            f"times as much, {1e3 * measured:.3g} mm "
+            f"times as much, {1e3 * measured:.3g} mm{less} "
             f"({prepared.degrees_of_freedom} contrasts); the measured noise was used."
         )
         said.append(Warned("noise_statement", "tracker", text))

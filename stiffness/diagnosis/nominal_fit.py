@@ -76,6 +76,7 @@ from stiffness.experiment.residuals import (
     seen_in_base,
     weight_of,
 )
+from stiffness.experiment.sensor_noise import no_finer
 from stiffness.experiment.static_state import StaticState, static_state_of
 from stiffness.experiment.visits import Visits, mean_of, visits_of
 from stiffness.robot.arm import Arm
@@ -572,8 +573,9 @@ def _prepared(recording: Recording, arm: Arm) -> Prepared:
         groups,
     )
     check = with_shapes(check, situation, readings, frames.marker_positions, groups)
+    noise = no_finer(check.noise, readings.inverse)
     readings = replace(
-        readings, weight=check.weight, inverse=readings.inverse / check.noise**2
+        readings, weight=check.weight, inverse=readings.inverse / noise**2
     )
     data, arrival = blocks(situation, visits, readings, None)
     springs = np.flatnonzero(arm.stiffness > 0)
@@ -587,7 +589,7 @@ def _prepared(recording: Recording, arm: Arm) -> Prepared:
         springs=tuple(int(k) for k in springs[~blind]),
         blind=tuple(int(k) for k in springs[blind]),
         sigma=sigma[~blind],
-        noise=check.noise,
+        noise=noise,
         degrees_of_freedom=check.degrees_of_freedom,
         downweighted=check.downweighted,
         pose_repeatability=arrival,

@@ -45,6 +45,7 @@ from stiffness.effects.jacobian import (
 )
 from stiffness.effects.statics import wind_up
 from stiffness.experiment.residuals import expected, shares_of
+from stiffness.experiment.sensor_noise import no_finer
 from stiffness.experiment.static_state import StaticState, moved_to, rest_of
 from stiffness.experiment.visits import held_at_mean
 from stiffness.regression.splits import Split, seed_of, split_of
@@ -284,7 +285,9 @@ def noise_ratio_of(
     if prepared.degrees_of_freedom:
         return ratio if named and last.is_overdispersed else 1.0
     smaller = unstated and 0.0 < ratio < 1.0 / ODD
-    return ratio if smaller or ratio > ODD else 1.0
+    if smaller:
+        return no_finer(ratio, prepared.readings.inverse)
+    return ratio if ratio > ODD else 1.0
 
 
 def _ratio_of_scatter(prepared: Prepared, last: DetectionTest) -> float:

@@ -55,7 +55,12 @@ from stiffness.experiment.outliers import spread_of_bodies
 from stiffness.experiment.visits import held_at_mean
 from stiffness.robot.wrench import turned
 
-# --- Tracker whose noise is not stated ------------------------------------------------
+# --- Tracker whose noise is not stated, or as good as none ----------------------------
+
+FINEST = 1e-7
+"""Least noise of a coordinate that names are judged against, in m; chosen: less than
+trackers resolve, and what lever arms leave out of a turn of 0.4 mrad at a metre, its
+square's half. Readings without noise would make a finding of each such rest."""
 
 
 def with_measured_noise(recording: Recording) -> tuple[Recording, str]:
@@ -79,6 +84,16 @@ def with_measured_noise(recording: Recording) -> tuple[Recording, str]:
         sigma *= float(np.sqrt(np.mean(frames)))
     measured = replace(tracker, repeatability=np.full(3, sigma))
     return replace(recording, tracker=measured), text
+
+
+def no_finer(noise: float, inverse: Float[np.ndarray, "3 3"]) -> float:
+    """Return a noise over the stated one that is `FINEST` at least.
+
+    Args:
+        noise: Over the stated one.
+        inverse: Inverse covariance of a reading, as stated.
+    """
+    return max(noise, FINEST / float(np.sqrt(np.trace(np.linalg.inv(inverse)) / 3.0)))
 
 
 # --- Force sensor without a load ------------------------------------------------------

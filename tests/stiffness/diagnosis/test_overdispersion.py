@@ -8,9 +8,9 @@ import pytest
 from numpy.testing import assert_allclose
 from small_bench import FEW, MODEL, arm, prepared, recording
 
+from bench.effects.hysteresis import Hysteresis as Loop
 from bench.experiment import record
-from bench.instruments import Instruments
-from bench.instruments.markers import Markers
+from bench.instruments import ForceSensor, Instruments, Markers, Tracker
 from bench.rig import Rig
 from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
@@ -100,3 +100,23 @@ def test_marks_of_one_body_measure_the_noise_where_each_pose_has_one_row(factor)
 def test_a_mark_that_sags_is_not_taken_for_noise_of_the_tracker():
     ready = prepare(sagging(unloaded(), "flange_b"), arm())
     assert_allclose(ready.noise, 1.0, rtol=0.15)
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_readings_without_any_noise_are_named_to_what_a_tracker_resolves(stated):
+    """As of another simulator; what lever arms leave out is no finding."""
+    rig = Rig(MODEL, (Loop("a2"),))
+    exact = Instruments(
+        Tracker(noise=0.0, field=0.0, occlusions=0.0),
+        ForceSensor(noise=0.0, turn=0.0, size=0.0, resolution=(0.0, 0.0)),
+        markers=Markers(placement=5e-4),
+    )
+    seen = record(rig, table_one_plan(poses=20), exact, seed=1)
+    assert seen.tracker is not None
+    seen = replace(seen, tracker=replace(seen.tracker, is_stated=stated))
+    found = diagnose(seen, arm(), FEW)
+    assert [(n.name.effect, n.name.where) for n in found.named] == [
+        ("hysteresis", "a2")
+    ]
+    assert found.verdict == "explained"
+    assert ("0.0001 mm or less" in found.warnings[0].text) == stated
