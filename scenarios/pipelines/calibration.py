@@ -23,7 +23,6 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from jaxtyping import Float
 from scipy.stats import norm
 
 from bench.patch import Patch
@@ -60,15 +59,19 @@ from scenarios.pipelines.schema import (
     why_not,
 )
 from stiffness.calibration.columns import Key
-from stiffness.calibration.model import Readings, readings_of
-from stiffness.calibration.result import Calibrated, calibrated, is_told, mean_lag
-from stiffness.calibration.rigid_fit import far_from, outlier_distances
+from stiffness.calibration.model import readings_of
+from stiffness.calibration.result import (
+    Calibrated,
+    calibrated,
+    is_told,
+    mean_lag,
+    outlier_distances,
+)
 from stiffness.calibration.selection import (
     BELIEVED,
     IMPOSSIBLE,
     MARGIN,
     NO_GAIN,
-    SpatialFolds,
     spatial_folds_of,
 )
 from stiffness.diagnosis.result import Decision
@@ -349,18 +352,6 @@ class CalibrationOutcome:
         return why_not(self.answer, self.decisions, effect, where)
 
 
-def _calibrated_on_kept(
-    readings: Readings,
-    size: Float[np.ndarray, " rows"],
-    folds: SpatialFolds,
-    said: Callable[[str], object],
-) -> Calibrated:
-    """Calibrate on the readings that are not outliers, those of size 0."""
-    kept = size == 0.0
-    folds = replace(folds, region=folds.region[kept], fold=folds.fold[kept])
-    return calibrated(readings.take(kept), folds, said)
-
-
 def calibrate_and_prove(
     recording: Recording,
     arm: Arm,
@@ -388,14 +379,9 @@ def calibrate_and_prove(
     outliers = [*outliers_of(recording)]
     readings = readings_of(without_outliers(recording, outliers), arm)
     size, folds = outlier_distances(readings), spatial_folds_of(readings, draw)
-    found = _calibrated_on_kept(readings, size, folds, said)
-    own = np.flatnonzero(size == 0.0)
-    fitted = own[~found.held]  # others may only be badly predicted
-    more = far_from(readings.take(fitted), found.residual[~found.held])
-    if more.any():
-        size[fitted] = more
-        found = _calibrated_on_kept(readings, size, folds, said)
     kept = size == 0.0
+    used = replace(folds, region=folds.region[kept], fold=folds.fold[kept])
+    found = calibrated(readings.take(kept), used, said)
     for row in np.flatnonzero(~kept):
         pose, name = readings.posture_id[row], readings.names[readings.marker[row]]
         outliers.append(Outlier(int(row), int(pose), name, float(size[row])))

@@ -66,7 +66,13 @@ from stiffness.calibration.model import (
     entries_of,
     readings_of,
 )
-from stiffness.calibration.rigid_fit import RigidFit, fitted, not_seen
+from stiffness.calibration.rigid_fit import (
+    RigidFit,
+    far_from,
+    fitted,
+    not_seen,
+    rigid_outlier_distances,
+)
 from stiffness.calibration.selection import (
     MARGIN,
     Judge,
@@ -326,6 +332,34 @@ class Calibrated:
     def held(self) -> Bool[np.ndarray, " rows"]:
         """Mask of the rows kept back for the final test."""
         return self.spatial_folds.kept_back
+
+
+SWEEPS = 3
+"""Fits that look for outliers; chosen: each leaves out what the last found."""
+
+
+def outlier_distances(readings: Readings) -> Float[np.ndarray, " rows"]:
+    """Return how far outliers are from the freely fitted arm, in m; 0: none is.
+
+    All effects at all sites are fitted to all readings, before anything is selected
+    and any region kept back: what is far off beside them was not badly predicted.
+
+    Args:
+        readings: All readings.
+    """
+    size = rigid_outlier_distances(readings)
+    sprung = _sprung(readings.arm)
+    for _ in range(SWEEPS):
+        keep = size == 0.0
+        rigid = fitted(readings.take(keep), redraw=True)
+        stance = CalibrationState.of(readings, rigid.geometry)
+        blocks = Blocks.of(rigid, stance, candidates_of(stance, CHOOSING), sprung)
+        every = set(zip(blocks.owner, blocks.parameter, strict=True))
+        free = final_fit(readings, keep, rigid, every, sprung, CHOOSING, {})
+        size = far_from(readings, free.residual)
+        if np.array_equal(size > 0.0, ~keep):
+            break
+    return size
 
 
 def calibrated(

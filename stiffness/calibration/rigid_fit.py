@@ -65,7 +65,7 @@ def fitted(readings: Readings, redraw: bool) -> RigidFit:
     return _fit_until_stable(readings, fit.geometry, redraw=True) if redraw else fit
 
 
-def outlier_distances(readings: Readings) -> Float[np.ndarray, " rows"]:
+def rigid_outlier_distances(readings: Readings) -> Float[np.ndarray, " rows"]:
     """Return how far outliers are from the fitted rigid arm, in m; 0: none is.
 
     An outlier is far beyond nearly all readings of its target, and such are rare; the
