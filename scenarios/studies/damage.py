@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pyarrow as pa
@@ -26,6 +26,7 @@ from bench.shared.format.folder import write
 from bench.shared.format.manifest import FILE
 from bench.shared.format.table import CSV_FILE, PARQUET_FILE
 from bench.shared.plan import parse_path
+from bench.shared.recording import Recording
 from bench.standard_plans import tour
 from scenarios.pipelines.schema import Remark
 from scenarios.pipelines.synthetic_recording import KR10, Watching
@@ -392,3 +393,80 @@ def good_recording(folder: Path, poses: int) -> Samples:
     plan = tour(rig, poses, parse_path("0,10,0"))
     write(folder, record(rig, plan, watch.instruments()))
     return Samples.of(folder)
+
+
+# --- Recordings of blind trials -------------------------------------------------------
+
+NEAREST, FARTHEST = 1e-3, 0.3
+"""Distance of an outlier from the sound reading, in m; drawn log-uniformly: from a
+hundred sigmas to the reflection of another target."""
+COUPLED = 2
+"""Axes apart that one may be counted against another: parallelograms and wrists."""
+ZEROS = (90.0, -90.0, 180.0)
+"""Degrees by which an axis is counted from another zero."""
+
+
+def with_outliers(
+    recording: Recording, share: float, chance: np.random.SeedSequence
+) -> tuple[Recording, dict[str, Any]]:
+    """Return a recording with outliers, one at least, and which they are.
+
+    Args:
+        recording: A sound one, with marks.
+        share: Share of the readings that are outliers.
+        chance: Seed of the draw.
+    """
+    assert recording.points is not None
+    draw = np.random.default_rng(chance)
+    seen = np.argwhere(np.isfinite(recording.points).all(axis=2))
+    count = max(round(share * len(seen)), 1)
+    rows, marks = seen[np.sort(draw.choice(len(seen), count, replace=False))].T
+    span = np.log(FARTHEST / NEAREST)
+    size = NEAREST * np.exp(span * draw.uniform(size=count))
+    along = draw.normal(size=(count, 3))
+    points = recording.points.copy()
+    points[rows, marks] += (
+        size[:, None] * along / np.linalg.norm(along, axis=1)[:, None]
+    )
+    outliers = [
+        {
+            "pose": int(recording.posture_id[row]),
+            "marker": recording.markers[m].name,
+            "size_mm": 1e3 * float(s),
+        }
+        for row, m, s in zip(rows, marks, size, strict=True)
+    ]
+    return replace(recording, points=points), {"outliers": outliers}
+
+
+def as_differences(recording: Recording) -> Recording:
+    """Return a recording whose readings count from the first row of their visit."""
+    assert recording.points is not None
+    start = np.searchsorted(recording.visit, recording.visit)
+    points = recording.points - recording.points[start]
+    return replace(recording, points=points, displacement="relative")
+
+
+def with_axis_mistaken(
+    recording: Recording, axes: tuple[str, ...], chance: np.random.SeedSequence
+) -> tuple[Recording, dict[str, Any]]:
+    """Return a recording with an axis coupled, reversed or of another zero.
+
+    Args:
+        recording: A sound one.
+        axes: Those that turn in it, as `a2`.
+        chance: Seed of the draw.
+    """
+    draw, posture = np.random.default_rng(chance), recording.posture.copy()
+    where = str(draw.choice(axes))
+    k = int(where[1:]) - 1
+    others = [int(a[1:]) - 1 for a in axes if 0 < k - int(a[1:]) + 1 <= COUPLED]
+    codes = ["axis_reversed", "axis_zero", *(["axis_coupled"] if others else [])]
+    code = str(draw.choice(codes))
+    if code == "axis_coupled":
+        posture[:, k] += draw.choice([-1.0, 1.0]) * posture[:, int(draw.choice(others))]
+    elif code == "axis_zero":
+        posture[:, k] += np.radians(draw.choice(ZEROS))
+    else:
+        posture[:, k] *= -1.0
+    return replace(recording, posture=posture), {"mistake": {code: where}}

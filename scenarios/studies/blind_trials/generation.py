@@ -66,8 +66,19 @@ from scenarios.studies.blind_trials.oracle import (
     explained,
     log_bayes_factor,
 )
-from scenarios.studies.blind_trials.strata import CARRIED, STRATA, Stratum
+from scenarios.studies.blind_trials.strata import (
+    CARRIED,
+    MISTAKEN,
+    OUTLIERS,
+    STRATA,
+    Stratum,
+)
 from scenarios.studies.blind_trials.visibility import Visibility, scale_of
+from scenarios.studies.damage import (
+    as_differences,
+    with_axis_mistaken,
+    with_outliers,
+)
 
 # --- Instruments ----------------------------------------------------------------------
 
@@ -87,6 +98,9 @@ def instruments_of(stratum: Stratum, number: int) -> Instruments:
             "flange" if stratum.targets == "flange" else "all", placement=PLACEMENT
         ),
     )
+    if stratum.name in MISTAKEN:  # differences need a frame and places that are stated
+        exact = replace(usual.tracker, frame_error=STILL)
+        return replace(usual, tracker=exact)
     if stratum.name != "null_nuisance":
         return usual
     tracker = usual.tracker
@@ -371,6 +385,8 @@ def whole_arm(
 
 # --- Recording and truth --------------------------------------------------------------
 
+OUTLYING = 0.001
+"""Share of the readings that are outliers where some are."""
 REVISITS = 12
 """Visits that are repeated; chosen, so that replicates show the noise."""
 ATTEMPTS = 40
@@ -471,6 +487,15 @@ def _simulate(
             "weights": [asdict(w) for w in weights],
         }
     recording = as_stated(recording, trial.stratum)
+    key = (*trial.chance.spawn_key, 2, attempt)
+    apart = np.random.SeedSequence(trial.chance.entropy, spawn_key=key)
+    if trial.stratum.name in OUTLIERS:
+        recording, more = with_outliers(recording, OUTLYING, apart)
+        facts |= more
+    if trial.stratum.name in MISTAKEN:
+        turn = turning(arm, plan.posture)
+        recording, more = with_axis_mistaken(as_differences(recording), turn, apart)
+        facts |= more
     if twin:
         quiet = bench.quiet(effects)
         factor = log_bayes_factor(recording, quiet, given, effects[0], twin)

@@ -9,6 +9,7 @@ that are true, and only where the mechanism has the parameter: in another law of
 same name it has another meaning.
 """
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import pi
@@ -136,6 +137,8 @@ class TrialScore:
         seconds: How long the answer took.
         splits: Of each name of few poses, the share of splits that give it, and whether
             it or one of the equivalents that count is true.
+        listed: Whether every outlier is listed, or the mistake of the set-up is
+            said at its axis and nothing named.
         arm: Marks of a whole arm; None for other trials.
         twin: Marks of an effect with a twin; None for other trials.
     """
@@ -162,6 +165,7 @@ class TrialScore:
     gain: float | None
     seconds: float
     splits: tuple[tuple[float, bool], ...] = ()
+    listed: bool = False
     arm: "ArmScore | None" = None
     twin: "TwinScore | None" = None
 
@@ -219,9 +223,20 @@ def score_answer(label: str, name: str, answer: Mapping, truth: Mapping) -> Tria
             for one, hit in zip(given, covering, strict=True)
             if "split_share" in one
         ),
+        listed=_listed(answer, truth),
         arm=_arm_score(answer, truth, effects) if "own_chi2" in truth else None,
         twin=_twin_score(answer, truth) if "twin" in truth else None,
     )
+
+
+def _listed(answer: Mapping, truth: Mapping) -> bool:
+    """Return whether an answer lists all that happened to the recording."""
+    if "mistake" in truth:
+        said = {(w["code"], w["where"]) for w in answer.get("warnings", [])}
+        return said >= set(truth["mistake"].items()) and not answer.get("named")
+    listed = Counter((o["pose"], o["marker"]) for o in answer.get("outliers", []))
+    true = Counter((o["pose"], o["marker"]) for o in truth.get("outliers", []))
+    return bool(true) and true <= listed
 
 
 def _name(entry: Mapping) -> str:

@@ -117,8 +117,8 @@ class Stratum:
         effects: How many effects a whole arm has, `ALL` for every one that arms have
             everywhere; 0: the trial is none of a whole arm.
         arm_of: Stratum whose trials have the same arms: without the one mechanism
-            outside the vocabulary that is here added to each, or with another noise
-            stated; empty: none is.
+            outside the vocabulary that is here added to each, with another noise
+            stated, or without outliers; empty: none is.
         most: Largest projected χ², drawn log-uniformly from the least; 0: the least.
         has_twin: Whether the answer is asked for the twin of its effect: the same at
             another place, `arms.draw_twins`.
@@ -266,13 +266,32 @@ STRATA = {
             pool=MEMORY,
             most=40_000.0,
         ),
+        Stratum(
+            "outliers",
+            "one effect, one reading in a thousand far off",
+            (400.0,),
+            arm_of="one_400",
+        ),
+        Stratum(
+            "mistaken_relative",
+            "one effect in differences within visits, an axis read wrongly",
+            (400.0,),
+            pool=OF_LOADS,
+        ),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""
+OUTLIERS = ("outliers",)
+"""Strata of which a thousandth of the readings is far off."""
+MISTAKEN = ("mistaken_relative",)
+"""Strata of differences within visits in which an axis is coupled, reversed or of
+another zero."""
 CARRIED = ("memory_carried",)
 """Strata whose gears remember the visit before, of which the answer is not told."""
 USUAL = tuple(
-    name for name, s in STRATA.items() if not (s.effects or s.most or s.marks)
+    name
+    for name, s in STRATA.items()
+    if not (s.effects or s.most or s.marks or name in (*OUTLIERS, *MISTAKEN))
 )
 """Strata that are tried unless others are asked for: of one size, not of a whole arm,
 and with the noise stated as it is."""
@@ -324,5 +343,7 @@ BARS = (
     Bar(("memory_blind",), "declared", 0.90),
     Bar(("second_law",), "right", 0.97),
     Bar(("one_45",), "detected", 0.90),
+    Bar(("outliers",), "listed", 0.95),
+    Bar(("mistaken_relative",), "listed", 0.95),
 )
 """Limits on shares of trials; those on coverage, gain and time are in `rates`."""

@@ -37,6 +37,11 @@ from scenarios.studies.blind_trials.generation import (
     trial_of,
 )
 from scenarios.studies.blind_trials.strata import LIBRARY, STRATA, USUAL
+from scenarios.studies.damage import (
+    as_differences,
+    with_axis_mistaken,
+    with_outliers,
+)
 from stiffness.effects import HYPOTHESES
 
 TRIALS, ATTEMPTS = 10, 5
@@ -152,6 +157,42 @@ def test_noise_that_is_stated_changes_nothing_else_of_a_trial(kr10):
         assert len(made.markers) == 1 and made.points.shape[1] == 1
         np.testing.assert_allclose(made.tracker.repeatability, size)
         assert made.tracker.is_stated == (end != "_unstated")
+
+
+def test_outliers_are_of_the_same_trials_and_one_in_a_thousand(kr10):
+    true, trial = trial_of(0, "one_400", 3), trial_of(0, "outliers", 3)
+    assert (trial.seed, trial.chance.spawn_key) == (true.seed, true.chance.spawn_key)
+    seen = record(Rig(kr10), table_one_plan(poses=4), true.instruments, 0)
+    assert seen.points is not None
+    made, facts = with_outliers(seen, 0.01, np.random.SeedSequence(1))
+    assert made.points is not None
+    away = np.linalg.norm(made.points - seen.points, axis=2)
+    rows, marks = np.nonzero(away > 0.0)
+    sound = np.isfinite(seen.points).all(axis=2).sum()
+    assert len(rows) == len(facts["outliers"]) == round(0.01 * sound)
+    for row, mark, one in zip(rows, marks, facts["outliers"], strict=True):
+        assert one["pose"] == seen.posture_id[row]
+        assert one["marker"] == seen.markers[mark].name
+        assert one["size_mm"] == pytest.approx(1e3 * away[row, mark])
+        assert 1.0 <= one["size_mm"] <= 300.0
+
+
+def test_an_axis_is_coupled_reversed_or_of_another_zero_and_said_which(kr10):
+    watch, codes = trial_of(0, "null", 0).instruments, set()
+    seen = record(Rig(kr10), table_one_plan(poses=4), watch, 0)
+    for k in range(12):
+        made, facts = with_axis_mistaken(
+            seen, ("a2", "a3", "a5", "a6"), np.random.SeedSequence(k)
+        )
+        ((code, where),) = facts["mistake"].items()
+        changed = np.any(made.posture != seen.posture, axis=0)
+        assert np.flatnonzero(changed).tolist() == [int(where[1:]) - 1]
+        codes.add(code)
+    assert codes == {"axis_coupled", "axis_reversed", "axis_zero"}
+    apart = as_differences(seen)
+    assert apart.displacement == "relative" and apart.points is not None
+    first = np.unique(apart.visit, return_index=True)[1]
+    assert np.nanmax(np.abs(apart.points[first])) == 0.0
 
 
 def test_strata_keep_their_order_and_new_ones_come_last():

@@ -64,6 +64,23 @@ def marks(answer, truth):
 
 
 TRUE, OTHER = "hysteresis@a2", "lost_motion@a2"
+
+
+def test_outliers_and_mistakes_of_the_set_up_are_listed_or_not():
+    far = [{"pose": 3, "marker": "flange_a", "size_mm": 4.0}] * 2
+    truth = truth_of(TRUE, stratum="outliers") | {"outliers": far}
+    right = answer_of(named(TRUE))
+    for count, listed in ((0, False), (1, False), (2, True)):
+        answer = right | {"outliers": far[:count]}
+        assert score_answer("", "", answer, truth).listed is listed
+    truth = truth_of(TRUE, stratum="mistaken_relative")
+    truth |= {"mistake": {"axis_zero": "a3"}}
+    said = {"warnings": [{"code": "axis_zero", "where": "a3"}]}
+    assert score_answer("", "", answer_of() | said, truth).listed
+    assert not score_answer("", "", right | said, truth).listed
+    assert not score_answer("", "", answer_of(), truth).listed
+
+
 ALL_RIGHT = {"detected", "place_first", "right", "exact", "whole_set", "told_apart"}
 
 
