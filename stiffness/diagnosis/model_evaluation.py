@@ -227,8 +227,11 @@ def shift_by_forms(
     for block in (*look.forms, *look.unselected):
         square = float(np.sum(first[block] ** 2 - noise[block]))
         prior[block] = len(block) / max(square, 1e-300)
-    inner = gram + np.diag(np.minimum(prior, 1e12))
-    fitted = np.linalg.lstsq(inner, asked, rcond=1e-14)[0]
+    inner = gram + np.diag(prior)
+    size = np.sqrt(np.diag(inner))
+    even = 1.0 / np.where(size > 0.0, size, 1.0)
+    inner, right = inner * even * even[:, None], asked * even
+    fitted = even * np.linalg.lstsq(inner, right, rcond=1e-14)[0]
     moved = fitted[: look.known].copy()
     every = zip(look.fit.members, _columns_of_members(look), look.forms, strict=True)
     for member, own, block in every:
@@ -258,11 +261,11 @@ def _covariance_of_the_unknown(
     known, gram = look.known, look.slopes.gram[1]
     prior = look.priors
     some = np.flatnonzero((prior > 0.0) | (np.arange(len(gram)) < known))
-    size = np.sqrt(np.maximum(np.diag(gram)[some], 0.0))
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0) + prior)[some]
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
     inner = gram[np.ix_(some, some)] * scale * scale[:, None]
     own = np.linalg.pinv(inner[:known, :known], rcond=1e-10, hermitian=True)
-    inner += np.diag(np.minimum(prior[some] * scale**2, 1e12))
+    inner += np.diag(prior[some] * scale**2)
     both = np.linalg.pinv(inner, rcond=1e-12, hermitian=True)[:known, :known]
     return (both - own) * scale[:known] * scale[:known, None]
 

@@ -1,13 +1,23 @@
 """A law comes back under its name, whatever form it has and whatever it leaves."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from small_bench import FEW, arm, moved_by, prepared, recording
 
 from bench.shared.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.model_evaluation import (
+    ModelEvaluation,
+    _covariance_of_the_unknown,
+    evaluate_model,
+    shift_by_forms,
+)
+from stiffness.diagnosis.model_fit import ModelTerm, fit_shapes
+from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.base_tilt import BaseTilt
@@ -21,6 +31,7 @@ from stiffness.effects.mass_scale import MassScale
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_gain import WrenchGain
 from stiffness.effects.wrench_misalignment import WrenchMisalignment
+from stiffness.regression.splits import Split
 
 GEAR = (Hardening(), LostMotion(), Hysteresis(), Creep())
 
@@ -163,3 +174,40 @@ def test_form_of_a_law_adds_its_size_to_the_laws_coefficient(law, shape):
     want = law.size_of_variants * values(own)
     near = np.abs(values(forms) - want) < 0.05 * np.abs(want).max()
     assert near.mean(axis=0).min() > 0.6  # the first of a visit tell forms apart
+
+
+@pytest.fixture(scope="module")
+def gear() -> tuple[ModelEvaluation, Split]:
+    """A gear that hardens and plays, as twenty poses have it."""
+    hardens = "hardening@a2,stiffness_ratio=1.7,torque_nm=60"
+    ready = prepared(hardens, "lost_motion@a2,width_rad=3e-4")
+    laws = (Hardening(), LostMotion())
+    case = build_problem(ready, laws)
+    shapes = [law.shapes(case.situation, "a2")[2] for law in laws]
+    terms = [ModelTerm(law, "a2", s) for law, s in zip(laws, shapes, strict=True)]
+    own = fit_shapes(case, terms)
+    look = evaluate_model(case.data, case.situation, case.nominal, own, case.split)
+    return look, case.split
+
+
+def test_other_forms_that_explain_nothing_do_not_move_a_fit(gear):
+    """Readings that are what was fitted leave them no variance beyond noise."""
+    look, split = gear
+    gram, known = look.slopes.gram[1], np.arange(look.known)
+    fitted = np.concatenate([look.fit.springs, *look.fit.coefficients])
+    fitted = np.pad(fitted, (0, len(gram) - len(fitted)))
+    score = np.zeros_like(look.slopes.score)
+    score[np.argmin(split.held_out)] = gram @ fitted
+    exact = replace(look, slopes=replace(look.slopes, score=score))
+    moved = shift_by_forms(exact, split) - fitted[known]
+    sigma = np.sqrt(np.diag(np.linalg.inv(gram[np.ix_(known, known)])))
+    assert np.abs(moved / sigma).max() < 0.01
+
+
+def test_constants_of_a_law_without_a_size_widen_nothing(gear):
+    look, _ = gear
+    none = tuple(0.0 * c for c in look.fit.coefficients)
+    nothing = replace(look, fit=replace(look.fit, coefficients=none))
+    own = np.linalg.inv(look.slopes.gram[1][: look.known, : look.known])
+    more = np.diag(_covariance_of_the_unknown(nothing)) / np.diag(own)
+    assert_allclose(more, 0.0, atol=1e-6)
