@@ -207,10 +207,11 @@ def select_model(
     if not loads:
         return model
     members = [loads.get(member.name, member) for member in model.fit.members]
-    case = layout.under(model.case, _fit(model.case, members))
-    search = Search.of(case, members, loads)
+    fit = _fit(model.case, members)
+    search = Search.of(layout.under(model.case, fit), members, loads)
     start = select_groups(search.problem, range(len(members)))
-    other = _selected_under(layout, search, start, loads)
+    acting = loads_of(model.case, fit)
+    other = _selected_under(layout, search, start, acting, loads)
     return min(model, other, key=lambda found: found.unexplained_square)
 
 
@@ -242,6 +243,7 @@ def _selected_under(
     layout: _Layout,
     search: Search,
     selected: GroupSelection,
+    loads: Collection[Name] = (),
     refused: Collection[Name] = (),
 ) -> SelectedModel:
     """Search on from a set, lay columns out anew under it, and gate what comes out.
@@ -252,11 +254,11 @@ def _selected_under(
         layout: How columns are laid out.
         search: What the set was selected from.
         selected: The set.
+        loads: Names of the loads under which columns are laid out.
         refused: Names that are left out.
     """
     case = search.case
     own = [search.terms[k] for k in selected.groups]
-    loads = frozenset[Name]()
     terms: tuple[ModelTerm, ...] = ()
     fine: list[ModelTerm] = []
     for turn in range(AGAIN + 1):
@@ -273,7 +275,7 @@ def _selected_under(
         case = layout.under(case, fit)
     terms, searched = with_generic_terms(case, terms, fine, refused)
     model = _judged(case, terms, fine, [*selected.decisions, *searched])
-    if loads <= {member.name for member in model.fit.members}:
+    if {member.name for member in model.fit.members}.issuperset(loads):
         return model
     case = layout.under(case, model.fit)
     terms = fit_shapes(case, model.fit.members)

@@ -18,10 +18,22 @@ from bench.rig import Rig
 from bench.shared.plan import parse_path
 from bench.shared.recording import Payload
 from bench.standard_plans import tour
+from stiffness.diagnosis import selection
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.model_fit import fit_model
 from stiffness.diagnosis.nominal_fit import prepare
-from stiffness.diagnosis.relinearisation import beyond_linear, build_problem
-from stiffness.diagnosis.selection import _loads_in_place_of_names, select_model
+from stiffness.diagnosis.relinearisation import (
+    beyond_linear,
+    build_problem,
+    loads_of,
+)
+from stiffness.diagnosis.search import Search
+from stiffness.diagnosis.selection import (
+    _Layout,
+    _loads_in_place_of_names,
+    _selected_under,
+    select_model,
+)
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.geometry_error import GeometryError
@@ -37,6 +49,7 @@ from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_misalignment import WrenchMisalignment as TurnedOrBeside
 from stiffness.experiment.residuals import expected
 from stiffness.experiment.static_state import StaticState, moved_to
+from stiffness.regression.group_selection import select_groups
 from stiffness.robot.arm import Arm
 from stiffness.robot.wrench import turned as wrench_along
 
@@ -239,6 +252,23 @@ def test_a_load_is_tried_in_the_place_of_a_name_that_does_alone_what_it_does():
     found = _loads_in_place_of_names(replace(model, case=both))
     (load,) = found.values()
     assert load.name == ("gravity_compensator", "a1")
+
+
+def test_a_load_that_is_withheld_acts_no_more_on_others(monkeypatch):
+    """Where the search begins with it, as where one was found on the way."""
+    some = (GravityCompensator(),)
+    ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
+    layout, judged = _Layout(ready, some), selection._judged
+    bare = build_problem(ready, some)
+    term = select_model(bare, ready, some).fit.members
+    fit = fit_model(bare.data, bare.situation, bare.nominal, term, bare.split)
+    search = Search.of(layout.under(bare, fit), term)
+    start = select_groups(search.problem, range(len(term)))
+    monkeypatch.setattr(selection, "_judged", lambda c, t, *o: judged(c, (), *o))
+    found = _selected_under(layout, search, start, loads_of(bare, fit))
+    assert not found.fit.members
+    assert np.ptp(search.case.situation.torque - bare.situation.torque) > 1.0
+    assert_allclose(found.case.situation.torque, bare.situation.torque, atol=0.1)
 
 
 def test_the_arm_rests_under_its_fitted_springs_where_nothing_is_named():
