@@ -58,8 +58,8 @@ class Hypothesis(ABC):
         neutral: Values at which other parameters do nothing, as ratios: an effect may
             be nothing where all these and all magnitudes may.
         logarithmic: Parameters whose error is a factor rather than a difference.
-        linear: Whether its displacement is proportional to the loads of a row, and
-            depends on nothing else.
+        linear: Whether its displacement is proportional to the loads of a row, but for
+            springs that are curved, and depends on nothing else.
         turns_load: Whether its Jacobian holds what the load winds up that turns with
             the sensor.
         size_of_variants: What a unit of any of its `variants` adds to the coefficient

@@ -23,6 +23,8 @@ from stiffness.effects.jacobian import (
     JacobianBlock,
     JointRotation,
     hstack,
+    values,
+    with_values,
 )
 from stiffness.experiment.static_state import StaticState
 from stiffness.robot.wrench import felt_body, turned, weight_of
@@ -108,7 +110,7 @@ def _added(
 def given_way(
     situation: StaticState, loads: Sequence[Callable[[StaticState], StaticState]]
 ) -> EffectJacobian:
-    """Return what named effects that are linear in the loads do under added loads.
+    """Return what named effects that give way under loads do more under added ones.
 
     Args:
         situation: With the named effects.
@@ -116,15 +118,17 @@ def given_way(
     """
     if not situation.giving:
         return NOTHING
-    free = replace(
-        situation,
-        force=np.zeros_like(situation.force),
-        moment=np.zeros_like(situation.moment),
-        torque=np.zeros_like(situation.torque),
-    )
-    loaded = [load(free) for load in loads]
-    parts = [[p for give in situation.giving for p in give(s)] for s in loaded]
-    return hstack([EffectJacobian(1, tuple(own)) for own in parts])
+    before = [p for give in situation.giving for p in give(situation)]
+    loaded = [load(situation) for load in loads]
+    after = [[p for give in situation.giving for p in give(s)] for s in loaded]
+    parts = [
+        tuple(
+            with_values(new, values(new) - values(old))
+            for new, old in zip(own, before, strict=True)
+        )
+        for own in after
+    ]
+    return hstack([EffectJacobian(1, own) for own in parts])
 
 
 def pulled(

@@ -45,8 +45,10 @@ from stiffness.effects.jacobian import (
     JointRotation,
     MarkerDisplacement,
 )
+from stiffness.effects.statics import given_way
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_misalignment import WrenchMisalignment as TurnedOrBeside
+from stiffness.effects.wrist_coupling import WristCoupling
 from stiffness.experiment.residuals import expected
 from stiffness.experiment.static_state import StaticState, moved_to
 from stiffness.regression.group_selection import select_groups
@@ -120,6 +122,28 @@ def test_hardening_that_was_named_narrows_the_loop_by_the_slope_of_its_law():
     loop = truth.BY_NAME["hysteresis"]
     before, after = (turned(loop.jacobian(s, "a2", shape)) for s in (linear, named))
     assert_allclose(after, before * want, rtol=1e-3, atol=1e-12)
+
+
+def test_an_added_load_gives_way_by_the_slope_of_springs_where_they_stand():
+    """Of a coupling of two gears that harden; from no torque on it would be 1."""
+    situation, law = truth.situation(), truth.BY_NAME["hardening"]
+    for k, axis in ((3, "a4"), (5, "a6")):
+        extra = np.array([0.8 * situation.compliance[k]])
+        situation = law.acting(situation, axis, np.array([2.0]), extra)
+
+    def coupled(here: StaticState) -> tuple:
+        return WristCoupling().jacobian(here, "a6", np.array([4.0])).parts
+
+    def more(here: StaticState) -> StaticState:
+        return replace(here, torque=here.torque + step * (np.arange(6) == 3))
+
+    step = 1e-4
+    moved = given_way(replace(situation, giving=(coupled,)), [more])
+    far = moved.parts[0]
+    assert isinstance(far, JointRotation)
+    slopes = situation.softness_of(5) * situation.softness_of(3)
+    assert slopes.min() < 0.5
+    assert_allclose(far.law[:, 0], step * slopes, rtol=1e-3, atol=1e-9)
 
 
 def test_ratios_beside_hardening_are_of_the_spring_at_no_torque():
