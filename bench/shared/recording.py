@@ -276,11 +276,15 @@ class Recording:
 
     @cached_property
     def moves(self) -> LastMoves:
-        """How each axis came to each row."""
+        """How each axis came to each row; at a plateau, to its visit's first."""
         if self.last_move is not None:
             return self.last_move
         told = self.posture if self.commanded is None else self.commanded
-        return LastMoves.of(np.where(np.isnan(told), self.posture, told))
+        angles = np.where(np.isnan(told), self.posture, told)
+        if self.rows != "plateaus":
+            return LastMoves.of(angles)
+        first, visit = np.unique(self.visit, return_index=True, return_inverse=True)[1:]
+        return LastMoves.of(angles[first]).take(visit)
 
     @property
     def side(self) -> Float[np.ndarray, "rows axes"]:

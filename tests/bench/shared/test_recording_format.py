@@ -135,6 +135,22 @@ def test_an_axis_moves_on_until_it_has_come_back_by_more_than_noise():
     assert last_moves(angle[:, None])[:, 0].tolist() == [0, 0, 0, 1, 1, 1, -1]
 
 
+@pytest.mark.parametrize(
+    ("rows", "shares"),
+    [
+        ("plateaus", [[0, 0], [1, 0.2], [1, 0.2], [1, 0.2]]),
+        ("stream", [[0, 0], [1, 0.2], [0, 1], [0, -1]]),
+    ],
+)
+def test_an_angle_that_follows_the_load_within_a_visit_is_no_move(rows, shares):
+    """By 1.5 mrad, and back; each instant of a stream is a stand of its own."""
+    posture = np.array([[0.0, 0.0], [0.5, 0.1], [0.5, 0.1015], [0.5, 0.1]])
+    visit, time = np.array([0, 1, 1, 1]), np.arange(4.0)
+    stage = np.full(4, STAGES[0])
+    seen = Recording("droop", time, visit, visit, posture, time, stage, rows=rows)
+    np.testing.assert_allclose(seen.moves.share, shares, atol=1e-12)
+
+
 def test_rows_that_are_taken_out_keep_the_way_they_were_reached(folder):
     recording, _ = read(folder)
     some = np.flatnonzero(recording.visit % 2 == 1)
