@@ -137,8 +137,8 @@ class TrialScore:
         seconds: How long the answer took.
         splits: Of each name of few poses, the share of splits that give it, and whether
             it or one of the equivalents that count is true.
-        listed: Whether every outlier is listed, or the mistake of the set-up is
-            said at its axis and nothing named.
+        listed: Whether every outlier is listed and no other reading, or the mistake of
+            the set-up is said at its axis and nothing named.
         arm: Marks of a whole arm; None for other trials.
         twin: Marks of an effect with a twin; None for other trials.
     """
@@ -230,13 +230,13 @@ def score_answer(label: str, name: str, answer: Mapping, truth: Mapping) -> Tria
 
 
 def _listed(answer: Mapping, truth: Mapping) -> bool:
-    """Return whether an answer lists all that happened to the recording."""
+    """Return whether an answer lists all that happened, and no other outlier."""
     if "mistake" in truth:
         said = {(w["code"], w["where"]) for w in answer.get("warnings", [])}
         return said >= set(truth["mistake"].items()) and not answer.get("named")
     listed = Counter((o["pose"], o["marker"]) for o in answer.get("outliers", []))
     true = Counter((o["pose"], o["marker"]) for o in truth.get("outliers", []))
-    return bool(true) and true <= listed
+    return bool(true) and true == listed
 
 
 def _name(entry: Mapping) -> str:

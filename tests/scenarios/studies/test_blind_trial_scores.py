@@ -67,10 +67,10 @@ TRUE, OTHER = "hysteresis@a2", "lost_motion@a2"
 
 
 def test_outliers_and_mistakes_of_the_set_up_are_listed_or_not():
-    far = [{"pose": 3, "marker": "flange_a", "size_mm": 4.0}] * 2
-    truth = truth_of(TRUE, stratum="outliers") | {"outliers": far}
+    far = [{"pose": 3, "marker": "flange_a", "size_mm": 4.0}] * 3
+    truth = truth_of(TRUE, stratum="outliers") | {"outliers": far[:2]}
     right = answer_of(named(TRUE))
-    for count, listed in ((0, False), (1, False), (2, True)):
+    for count, listed in ((0, False), (1, False), (2, True), (3, False)):
         answer = right | {"outliers": far[:count]}
         assert score_answer("", "", answer, truth).listed is listed
     truth = truth_of(TRUE, stratum="mistaken_relative")
