@@ -341,8 +341,10 @@ SWEEPS = 3
 def outlier_distances(readings: Readings) -> Float[np.ndarray, " rows"]:
     """Return how far outliers are from the freely fitted arm, in m; 0: none is.
 
-    All effects at all sites are fitted to all readings, before anything is selected
-    and any region kept back: what is far off beside them was not badly predicted.
+    All effects at all sites are fitted, before anything is selected and any region
+    kept back: what is far off beside them was not badly predicted. Each of at most
+    `SWEEPS` fits leaves out what the one before found, first what is far from the rigid
+    arm, and judges all readings anew.
 
     Args:
         readings: All readings.
