@@ -74,8 +74,8 @@ from stiffness.effects.base import Hypothesis
 from stiffness.experiment.outliers import outlier_text, outliers_of, without_outliers
 from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.sensor_noise import (
-    FINEST,
     average_encoders,
+    no_finer,
     with_measured_noise,
 )
 from stiffness.regression.splits import other_splits
@@ -241,7 +241,9 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
     tracker = prepared.situation.recording.tracker
     if tracker is not None and tracker.is_stated and _odd(prepared):
         measured = prepared.noise * float(np.sqrt(np.mean(tracker.repeatability**2)))
-        less = " or less" if measured < 1.01 * FINEST else ""
+        readings = prepared.readings
+        least = no_finer(0.0, readings.weight, readings.inverse) > 0.99
+        less = " or less" if least else ""
         text = (
             f"the stated noise cannot be true: readings scatter {prepared.noise:.2f} "
             f"times as much, {1e3 * measured:.3g} mm{less} "

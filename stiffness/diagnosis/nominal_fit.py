@@ -573,7 +573,7 @@ def _prepared(recording: Recording, arm: Arm) -> Prepared:
         groups,
     )
     check = with_shapes(check, situation, readings, frames.marker_positions, groups)
-    noise = no_finer(check.noise, readings.inverse)
+    noise = no_finer(check.noise, check.weight, readings.inverse)
     readings = replace(
         readings, weight=check.weight, inverse=readings.inverse / noise**2
     )

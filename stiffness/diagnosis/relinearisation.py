@@ -286,7 +286,8 @@ def noise_ratio_of(
         return ratio if named and last.is_overdispersed else 1.0
     smaller = unstated and 0.0 < ratio < 1.0 / ODD
     if smaller:
-        return no_finer(ratio, prepared.readings.inverse)
+        readings = prepared.readings
+        return no_finer(ratio, readings.weight, readings.inverse)
     return ratio if ratio > ODD else 1.0
 
 

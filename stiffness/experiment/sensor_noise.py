@@ -58,9 +58,10 @@ from stiffness.robot.wrench import turned
 # --- Tracker whose noise is not stated, or as good as none ----------------------------
 
 FINEST = 1e-7
-"""Least noise of a coordinate that names are judged against, in m; chosen: less than
-trackers resolve, and what lever arms leave out of a turn of 0.4 mrad at a metre, its
-square's half. Readings without noise would make a finding of each such rest."""
+"""Least noise of a coordinate, averaged over its frames, that names are judged against,
+in m; chosen: less than trackers resolve, and what lever arms leave out of a turn of
+0.4 mrad at a metre, its square's half. Readings without noise would make a finding of
+each such rest."""
 
 
 def with_measured_noise(recording: Recording) -> tuple[Recording, str]:
@@ -86,14 +87,22 @@ def with_measured_noise(recording: Recording) -> tuple[Recording, str]:
     return replace(recording, tracker=measured), text
 
 
-def no_finer(noise: float, inverse: Float[np.ndarray, "3 3"]) -> float:
-    """Return a noise over the stated one that is `FINEST` at least.
+def no_finer(
+    noise: float,
+    weight: Float[np.ndarray, "rows markers"],
+    inverse: Float[np.ndarray, "3 3"],
+) -> float:
+    """Return a noise over the stated one by which a reading has `FINEST` at least.
 
     Args:
         noise: Over the stated one.
-        inverse: Inverse covariance of a reading, as stated.
+        weight: Number of frames of each reading, which its noise averages over; 0 where
+            it was not seen.
+        inverse: Inverse covariance of one frame's reading, as stated, in 1/m^2.
     """
-    return max(noise, FINEST / float(np.sqrt(np.trace(np.linalg.inv(inverse)) / 3.0)))
+    stated = np.sqrt(np.trace(np.linalg.inv(inverse)) / 3.0)
+    frames = np.median(weight[weight > 0.0]) if np.any(weight > 0.0) else 1.0
+    return max(noise, FINEST * float(np.sqrt(frames) / stated))
 
 
 # --- Force sensor without a load ------------------------------------------------------

@@ -102,12 +102,14 @@ def test_a_mark_that_sags_is_not_taken_for_noise_of_the_tracker():
     assert_allclose(ready.noise, 1.0, rtol=0.15)
 
 
-@pytest.mark.parametrize("stated", [True, False])
-def test_readings_without_any_noise_are_named_to_what_a_tracker_resolves(stated):
+@pytest.mark.parametrize(("stated", "frames"), [(True, 1), (False, 1), (True, 100)])
+def test_readings_without_any_noise_are_named_to_what_a_tracker_resolves(
+    stated, frames
+):
     """As of another simulator; what lever arms leave out is no finding."""
     rig = Rig(MODEL, (Loop("a2"),))
     exact = Instruments(
-        Tracker(noise=0.0, field=0.0, occlusions=0.0),
+        Tracker(noise=0.0, field=0.0, occlusions=0.0, frames=frames),
         ForceSensor(noise=0.0, turn=0.0, size=0.0, resolution=(0.0, 0.0)),
         markers=Markers(placement=5e-4),
     )
@@ -119,4 +121,5 @@ def test_readings_without_any_noise_are_named_to_what_a_tracker_resolves(stated)
         ("hysteresis", "a2")
     ]
     assert found.verdict == "explained"
-    assert ("0.0001 mm or less" in found.warnings[0].text) == stated
+    text = f"{1e-4 * frames**0.5:.3g} mm or less"
+    assert (text in found.warnings[0].text) == stated
