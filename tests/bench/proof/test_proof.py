@@ -17,7 +17,7 @@ from bench.instruments import ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.random_streams import streams
 from bench.instruments.tracker import standpoint
 from bench.patch import Law, Patch, named, rig_of
-from bench.proof import refinement
+from bench.proof import refinement, setup
 from bench.proof.comparison import (
     bodies_in_6d,
     centred,
@@ -52,6 +52,7 @@ from bench.proof.simulation import (
     turned,
 )
 from bench.rig import Rig
+from bench.shared.errors import Unusable
 from bench.shared.plan import parse_path
 from bench.shared.recording import Marker
 from bench.standard_plans import tour
@@ -320,6 +321,34 @@ def test_the_load_acts_along_the_sensor_that_it_turned(recording, kr10):
     flange = states.bodies.index(soft.anatomy.flange)
     turned_to = world.base[1].T @ states.rotation[:, flange]
     assert_allclose(world.sensor_axes, turned_to, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("steps", "rounds", "fault"),
+    [
+        ([1e-2, 1e-4, 1e-6, 1.0], 3, ""),
+        ([1e-2, 2e-4, 3e-4, 1.0], 3, ""),  # a gear that rubs
+        ([1e-2, 2e-2], 2, "find no rest"),
+        (0.1 * 0.7 ** np.arange(99), 20, ""),
+        (0.1 * 0.9 ** np.arange(99), 20, "find no rest"),
+        ([1e-2, np.nan], 2, "no finite position"),
+    ],
+)
+def test_a_sensor_stands_where_what_is_left_does_not_matter(
+    recording, kr10, monkeypatch, steps, rounds, fault
+):
+    taken = iter([0.0, *steps])
+
+    def turned(world, assumed):
+        return replace(world, sensor_axes=world.sensor_axes + next(taken))
+
+    monkeypatch.setattr(setup, "_sensor_turned", turned)
+    if fault:
+        with pytest.raises(Unusable, match=fault):
+            replay_simulation_of(recording, Rig(kr10))
+    else:
+        replay_simulation_of(recording, Rig(kr10))
+    assert len(list(taken)) == len(steps) - rounds
 
 
 def test_columns_of_springs_are_what_the_simulator_does(laid_out):
