@@ -322,7 +322,7 @@ def test_lag_by_an_axis_share_of_the_move_is_told_from_a_constant_one(lag):
     assert set(a2.parameters) == {"share_lag_rad"}
     size = a2.parameters["share_lag_rad"]
     assert size.low <= lag <= size.high
-    assert not size.low <= 0.0 <= size.high
+    assert np.prod(np.array([size.low, size.high], dtype=float)) > 0.0
     assert rms(found.proof.after) < 1.2 * NOISE * np.sqrt(3.0)
 
 
