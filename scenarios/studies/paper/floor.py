@@ -20,6 +20,7 @@ Ignores     weights of the readings: all have the same noise
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from jaxtyping import Float
@@ -277,7 +278,7 @@ def draw(
         ax.scatter(
             radius[order], place[order, 2], c=size[name][order], s=9, vmax=most, vmin=0
         )
-        ax.set_title(name)
+        ax.set_title(fill(name, width=14), size=10)
         ax.set_xlabel("from A1's axis [m]")
         ax.set_ylabel("height [m]" if k == 0 else "")
         ax.set_aspect("equal", adjustable="box")
