@@ -138,17 +138,16 @@ def training(split: Split) -> np.ndarray:
     return (split.fold > 0).astype(int)
 
 
-def fit_model(
-    data: SufficientStatistics,
-    situation: StaticState,
-    nominal: Sequence[EffectJacobian],
-    members: Sequence[ModelTerm],
-    split: Split,
-) -> ModelFit:
-    """Fit members and nominal springs to the training poses."""
-    own = [m.jacobian(situation) for m in members]
-    found = normal_equations_of(data, [*nominal, *own], training(split))
-    score = found.score[~split.held_out].sum(axis=0)
+def fit_model(case: SelectionProblem, members: Sequence[ModelTerm]) -> ModelFit:
+    """Fit members and nominal springs to the training poses.
+
+    Args:
+        case: What may be looked at.
+        members: The set.
+    """
+    own = [m.jacobian(case.situation) for m in members]
+    found = normal_equations_of(case.data, [*case.nominal, *own], training(case.split))
+    score = found.score[~case.split.held_out].sum(axis=0)
     return fit_of(members, own, found.gram[1], score)
 
 

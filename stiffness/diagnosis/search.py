@@ -266,7 +266,7 @@ def with_generic_terms(
         fine: What else comes with a shape of its own.
         refused: Names that are left out.
     """
-    fit = fit_model(case.data, case.situation, case.nominal, terms, case.split)
+    fit = fit_model(case, terms)
     held = {term.name for term in terms}
     blocks = [
         block

@@ -209,7 +209,7 @@ def select_model(
         return model
     swapped = [loads.get(member.name, member) for member in model.fit.members]
     members = list({member.name: member for member in swapped}.values())
-    fit = _fit(model.case, members)
+    fit = fit_model(model.case, members)
     search = Search.of(layout.under(model.case, fit), members, loads)
     start = select_groups(search.problem, range(len(members)))
     acting = loads_of(model.case, fit)
@@ -271,7 +271,7 @@ def _selected_under(
             search, select_groups(search.problem, range(len(own))), len(own) + len(fine)
         )
         terms = fit_shapes(case, one_each(search, selected.groups))
-        fit = _fit(case, terms)
+        fit = fit_model(case, terms)
         if turn == AGAIN or not changes(case, layout.prepared, fit):
             break
         own, loads = list(terms), loads_of(case, fit)
@@ -283,10 +283,6 @@ def _selected_under(
     case = layout.under(case, model.fit)
     terms = fit_shapes(case, model.fit.members)
     return _judged(case, terms, fine, model.decisions)
-
-
-def _fit(case: SelectionProblem, terms: Sequence[ModelTerm]) -> ModelFit:
-    return fit_model(case.data, case.situation, case.nominal, terms, case.split)
 
 
 def select_again(model: SelectedModel, split: Split) -> SelectedModel:

@@ -79,7 +79,7 @@ def linear_model_of(
         fit = _chosen(case, choices)
     if with_shapes:
         terms = fit_shapes(case, fit.members)
-        fit = fit_model(case.data, case.situation, case.nominal, terms, case.split)
+        fit = fit_model(case, terms)
     return LinearModel(case, fit)
 
 

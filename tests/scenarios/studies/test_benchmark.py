@@ -11,9 +11,7 @@ from bench.study_arm import default_truth
 from scenarios.benchmark import Settings, main
 from scenarios.report import data_files
 from scenarios.report.command_line import run as command
-from scenarios.studies.benchmarks import (
-    tasks,
-)
+from scenarios.studies.benchmarks import tasks
 from scenarios.studies.benchmarks.race import Lap, Race, Way, run, runs, show
 from scenarios.studies.benchmarks.tasks import damped_stepping, flange
 from stiffness.effects import HYPOTHESES

@@ -205,7 +205,7 @@ def test_right_law_is_the_same_in_all_groups_and_a_wrong_one_is_not():
 
 
 def _tested(case, *members):
-    fit = fit_model(case.data, case.situation, case.nominal, members, case.split)
+    fit = fit_model(case, members)
     return homogeneity_tests(case, fit, residual_after(case, fit))
 
 

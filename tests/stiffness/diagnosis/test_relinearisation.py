@@ -285,7 +285,7 @@ def test_a_load_that_is_withheld_acts_no_more_on_others(monkeypatch):
     layout, judged = _Layout(ready, some), selection._judged
     bare = build_problem(ready, some)
     term = select_model(bare, ready, some).fit.members
-    fit = fit_model(bare.data, bare.situation, bare.nominal, term, bare.split)
+    fit = fit_model(bare, term)
     search = Search.of(layout.under(bare, fit), term)
     start = select_groups(search.problem, range(len(term)))
     monkeypatch.setattr(selection, "_judged", lambda c, t, *o: judged(c, (), *o))

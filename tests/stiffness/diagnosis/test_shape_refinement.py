@@ -17,7 +17,7 @@ def test_a_creep_s_time_is_where_it_explains_most():
 
     def gain(time: float) -> float:
         law = ModelTerm(Creep(), "a3", np.array([time, coarse[1]]))
-        fit = fit_model(case.data, case.situation, case.nominal, (law,), case.split)
+        fit = fit_model(case, (law,))
         return fit.gain
 
     law = ModelTerm(Creep(), "a3", coarse)

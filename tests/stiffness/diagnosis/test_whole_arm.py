@@ -140,7 +140,7 @@ def test_members_explain_beside_each_other_what_fits_without_them_lose():
     members = found.fit.members
     for k, gain in enumerate(found.drop_one_gains):
         rest = [m for i, m in enumerate(members) if i != k]
-        less = fit_model(case.data, case.situation, case.nominal, rest, case.split)
+        less = fit_model(case, rest)
         assert_allclose(gain, found.fit.gain - less.gain, rtol=1e-3)
 
 
@@ -179,8 +179,7 @@ def test_shapes_fitted_together_explain_more_and_stay_on_the_grid():
         terms.append(ModelTerm(law, where, grid[len(grid) // 2]))
 
     def gain(some: tuple[ModelTerm, ...]) -> float:
-        members = (case.data, case.situation, case.nominal, some, case.split)
-        return fit_model(*members).gain
+        return fit_model(case, some).gain
 
     after = fit_shapes(case, terms)
     assert gain(after) > gain(tuple(terms)) + 10.0
