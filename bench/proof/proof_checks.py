@@ -6,6 +6,7 @@ order of the simulation, and judged on them. Placebos: the same patch on a neigh
 axis, and the patch with one effect taken out; what is nominal is fitted again.
 """
 
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -197,7 +198,8 @@ def squares(
 def _cluster(values: np.ndarray, count: int) -> np.ndarray:
     """Return a mask of the cluster whose size is the middle one."""
     start = values[np.linspace(0, len(values) - 1, count).astype(int)]
-    _, label = kmeans2(values, start, iter=20, missing="warn")
+    with warnings.catch_warnings(action="ignore", category=UserWarning):  # one is empty
+        label = kmeans2(values, start, iter=20)[1]
     sizes = np.bincount(label, minlength=count)
     order = np.argsort(sizes)
     return label == order[len(order) // 2]

@@ -63,7 +63,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.cluster.vq import kmeans2
 
 from bench.shared.settings import SETTINGS
 from stiffness.calibration.columns import SILENT, Blocks, Key
@@ -75,6 +74,7 @@ from stiffness.regression.normal_equations import (
     Normal,
     total_of,
 )
+from stiffness.regression.splits import k_means
 from stiffness.regression.testing import mean_log_gain
 
 # --- Spatial folds --------------------------------------------------------------------
@@ -122,7 +122,7 @@ def spatial_folds_of(readings: Readings, draw: int = 0) -> SpatialFolds:
     rng = np.random.default_rng(seed)
     count = min(REGIONS, max(len(ids) // 3, 6))
     place = readings.seen[first]
-    label = kmeans2(place, count, minit="++", rng=rng)[1]
+    label = k_means(place, count, minit="++", rng=rng)[1]
     label = np.unique(label, return_inverse=True)[1]  # k-means may leave one empty
     count = int(label.max()) + 1
     order = rng.permutation(count)

@@ -39,7 +39,6 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.cluster.vq import kmeans2
 from scipy.stats import chi2, norm
 
 from stiffness.diagnosis.candidates import Library, Mapped
@@ -59,6 +58,7 @@ from stiffness.diagnosis.sufficient_statistics import (
 from stiffness.effects.jacobian import EffectJacobian, values, with_values
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.normal_equations import NormalEquations, minimum_norm_fit
+from stiffness.regression.splits import k_means
 from stiffness.regression.testing import (
     SIGNIFICANCE,
     SMALLEST,
@@ -530,7 +530,7 @@ def _clusters(features: np.ndarray) -> Int[np.ndarray, " many"]:
     some = min(GROUPS, len(np.unique(features, axis=0)))
     if some < 2:
         return np.zeros(len(features), dtype=int)
-    return kmeans2(features, some, minit="++", rng=0, iter=20)[1]
+    return k_means(features, some, minit="++", rng=0, iter=20)[1]
 
 
 def _ranks(of_rows: np.ndarray) -> Int[np.ndarray, " rows"]:

@@ -43,7 +43,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.cluster.vq import kmeans2
 from scipy.spatial.distance import cdist
 
 from bench.shared.errors import Unusable
@@ -79,6 +78,7 @@ from stiffness.experiment.residuals import (
 from stiffness.experiment.sensor_noise import no_finer
 from stiffness.experiment.static_state import StaticState, static_state_of
 from stiffness.experiment.visits import Visits, mean_of, visits_of
+from stiffness.regression.splits import k_means
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import point_jacobian
 from stiffness.robot.tracker_frame import (
@@ -106,7 +106,7 @@ def smooth_basis(
     """
     count = min(ANCHORS, max(4, len(point) // 8))
     some = point[:: max(1, len(point) // 4000)]
-    anchors, _ = kmeans2(some, count, minit="points", rng=0, iter=5)
+    anchors, _ = k_means(some, count, minit="points", rng=0, iter=5)
     value, vector = np.linalg.eigh(_kernel(anchors, anchors, sd))
     keep = value > 1e-8 * value[-1]
     return _kernel(point, anchors, sd) @ (vector[:, keep] / np.sqrt(value[keep]))

@@ -17,14 +17,35 @@ Time and memory then stay where they are, however long a recording is.
 """
 
 import hashlib
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 from scipy.cluster.vq import kmeans2
 
 from bench.shared.recording import Recording
+
+# --- Clusters -------------------------------------------------------------------------
+
+
+def k_means(
+    values: Float[np.ndarray, "many n"],
+    start: int | Float[np.ndarray, "clusters n"],
+    **settings: Any,
+) -> tuple[Float[np.ndarray, "clusters n"], Int[np.ndarray, " many"]]:
+    """Return centres and labels of clusters by k-means; some may be empty.
+
+    Args:
+        values: What is clustered, a point a row.
+        start: Number of clusters, or their first centres.
+        **settings: Of `scipy.cluster.vq.kmeans2`.
+    """
+    with warnings.catch_warnings(action="ignore", category=UserWarning):
+        return kmeans2(values, start, **settings)
+
 
 # --- Split ----------------------------------------------------------------------------
 
@@ -88,14 +109,7 @@ def split_of(recording: Recording) -> Split:
     features = np.column_stack([np.cos(posture), np.sin(posture)])
     count = min(CLUSTERS, poses // 2)
     start = features[random.permutation(poses)[:count]]
-    _, cluster = (
-        kmeans2(features, start, iter=10, missing="warn")
-        if count > 1
-        else (
-            None,
-            np.zeros(poses, dtype=int),
-        )
-    )
+    cluster = k_means(features, start)[1]
     names = random.permutation(np.unique(cluster))
     fold = np.full(poses, -1)
     for name in names:

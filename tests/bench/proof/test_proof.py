@@ -34,6 +34,7 @@ from bench.proof.nominal_fit import (
     turned_by,
 )
 from bench.proof.proof import Fold, Proof, prove
+from bench.proof.proof_checks import groups
 from bench.proof.refinement import (
     Change,
     refined_parameters,
@@ -540,3 +541,13 @@ def test_rigid_arm_in_a_known_frame_has_nothing_to_fit_but_the_patch(kr10, tmp_p
         < 1.1 * of_markers(found).noise
         < of_markers(found).before
     )
+
+
+def test_visits_that_all_pull_one_way_are_one_direction_without_a_word(kr10, recwarn):
+    plan = tour(Rig(kr10), 12, parse_path("0,5,10"), 0, 0)
+    made = record(Rig(kr10), plan, Instruments(Tracker()), SEED)
+    down = replace(
+        made, wrench=np.tile([0.0, 0.0, -9.0, 0.0, 0.0, 0.0], (len(made.time), 1))
+    )
+    assert "one direction of pull" in dict(groups(down))
+    assert [str(w.message) for w in recwarn] == []

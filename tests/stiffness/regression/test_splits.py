@@ -12,6 +12,7 @@ from bench.standard_plans import table_one_plan
 from stiffness.regression.splits import (
     CROSS_VALIDATED,
     Split,
+    k_means,
     other_splits,
     seed_of,
     split_of,
@@ -73,6 +74,16 @@ def test_each_pose_of_a_small_experiment_is_held_out_once_with_its_cluster(kr10,
     for split in others:
         for cluster in np.unique(split.cluster):
             assert len(np.unique(split.fold[split.cluster == cluster])) == 1
+
+
+def test_clusters_may_come_out_empty_without_a_word(kr10, recwarn):
+    same = np.repeat([[0.0, 1.0], [2.0, 3.0]], 9, axis=0)
+    centre, label = k_means(same, same[:4])
+    assert len(centre) == 4 and set(label) <= {0, 1}
+    flange = Instruments(markers=Markers("flange"))
+    made = record(Rig(kr10), table_one_plan(poses=20), flange, 1)
+    split_of(replace(made, posture=0.0 * made.posture))
+    assert [str(w.message) for w in recwarn] == []
 
 
 def test_many_poses_and_a_handful_have_one_split(kr10):
