@@ -133,6 +133,14 @@ def test_a_diagnosis_states_itself_in_five_lines(found):
     assert "hysteresis at a2, probability 0.980: width_rad 0.00015 (0.00013" in lines[3]
 
 
+def test_a_mismatch_is_stated_as_readings_are_and_as_most_proofs_compare_them(found):
+    sizes = {"within_rms": 2e-5, "noise_within_rms": 1.6e-5}
+    both = replace(found, detection=replace(found.detection, **sizes))
+    said = "by 30.0 µm, noise alone leaves 17.0 µm"
+    assert repr(found).splitlines()[1].endswith(f"{said}.")
+    assert f"{said}; within visits 20.0 µm and 16.0 µm." in repr(both)
+
+
 def test_a_name_gives_its_parameters_and_one_that_is_not_there_its_reason(found):
     assert found["hysteresis", "a2"].parameters["width_rad"].low == 1.3e-4
     with pytest.raises(KeyError, match=r"do as well in 0\.14"):

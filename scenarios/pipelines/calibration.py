@@ -85,7 +85,7 @@ from stiffness.robot.arm import Arm
 
 # --- The entry in schema 1 ------------------------------------------------------------
 
-MM, MRAD = 1e3, 1e3
+MM, UM, MRAD = 1e3, 1e6, 1e3
 LIKE = {
     "hysteresis": ("lost_motion",),
     "reading_lag": ("hysteresis", "lost_motion"),
@@ -290,14 +290,14 @@ def _is_the_reports(found: Calibrated, key: Key) -> bool:
 
 def first_sentence(answer: Answer, proof: CalibrationProof) -> str:
     """Return the error before and after, and the verdict, in one sentence."""
-    low, high = MM * proof.gain[1], MM * proof.gain[2]
+    low, high = UM * proof.gain[1], UM * proof.gain[2]
     names = len(answer.named)
-    before, after = MM * rms(proof.before), MM * rms(proof.after)
+    before, after = UM * rms(proof.before), UM * rms(proof.after)
     falls = (
-        f"error falls from {before:.3f} to {after:.3f} mm rms (gain {low:.3f} to "
-        f"{high:.3f} mm over regions) with {names} effect{'s' * (names > 1)} named"
+        f"error falls from {before:.1f} to {after:.1f} µm rms (gain {low:.1f} to "
+        f"{high:.1f} µm over regions) with {names} effect{'s' * (names > 1)} named"
     )
-    stays = f"error as drawn is {before:.3f} mm rms, and no effect earned a name"
+    stays = f"error as drawn is {before:.1f} µm rms, and no effect earned a name"
     whose = "simulator's" if not proof.failed else "fitted arm's"
     why = f" Nothing was proved: {proof.failed}" if proof.failed else ""
     turned = said_of_turns(answer.proof) if answer.proof is not None else ""

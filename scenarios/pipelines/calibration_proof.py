@@ -304,8 +304,8 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
     tests = 1 if turned is None else 2
     if last.p_value < ALPHA:
         words.append(
-            f"neighbouring poses have {1e3 * common:.3f} mm rms in common and differ "
-            f"by {1e3 * last.noise:.3f} mm: smooth in posture, not noise"
+            f"neighbouring poses have {1e6 * common:.1f} µm rms in common and differ "
+            f"by {1e6 * last.noise:.1f} µm: smooth in posture, not noise"
         )
     if turned is not None and tests * turned.p_value < ALPHA:
         words.append(
@@ -316,14 +316,14 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
     floor, beyond = _beyond_stated(found, left, region)
     if beyond < ALPHA:
         words.append(
-            f"{1e3 * rms(left):.3f} mm are left where the stated noise leaves "
-            f"{1e3 * floor:.3f} mm: something more, or more noise than is stated"
+            f"{1e6 * rms(left):.1f} µm are left where the stated noise leaves "
+            f"{1e6 * floor:.1f} µm: something more, or more noise than is stated"
         )
     if new.any() and not new.all():
         words.append(
-            f"{1e3 * rms(left[new]):.3f} mm where an axis stands at an angle that no "
+            f"{1e6 * rms(left[new]):.1f} µm where an axis stands at an angle that no "
             f"fitted pose had ({100 * new.mean():.0f} % of poses), "
-            f"{1e3 * rms(left[~new]):.3f} mm elsewhere"
+            f"{1e6 * rms(left[~new]):.1f} µm elsewhere"
         )
     odd = [
         s

@@ -500,7 +500,7 @@ def selected(judge: Judge, said: Callable[[str], object] = lambda _: None) -> Se
         )
         steps.append(best)
         said(
-            f"{best.key[0]}@{best.key[1]}: {1e3 * best.rms:.4f} mm on regions left out"
+            f"{best.key[0]}@{best.key[1]}: {1e6 * best.rms:.1f} µm on regions left out"
         )
         trial = trial.joined_by(unit[1])
         rest = [u for u in rest if u is not unit]

@@ -317,13 +317,17 @@ def _narrative(found: Diagnosis) -> Iterator[str]:
     word = found.verdict.replace("_", " ")
     yield f"Diagnosis of {found.recording!r}: {word}, by the readings alone."
     d = found.detection
-    sizes = ""
+    sizes = "the set-up is wrong"
     if np.isfinite(d.residual_rms):
+        missed, noise = (MICRO * size for size in d.rms_and_noise(within=False))
         sizes = (
-            f" readings miss the fitted nominal arm by {MICRO * d.residual_rms:.1f} µm,"
-            f" noise alone leaves {MICRO * d.noise_rms:.1f} µm."
+            f"readings miss the fitted nominal arm by {missed:.1f} µm, "
+            f"noise alone leaves {noise:.1f} µm"
         )
-    yield f"Mismatch: p = {d.p_value:.2g};{sizes or ' the set-up is wrong.'}"
+        if 0.0 < d.within_rms < d.residual_rms:  # the scale of most proofs
+            missed, noise = (MICRO * size for size in d.rms_and_noise(within=True))
+            sizes += f"; within visits {missed:.1f} µm and {noise:.1f} µm"
+    yield f"Mismatch: p = {d.p_value:.2g}; {sizes}."
     shown = [f"{x.where} ({x.share:.0%})" for x in found.located[:MOST_SHOWN]]
     yield f"Where: {', '.join(shown) or 'nowhere in particular'}."
     names = [_stated(n) for n in found.named[:MOST_SHOWN]]

@@ -10,7 +10,7 @@ from bench.patch import FILE, rig_of, text_of, with_arm
 from bench.shared.errors import BenchError
 from scenarios.pipelines import calibration
 from scenarios.pipelines import schema as form
-from scenarios.pipelines.calibration import MM, CalibrationOutcome
+from scenarios.pipelines.calibration import UM, CalibrationOutcome
 from scenarios.pipelines.calibration_proof import CalibrationProof, ResidualSummary
 from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import Answer, label, size, span
@@ -73,7 +73,7 @@ def _blocks(
         "the gain there over its standard error. Out of bounds: the best fit is a size "
         "that the effect cannot have." + _in_6d(found),
         (
-            *("effect", "where", "would be", "rms [mm]"),
+            *("effect", "where", "would be", "rms [µm]"),
             *("gain / its error", "verdict"),
         ),
         [
@@ -81,7 +81,7 @@ def _blocks(
                 s.key[0],
                 s.key[1],
                 _would_be(s),
-                f"{MM * s.rms:.4f}" if s.verdict == "believed" else "",
+                f"{UM * s.rms:.1f}" if s.verdict == "believed" else "",
                 f"{s.gain / max(s.error, 1e-30):.1f}",
                 s.verdict,
             )
@@ -110,8 +110,8 @@ def _blocks(
     yield Paragraph(remains.signature[0].upper() + remains.signature[1:])
     yield Table(
         "Regions kept back, one by one.",
-        ("region", "poses", "rms [mm]", "at new angles [%]"),
-        [(str(r), str(n), f"{MM * e:.3f}", f"{100 * s:.0f}") for r, e, n, s in
+        ("region", "poses", "rms [µm]", "at new angles [%]"),
+        [(str(r), str(n), f"{UM * e:.1f}", f"{100 * s:.0f}") for r, e, n, s in
          remains.by_region],
     )  # fmt: skip
     yield Figure(

@@ -24,7 +24,7 @@ from bench.shared.recording import (
     Payload,
     Recording,
 )
-from scenarios.pipelines.calibration import calibrate_and_prove
+from scenarios.pipelines.calibration import calibrate_and_prove, first_sentence
 from scenarios.pipelines.inputs import arm_of
 from scenarios.report.data_files import DECISIONS, read_table, write_decisions
 from scenarios.report.sections.calibration import figure, show, write_files
@@ -157,6 +157,12 @@ def test_the_simulator_comes_down_to_the_noise_on_poses_kept_back(outcome):
     assert proof.before_rms_mm > 10 * noise_mm
     assert proof.after_rms_mm < 1.5 * noise_mm
     assert proof.gain_mm.low > 0.0
+
+
+def test_what_is_left_is_told_in_micrometres_as_elsewhere(outcome):
+    said = first_sentence(outcome.answer, outcome.proof)
+    assert f"to {1e3 * outcome.answer.proof.after_rms_mm:.1f} µm rms (gain" in said
+    assert " mm" not in said + outcome.residual.signature
 
 
 def test_nothing_kept_back_is_fitted_or_shares_a_region_with_what_is(outcome):
