@@ -6,7 +6,10 @@ import pytest
 from test_calibration import NOISE, PLACE, UR10, recorded
 
 from bench import patch
+from bench.effects.effect import Command
+from bench.effects.reading_lag import ReadingLag
 from bench.patch import PatchEffect
+from bench.rig import Rig
 from bench.shared.recording import DrawingAccuracy, Marker, Recording
 from scenarios.pipelines.calibration import calibrate_and_prove, not_seen_text
 from scenarios.pipelines.calibration_proof import rms
@@ -14,7 +17,12 @@ from scenarios.pipelines.inputs import arm_of
 from scenarios.report.sections.calibration import write_files
 from stiffness.calibration import model
 from stiffness.calibration.model import CalibrationState, entries_of, readings_of
-from stiffness.calibration.result import calibrated, held_by_friction, is_told
+from stiffness.calibration.result import (
+    calibrated,
+    held_by_friction,
+    is_told,
+    mean_lag,
+)
 from stiffness.calibration.rigid_fit import fitted, not_seen
 from stiffness.calibration.selection import spatial_folds_of
 from stiffness.experiment.visits import commanded_lags
@@ -348,3 +356,17 @@ def test_commanded_angles_tell_a_report_that_leads_from_friction(early, late):
     assert [is_told(LAG, told) for told in (LAG, 0.2 * LAG, -LAG, np.nan)] == [
         True, False, False, False,
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("law", ["lag_rad", "share_lag_rad"])
+@pytest.mark.parametrize("lag", [LAG, -LAG])
+def test_mean_lag_has_the_sign_of_what_commands_show_of_the_same_lag(early, law, lag):
+    """Commands lead the report by all that the arm has still to go."""
+    made = ReadingLag("a2", **{"lag_rad": 0.0, law: lag})
+    nominal = Command(early.posture, np.ones_like(early.posture), early.moves)
+    ahead = made.command(early.posture, nominal, Rig(UR10).anatomy).reference
+    told = replace(early, last_move=early.moves, commanded=early.posture + ahead)
+    mean = mean_lag({law: Interval(lag, lag, lag)}, readings_of(told, arm_of(UR10)), 1)
+    assert mean * lag > 0.0
+    assert mean == pytest.approx(commanded_lags(told)[1, 0], rel=0.05)
+    assert is_told(mean, commanded_lags(told)[1, 0])
