@@ -35,7 +35,7 @@ from bench.effects.gravity_load import GravityLoad
 from bench.effects.tabled_law import TabledLaw
 from bench.model_file import plain_mjcf
 from bench.rig import RIGID, Memory, Rig
-from bench.shared.effect_catalogue import limit, on_slide
+from bench.shared.effect_catalogue import is_stiffness, limit, on_slide
 from bench.shared.errors import BenchError, UnknownName, Unusable, refuse
 from bench.shared.recording import Payload
 
@@ -124,7 +124,7 @@ def _possible(kind: type[Effect], name: str, value: float, usual: object) -> obj
     if value >= least:
         return type(value)(min(value, kind.at_most.get(name, math.inf)))
     # a beam of less than no stiffness is one whose compliance came out below zero
-    return math.inf if name.endswith("_nm2") else type(value)(least)
+    return math.inf if is_stiffness(kind.name, name) else type(value)(least)
 
 
 def _from_moments(wanted: Mapping[str, float | str]) -> dict[str, float | str]:

@@ -47,6 +47,7 @@ CHA = "Harmonic Drive, CHA engineering data 1018854"
 CHOSEN = "no source; what is plausible"
 SLAMANI = "Slamani et al. 2012, uncalibrated arms"
 SENSORS = "makers' data sheets of force sensors"
+TUBES = "aluminium tubes of a 10 kg arm"
 
 
 @dataclass(frozen=True)
@@ -66,11 +67,13 @@ class Parameter:
         name: As in answers, patches and flags; its end is its unit.
         role: `magnitude`: a linear amplitude; `shape`: a nonlinear parameter.
         usual: Range in catalogues and calibrations; None: none is known.
+        stiffness: Whether it is one: the larger, the less its effect does.
     """
 
     name: str
     role: Role
     usual: Range | None = None
+    stiffness: bool = False
 
 
 @dataclass(frozen=True)
@@ -242,8 +245,9 @@ _ALL = (
         "link_bending",
         "structure",
         ("link",),
-        _magnitudes(
-            "bending_nm2 torsion_nm2", 1.8e5, 7e5, "aluminium tubes of a 10 kg arm"
+        tuple(
+            Parameter(name, "magnitude", Range(1.8e5, 7e5, TUBES), stiffness=True)
+            for name in ("bending_nm2", "torsion_nm2")
         ),
         ("load",),
         BOTH,
@@ -500,12 +504,18 @@ FAR, FARTHEST, BEYOND_ALL = 100.0, 1e4, 1e9
 neither, beyond which a number is a mistake; chosen: no estimate comes near them."""
 
 
+def is_stiffness(effect: str, parameter: str) -> bool:
+    """Return whether an effect's parameter is a stiffness."""
+    known = CATALOGUE[effect].parameters if effect in CATALOGUE else ()
+    return any(p.stiffness for p in known if p.name == parameter)
+
+
 def limit(effect: str, parameter: str) -> float:
     """Return the size, in SI, beyond which a parameter is no arm's.
 
     A stiffness has none: the larger it is, the less its effect does.
     """
-    if parameter.endswith("_nm2"):
+    if is_stiffness(effect, parameter):
         return float("inf")
     info = CATALOGUE.get(effect)
     if info is None:

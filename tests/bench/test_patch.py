@@ -22,7 +22,7 @@ from bench.patch import (
     with_arm,
 )
 from bench.rig import Rig
-from bench.shared.effect_catalogue import ALONG, on_slide
+from bench.shared.effect_catalogue import ALONG, BEYOND_ALL, CATALOGUE, limit, on_slide
 from bench.shared.errors import BenchError, UnknownName, Unusable
 
 PLACE = {"axis": "a2", "link": "link_2", "marker": "marker:x"}
@@ -206,6 +206,15 @@ def test_what_no_mechanism_can_have_is_taken_as_its_bound():
         "link_bending", "link_2", {"bending_nm2": -5e5, "torsion_nm2": None}
     )
     assert set(effect_of(beam).parameters().values()) == {math.inf}
+
+
+@pytest.mark.parametrize("effect", EXAMPLES, ids=title)
+def test_stiffnesses_alone_are_absent_at_infinity_and_have_no_limit(effect):
+    """What a size is follows from the catalogue, whatever it is called."""
+    sizes = {n for n, v in effect.off().parameters().items() if v == math.inf}
+    known = [p.name for p in CATALOGUE[effect.name].parameters]
+    assert {n for n in known if limit(effect.name, n) == math.inf} == sizes
+    assert limit(effect.name, "other_nm2") == BEYOND_ALL
 
 
 def test_a_first_moment_without_a_mass_is_a_light_mass_far_out():
