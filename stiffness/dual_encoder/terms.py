@@ -23,7 +23,10 @@ Equation    channel_delay       after(t) = before(t − delay); its correction i
                                 `stop`, of the torque less friction
             lost_motion         after = before − width / 2 sign(speed)
             reading_lag         after = before + lag sign(speed): the report of the
-                                first encoder lags; one that leads looks like play
+                                first encoder lags; one that leads looks like play.
+                                Its other law, by share of a move, has no column: one
+                                axis alone has a share of ±1, and what lags in
+                                proportion to speed is a channel_delay
             transmission_error  after = before + a cos(order q) + b sin(order q)
 Source      Furgale, Rehder, Siegwart 2013 (delay); Spong 1987 (wind-up); makers' lost
             motion between directions; Tuttle 1992 (transmission error)
