@@ -188,6 +188,11 @@ FORMS: dict[type[Effect], Callable[[Effect, np.random.Generator], Effect]] = {
 """How forms are drawn, by kind of effect; kinds that are not listed have none."""
 
 
+def by_share(lag: ReadingLag) -> ReadingLag:
+    """Return a lag of the same size in proportion to the axis' share of the move."""
+    return replace(lag, lag_rad=0.0, share_lag_rad=lag.lag_rad)
+
+
 # --- Sites ----------------------------------------------------------------------------
 
 BETWEEN_AXES = (GeometryError, GravityLoad, LinkBending)

@@ -30,6 +30,7 @@ from bench.effects.effect import Effect
 from bench.effects.joint_compliance import JointCompliance
 from bench.effects.out_of_library import OUT_OF_LIBRARY_EFFECTS
 from bench.effects.pulley_friction import PulleyFriction
+from bench.effects.reading_lag import ReadingLag
 from bench.effects.tracker_misalignment import TrackerMisalignment
 from bench.experiment import record
 from bench.instruments import Encoders, ForceSensor, Instruments, Markers, Tracker
@@ -56,6 +57,7 @@ from scenarios.studies.blind_trials.effects import (
     Ground,
     OutOfReach,
     as_large_as,
+    by_share,
     draw_site_and_form,
     knees_of,
     turning,
@@ -67,6 +69,7 @@ from scenarios.studies.blind_trials.oracle import (
     log_bayes_factor,
 )
 from scenarios.studies.blind_trials.strata import (
+    BY_SHARE,
     CARRIED,
     MISTAKEN,
     OUTLIERS,
@@ -463,6 +466,8 @@ def _simulate(
         effects = [effect]
     else:
         effects = [draw_site_and_form(kind, draw, ground) for kind in kinds]
+    if trial.stratum.name in BY_SHARE:
+        effects = [by_share(e) for e in effects if isinstance(e, ReadingLag)]
     if len({(e.name, e.where) for e in effects}) < len(effects):
         raise OutOfReach("The same effect was drawn twice.")
     rigid = [e.where for e in effects if isinstance(e, JointCompliance)]

@@ -278,6 +278,13 @@ STRATA = {
             (400.0,),
             pool=OF_LOADS,
         ),
+        Stratum(
+            "share_lag",
+            "an axis that is read before it rests, by its share of the move",
+            (400.0,),
+            pool=("reading_lag",),
+            most=40_000.0,
+        ),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""
@@ -286,6 +293,8 @@ OUTLIERS = ("outliers",)
 MISTAKEN = ("mistaken_relative",)
 """Strata of differences within visits in which an axis is coupled, reversed or of
 another zero."""
+BY_SHARE = ("share_lag",)
+"""Strata whose readings lag in proportion to an axis' share of the move."""
 CARRIED = ("memory_carried",)
 """Strata whose gears remember the visit before, of which the answer is not told."""
 USUAL = tuple(
@@ -319,7 +328,7 @@ class Bar:
     of: str = ""
 
 
-SIGNED = ("reading_lag",)
+SIGNED = ("reading_lag", "share_lag")
 """Strata whose effect has a sign that the answer has to give."""
 SIGN, SIZE = 0.95, 0.92
 """Required share of their trials in which the effect is named with its sign, and of the

@@ -297,6 +297,15 @@ def test_model_is_rigid_where_a_compliance_is_the_finding(tmp_path):
     assert np.flatnonzero(stiffness == 0.0).tolist() == [axis]
 
 
+def test_lag_of_its_stratum_goes_with_the_share_of_the_move_alone(tmp_path):
+    made = generate_trial(trial_of(0, "share_lag", 0), tmp_path, 40)
+    (effect,) = made.truth["effects"]
+    assert effect["effect"] == "reading_lag"
+    sizes = effect["parameters"]
+    assert sizes["lag_rad"] == 0.0 != sizes["share_lag_rad"]
+    assert 400.0 <= made.truth["chi2"][0] <= 50_000.0
+
+
 STRATA_TRIED = ("null", "null_nuisance")
 
 
