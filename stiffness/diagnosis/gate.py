@@ -233,15 +233,16 @@ def may_show_at(member: ModelTerm, loudest: str) -> bool:
         return member.where == loudest
     if loudest in INSTRUMENTS or member.where in INSTRUMENTS:
         return True
-    if _weighs_on(member, loudest):
+    if acts_at(member, loudest):
         return True
     return abs(site_number(member.where) - site_number(loudest)) <= 1
 
 
-def _weighs_on(member: ModelTerm, place: str) -> bool:
-    """Return whether a weight acts at a place of the map: at all before it."""
+def acts_at(member: ModelTerm, place: str) -> bool:
+    """Return whether a member acts at a place of the map: a weight at all before it."""
     of_load = site_number(member.where) - member.where.startswith("link_")
-    return member.name[0] == "gravity_load" and site_number(place) <= of_load
+    weight = member.name[0] in ("gravity_load", "mass_scale")
+    return member.where == place or (weight and site_number(place) <= of_load)
 
 
 def _weak_beside_forms(

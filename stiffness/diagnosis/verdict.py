@@ -1,8 +1,8 @@
 """Verdict: rejects contradicted effects, gives posteriors, and states the residual.
 
 Generic terms of the selected set are unexplained places. A name is withheld where the
-residual at its place is large beside what it explains, where its law differs between
-groups of rows, or where the generic terms of unexplained places explain as much. A
+residual at its place is large beside what it explains, where a generic term of its
+place explains ten times as much, or where its law differs between groups of rows. A
 residual of less than `SMALL_RESIDUAL` of the mismatch withholds no name that explains
 ten times as much.
 
@@ -33,6 +33,7 @@ from stiffness.diagnosis.detection import (
     residual_test,
 )
 from stiffness.diagnosis.gate import (
+    acts_at,
     are_near,
     may_show_at,
 )
@@ -79,6 +80,10 @@ RESIDUAL_SHARE_LIMIT = 0.1
 """Residual near a name over what the name explains from which it is withheld. Chosen: a
 name may stand beside an unknown effect that is ten times weaker; one that is not may be
 what imitates it."""
+GENERIC_ACCURACY = 0.01
+"""Share of what a generic term explains that its mechanism may leave beside it. Chosen:
+a tenth of its amplitude, squared, as no mechanism without a name follows the generic
+term's law exactly; a name at its place may imitate that."""
 MAJORITY = 0.5
 """Share of what is explained or left that withheld names and the residual have, above
 which weaker names go too."""
@@ -141,11 +146,12 @@ def judge(model: SelectedModel) -> JudgedModel:
             for other, g in zip(members, gains, strict=True)
             if are_near(member.where, other.where)
         )
-        if near > RESIDUAL_SHARE_LIMIT:
-            reason = "the residual at its place is large beside what it explains"
-            found[member.name] = Decision(
-                member.name, "residual", False, near, RESIDUAL_SHARE_LIMIT, reason
-            )
+        beside = _beside_generic(member, model) / max(gain, 1e-12)
+        if max(near, beside) > RESIDUAL_SHARE_LIMIT:
+            what = "unknown mechanism" if beside > near else "residual"
+            reason = f"the {what} at its place is large beside what it explains"
+            asked = (member.name, "residual", False, max(near, beside))
+            found[member.name] = Decision(*asked, RESIDUAL_SHARE_LIMIT, reason)
         elif is_inhomogeneous(differs, gain) and differs.captured > second_order:
             reason = f"its law differs between {differs.grouping}"
             ratio = differs.captured / max(gain, 1e-12)
@@ -191,6 +197,13 @@ def _residual_near(member: ModelTerm, left: DetectionTest) -> float:
     if left.tested.p_value >= SIGNIFICANCE:  # poses differ, but not along any law
         most = max(most, left.excess)
     return most
+
+
+def _beside_generic(member: ModelTerm, model: SelectedModel) -> float:
+    """Return the most that a mechanism without a name may leave where a member acts."""
+    every = zip(model.fit.members, model.drop_one_gains, strict=True)
+    own = [g for other, g in every if other.is_generic and acts_at(member, other.where)]
+    return GENERIC_ACCURACY * max(own, default=0.0)
 
 
 def _unexplained_places(

@@ -16,7 +16,11 @@ from bench.rig import Rig
 from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.candidates import residual_map
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.nominal_fit import prepare
+from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis
+from stiffness.diagnosis.selection import select_model
+from stiffness.diagnosis.verdict import judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.drift import Drift
 from stiffness.effects.jacobian import BodyTwist
@@ -87,6 +91,32 @@ def test_a_linear_mechanism_without_a_name_takes_no_names_of_its_neighbours(
     assert found.verdict == "partly_explained"
     assert {one.where for one in found.unexplained_places} <= places
     assert found.unexplained_places[0].depends_on[0] == "load"
+
+
+def test_a_name_ten_times_weaker_than_an_unknown_mechanism_at_its_place_is_withheld():
+    """The law of a generic term is no exact one; what it leaves may imitate a name."""
+    rig = Rig(MODEL)
+    known = parse_all(("hysteresis@a2", "hysteresis@a3"), rig.nominal)
+    thread = ThrustTurn(where="a3", compliance_rad_per_nm=1e-5)
+    rig = replace(rig, effects=(*known, thread))
+    made = record(rig, table_one_plan(poses=60), Instruments(), seed=4)
+    given = prepare(made, arm())
+    model = select_model(build_problem(given, FEW), given, FEW)
+    members = {m.name: k for k, m in enumerate(model.fit.members)}
+    (generic,) = (k for n, k in members.items() if n == ("generic_compliance", "a3"))
+    beside, elsewhere = members["hysteresis", "a3"], members["hysteresis", "a2"]
+
+    def withheld(ratio: float) -> list[bool]:
+        gains = list(model.drop_one_gains)
+        gains[beside] = gains[elsewhere] = ratio * gains[generic]
+        judged = judge(replace(model, drop_one_gains=tuple(gains)))
+        reasons = {d.candidate: d.reason for d in judged.decisions}
+        if judged.withheld[beside]:
+            assert "unknown mechanism" in reasons["hysteresis", "a3"]
+        return [judged.withheld[beside], judged.withheld[elsewhere]]
+
+    assert withheld(0.11) == [False, False]
+    assert withheld(0.09) == [True, False]
 
 
 def test_a_wave_of_the_tracker_is_no_slip_of_many_marks():
