@@ -147,7 +147,12 @@ class NamedEffect:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another set of names and its posterior."""
+    """The names given with one of them exchanged, or with one more that is not sure.
+
+    Attributes:
+        probability: Posterior of the name that was put in, the other names held.
+        effects: The whole set.
+    """
 
     probability: float
     effects: tuple[Name, ...]
@@ -233,7 +238,7 @@ class Diagnosis:
         detection: Whether there is a mismatch.
         located: Where, strongest first.
         named: What, most certain first.
-        rivals: Other sets of names.
+        rivals: Other sets of names, most probable first.
         unexplained: The residual; None where there is none.
         confounded: Pairs that these data cannot tell apart.
         warnings: Mistakes of the set-up and remarks.

@@ -319,12 +319,14 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     """
     model = judged.model
     case, members, last = model.case, model.fit.members, judged.residual
-    effects, rivals, decisions = [], [], list(judged.decisions)
+    effects, decisions = [], list(judged.decisions)
     shares: dict[Name, float] = {}
-    every = {member.name for member in members if not member.is_generic}
-    for k, (member, one) in enumerate(
-        zip(members, exchange_posteriors(model), strict=True)
-    ):
+    posteriors = exchange_posteriors(model)
+    stands = [
+        one.probability >= SURE and not judged.withheld[k] and not members[k].is_generic
+        for k, one in enumerate(posteriors)
+    ]
+    for k, (member, one) in enumerate(zip(members, posteriors, strict=True)):
         if member.is_generic:
             continue
         sure = one.probability >= SURE
@@ -337,11 +339,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
             else d
             for d in (*decisions, Decision(*asked))
         ]
-        others = every - {member.name}
-        for probability, other in one.rivals:
-            names = sorted({*others, (other.effect, other.where)})
-            rivals.append(Rival(probability, tuple(Name(*n) for n in names)))
-        if not sure or judged.withheld[k]:
+        if not stands[k]:
             continue
         name = Name(*member.name)
         shares[name] = model.share_without(k)
@@ -394,7 +392,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         "named": tuple(
             sorted(effects, key=lambda e: (-e.probability, -shares[e.name]))
         ),
-        "rivals": tuple(sorted(rivals, key=lambda r: -r.probability)[:MOST_RIVALS]),
+        "rivals": _rivals(model.fit.members, posteriors, stands),
         "unexplained": unexplained,
         "confounded": confounded_with(case.library, white, named),
         "nominal": _nominal_beside(case, prepared, model.fit),
@@ -402,6 +400,25 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         "unexplained_places": judged.unexplained_places if effects else (),
         "decisions": tuple(decisions),
     }
+
+
+def _rivals(
+    members: Sequence[ModelTerm],
+    posteriors: Sequence[ExchangePosterior],
+    stands: Sequence[bool],
+) -> tuple[Rival, ...]:
+    """Return the names given with one exchanged, or with one more that is not sure."""
+    given = {Name(*m.name) for m, stood in zip(members, stands, strict=True) if stood}
+    found = []
+    for member, one, stood in zip(members, posteriors, stands, strict=True):
+        if member.is_generic or (not stood and one.probability >= SURE):
+            continue
+        own = Name(*member.name)
+        swaps = one.rivals if stood else ((one.probability, own),)
+        for probability, other in swaps:
+            names = sorted({*(given - {own}), other}, key=str)
+            found.append(Rival(probability, tuple(names)))
+    return tuple(sorted(found, key=lambda r: -r.probability)[:MOST_RIVALS])
 
 
 def _with_places_of_map(

@@ -414,14 +414,25 @@ def _how_sure(answer: schema.Answer) -> Iterator[Block]:
         rows,
     )
     if answer.rivals:
+        named = {(n.effect, n.where) for n in answer.named}
         rows = [
             [
-                " + ".join(f"{e.effect} at {e.where}" for e in r.effects),
+                *_swap(named, {(e.effect, e.where) for e in r.effects}),
                 chance(r.probability),
             ]
             for r in answer.rivals
         ]
-        yield Table("Rivals that were tried.", ["set", "probability"], rows)
+        header = ["in place of", "would be", "probability"]
+        yield Table("Rivals of the names, all others held.", header, rows)
+
+
+def _swap(named: set[tuple[str, str]], rival: set[tuple[str, str]]) -> list[str]:
+    """Return in words what a rival set leaves out and what it brings."""
+    return [
+        " + ".join(f"{effect} at {where}" for effect, where in sorted(names))
+        or "nothing"
+        for names in (named - rival, rival - named)
+    ]
 
 
 def _pictures(finding: Result, folder: Path) -> Iterator[Block]:

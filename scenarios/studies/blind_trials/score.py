@@ -262,15 +262,22 @@ def _one_each(true: set[str], declared: Sequence[set[str]]) -> bool:
 def _stated(
     answer: Mapping, true: set[str], covering: Sequence[bool]
 ) -> tuple[tuple[float, bool], ...]:
-    """Return stated probabilities and whether true: of names, then of rivals."""
+    """Return stated probabilities and whether true: of names, then of rivals.
+
+    A rival is a whole set that differs from the names given by few of them. It is true
+    where all that it brings is true, and nothing that it replaces: sets of whole arms
+    are hardly ever true as a whole, so that the set would say nothing of the swap.
+    """
     named = [
         (float(one["probability"]), hit)
         for one, hit in zip(answer.get("named", []), covering, strict=True)
     ]
-    rivals = [
-        (float(rival["probability"]), {_name(e) for e in rival["effects"]} == true)
-        for rival in answer.get("rivals", [])
-    ]
+    given = {_name(one) for one in answer.get("named", [])}
+    rivals = []
+    for rival in answer.get("rivals", []):
+        names = {_name(e) for e in rival["effects"]}
+        better = names - given <= true and not (given - names) & true
+        rivals.append((float(rival["probability"]), better))
     return (*named, *rivals)
 
 

@@ -122,6 +122,28 @@ def test_two_names_cannot_both_stand_for_one_effect():
     assert "whole_set" not in marks(twice, truth)
 
 
+@pytest.mark.parametrize(
+    ("rival", "true"),
+    [
+        ((TRUE, "creep@a4"), True),  # the false name for a true one
+        ((TRUE, "creep@a3"), False),  # for another false one
+        (("hardening@a1", "creep@a4"), False),  # the true name for another true one
+        ((TRUE, "hardening@a1", "creep@a4"), True),  # one true name more
+    ],
+)
+def test_a_rival_is_true_where_what_it_brings_is_and_what_it_replaces_is_not(
+    rival, true
+):
+    truth = truth_of(TRUE, "creep@a4", "play@a6")
+
+    answer = answer_of(named(TRUE), named("hardening@a1"))
+    effects = [dict(zip(("effect", "where"), n.split("@"), strict=True)) for n in rival]
+    answer["rivals"] = [{"probability": 0.3, "effects": effects}]
+    *names, one = score_answer("arm_6 0", "x", answer, truth).stated
+    assert [hit for _, hit in names] == [True, False]
+    assert one == (0.3, true)
+
+
 def test_any_name_for_a_nameless_mechanism_is_wrong():
     truth = truth_of("softening@a2", stratum="outside")
     assert "wrong_name" in marks(answer_of(named("hardening@a2")), truth)

@@ -88,6 +88,15 @@ def test_every_name_of_a_whole_arm_is_sure_and_has_a_share():
     assert_allclose(sum(places), 1.0, atol=0.05)
 
 
+def test_a_rival_exchanges_one_of_the_names_given_or_adds_one_that_is_not_sure():
+    found = answer()
+    given = {n.name for n in found.named}
+    assert found.rivals
+    for rival in found.rivals:
+        assert len(set(rival.effects) - given) == 1
+        assert len(given - set(rival.effects)) <= 1
+
+
 def test_every_gate_of_a_whole_arm_leaves_its_decisions():
     decided = answer().decisions
     gates = {decision.gate for decision in decided}
