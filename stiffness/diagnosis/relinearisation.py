@@ -4,7 +4,8 @@
 Equation    y = f(c0) + (c1 - c0) df/dc + c1 (t' - t) + (c - c1) df/dc' + sizes x
             columns'; df/dc and the axes' torques t as prepared, what is dashed at the
             compliance c1, where the arm rests under what was named in the round before,
-            and under the masses, the hardening and the wrench that were found there
+            and under the masses, the curved springs, the torques of laws beside springs
+            and the wrench that were found there
 Source      Gauss-Newton in springs, fixed point in loads: these turn what gives way,
             whose columns then hold the product of both; a sensor that the arm turns
             reads the same wrench, along other axes
@@ -14,6 +15,7 @@ Ignores     what bearings, links and the base turn the sensor; what else changes
 ==========  ==========================================================================
 """
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -46,7 +48,13 @@ from stiffness.effects.jacobian import (
 from stiffness.effects.statics import wind_up
 from stiffness.experiment.residuals import expected, shares_of
 from stiffness.experiment.sensor_noise import no_finer
-from stiffness.experiment.static_state import StaticState, moved_to, rest_of
+from stiffness.experiment.static_state import (
+    LINEAR,
+    Law,
+    StaticState,
+    moved_to,
+    rest_of,
+)
 from stiffness.experiment.visits import held_at_mean
 from stiffness.regression.splits import Split, seed_of, split_of
 from stiffness.robot.kinematics import point_jacobian
@@ -55,6 +63,9 @@ MOVED = 0.03
 """Share by which a compliance or a load may change under names before all columns are
 laid out anew; chosen: what a load or a mass winds up goes with it, and sizes are said
 to some per cent."""
+ROUNDS = 2
+"""How often it is asked what laws of a gear leave to each other; chosen: a third round
+moves a hundredth of the first."""
 TINY = 1e-9
 """A load in N or N m that is none; chosen."""
 
@@ -123,7 +134,7 @@ def linearised(
     wound = wind_up(situation, (stands.torque - situation.torque)[:, :, None])
     along_arcs = beyond_linear(prepared, stands)
     data = data.subtract([wound, along_arcs], np.ones(2))
-    return data, stands if named is None else _under(stands, named)
+    return data, stands if named is None else state_under(stands, named)
 
 
 def changes(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> bool:
@@ -143,7 +154,7 @@ def _turned(situation: StaticState, fit: ModelFit) -> Float[np.ndarray, "rows ax
     What already holds the turned load, as an encoder's offset does, is left out.
     """
     turn = np.zeros_like(situation.rest)
-    acting = _under(situation, fit)
+    acting = state_under(situation, fit)
     for member, size in zip(fit.members, fit.coefficients, strict=True):
         if not member.hypothesis.turns_load:
             for part in member.jacobian(acting).parts:
@@ -183,13 +194,29 @@ def beyond_linear(prepared: Prepared, stands: StaticState) -> EffectJacobian:
     return EffectJacobian(1, tuple(parts))
 
 
-def _under(situation: StaticState, fit: ModelFit) -> StaticState:
-    """Return the situation with all that the members of a set make each other feel."""
+def state_under(situation: StaticState, fit: ModelFit) -> StaticState:
+    """Return the situation with all that the members of a set make each other feel.
+
+    What one law of a gear leaves to another depends on what that leaves to it.
+    """
     sized = list(zip(fit.members, fit.coefficients, strict=True))
-    for member, size in sized:
-        situation = _acting(situation, member, size)
+    now = situation
+    for _ in range(ROUNDS):
+        now = replace(situation, gears=now.gears)
+        for member, size in sized:
+            now = _acting(now, member, size)
+        parallel: dict[int, dict[Law, np.ndarray]] = {}
+        for member, size in sized:
+            own = (now, member.where, member.shape, size)
+            for axis, torque in member.hypothesis.parallel_torque(*own).items():
+                parallel.setdefault(axis, {})[member.name] = torque
+        gears = {
+            axis: replace(now.gears.get(axis, LINEAR), parallel=laws)
+            for axis, laws in parallel.items()
+        }
+        now = replace(now, gears={**now.gears, **gears})
     giving = tuple(_giving(*one) for one in sized if one[0].hypothesis.linear)
-    return replace(situation, giving=giving)
+    return replace(now, giving=giving)
 
 
 def _acting(situation: StaticState, member: ModelTerm, size: np.ndarray) -> StaticState:
@@ -232,17 +259,35 @@ def _softened(case: SelectionProblem, fit: ModelFit) -> bool:
 
 def _change(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> float:
     """Return the largest share by which loads or slopes of springs have changed."""
-    now, then = _under(prepared.situation, fit), case.situation
+    now, then = state_under(prepared.situation, fit), case.situation
     loads = [(now.moment, then.moment), (now.torque[..., None], then.torque[..., None])]
     shares = [0.0]
     for new, old in loads:
         change, size = (np.sqrt(np.mean(x**2, axis=(0, 2))) for x in (new - old, old))
         shares.extend(change / np.maximum(size, TINY))
-    if now.curved or then.curved:
+    if now.gears or then.gears:
         every = range(len(now.axes))
         new, old = (np.stack([x.softness_of(k) for k in every]) for x in (now, then))
         shares.append(float(np.sqrt(np.max(np.mean((new - old) ** 2, axis=1)))))
+    for axis in _shared_axes(case.situation, fit):
+        new, old = (x.spring_torque(axis) for x in (now, then))
+        size = float(np.sqrt(np.mean(then.torque[:, axis] ** 2)))
+        shares.append(float(np.sqrt(np.mean((new - old) ** 2))) / max(size, TINY))
     return float(max(shares))
+
+
+def _shared_axes(situation: StaticState, fit: ModelFit) -> list[int]:
+    """Return the axes that two members of a set or more turn."""
+    turned = Counter(
+        axis
+        for member in fit.members
+        for axis in {
+            part.axis
+            for part in member.jacobian(situation).parts
+            if isinstance(part, JointRotation)
+        }
+    )
+    return sorted(axis for axis, count in turned.items() if count > 1)
 
 
 def total_softening(

@@ -2,8 +2,9 @@
 
 ==========  ==========================================================================
 Equation    θ = C τ + s u (a cos nq + b sin nq), u and s = du/dτ as in `hysteresis`, τ
-            and 1 for a linear spring; K(q) = K (1 + ratio cos(nq + φ)), K at no torque,
-            with ρ = √(a² + b²) K/2, ratio = 2ρ/(1 + ρ²), φ = atan2(b, -a)
+            and 1 for a linear spring; K(q) = K (1 + r), r = ratio cos(nq + φ), K at no
+            torque, with ρ = √(a² + b²) K/2, ratio = 2ρ/(1 + ρ²), φ = atan2(b, -a);
+            of its gear's torque it carries u r/(1 + r)
 Source      Fourier series of 1/(1 + e cos x): Gradshteyn, Ryzhik, "Table of integrals,
             series and products", 3.613
 Valid       orders n up to 6, q the reported angle, wind-ups small against a period
@@ -53,9 +54,20 @@ class AngleDependentStiffness(Hypothesis):
     ) -> EffectJacobian:
         k = situation.axis(where)
         phase = shape[0] * situation.recording.posture[:, k]
-        torque = situation.torque[:, k]
+        torque = situation.spring_torque(k, (self.effect, where))
         felt = situation.softness_of(k) * situation.wound(k, torque)
         return turn(k, felt * np.cos(phase), felt * np.sin(phase))
+
+    @override
+    def parallel_torque(
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
+    ) -> Mapping[int, np.ndarray]:
+        k = situation.axis(where)
+        own = self.parameters(situation, where, shape, coefficients)
+        phase = shape[0] * situation.recording.posture[:, k] + own["phase_rad"]
+        wave = own["ratio"] * np.cos(phase)
+        torque = situation.spring_torque(k, (self.effect, where))
+        return {k: wave / (1.0 + wave) * situation.wound(k, torque)}
 
     @override
     def variants(
@@ -63,10 +75,10 @@ class AngleDependentStiffness(Hypothesis):
     ) -> EffectJacobian:
         others = [self.jacobian(situation, where, n * shape) for n in (2.0, 3.0)]
         k = situation.axis(where)
-        if (
-            k in situation.curved
+        if situation.is_curved(
+            k
         ):  # all of the spring varies, not its slope at no torque
-            wound = situation.wound(k, situation.torque[:, k])
+            wound = situation.wound(k, situation.spring_torque(k, (self.effect, where)))
             phase = shape[0] * situation.recording.posture[:, k]
             others.append(turn(k, wound * np.cos(phase), wound * np.sin(phase)))
         return hstack(others)

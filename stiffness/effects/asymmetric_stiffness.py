@@ -2,7 +2,9 @@
 
 ==========  ==========================================================================
 Equation    θ = C τ + a s |u|, u and s = du/dτ as in `hysteresis`, τ and 1 for a linear
-            spring; ratio = K+/K- = (C - a)/(C + a), C at no torque
+            spring; ratio = K+/K- = (C - a)/(C + a), C at no torque. Other laws of the
+            gear act through u = τ on the softer side, whose slope C + |a| is that of
+            the spring at no torque, and u = τ (C - |a|)/(C + |a|) on the other
 Source      even part of any law of two slopes; no source for a gear
 Valid       torques of either sign; C the mean compliance of both ways
 Ignores     hardening of either side
@@ -18,7 +20,11 @@ from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, reversing, sprung
 from stiffness.effects.jacobian import EffectJacobian, turn
-from stiffness.experiment.static_state import StaticState
+from stiffness.experiment.static_state import CurvedSpring, StaticState
+
+ROUND = 1e-3
+"""Width over which the slope turns over, over the largest torque; chosen: a thousandth,
+so that a torque of rounding has no side."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +32,7 @@ class AsymmetricStiffness(Hypothesis):
     """Axis whose stiffness depends on the direction of the torque."""
 
     effect: ClassVar[str] = "asymmetric_stiffness"
+    neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.05, 20.0),
     }
@@ -40,13 +47,36 @@ class AsymmetricStiffness(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
-        wound = situation.wound(k, situation.torque[:, k])
-        return turn(k, situation.softness_of(k) * np.abs(wound))
+        wound = situation.wound(k, situation.torque[:, k], self.effect)
+        return turn(k, situation.softness_of(k, self.effect) * np.abs(wound))
+
+    @override
+    def acting(
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
+    ) -> StaticState:
+        k, half = situation.axis(where), float(coefficients[0])
+        fitted = float(situation.compliance[k])
+        softer = situation.unloaded_compliance(k, self.effect) + abs(half)
+        if fitted <= 0.0 or 2.0 * abs(half) >= softer:
+            return situation
+        stiffer, side = 1.0 - 2.0 * abs(half) / softer, -np.sign(half)
+        width = ROUND * float(np.max(np.abs(situation.torque[:, k])))
+
+        def slope(torque: np.ndarray) -> np.ndarray:
+            share = 0.5 * (1.0 + side * torque / np.hypot(torque, width))
+            return 1.0 - (1.0 - stiffer) * share
+
+        def wound(torque: np.ndarray) -> np.ndarray:
+            on_side = 0.5 * (torque + side * (np.hypot(torque, width) - width))
+            return torque - (1.0 - stiffer) * on_side
+
+        spring = CurvedSpring(1.0 + abs(half) / fitted, wound, slope)
+        return situation.with_curve(k, self.effect, spring)
 
     @override
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
-        mean = situation.unloaded_compliance(situation.axis(where))
+        mean = situation.unloaded_compliance(situation.axis(where), self.effect)
         half = coefficients[0]
         return {"ratio": (mean - half) / (mean + half)}

@@ -139,11 +139,22 @@ class Hypothesis(ABC):
     ) -> StaticState:
         """Return the static state that springs and other effects see with this effect.
 
-        Unchanged, unless overridden, as by masses and errors of the wrench, or by a
-        hardening, which stiffens the axis for other effects: these move the arm, or
-        their change of its loads is neglected.
+        Unchanged, unless overridden, as by masses and errors of the wrench, or by what
+        curves a spring that other laws act through. Others move the arm, and their
+        change of its loads is neglected, or carry a part of one gear's torque: see
+        `parallel_torque`.
         """
         return situation
+
+    def parallel_torque(
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
+    ) -> Mapping[int, Float[np.ndarray, " rows"]]:
+        """Return the torque that the law carries beside springs of axes, in N m.
+
+        Other laws of these gears act on the rest of it. Nothing, unless overridden: the
+        law is no part of a gear, or sits in series with its spring.
+        """
+        return {}
 
     def limits_at(
         self, situation: StaticState, where: str

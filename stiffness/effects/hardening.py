@@ -12,7 +12,7 @@ Ignores     hysteresis; a stiffness that grows without a knee (its variants)
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -43,6 +43,7 @@ class Hardening(Hypothesis):
     """Axis whose gear grows stiffer with the torque."""
 
     effect: ClassVar[str] = "hardening"
+    neutral: ClassVar[Mapping[str, float]] = {"stiffness_ratio": 1.0}
     shape_names: ClassVar[tuple[str, ...]] = ("torque_nm",)
     size_of_variants: ClassVar[float | None] = 1.0
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
@@ -97,8 +98,9 @@ class Hardening(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> StaticState:
         k, a = situation.axis(where), float(coefficients[0])
-        stiff = float(situation.compliance[k])
-        if stiff <= 0.0 or stiff + a <= 0.0:
+        fitted = float(situation.compliance[k])
+        stiff = situation.unloaded_compliance(k, self.effect)
+        if fitted <= 0.0 or stiff + a <= 0.0:
             return situation
         knee, share = float(shape[0]), a / (stiff + a)
 
@@ -108,11 +110,11 @@ class Hardening(Hypothesis):
             )
 
         spring = CurvedSpring(
-            (stiff + a) / stiff,
+            1.0 + a / fitted,
             lambda torque: (1.0 - share) * torque + share * both(bent, torque),
             lambda torque: (1.0 - share) + share * both(slope, torque),
         )
-        return replace(situation, curved={**situation.curved, k: spring})
+        return situation.with_curve(k, self.effect, spring)
 
     @override
     def parameters(

@@ -4,7 +4,8 @@
 Equation    θ = C τ - s(τ) w/2 z(u path), s the slope of the axis' wind-up over the
             slope at no torque, u = ∫ s dτ, 1 and τ for a linear spring; z in -1 … 1:
             sum over j = 1, 2, 3 of j z_j / 6, z_j = (u - P_j[u]) / r_j the stop beside
-            the play P_j of half width r_j = j r / 3
+            the play P_j of half width r_j = j r / 3; of its gear's torque it carries
+            (w/2) z / C, and τ is what other laws beside the spring leave of it
 Source      Visintin 1994, "Differential Models of Hysteresis", chapter III (play and
             stop); evenly spread slips: Iwan 1966, "A distributed-element model for
             hysteresis"; a stop is one Maxwell-slip element as a function of torque
@@ -80,9 +81,20 @@ class Hysteresis(Hypothesis):
         soft = [rounded(situation, k, f * slip, own) for f in (0.5, 1.0, 2.0)]
         slope = situation.softness_of(k)
         forms = [slope * law for law in (*spread, *others, *soft)]
-        if k in situation.curved:  # friction in series with the spring, not beside it
+        if situation.is_curved(k):  # friction in series with the spring, not beside it
             forms.append(spread_stop(situation, k, slip, own))
         return turn(k, *forms)
+
+    @override
+    def parallel_torque(
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
+    ) -> Mapping[int, np.ndarray]:
+        k = situation.axis(where)
+        compliance = situation.unloaded_compliance(k)
+        if compliance <= 0.0:
+            return {}
+        half = 0.5 * coefficients[0] / compliance
+        return {k: half * spread_stop(situation, k, shape[0], round(shape[1]))}
 
     @override
     def parameters(
@@ -181,7 +193,8 @@ def _along(
             NOTHING.
         is_stop: Whether they sum changes of torque between bounds.
     """
-    path = situation.wound(axis, situation.torque[situation.steps, axis])
+    torque = situation.spring_torque(axis, (Hysteresis.effect, situation.axes[axis]))
+    path = situation.wound(axis, torque[situation.steps])
     start, skipped = np.zeros((len(bounds), len(path))), 0
     if memory == BEFORE:
         before = np.concatenate([[0.0], path[:-1, -1]])

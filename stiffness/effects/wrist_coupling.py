@@ -2,7 +2,8 @@
 
 ==========  ==========================================================================
 Equation    θ₁ = C₁ τ₁ + c τ₂, θ₂ = c τ₁ + C₂ τ₂; of gears that harden τ is what winds
-            a linear spring up as far, and θ follows the spring's slope there
+            a linear spring up as far, less what friction carries beside it, and θ
+            follows the spring's slope there; on gear 1 it carries -c τ₂/C₁
 Source      compliance through a transmission that mixes axes, T diag(1/k) Tᵀ: Salisbury
             1980, "Active stiffness control of a manipulator in Cartesian coordinates"
 Valid       pairs of the last three axes
@@ -20,7 +21,7 @@ from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, sprung
 from stiffness.effects.jacobian import EffectJacobian, JointRotation
-from stiffness.experiment.static_state import StaticState
+from stiffness.experiment.static_state import Law, StaticState
 
 WRIST = 3
 """Number of axes, counted from the tip, that form a wrist."""
@@ -56,8 +57,26 @@ class WristCoupling(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         far, near = situation.axis(where), round(shape[0]) - 1
-        parts = (_turned(situation, far, near), _turned(situation, near, far))
+        law = (self.effect, where)
+        parts = (
+            _turned(situation, far, near, law),
+            _turned(situation, near, far, law),
+        )
         return EffectJacobian(1, parts)
+
+    @override
+    def parallel_torque(
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
+    ) -> Mapping[int, np.ndarray]:
+        far, near = situation.axis(where), round(shape[0]) - 1
+        found = {}
+        for one, other in ((far, near), (near, far)):
+            compliance = situation.unloaded_compliance(one)
+            if compliance > 0.0:
+                torque = situation.spring_torque(other, (self.effect, where))
+                wound = situation.wound(other, torque)
+                found[one] = -coefficients[0] / compliance * wound
+        return found
 
     @override
     def parameters(
@@ -67,9 +86,9 @@ class WristCoupling(Hypothesis):
         return {"compliance_rad_per_nm": coefficients[0], "with": partner}
 
 
-def _turned(situation: StaticState, one: int, other: int) -> JointRotation:
+def _turned(situation: StaticState, one: int, other: int, law: Law) -> JointRotation:
     """Return how the torque of another axis turns one; both springs may be curved."""
-    wound = situation.wound(other, situation.torque[:, other])
+    wound = situation.wound(other, situation.spring_torque(other, law))
     return JointRotation(one, (situation.softness_of(one) * wound)[:, None])
 
 

@@ -59,6 +59,53 @@ class CurvedSpring:
     slope: Callable[[np.ndarray], np.ndarray]
 
 
+Law = tuple[str, str]
+"""An effect and where it is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gear:
+    """What named laws make of the gear of one axis.
+
+    Attributes:
+        curves: By effect, the curve that it gives to the axis' spring.
+        parallel: Torque that each law carries beside the spring in each row, in N m.
+    """
+
+    curves: Mapping[str, CurvedSpring] = field(default_factory=dict)
+    parallel: Mapping[Law, Float[np.ndarray, " rows"]] = field(default_factory=dict)
+
+    def curves_but(self, effect: str) -> list[CurvedSpring]:
+        """Return the curves of all other effects, in the order in which they act."""
+        return [
+            self.curves[own]
+            for own in sorted(self.curves, reverse=True)
+            if own != effect
+        ]
+
+    def curve(
+        self, torque: Float[np.ndarray, "*_"], effect: str
+    ) -> tuple[Float[np.ndarray, "*_"], Float[np.ndarray, "*_"]]:
+        """Return wind-ups and slopes, as in `CurvedSpring`, without an effect's curve.
+
+        Each curve acts through those before it.
+        """
+        wound, slope = torque, np.ones_like(torque)
+        for one in self.curves_but(effect):
+            more, change = one.wound(wound) - wound, one.slope(wound) - 1.0
+            wound, slope = wound + slope * more, slope * (1.0 + slope * change)
+        return wound, slope
+
+    def some(self, rows: Int[np.ndarray, " some"]) -> "Gear":
+        """Return the same in some rows."""
+        own = {law: torque[rows] for law, torque in self.parallel.items()}
+        return replace(self, parallel=own)
+
+
+LINEAR = Gear()
+"""The gear of an axis of which nothing is named."""
+
+
 @dataclass(frozen=True, eq=False)
 class StaticState:
     """Loads and configurations of an experiment, the input of all hypotheses.
@@ -92,7 +139,7 @@ class StaticState:
             None: as stated.
         giving: Named effects that are linear in the loads: for each the blocks of its
             Jacobian in any static state.
-        curved: Springs of axes that named effects curve; others are linear.
+        gears: Of the axes of whose gears laws are named.
     """
 
     recording: Recording
@@ -114,7 +161,7 @@ class StaticState:
     tracker: Float[np.ndarray, "4 4"] | None = None
     marker_positions: Float[np.ndarray, "markers 3"] | None = None
     giving: tuple[Callable[["StaticState"], tuple], ...] = ()
-    curved: Mapping[int, CurvedSpring] = field(default_factory=dict)
+    gears: Mapping[int, Gear] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -205,26 +252,68 @@ class StaticState:
         """Return the same state with another compliance of the axes."""
         return replace(self, compliance=compliance)
 
-    def softness_of(self, axis: int) -> Float[np.ndarray, " rows"]:
-        """Return the slope of an axis' wind-up over the slope at no torque."""
-        spring = self.curved.get(axis)
-        return (
-            np.ones(self.rows) if spring is None else spring.slope(self.torque[:, axis])
-        )
+    def with_curve(self, axis: int, effect: str, spring: CurvedSpring) -> "StaticState":
+        """Return the same state where an effect curves an axis' spring.
+
+        Args:
+            axis: Its index, counted from 0.
+            effect: Whose curve it is.
+            spring: The curve.
+        """
+        gear = self.gears.get(axis, LINEAR)
+        gear = replace(gear, curves={**gear.curves, effect: spring})
+        return replace(self, gears={**self.gears, axis: gear})
+
+    def is_curved(self, axis: int) -> bool:
+        """Return whether a named effect curves an axis' spring."""
+        return bool(self.gears.get(axis, LINEAR).curves)
+
+    def softness_of(self, axis: int, effect: str = "") -> Float[np.ndarray, " rows"]:
+        """Return the slope of an axis' wind-up over the slope at no torque.
+
+        It is the slope midway between the gear's torque and its spring's: what a law
+        beside the spring takes from it counts over this way.
+
+        Args:
+            axis: Its index, counted from 0.
+            effect: Whose curve does not count; empty: all curves do.
+        """
+        midway = 0.5 * (self.torque[:, axis] + self.spring_torque(axis))
+        return self.gears.get(axis, LINEAR).curve(midway, effect)[1]
+
+    def spring_torque(self, axis: int, law: Law = ("", "")) -> np.ndarray:
+        """Return the torque that an axis' gear carries but for some laws, in N m.
+
+        Args:
+            axis: Its index, counted from 0.
+            law: Whose own torque counts too; all other laws beside the spring do not.
+        """
+        beside = self.gears.get(axis, LINEAR).parallel.items()
+        carried = [torque for other, torque in beside if other != law]
+        return self.torque[:, axis] - sum(carried)
 
     def wound(
-        self, axis: int, torque: Float[np.ndarray, "*_"]
+        self, axis: int, torque: Float[np.ndarray, "*_"], effect: str = ""
     ) -> Float[np.ndarray, "*_"]:
-        """Return torques of an axis that would wind it up alike were it linear."""
-        spring = self.curved.get(axis)
-        return torque if spring is None else spring.wound(torque)
+        """Return torques of an axis that would wind it up alike were it linear.
 
-    def unloaded_compliance(self, axis: int) -> float:
-        """Return the slope of an axis' wind-up at no torque, in rad/(N m)."""
-        spring = self.curved.get(axis)
-        return float(self.compliance[axis]) * (
-            1.0 if spring is None else spring.initial
-        )
+        Args:
+            axis: Its index, counted from 0.
+            torque: In N m.
+            effect: As in `softness_of`.
+        """
+        return self.gears.get(axis, LINEAR).curve(torque, effect)[0]
+
+    def unloaded_compliance(self, axis: int, effect: str = "") -> float:
+        """Return the slope of an axis' wind-up at no torque, in rad/(N m).
+
+        Args:
+            axis: Its index, counted from 0.
+            effect: As in `softness_of`.
+        """
+        others = self.gears.get(axis, LINEAR).curves_but(effect)
+        initial = sum(one.initial - 1.0 for one in others)
+        return float(self.compliance[axis]) * (1.0 + initial)
 
     def some(self, rows: Int[np.ndarray, " some"]) -> "StaticState":
         """Return some rows of the same, for laws that act on each row separately."""
@@ -233,7 +322,9 @@ class StaticState:
             "seat", "wrench", "sensor", "sensor_axes",
         )  # fmt: skip
         taken = {name: getattr(self, name)[rows] for name in per_row}
-        return replace(self, recording=self.recording.take(rows), **taken)
+        gears = {axis: gear.some(rows) for axis, gear in self.gears.items()}
+        recording = self.recording.take(rows)
+        return replace(self, recording=recording, gears=gears, **taken)
 
 
 # --- Static equilibrium under gravity and load ----------------------------------------
@@ -277,7 +368,7 @@ def moved_to(situation: StaticState, rest: np.ndarray) -> StaticState:
         tracker=situation.tracker,
         marker_positions=situation.marker_positions,
         giving=situation.giving,
-        curved=situation.curved,
+        gears=situation.gears,
     )
 
 

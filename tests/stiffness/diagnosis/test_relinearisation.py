@@ -162,7 +162,7 @@ PULLING = {
     *("gravity_load", "mass_scale", "gravity_compensator"),
     *("wrench_bias", "wrench_gain", "wrench_misalignment"),
 }
-STIFFENING = {"hardening"}
+STIFFENING = {"hardening", "asymmetric_stiffness"}
 
 
 @pytest.mark.parametrize("effect", sorted(set(truth.BY_NAME) - PULLING - STIFFENING))
