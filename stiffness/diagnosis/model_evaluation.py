@@ -254,20 +254,26 @@ def _covariance_of_the_unknown(
 ) -> Float[np.ndarray, "columns columns"]:
     """Return what else is not known adds to the covariance of members.
 
-    These are constants that laws assume, and terms that were not selected: their
-    coefficients have a prior as wide as those of the same effect that were
-    selected: what data do not hold of them they do not hold of what moves alike.
+    A constant that a law assumes has the spread of its prior, whatever readings say of
+    it: the sizes were fitted beside the assumed one. Terms that were not selected have
+    coefficients with a prior as wide as those of the same effect that were selected:
+    what data do not hold of them they do not hold of what moves alike.
     """
-    known, gram = look.known, look.slopes.gram[1]
-    prior = look.priors
-    some = np.flatnonzero((prior > 0.0) | (np.arange(len(gram)) < known))
-    size = np.sqrt(np.maximum(np.diag(gram), 0.0) + prior)[some]
+    known, gram, prior = look.known, look.slopes.gram[1], look.priors
+    constants = np.concatenate([np.zeros(0, dtype=int), *look.assumed])
+    beside = np.concatenate([np.zeros(0, dtype=int), *look.unselected])
+    beside = beside[prior[beside] > 0.0]
+    some = np.concatenate([np.arange(known), beside])
+    size = np.sqrt(np.maximum(np.diag(gram), 0.0) + prior)
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
-    inner = gram[np.ix_(some, some)] * scale * scale[:, None]
+    inner = gram * scale * scale[:, None]
     own = np.linalg.pinv(inner[:known, :known], rcond=1e-10, hermitian=True)
-    inner += np.diag(prior[some] * scale**2)
-    both = np.linalg.pinv(inner, rcond=1e-12, hermitian=True)[:known, :known]
-    return (both - own) * scale[:known] * scale[:known, None]
+    whole = inner[np.ix_(some, some)] + np.diag((prior * scale**2)[some])
+    both = np.linalg.pinv(whole, rcond=1e-12, hermitian=True)[:known, :known]
+    by_constant = own @ inner[:known, constants]
+    spread = 1.0 / (prior * scale**2)[constants]
+    total = both - own + by_constant * spread @ by_constant.T
+    return total * scale[:known] * scale[:known, None]
 
 
 ALIKE = {"encoder_offset": "geometry_error"}
