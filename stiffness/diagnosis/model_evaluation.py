@@ -14,7 +14,7 @@ Ignores     that the name was chosen with the same poses
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -28,6 +28,7 @@ from stiffness.diagnosis.model_fit import (
     fit_of,
     shape_columns,
     training,
+    with_priors,
 )
 from stiffness.diagnosis.sufficient_statistics import (
     PerPoseScores,
@@ -113,6 +114,8 @@ def evaluate_model(
     forms += [m.jacobian(situation) for m in beside]
     some = [form for form in forms if form.columns]
     every = per_pose_scores(data, [*nominal, *own, *steps, *some], training(split))
+    given = with_priors(every.gram[1], len(nominal), members, situation)
+    every = replace(every, gram=np.stack([every.gram[0], given]))
     first = sum(s.columns for s in (*nominal, *own))
     score = every.score[~split.held_out].sum(axis=0)
     fit = fit_of(members, own, every.gram[1][:first, :first], score[:first])
@@ -177,7 +180,10 @@ def parameters_of(
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))  # zero: counts, has no slope
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
     inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
-    spread = jackknife_covariance(own * scale * scale[:, None], score * scale)
+    given = with_priors(0.0 * gram, len(fit.springs), fit.members, situation)
+    spread = jackknife_covariance(
+        own * scale * scale[:, None], score * scale, given * scale * scale[:, None]
+    )
     grow = np.sqrt(
         np.maximum(np.diag(spread) / np.maximum(np.diag(inverse), 1e-300), 1.0)
     )
@@ -310,14 +316,16 @@ def _columns_of_members(look: ModelEvaluation) -> list[Int[np.ndarray, " _"]]:
 def jackknife_covariance(
     own: Float[np.ndarray, "poses columns columns"],
     score: Float[np.ndarray, "poses columns"],
+    prior: Float[np.ndarray, "columns columns"] | float = 0.0,
 ) -> Float[np.ndarray, "columns columns"]:
     """Return the covariance of a fit from how it moves as one pose is left out.
 
     Args:
         own: Gram matrix of each pose.
         score: Of each pose, at the fit.
+        prior: Information before any reading.
     """
-    whole, poses = own.sum(axis=0), len(own)
+    whole, poses = own.sum(axis=0) + prior, len(own)
     moved = [
         np.linalg.pinv(whole - one, rcond=1e-10, hermitian=True) @ asked
         for one, asked in zip(own, score, strict=True)
@@ -445,17 +453,21 @@ def cost_of_limits(
     """Return the whitened square that is lost if a parameter keeps to its limits.
 
     Of the parameter that lies furthest outside; 0 where an interval reaches inside.
+    Without end where all sizes are impossible: each may be small within what the
+    others explain, but no part of the effect could be there.
     """
     limits = member.hypothesis.limits_at(situation, member.where)
-    worst = 0.0
+    worst, beyond = 0.0, set[str]()
     for name, (low, high) in limits.items():
         found = parameters.get(name)
         if found is None or (found.high >= low and found.low <= high):
             continue
+        beyond.add(name)
         apart = max(low - found.estimate, found.estimate - high)
         sigma = (found.high - found.low) / (2.0 * SETTINGS.standard_errors)
         worst = max(worst, (apart / max(sigma, 1e-300)) ** 2)
-    return worst
+    sizes = member.hypothesis.magnitudes
+    return np.inf if len(sizes) > 1 and beyond.issuperset(sizes) else worst
 
 
 def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Interval]) -> bool:

@@ -148,7 +148,34 @@ def fit_model(case: SelectionProblem, members: Sequence[ModelTerm]) -> ModelFit:
     own = [m.jacobian(case.situation) for m in members]
     found = normal_equations_of(case.data, [*case.nominal, *own], training(case.split))
     score = found.score[~case.split.held_out].sum(axis=0)
-    return fit_of(members, own, found.gram[1], score)
+    gram = with_priors(found.gram[1], len(case.nominal), members, case.situation)
+    return fit_of(members, own, gram, score)
+
+
+def with_priors(
+    gram: Float[np.ndarray, "all all"],
+    first: int,
+    members: Sequence[ModelTerm],
+    situation: StaticState,
+) -> Float[np.ndarray, "all all"]:
+    """Return normal equations with what is known of coefficients before any reading.
+
+    Args:
+        gram: Of columns of which those of the members come one after the other.
+        first: Number of the first of these.
+        members: The terms.
+        situation: Where the arm stood.
+    """
+    gram = gram.copy()
+    diagonal = np.einsum("ii->i", gram)
+    at = first
+    for member in members:
+        sigma = member.hypothesis.prior_sigma(situation, member.where)
+        count = member.jacobian(situation).columns if sigma is None else len(sigma)
+        if sigma is not None:
+            diagonal[at : at + count] += sigma**-2.0
+        at += count
+    return gram
 
 
 def fit_of(
@@ -389,6 +416,7 @@ def _linearised(
         case.data, [*case.nominal, *laws, *slopes], training(case.split)
     )
     gram, score = found.gram[1], found.score[~case.split.held_out].sum(axis=0)
+    gram = with_priors(gram, len(case.nominal), terms, case.situation)
     width = sum(law.columns for law in (*case.nominal, *laws))
     fit = fit_of(terms, laws, gram[:width, :width], score[:width])
     mix = np.zeros((len(gram), width + len(shapes)))

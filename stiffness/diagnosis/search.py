@@ -104,6 +104,12 @@ class Search:
             )
             for term, columns in zip(terms, owned, strict=True)
         ]
+        prior = np.zeros(len(gram))
+        for term, columns in zip(terms, owned, strict=True):
+            sigma = term.hypothesis.prior_sigma(case.situation, term.where)
+            if sigma is not None:
+                prior[columns] = sigma**-2.0
+        gram = gram + np.diag(prior)
         nominal = width + np.arange(case.library.nominal)
         asked = score[~case.split.held_out].sum(axis=0)
         problem = GroupProblem.of(gram, asked, raw, nominal, groups, case.poses)

@@ -44,6 +44,7 @@ from stiffness.diagnosis.model_fit import (
     fit_model,
     fit_shapes,
     training,
+    with_priors,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.relinearisation import (
@@ -423,7 +424,9 @@ def _dispersion(case: SelectionProblem, look: ModelEvaluation) -> float:
     score = look.slopes.score[mask][:, some] - own @ fitted
     scale = 1.0 / np.sqrt(np.maximum(np.diag(own.sum(axis=0)), 1e-300))
     own, score = own * scale * scale[:, None], score * scale
-    spread = jackknife_covariance(own, score)
+    members, nothing = look.fit.members, np.zeros((count, count))
+    prior = with_priors(nothing, case.library.nominal, members, case.situation)
+    spread = jackknife_covariance(own, score, prior * scale * scale[:, None])
     return max(1.0, float(np.sum(own.sum(axis=0) * spread)) / count)
 
 

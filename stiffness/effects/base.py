@@ -156,6 +156,16 @@ class Hypothesis(ABC):
         """
         return {}
 
+    def prior_sigma(
+        self, situation: StaticState, where: str
+    ) -> Float[np.ndarray, " columns"] | None:
+        """Return one sigma of each coefficient before any reading.
+
+        None, unless overridden: nothing is known. What readings hardly hold, alone or
+        against springs and loads, stays within it.
+        """
+        return None
+
     def limits_at(
         self, situation: StaticState, where: str
     ) -> Mapping[str, tuple[float, float]]:

@@ -18,6 +18,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape
@@ -50,6 +52,14 @@ class EncoderOffset(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         return encoder_offset_response(situation, situation.axis(where))
+
+    @override
+    def prior_sigma(
+        self, situation: StaticState, where: str
+    ) -> Float[np.ndarray, " columns"]:
+        drawing, slides = situation.recording.drawing, situation.arm.slides
+        slide = slides[situation.axis(where)]
+        return np.array([drawing.length if slide else drawing.offset])
 
     @override
     def parameters(

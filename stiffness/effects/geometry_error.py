@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, axes_of
@@ -57,6 +58,13 @@ class GeometryError(Hypothesis):
         return EffectJacobian(
             6, (BodyTwist(place, np.concatenate([shift, turned], axis=2)),)
         )
+
+    @override
+    def prior_sigma(
+        self, situation: StaticState, where: str
+    ) -> Float[np.ndarray, " columns"]:
+        drawing = situation.recording.drawing
+        return np.repeat([drawing.length, drawing.angle], 3)
 
     @override
     def parameters(

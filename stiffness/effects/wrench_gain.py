@@ -30,6 +30,9 @@ from stiffness.effects.statics import (
 )
 from stiffness.experiment.static_state import StaticState
 
+SIGMA = 0.02
+"""One sigma of a gain before any reading: the usual error of the catalogue. Gains
+of all channels with softer springs are held by gravity alone."""
 NAMES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
 
@@ -64,6 +67,12 @@ class WrenchGain(Hypothesis):
         crosstalk[:, to, np.arange(len(to))] = -reading(situation)[:, of]
         torque = torque_at_sensor(situation, along_sensor(situation, crosstalk))
         return wind_up(situation, torque)
+
+    @override
+    def prior_sigma(
+        self, situation: StaticState, where: str
+    ) -> Float[np.ndarray, " columns"]:
+        return np.full(len(felt(situation, torques(situation))), SIGMA)
 
     @override
     def parameters(

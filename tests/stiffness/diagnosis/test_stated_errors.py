@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis_truth import BY_NAME
 from numpy.testing import assert_allclose
 
 from bench.effects.encoder_offset import EncoderOffset as ZeroOff
@@ -21,7 +22,7 @@ from scenarios.studies.blind_trials.arms import arm_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED
 from stiffness.diagnosis.diagnose import chi_square_summary, diagnose
 from stiffness.diagnosis.model_evaluation import cost_of_limits
-from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem
+from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem, with_priors
 from stiffness.diagnosis.nominal_fit import prepare, rest_of, smooth_basis
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis
@@ -270,6 +271,41 @@ def test_no_more_mass_is_taken_from_a_link_than_it_carries(plain, arm):
 
     assert not withdrawn(-whole + 0.05)
     assert withdrawn(-whole - 0.2)
+
+
+@pytest.mark.parametrize(("u", "v"), [(-2e-6, 3e-6), (-2e-6, -3e-6)])
+def test_an_effect_with_no_possible_size_costs_all_within_its_limits(plain, arm, u, v):
+    """Of two sizes one may be small and impossible beside the other."""
+    situation = prepare(plain, arm).situation
+    law = ModelTerm(BY_NAME["bearing_tilt"], "a3", np.zeros(1))
+    sizes = {"u_rad_per_nm": u, "v_rad_per_nm": v}
+    found = {name: Interval(x, x - 5e-7, x + 5e-7) for name, x in sizes.items()}
+    cost = cost_of_limits(situation, law, found)
+    assert cost > 0.0
+    assert np.isinf(cost) == (v < 0.0)
+
+
+def test_what_is_known_before_any_reading_enters_the_normal_equations(plain, arm):
+    """1/σ² for each gain, length, angle and zero; nothing for what is not known."""
+    situation = prepare(plain, arm).situation
+    laws = (
+        ("geometry_error", "link_2"),
+        ("hysteresis", "a2"),
+        ("encoder_offset", "a3"),
+    )
+    terms = [
+        ModelTerm(BY_NAME[e], w, BY_NAME[e].shapes(situation, w)[0]) for e, w in laws
+    ]
+    drawing = plain.drawing
+    of_link = [drawing.length] * 3 + [drawing.angle] * 3
+    found = with_priors(np.eye(10), 2, terms, situation)
+    want = np.ones(10)
+    want[2:8] += np.array(of_link) ** -2.0
+    want[9] += drawing.offset**-2.0
+    assert_allclose(found, np.diag(want))
+    gains = BY_NAME["wrench_gain"].prior_sigma(situation, "wrench_sensor")
+    assert gains is not None
+    assert_allclose(gains, 0.02)
 
 
 def test_mass_on_a_tool_hangs_on_the_flange_where_the_model_has_no_tool(
