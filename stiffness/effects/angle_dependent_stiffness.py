@@ -24,6 +24,9 @@ from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, orders, sp
 from stiffness.effects.jacobian import EffectJacobian, hstack, turn
 from stiffness.experiment.static_state import StaticState
 
+MOST_UNEVEN = 0.9
+"""Largest ratio that springs and other laws are corrected for; chosen."""
+
 
 @dataclass(frozen=True)
 class AngleDependentStiffness(Hypothesis):
@@ -65,7 +68,7 @@ class AngleDependentStiffness(Hypothesis):
         k = situation.axis(where)
         own = self.parameters(situation, where, shape, coefficients)
         phase = shape[0] * situation.recording.posture[:, k] + own["phase_rad"]
-        wave = own["ratio"] * np.cos(phase)
+        wave = min(own["ratio"], MOST_UNEVEN) * np.cos(phase)
         torque = situation.spring_torque(k, (self.effect, where))
         return {k: wave / (1.0 + wave) * situation.wound(k, torque)}
 

@@ -7,9 +7,10 @@ from bench.experiment import record
 from bench.instruments import Instruments, Markers
 from bench.rig import Rig
 from bench.standard_plans import table_one_plan
-from scenarios.pipelines.patching import patch_of_diagnosis
+from scenarios.pipelines.patching import memory_of, patch_of_diagnosis
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.experiment.visits import BEFORE
+from stiffness.diagnosis.result import Name, NamedEffect
+from stiffness.experiment.visits import BEFORE, NOTHING
 
 
 @pytest.mark.parametrize(
@@ -35,3 +36,18 @@ def test_effect_whose_state_lasts_from_visit_to_visit_is_named(said, parameter, 
     patch = patch_of_diagnosis(found, recording, nominal)
     assert patch.memory == "carried"
     assert set(patch.fitted) == {f"a{k}" for k in range(1, 7)}
+
+
+@pytest.mark.parametrize(
+    ("shares", "memory"),
+    [((0.2, 0.001), "forgotten"), ((0.001, 0.2), "carried"), ((), "forgotten")],
+)
+def test_one_memory_of_all_gears_is_that_of_what_explains_most(shares, memory):
+    named = [
+        NamedEffect(Name("hysteresis", "a2"), 1.0, (), {}, (10.0, float(NOTHING))),
+        NamedEffect(Name("creep", "a1"), 1.0, (), {}, (30.0, float(BEFORE))),
+        NamedEffect(Name("hardening", "a1"), 1.0, (), {}, (30.0,)),
+    ]
+    of = {one.name: share for one, share in zip(named, shares, strict=False)}
+    assert memory_of(named, of) == memory
+    assert memory_of(named[1:], {}) == "carried"
