@@ -281,15 +281,18 @@ class StaticState:
         midway = 0.5 * (self.torque[:, axis] + self.spring_torque(axis))
         return self.gears.get(axis, LINEAR).curve(midway, effect)[1]
 
-    def spring_torque(self, axis: int, law: Law = ("", "")) -> np.ndarray:
-        """Return the torque that an axis' gear carries but for some laws, in N m.
+    def spring_torque(self, axis: int, law: Law | None = None) -> np.ndarray:
+        """Return the torque that an axis' gear leaves to its spring, in N m.
 
         Args:
             axis: Its index, counted from 0.
-            law: Whose own torque counts too; all other laws beside the spring do not.
+            law: Whose own torque counts too. All counts for one that is not named: it
+                may stand in the place of a named one as well as beside it.
         """
-        beside = self.gears.get(axis, LINEAR).parallel.items()
-        carried = [torque for other, torque in beside if other != law]
+        beside = self.gears.get(axis, LINEAR).parallel
+        if law is not None and law not in beside:
+            return self.torque[:, axis]
+        carried = [torque for other, torque in beside.items() if other != law]
         return self.torque[:, axis] - sum(carried)
 
     def wound(

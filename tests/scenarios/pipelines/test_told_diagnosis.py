@@ -484,8 +484,11 @@ def test_an_effect_all_of_whose_sizes_may_be_zero_may_be_nothing():
     assert not may_be_nothing(
         LinkBending(), {"bending_nm2": soft, "torsion_nm2": stiff}
     )
-    ratio = Interval(1.0, -1.0, 3.0)
-    assert not may_be_nothing(Hardening(), {"stiffness_ratio": ratio})
+    knee, slight = Interval(20.0, 15.0, 25.0), Interval(1.1, 0.9, 1.3)
+    hardening = {"stiffness_ratio": slight, "torque_nm": knee}
+    assert may_be_nothing(Hardening(), hardening)
+    clear = {**hardening, "stiffness_ratio": Interval(1.3, 1.1, 1.5)}
+    assert not may_be_nothing(Hardening(), clear)
 
 
 def test_an_added_mass_that_does_not_show_is_none_that_no_arm_carries(found):

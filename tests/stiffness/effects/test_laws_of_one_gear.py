@@ -95,10 +95,13 @@ def column(state: StaticState, effect: str, where: str, shape: list[float]):
 
 
 def test_a_wave_of_stiffness_and_a_coupling_act_on_what_friction_leaves():
-    """Its torque is f = (w/2) z / C, carried beside the spring."""
+    """Its torque is f = (w/2) z / C; on all, where they are not named beside it."""
     state, width, shape = truth.situation(), 2e-4, [8.0, 0.0]
     for axis, where in ((1, "a2"), (3, "a4")):
-        named = alone(state, ("hysteresis", where, shape, [width]))
+        loop = ("hysteresis", where, shape, [width])
+        wave = ("angle_dependent_stiffness", where, [2.0], [0.0, 0.0])
+        coupling = ("wrist_coupling", "a6", [4.0], [0.0])
+        named = alone(state, loop, wave, coupling)
         friction = -width * column(state, "hysteresis", where, shape)[:, 0]
         friction /= state.compliance[axis]
         left = state.torque[:, axis] - friction
@@ -106,11 +109,14 @@ def test_a_wave_of_stiffness_and_a_coupling_act_on_what_friction_leaves():
         assert_allclose(named.spring_torque(axis), left, atol=1e-12)
         own = named.spring_torque(axis, ("hysteresis", where))
         assert_array_equal(own, state.torque[:, axis])
-        wave = column(named, "angle_dependent_stiffness", where, [2.0])
         phase = 2.0 * state.recording.posture[:, axis]
-        assert_allclose(wave[:, 0], left * np.cos(phase), atol=1e-9)
-    coupling = column(named, "wrist_coupling", "a6", [4.0])
-    assert_allclose(coupling[:, 0], left, atol=1e-12)
+        for here, torque in (
+            (named, left),
+            (alone(state, loop), state.torque[:, axis]),
+        ):
+            law = column(here, "angle_dependent_stiffness", where, [2.0])
+            assert_allclose(law[:, 0], torque * np.cos(phase), atol=1e-9)
+    assert_allclose(column(named, "wrist_coupling", "a6", [4.0])[:, 0], left)
 
 
 def test_friction_feels_what_a_wave_and_a_coupling_leave():
@@ -118,7 +124,8 @@ def test_friction_feels_what_a_wave_and_a_coupling_leave():
     state, shape = truth.situation(), [2.0, 0.0]
     a, b = -0.1 * state.compliance[5], 0.05 * state.compliance[5]
     wave = ("angle_dependent_stiffness", "a6", [1.0], [a, b])
-    named = alone(state, wave)
+    loop = ("hysteresis", "a6", shape, [0.0])
+    named = alone(state, wave, loop)
     own = truth.BY_NAME[wave[0]].parameters(state, "a6", np.ones(1), np.array([a, b]))
     swing = own["ratio"] * np.cos(state.recording.posture[:, 5] + own["phase_rad"])
     left = state.torque[:, 5] / (1.0 + swing)
@@ -127,7 +134,7 @@ def test_friction_feels_what_a_wave_and_a_coupling_leave():
     torque[:, 5] = left
     want = column(replace(state, torque=torque), "hysteresis", "a6", shape)
     assert_allclose(column(named, "hysteresis", "a6", shape), want, atol=1e-9)
-    named = alone(state, ("wrist_coupling", "a6", [4.0], [5e-6]))
+    named = alone(state, ("wrist_coupling", "a6", [4.0], [5e-6]), loop)
     more = 5e-6 * state.torque[:, 3] / state.compliance[5]
     assert_allclose(named.spring_torque(5), state.torque[:, 5] + more, atol=1e-9)
 
