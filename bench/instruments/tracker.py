@@ -16,8 +16,8 @@ axis points at the middle of the arm's postures, its y axis down.
 Readings (`Tracker.read`):
 
 ==========  ==========================================================================
-Equation    s = tracker_from_base (p + t·base drift); reading = (1 + scale) s
-            + t·drift + field(s) + noise / sqrt(frames)
+Equation    s = tracker_from_base (p + base drift(t)); reading = (1 + scale) s
+            + drift(t) + field(s) + noise / sqrt(frames)
 Source      C-Track of Wu et al. 2024, section 3.1: repeatability 0.01 mm, volumetric
             accuracy 0.05 mm; further sizes at each attribute
 Valid       plateaus; t is the time since the start
@@ -121,27 +121,60 @@ def inverse(
     return (point - base_from_tracker[:3, 3]) @ base_from_tracker[:3, :3]
 
 
-def displaced(
-    point: Float[np.ndarray, "rows markers 3"],
-    rate: tuple[float, ...],
-    hours: Float[np.ndarray, " rows"],
-) -> Float[np.ndarray, "rows markers 3"]:
-    """Return points under rigid drift: exp(hours r) p + hours v, in m.
-
-    Args:
-        point: Points without drift, in m.
-        rate: v in m/h, then the rotation vector r in rad/h.
-        hours: Time since the start, row by row.
-    """
-    turn = Rotation.from_rotvec(np.outer(hours, rate[3:])).as_matrix()
-    shift = np.outer(hours, rate[:3])
-    return np.einsum("nij,nmj->nmi", turn, point) + shift[:, None]
-
-
-# --- Tracker --------------------------------------------------------------------------
+# --- Drift ----------------------------------------------------------------------------
 
 STILL = (0.0,) * 6
 HOUR = 3600.0
+
+
+@dataclass(frozen=True)
+class DriftCourse:
+    """Rigid motion in time, at constant speed or until it comes to rest.
+
+    Attributes:
+        rate: Speed at the start in an hour: shift in m, then rotation vector in rad.
+        time_constant: T in s of a drift T (1 - exp(-t/T)) times its speed; 0: the
+            speed stays.
+    """
+
+    rate: tuple[float, ...]
+    time_constant: float = 0.0
+
+    def __post_init__(self):
+        """Check all sizes at once."""
+        faults = not_vectors({"rate": self.rate}, 6)
+        faults += not_sizes({"time_constant": self.time_constant})
+        refuse("DriftCourse", faults)
+
+    def displacement(
+        self, time: Float[np.ndarray, " rows"]
+    ) -> Float[np.ndarray, "rows 6"]:
+        """Return the motion by each time since the start in s, in m and rad."""
+        constant = self.time_constant
+        course = -constant * np.expm1(-time / constant) if constant else time
+        return np.outer(course / HOUR, self.rate)
+
+
+def displaced(
+    point: Float[np.ndarray, "rows markers 3"],
+    courses: tuple[DriftCourse, ...],
+    time: Float[np.ndarray, " rows"],
+) -> Float[np.ndarray, "rows markers 3"]:
+    """Return points under rigid drift: exp(r) p + v, in m, of all courses' sum.
+
+    Args:
+        point: Points without drift, in m.
+        courses: Drifts, whose motions (v, r) add up.
+        time: Time since the start in s, row by row.
+    """
+    moved = sum(
+        (course.displacement(time) for course in courses), np.zeros((len(time), 6))
+    )
+    turn = Rotation.from_rotvec(moved[:, 3:]).as_matrix()
+    return np.einsum("nij,nmj->nmi", turn, point) + moved[:, None, :3]
+
+
+# --- Tracker --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -161,9 +194,8 @@ class Tracker:
         widest_view: Largest angle between a mark's normal and the line of sight, in
             rad; None: marks are seen from all sides.
         scale: A length reads (1 + scale) times itself.
-        drift: Drift of readings in an hour along its axes: shift in m, then rotation
-            vector about its origin in rad.
-        base_drift: The same for the base under it, along and about the base's axes.
+        drift: Drifts of readings along its axes and about its origin.
+        base_drift: Drifts of the base under it, along and about the base's axes.
         frame_error: Error of its pose in the manifest, along and about the
             base's axes: shift in m, rotation vector in rad. None: the manifest
             does not state its pose.
@@ -177,8 +209,8 @@ class Tracker:
     occlusions: float = 0.0
     widest_view: float | None = None
     scale: float = 0.0
-    drift: tuple[float, ...] = STILL
-    base_drift: tuple[float, ...] = STILL
+    drift: tuple[DriftCourse, ...] = ()
+    base_drift: tuple[DriftCourse, ...] = ()
     frame_error: tuple[float, ...] | None = None
 
     def __post_init__(self):
@@ -187,8 +219,7 @@ class Tracker:
         sizes = {name: getattr(self, name) for name in names}
         faults = not_sizes(sizes | {"volumetric": self.volumetric or 0.0})
         faults += not_vectors({"repeatability": self.repeatability}, 3)
-        wander = {"drift": self.drift, "base_drift": self.base_drift}
-        faults += not_vectors(wander | {"frame_error": self.frame_error or STILL}, 6)
+        faults += not_vectors({"frame_error": self.frame_error or STILL}, 6)
         if self.frames < 1:
             faults.append(f"frames is {self.frames}, expected at least 1.")
         if self.occlusions >= 1.0:
@@ -217,11 +248,10 @@ class Tracker:
             where the manifest does not state it.
         """
         base_from_tracker = standpoint(chance["tracker_frame"])
-        hours = time / HOUR
-        seen = displaced(point, self.base_drift, hours)
+        seen = displaced(point, self.base_drift, time)
         seen = inverse(base_from_tracker, seen)
         sight = -seen / np.linalg.norm(seen, axis=2, keepdims=True)
-        reading = displaced((1.0 + self.scale) * seen, self.drift, hours)
+        reading = displaced((1.0 + self.scale) * seen, self.drift, time)
         reading += smooth_field(self.field, chance["tracker_field"]).at(seen)
         sigma = self.noise * np.array(self.repeatability) / np.sqrt(self.frames)
         reading += sigma * chance["tracker_noise"].standard_normal(point.shape)

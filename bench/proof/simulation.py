@@ -37,7 +37,7 @@ from bench.effects.effect import Effect, RopeEffect
 from bench.effects.instrument_effect import InstrumentEffect
 from bench.experiment import faulty
 from bench.instruments import ForceSensor, Instruments, Markers, Tracker
-from bench.instruments.tracker import HOUR, STILL, displaced, inverse
+from bench.instruments.tracker import STILL, displaced, inverse
 from bench.rig import Memory, Rig, States
 from bench.shared.recording import LastMoves, Recording
 
@@ -180,8 +180,7 @@ def reading_of(
         point: In the base's frame, in m.
         time: Of each row, in s.
     """
-    hours = time / HOUR
-    if (tracker.base_drift, tracker.drift, tracker.frame_error) == (STILL, STILL, None):
+    if (tracker.base_drift, tracker.drift, tracker.frame_error) == ((), (), None):
         seen = (point - frame[1]) @ frame[0]
         return (1.0 + tracker.scale) * seen
     stated = np.eye(4)
@@ -191,8 +190,8 @@ def reading_of(
     error[:3, :3] = Rotation.from_rotvec(vector).as_matrix()
     error[:3, 3] = shift
     true = np.linalg.inv(error) @ stated
-    seen = inverse(true, displaced(point, tracker.base_drift, hours))
-    return displaced((1.0 + tracker.scale) * seen, tracker.drift, hours)
+    seen = inverse(true, displaced(point, tracker.base_drift, time))
+    return displaced((1.0 + tracker.scale) * seen, tracker.drift, time)
 
 
 def turned(

@@ -422,6 +422,7 @@ _ALL = (
         (
             *_magnitudes("x_m_per_h y_m_per_h z_m_per_h", -5e-5, 5e-5, CHOSEN),
             *_magnitudes("rx_rad_per_h ry_rad_per_h rz_rad_per_h"),
+            *_shapes("time_s"),
         ),
         ("time",),
         MEANS,

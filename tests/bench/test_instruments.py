@@ -14,6 +14,7 @@ from bench.instruments.tracker import (
     DISTANCE,
     FEATURES,
     MIDDLE,
+    DriftCourse,
     displaced,
     inverse,
     smooth_field,
@@ -141,7 +142,9 @@ def test_scaled_tracker_reads_all_lengths_longer(points, time):
 
 
 def test_drift_moves_the_readings_along_the_trackers_axes(points, time):
-    drifting = Tracker(noise=0.0, drift=(1e-5, 0.0, -2e-5, 0.0, 0.0, 0.0))
+    drifting = Tracker(
+        noise=0.0, drift=(DriftCourse((1e-5, 0.0, -2e-5, 0.0, 0.0, 0.0)),)
+    )
     error = see(drifting, points, time) - see(SILENT, points, time)
     hours = time[:, None, None] / 3600.0
     np.testing.assert_allclose(
@@ -150,7 +153,9 @@ def test_drift_moves_the_readings_along_the_trackers_axes(points, time):
 
 
 def test_base_drift_moves_the_arm_along_the_bases_axes(points, time):
-    drifting = Tracker(noise=0.0, base_drift=(0.0, 1e-5, 0.0, 0.0, 0.0, 1e-4))
+    drifting = Tracker(
+        noise=0.0, base_drift=(DriftCourse((0.0, 1e-5, 0.0, 0.0, 0.0, 1e-4)),)
+    )
     wandered = points + (time / 3600.0)[:, None, None] * [0.0, 1e-5, 0.0]
     turned = np.cross([0.0, 0.0, 1e-4], points) * (time / 3600.0)[:, None, None]
     expected = see(SILENT, wandered + turned, time)
@@ -158,9 +163,29 @@ def test_base_drift_moves_the_arm_along_the_bases_axes(points, time):
     np.testing.assert_allclose(see(drifting, points, time), expected, atol=3e-8)
 
 
+def test_a_drift_that_warms_up_comes_to_rest_after_its_time_constant(points, time):
+    warming = DriftCourse((3.6e-2, 0.0, 0.0, 0.0, 0.0, 0.0), time_constant=50.0)
+    moved = displaced(points, (warming,), np.linspace(0.0, 1e3, ROWS))
+    shift = (moved - points)[:, 0, 0]
+    assert np.isclose(shift[-1], 50.0 * 3.6e-2 / 3600.0)
+    assert np.all(np.diff(shift) >= -1e-15)
+    start = displaced(points, (warming,), np.full(ROWS, 0.1))
+    steady = displaced(points, (DriftCourse(warming.rate),), np.full(ROWS, 0.1))
+    np.testing.assert_allclose(start - points, steady - points, rtol=2e-3, atol=1e-15)
+
+
+def test_drifts_of_one_body_add_up(points, time):
+    courses = [
+        DriftCourse((s, 0.0, 0.0, 0.0, 0.0, 0.0), t) for s, t in ((1, 0), (2, 9))
+    ]
+    apart = [displaced(points, (course,), time) - points for course in courses]
+    both = displaced(points, tuple(courses), time) - points
+    np.testing.assert_allclose(both, apart[0] + apart[1], atol=1e-12)
+
+
 def test_points_that_wander_keep_their_distances(points, time):
-    rate = (1e-3, 0.0, 2e-3, 0.1, -0.2, 0.3)
-    now = displaced(points, rate, time / 3600.0)
+    drifting = DriftCourse((1e-3, 0.0, 2e-3, 0.1, -0.2, 0.3), time_constant=4e3)
+    now = displaced(points, (drifting,), time)
     apart = np.linalg.norm(now[:, 1:] - now[:, :-1], axis=2)
     np.testing.assert_allclose(apart, np.tile(apart[0], (ROWS, 1)), rtol=1e-13)
 

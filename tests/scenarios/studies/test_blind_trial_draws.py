@@ -78,6 +78,9 @@ PUBLISHED = {
 """Hash of what trials 0 to 9 of seed 0 draw, as published; never to be changed. Whole
 arms with a mechanism outside the vocabulary have the arms of the stratum without."""
 
+ADDED = {("Drift", "time_s"): 0.0}
+"""Parameters that effects got since, and their value that changes nothing."""
+
 
 @dataclass(frozen=True)
 class Registered(EncoderOffset):
@@ -127,9 +130,11 @@ def drawing(trial, ground):
             kinds = kinds_of(trial, chance, attempt)
             effects = [draw_site_and_form(kind, chance, here) for kind in kinds]
         for effect in effects:
-            sizes = sorted(effect.parameters().items())
-            said = " ".join(f"{name}={number(value)}" for name, value in sizes)
-            lines.append(f"{type(effect).__name__}@{effect.where} {said}")
+            kind, sizes = type(effect).__name__, dict(effect.parameters())
+            for name in [name for owner, name in ADDED if owner == kind]:
+                assert sizes.pop(name) == ADDED[kind, name]
+            said = " ".join(f"{k}={number(sizes[k])}" for k in sorted(sizes))
+            lines.append(f"{kind}@{effect.where} {said}")
     return "\n".join(lines)
 
 

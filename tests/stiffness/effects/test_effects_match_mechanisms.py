@@ -80,8 +80,8 @@ EXACT = [
     (GeometryError("link_4", 1e-4, 2e-4, -1e-4, 1e-4, 2e-4, 3e-4), (), ""),
     (TrackerScale("tracker", 5e-5), (), ""),
     (TrackerMisalignment("tracker", 1e-4, 2e-4, 3e-4, 1e-4, 2e-4, -1e-4), (), ""),
-    (Drift("tracker", 3e-5, 1e-5, 2e-5, 1e-5, 2e-5, 3e-5), (), ""),
-    (Drift("base", 3e-5, 1e-5, 2e-5, 1e-5, 2e-5, 3e-5), (), ""),
+    (Drift("tracker", 3e-5, 1e-5, 2e-5, 1e-5, 2e-5, 3e-5, 2e3), (2e3,), ""),
+    (Drift("base", 3e-5, 1e-5, 2e-5, 1e-5, 2e-5, 3e-5, 9e3), (9e3,), ""),
     (MarkerSlip("marker:link2_a", 1e-5, 2e-5, 3e-5, SLIP_TIME), (SLIP_TIME,), ""),
 ]
 
