@@ -1,9 +1,9 @@
 """Drift of tracker or base: a slow rigid motion that lasts or comes to rest.
 
 ==========  ==========================================================================
-Equation    p' = exp(s [(rx, ry, rz)]×) p + s (x, y, z), s = T (1 - exp(-t/T)), s = t
-            without T: at `tracker` the reading p, along its own axes, at `base` the
-            arm's points p, along the base's
+Equation    p' = exp(s [(rx, ry, rz)]×) p + s (x, y, z), s = T (1 - exp(-t/T)): at
+            `tracker` the reading p, along its own axes, at `base` the arm's points p,
+            along the base's
 Source      rigid motion; s of a body that warms up by Newton's law of cooling; size
             chosen: rooms and machines that warm up move tens of µm in an hour
 Valid       t since the start, plateaus short against an hour
@@ -19,7 +19,7 @@ from typing_extensions import override
 
 from bench.effects.instrument_effect import InstrumentEffect
 from bench.instruments import Instruments
-from bench.instruments.tracker import DriftCourse
+from bench.instruments.tracker import STEADY, DriftCourse
 
 AXES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
@@ -35,19 +35,20 @@ class Drift(InstrumentEffect):
         rx_rad_per_h: Rotation vector in an hour along x, about the frame's origin.
         ry_rad_per_h: The same along y.
         rz_rad_per_h: The same along z.
-        time_s: Time constant T in s; 0: the speed stays.
+        time_s: Time constant T in s; far above the recording's length the speed stays.
     """
 
     name: ClassVar[str] = "drift"
     places: ClassVar[tuple[str, ...]] = ("tracker", "base")
-    at_least: ClassVar[Mapping[str, float]] = {"time_s": 0.0}
+    at_least: ClassVar[Mapping[str, float]] = {"time_s": 1e-3}
+    absent: ClassVar[Mapping[str, float]] = {f"{name}_per_h": 0.0 for name in AXES}
     x_m_per_h: float = 3e-5
     y_m_per_h: float = 0.0
     z_m_per_h: float = 0.0
     rx_rad_per_h: float = 0.0
     ry_rad_per_h: float = 0.0
     rz_rad_per_h: float = 0.0
-    time_s: float = 0.0
+    time_s: float = STEADY
 
     @override
     def fault(self, instruments: Instruments) -> Instruments:

@@ -125,6 +125,8 @@ def inverse(
 
 STILL = (0.0,) * 6
 HOUR = 3600.0
+STEADY = 1e9
+"""Time constant of a drift at constant speed, in s; chosen: 30 years."""
 
 
 @dataclass(frozen=True)
@@ -133,17 +135,18 @@ class DriftCourse:
 
     Attributes:
         rate: Speed at the start in an hour: shift in m, then rotation vector in rad.
-        time_constant: T in s of a drift T (1 - exp(-t/T)) times its speed; 0: the
-            speed stays.
+        time_constant: T in s of a drift T (1 - exp(-t/T)) times its speed; the speed
+            stays where T is far above all times.
     """
 
     rate: tuple[float, ...]
-    time_constant: float = 0.0
+    time_constant: float = STEADY
 
     def __post_init__(self):
         """Check all sizes at once."""
         faults = not_vectors({"rate": self.rate}, 6)
-        faults += not_sizes({"time_constant": self.time_constant})
+        if not 0.0 < self.time_constant < np.inf:
+            faults.append(f"time_constant is {self.time_constant} s, expected above 0.")
         refuse("DriftCourse", faults)
 
     def displacement(
@@ -151,7 +154,7 @@ class DriftCourse:
     ) -> Float[np.ndarray, "rows 6"]:
         """Return the motion by each time since the start in s, in m and rad."""
         constant = self.time_constant
-        course = -constant * np.expm1(-time / constant) if constant else time
+        course = -constant * np.expm1(-time / constant)
         return np.outer(course / HOUR, self.rate)
 
 

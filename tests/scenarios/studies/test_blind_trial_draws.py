@@ -13,6 +13,7 @@ from bench.effects.encoder_offset import EncoderOffset
 from bench.experiment import record
 from bench.instruments import Markers
 from bench.instruments.random_streams import streams
+from bench.instruments.tracker import STEADY
 from bench.rig import Rig
 from bench.shared.instrument_specs import ASSUMED
 from bench.shared.plan import DEFAULT_PATH
@@ -78,7 +79,7 @@ PUBLISHED = {
 """Hash of what trials 0 to 9 of seed 0 draw, as published; never to be changed. Whole
 arms with a mechanism outside the vocabulary have the arms of the stratum without."""
 
-ADDED = {("Drift", "time_s"): 0.0}
+ADDED = {("Drift", "time_s"): STEADY}
 """Parameters that effects got since, and their value that changes nothing."""
 
 
