@@ -157,11 +157,20 @@ def _drop_one_gains(
 def exchange_search(model: SelectedModel) -> Search:
     """Lay out a set beside fine shapes of what could stand in each name's place.
 
+    The same law elsewhere is tried at the shape of the name, too.
+
     Args:
         model: The set; its members come first.
     """
     fine = [term for term in model.fine if term.name not in model.refused]
-    return Search.of(model.case, [*model.fit.members, *fine], model.refused)
+    alike = {
+        (term.name, member.name): replace(term, shape=member.shape)
+        for member in model.fit.members
+        for term in fine
+        if term.hypothesis is member.hypothesis and term.where != member.where
+    }
+    every = [*model.fit.members, *fine, *(t for t in alike.values() if len(t.shape))]
+    return Search.of(model.case, every, model.refused)
 
 
 MUCH_OPEN = 0.03

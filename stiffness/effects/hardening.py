@@ -1,13 +1,15 @@
 """Hardening of a strain-wave gear: compliance falls with the torque.
 
 ==========  ==========================================================================
-Equation    θ = τ/K3 + a [(1 - m) c(τ, T1) + m c(τ, r T1)]; 1/K1 = 1/K3 + a; c = τ up
-            to the knee T, T beyond, rounded over T/10
+Equation    θ = τ/K3 + a f(τ), 1/K1 = 1/K3 + a; in pieces f = (1 - m) c(τ, T1)
+            + m c(τ, r T1), c = τ up to the knee T, T beyond, rounded over T/10;
+            smooth f = s T1 arctan(τ/(s T1))
 Source      Harmonic Drive's three-piece table (CHA engineering data 1018854) as a
             function of torque; r = T2/T1: 3.1 to 3.7, m = (1/K2 - 1/K3)/(1/K1 - 1/K3):
-            0.12 to 0.32 over its sizes 14 to 32
+            0.12 to 0.32 over its sizes 14 to 32; s = 1.2, whose slope falls as the
+            table's
 Valid       static torques of either sign, gravity's included, symmetric
-Ignores     hysteresis; a stiffness that grows without a knee (its variants)
+Ignores     hysteresis; pieces without rounding, a tanh (its variants)
 ==========  ==========================================================================
 """
 
@@ -34,8 +36,11 @@ one."""
 KNEES = (0.08, 0.12, 0.2, 0.32, 0.5, 0.75)
 """T1 over the axis' largest torque; chosen: a knee below would be lost motion."""
 ARCTAN = 1.2
-"""Torque scale of the arctangent law over T1, chosen so that its slope falls as the
-table's."""
+"""s of the smooth law: its torque scale over T1."""
+LEAST = 1e-9
+"""Least torque scale in N m, of an axis that is never loaded."""
+PIECES, SMOOTH = 0, 1
+"""Forms of the law; the readings choose."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class Hardening(Hypothesis):
 
     effect: ClassVar[str] = "hardening"
     neutral: ClassVar[Mapping[str, float]] = {"stiffness_ratio": 1.0}
-    shape_names: ClassVar[tuple[str, ...]] = ("torque_nm",)
+    shape_names: ClassVar[tuple[str, ...]] = ("torque_nm", "law")
     size_of_variants: ClassVar[float | None] = 1.0
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "stiffness_ratio": (1.0, 10.0),
@@ -59,16 +64,16 @@ class Hardening(Hypothesis):
     @override
     def shapes(self, situation: StaticState, where: str) -> Shapes:
         largest = np.max(np.abs(situation.torque[:, situation.axis(where)]))
-        return (largest * np.array(KNEES))[:, None]
+        return np.array(
+            [(largest * knee, law) for law in (PIECES, SMOOTH) for knee in KNEES]
+        )
 
     @override
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
-        torque, knee = situation.torque[:, k], shape[0]
-        first, second = bent(torque, knee), bent(torque, SECOND * knee)
-        return turn(k, (1.0 - MIDDLE) * first + MIDDLE * second)
+        return turn(k, _bent(shape)(situation.torque[:, k]))
 
     @override
     def variants(
@@ -77,7 +82,8 @@ class Hardening(Hypothesis):
         k = situation.axis(where)
         torque, knee = situation.torque[:, k], shape[0]
         sharp = [np.clip(torque, -x, x) for x in (knee, SECOND * knee)]
-        slow = ARCTAN * knee * np.arctan(torque / (ARCTAN * knee))
+        other = SMOOTH if round(shape[1]) == PIECES else PIECES
+        slow = _bent(np.array([knee, other]))(torque)
         fast = [x * np.tanh(torque / x) for x in (0.7 * knee, knee, 1.5 * knee)]
         return turn(k, *sharp, slow, *fast)
 
@@ -102,17 +108,11 @@ class Hardening(Hypothesis):
         stiff = situation.unloaded_compliance(k, self.effect)
         if fitted <= 0.0 or stiff + a <= 0.0:
             return situation
-        knee, share = float(shape[0]), a / (stiff + a)
-
-        def both(law: Law, torque: np.ndarray) -> np.ndarray:
-            return (1.0 - MIDDLE) * law(torque, knee) + MIDDLE * law(
-                torque, SECOND * knee
-            )
-
+        share, law, falling = a / (stiff + a), _bent(shape), _slope(shape)
         spring = CurvedSpring(
             1.0 + a / fitted,
-            lambda torque: (1.0 - share) * torque + share * both(bent, torque),
-            lambda torque: (1.0 - share) + share * both(slope, torque),
+            lambda torque: (1.0 - share) * torque + share * law(torque),
+            lambda torque: (1.0 - share) + share * falling(torque),
         )
         return situation.with_curve(k, self.effect, spring)
 
@@ -125,8 +125,30 @@ class Hardening(Hypothesis):
         return {"stiffness_ratio": ratio, "torque_nm": shape[0]}
 
 
-Law = Callable[[np.ndarray, float], np.ndarray]
-"""Of a torque and of a knee."""
+Curve = Callable[[np.ndarray], np.ndarray]
+"""Of a torque in N m."""
+
+
+def _bent(shape: Shape) -> Curve:
+    """Return f, of slope 1 at no torque."""
+    knee = float(shape[0])
+    scale = max(ARCTAN * knee, LEAST)
+    if round(shape[1]) == SMOOTH:
+        return lambda torque: scale * np.arctan(torque / scale)
+    return lambda torque: (
+        (1.0 - MIDDLE) * bent(torque, knee) + MIDDLE * bent(torque, SECOND * knee)
+    )
+
+
+def _slope(shape: Shape) -> Curve:
+    """Return the slope of f."""
+    knee = float(shape[0])
+    scale = max(ARCTAN * knee, LEAST)
+    if round(shape[1]) == SMOOTH:
+        return lambda torque: 1.0 / (1.0 + (torque / scale) ** 2)
+    return lambda torque: (
+        (1.0 - MIDDLE) * slope(torque, knee) + MIDDLE * slope(torque, SECOND * knee)
+    )
 
 
 def bent(torque: Float[np.ndarray, "*rows"], knee: float) -> Float[np.ndarray, "*rows"]:

@@ -179,7 +179,8 @@ def test_a_drift_that_warms_up_comes_to_rest_after_its_time_constant(points, tim
 
 def test_drifts_of_one_body_add_up(points, time):
     courses = [
-        DriftCourse((s, 0.0, 0.0, 0.0, 0.0, 0.0), t) for s, t in ((1.0, 1e9), (2.0, 9.0))
+        DriftCourse((s, 0.0, 0.0, 0.0, 0.0, 0.0), t)
+        for s, t in ((1.0, 1e9), (2.0, 9.0))
     ]
     apart = [displaced(points, (course,), time) - points for course in courses]
     both = displaced(points, tuple(courses), time) - points

@@ -27,8 +27,9 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.effects import EFFECTS
+from bench.effects import EFFECTS, OTHER_LAWS
 from bench.effects.bearing_tilt import BearingTilt
+from bench.effects.drift import Drift
 from bench.effects.effect import Effect
 from bench.effects.gravity_compensator import GravityCompensator
 from bench.shared.effect_catalogue import CATALOGUE, Range
@@ -255,6 +256,33 @@ def draw_whole_arm(
         if len(found) == stratum.effects:
             return list(found.values())
     raise OutOfReach(f"The arm has no places for {stratum.effects} effects.")
+
+
+WARMED_UP = 0.2
+"""Time constant of a drift over the recording's length, of other laws; chosen: it has
+come to rest at the end."""
+
+
+def with_other_laws(effects: Sequence[Effect], seconds: float) -> tuple[Effect, ...]:
+    """Return effects of the same names and sizes whose laws have other forms.
+
+    What grew in steps grows smoothly, a loop has many contacts, and a drift comes to
+    rest. What has no other form stays.
+
+    Args:
+        effects: Those of an arm.
+        seconds: Length of its recording.
+    """
+    other = {kind.name: kind for kind in OTHER_LAWS}
+
+    def changed(effect: Effect) -> Effect:
+        if isinstance(effect, Drift):
+            return replace(effect, time_s=WARMED_UP * seconds)
+        if effect.name in other:
+            return other[effect.name](effect.where, **effect.parameters())
+        return effect
+
+    return tuple(changed(effect) for effect in effects)
 
 
 def _everywhere(draw: np.random.Generator, ground: Ground) -> list[Effect]:

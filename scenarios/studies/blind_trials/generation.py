@@ -51,6 +51,7 @@ from scenarios.studies.blind_trials.arms import (
     Arm,
     draw_twins,
     draw_whole_arm,
+    with_other_laws,
 )
 from scenarios.studies.blind_trials.effects import (
     FEWEST,
@@ -347,8 +348,10 @@ def whole_arm(
         OutOfReach: Where no mechanism outside the vocabulary can be added.
     """
     trial, model = bench.trial, Path(bench.rig.arm_file)
+    if trial.stratum.mechanisms == "other_laws":
+        effects = with_other_laws(effects, float(bench.plan.time[-1]))
     clean = bench.quiet(effects)
-    if not trial.stratum.arm_of:
+    if trial.stratum.known:
         recording = bench.seen(effects, trial.instruments)
         oracle = arm_oracle(recording, clean, model, effects)
         facts = {"own_chi2": oracle.own, "oracle_share": oracle.share}

@@ -177,6 +177,21 @@ def _whole_arms() -> tuple[Stratum, ...]:
     return tuple(found)
 
 
+def _other_laws() -> tuple[Stratum, ...]:
+    """Return strata of the same whole arms with laws of other forms."""
+    return tuple(
+        replace(
+            arm,
+            name=f"{arm.name}_other_laws",
+            what=f"{arm.what}, laws of other forms",
+            mechanisms="other_laws",
+            arm_of=arm.name,
+        )
+        for arm in _whole_arms()
+        if arm.known
+    )
+
+
 def _with_twin(name: str, what: str, effect: str) -> Stratum:
     return Stratum(name, what, (400.0,), pool=(effect,), most=40_000.0, has_twin=True)
 
@@ -285,6 +300,7 @@ STRATA = {
             pool=("reading_lag",),
             most=40_000.0,
         ),
+        *_other_laws(),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""
@@ -295,7 +311,7 @@ MISTAKEN = ("mistaken_relative",)
 another zero."""
 BY_SHARE = ("share_lag",)
 """Strata whose readings lag in proportion to an axis' share of the move."""
-CARRIED = ("memory_carried",)
+CARRIED = ("memory_carried", *(stratum.name for stratum in _other_laws()))
 """Strata whose gears remember the visit before, of which the answer is not told."""
 USUAL = tuple(
     name

@@ -98,10 +98,11 @@ def turned(by: EffectJacobian) -> np.ndarray:
     return part.law[:, 0]
 
 
-def test_hardening_that_was_named_narrows_the_loop_by_the_slope_of_its_law():
+@pytest.mark.parametrize("form", [0.0, 1.0], ids=["pieces", "smooth"])
+def test_hardening_that_was_named_narrows_the_loop_by_the_slope_of_its_law(form):
     """A loop of friction turns an axis by the slope of its spring where it stands."""
     situation, law = truth.showing("hardening"), truth.BY_NAME["hardening"]
-    knee, extra = np.array([4.0]), np.array([0.5 * situation.compliance[1]])
+    knee, extra = np.array([4.0, form]), np.array([0.5 * situation.compliance[1]])
     named = law.acting(situation, "a2", knee, extra)
     assert_array_equal(named.torque, situation.torque)
     step = 1e-4
@@ -129,7 +130,7 @@ def test_an_added_load_gives_way_by_the_slope_of_springs_where_they_stand():
     situation, law = truth.situation(), truth.BY_NAME["hardening"]
     for k, axis in ((3, "a4"), (5, "a6")):
         extra = np.array([0.8 * situation.compliance[k]])
-        situation = law.acting(situation, axis, np.array([2.0]), extra)
+        situation = law.acting(situation, axis, np.array([2.0, 0.0]), extra)
 
     def coupled(here: StaticState) -> tuple:
         return WristCoupling().jacobian(here, "a6", np.array([4.0])).parts
@@ -150,7 +151,7 @@ def test_ratios_beside_hardening_are_of_the_spring_at_no_torque():
     """Creep and waves of a gear's stiffness are shares of its first slope, K1."""
     situation, law = truth.showing("hardening"), truth.BY_NAME["hardening"]
     stiff = situation.compliance[1]
-    named = law.acting(situation, "a2", np.array([4.0]), np.array([0.5 * stiff]))
+    named = law.acting(situation, "a2", np.array([4.0, 0.0]), np.array([0.5 * stiff]))
     assert named.unloaded_compliance(1) == pytest.approx(1.5 * stiff)
     assert named.unloaded_compliance(0) == situation.compliance[0]
     creep = truth.BY_NAME["creep"]

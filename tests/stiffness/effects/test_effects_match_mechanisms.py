@@ -109,7 +109,7 @@ def test_torque_couples_wrist_axes_through_gears_that_harden():
     effect, linear = WristCoupling("a6", "a4", 5e-6), truth.situation()
     both = truth.in_base(truth.recording(*gears, effect))
     done = both - truth.in_base(truth.recording(*gears))
-    situation, knee = linear, np.array([2.0])
+    situation, knee = linear, np.array([2.0, 0.0])
     for k, axis in ((3, "a4"), (5, "a6")):
         extra = np.array([0.8 * linear.compliance[k]])
         law = truth.BY_NAME["hardening"]
@@ -216,9 +216,12 @@ def test_play_and_hardening_are_not_taken_for_each_other(effect, rival):
 
     def left(name: str) -> float:
         shapes = truth.BY_NAME[name].shapes(situation, effect.where)
-        finer = np.geomspace(shapes[0], shapes[-1], 13)
+        sizes = np.geomspace(shapes[0, 0], shapes[-1, 0], 13)
+        finer = [
+            (size, *law) for law in {tuple(s[1:]) for s in shapes} for size in sizes
+        ]
         return min(
-            Fit(situation, effect, shape, [effect.where], name).of(done)[0]
+            Fit(situation, effect, np.array(shape), [effect.where], name).of(done)[0]
             for shape in finer
         )
 
