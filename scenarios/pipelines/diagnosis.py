@@ -1,15 +1,9 @@
 """Diagnoses a recording, proves what was named in the simulator, and states both.
 
-First the engine is asked, then the simulator; neither may break on odd numbers.
-
-Without a load, what is wrong is mostly many small errors of geometry.
-
-The diagnosis names a few effects; an arm that nobody calibrated has dozens. Where
-it finds a difference and cannot explain it, calibration is asked.
-
-A diagnosis and its proof are put into the fixed form of diagnosis.json.
-
-Everything that the story, the report and the playback show, in one place.
+The engine is asked first, then the simulator. Without a load, or where names do not
+explain the difference, many small errors of geometry are likely: calibration is asked.
+`answer_of` states the outcome in the form of diagnosis.json, `Result` holds all that
+story, report and playback show.
 """
 
 import math
@@ -304,7 +298,7 @@ def answer_of(
             for x in d.located
         ),
         explained_share=share,
-        named=tuple(_called(n, d.shares.get(n.name), sliding) for n in d.named),
+        named=tuple(_called(n, sliding) for n in d.named),
         rivals=tuple(
             Other(float(r.probability), tuple(map(_at, r.effects))) for r in d.rivals
         ),
@@ -405,7 +399,7 @@ def _of_channel(c: Channel, unit: float, name: str) -> dict[str, object]:
     }
 
 
-def _called(named: NamedEffect, share: float | None, slides: Collection[str]) -> Called:
+def _called(named: NamedEffect, slides: Collection[str]) -> Called:
     known = within_bounds(named)
     parameters = _stated(named.name.effect, named.name.where, known, slides)
     if "with" in parameters:  # a number of an axis, but a name in the vocabulary
@@ -421,8 +415,9 @@ def _called(named: NamedEffect, share: float | None, slides: Collection[str]) ->
         float(np.clip(named.probability, 0.0, 1.0)),
         tuple(map(_at, named.equivalents)),
         parameters,
-        msgspec.UNSET if share is None else float(share),
+        where_known(named.share),
         where_known(named.split_share),
+        where_known(named.budget_share),
     )
 
 

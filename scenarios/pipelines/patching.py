@@ -21,7 +21,7 @@ to, so that it can be judged on another recording.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -56,7 +56,7 @@ from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from bench.user_model import ASSETS
 from scenarios.pipelines.recording_check import static_torque
-from stiffness.diagnosis.result import Diagnosis, Interval, Name, NamedEffect
+from stiffness.diagnosis.result import Diagnosis, Interval, NamedEffect
 from stiffness.effects.angle_dependent_stiffness import MOST_UNEVEN
 from stiffness.experiment.visits import BEFORE
 from stiffness.robot.arm import Arm
@@ -131,25 +131,22 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
             for marker, (x, y, z) in zip(recording.markers, nominal.places, strict=True)
         },
         fitted=ranges_of(seen.posture, static_torque(seen, arm.at(seen.posture))),
-        memory=memory_of(diagnosis.named, diagnosis.shares),
+        memory=memory_of(diagnosis.named),
     )
 
 
-def memory_of(
-    named: Sequence[NamedEffect], shares: Mapping[Name, float]
-) -> Literal["carried", "forgotten"]:
+def memory_of(named: Sequence[NamedEffect]) -> Literal["carried", "forgotten"]:
     """Return what gears keep of the visit before, as most of what they do says.
 
     A patch has one memory for all gears: a faint name alone does not decide.
 
     Args:
-        named: What was named.
-        shares: What each explains that others do not; one name has none.
+        named: What was named; a name alone has no share.
     """
     votes = {True: 0.0, False: 0.0}
     for effect in named:
         if effect.name.effect in ("hysteresis", "creep") and len(effect.shape) > 1:
-            share = max(shares.get(effect.name, 1.0), 0.0)
+            share = 1.0 if effect.share is None else max(effect.share, 0.0)
             votes[round(effect.shape[1]) == BEFORE] += share
     return "carried" if votes[True] > votes[False] else "forgotten"
 

@@ -70,7 +70,9 @@ class Placed(msgspec.Struct, frozen=True, omit_defaults=True):
 class Called(msgspec.Struct, frozen=True, omit_defaults=True):
     """A named effect with its probability, equivalents, parameters and share.
 
-    `split_share`: of the splits of few poses that give it, or one that does as well.
+    `share`: what the others would not explain without it. `budget_share`: its part of
+    what all explain together; these add up. `split_share`: of the splits of few poses
+    that give it, or one that does as well.
     """
 
     effect: str
@@ -80,6 +82,7 @@ class Called(msgspec.Struct, frozen=True, omit_defaults=True):
     parameters: dict[str, Interval]
     share: float | msgspec.UnsetType = msgspec.UNSET
     split_share: float | msgspec.UnsetType = msgspec.UNSET
+    budget_share: float | msgspec.UnsetType = msgspec.UNSET
 
 
 class Open(msgspec.Struct, frozen=True):

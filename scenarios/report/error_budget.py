@@ -1,9 +1,17 @@
 """Error budget of an answer with many names, and the arm drawn by it.
 
 The budget is of the mismatch: the square, beyond noise, by which the fitted nominal arm
-misses the poses kept back. The share of a name is what all others would not explain
-without it. What several names explain only together belongs to none of them; the rest
-is open.
+misses the poses kept back. The shares of the names add up to what the patch
+explains; the rest is open.
+
+==========  ==========================================================================
+Equation    share_k = E s_k / sum_j s_j; E the share that the patch explains, s_k the
+            name's `budget_share`: f_k' f / f' f of what names displace
+Source      Pratt 1987, "Dividing the indivisible: using simple symmetry to partition
+            variance explained"
+Valid       names that were proved together; without a proof s_k itself
+Ignores     the error of what the patch explains
+==========  ==========================================================================
 
 The figure has at the left the arm in a recorded posture, links and axes coloured by
 their share; at the right what the simulator misses before and after the patch, beside
@@ -25,7 +33,7 @@ from bench.proof.explained_share import Channel
 from bench.proof.proof import Proof
 from bench.shared.effect_catalogue import CATALOGUE
 from scenarios.pipelines.diagnosis import MICRO
-from scenarios.pipelines.schema import Answer, Called
+from scenarios.pipelines.schema import Answer, At
 from scenarios.report.style import BLUE, GREEN, GREY, HEAT, ORANGE, RED, save
 
 MANY = 4
@@ -43,13 +51,11 @@ class ErrorBudget:
     Attributes:
         of: Share of each place, by family of effects; places along the arm, then the
             instruments.
-        jointly: What the names explain only together.
         unexplained: What no name explains; None where no proof tells.
         places: Of what is unexplained, each place where it is significant.
     """
 
     of: Mapping[str, Mapping[str, float]]
-    jointly: float
     unexplained: float | None
     places: Mapping[str, float]
 
@@ -71,32 +77,42 @@ class ErrorBudget:
 def budget_of(answer: Answer) -> ErrorBudget:
     """Return how much of the mismatch each place and family of effects makes."""
     found: dict[str, dict[str, float]] = {}
+    shares = shares_of_names(answer)
     for one in sorted(answer.named, key=lambda n: along_the_arm(n.where)):
         kinds = found.setdefault(one.where, {})
         family = family_of(one.effect)
-        kinds[family] = kinds.get(family, 0.0) + share_of(one)
-    total = sum(share_of(one) for one in answer.named)
-    explained = None
-    if answer.explained_share is not None:
-        estimate = answer.explained_share.estimate
-        explained = estimate if isinstance(estimate, float) else None
-    known = explained is not None
+        kinds[family] = kinds.get(family, 0.0) + shares[At(one.effect, one.where)]
+    explained = _explained(answer)
     return ErrorBudget(
         of=found,
-        jointly=max(explained - total, 0.0) if known else 0.0,
-        unexplained=min(max(1.0 - explained, 0.0), 1.0) if known else None,
+        unexplained=None if explained is None else 1.0 - explained,
         places={p.where: p.share for p in answer.unexplained_places},
     )
+
+
+def shares_of_names(answer: Answer) -> dict[At, float]:
+    """Return the share of each name; they add up to what is explained, or are zero."""
+    parts = {
+        At(n.effect, n.where): n.budget_share
+        if isinstance(n.budget_share, float)
+        else 0.0
+        for n in answer.named
+    }
+    explained, total = _explained(answer), sum(parts.values())
+    scale = 1.0 if explained is None or total <= 0.0 else explained / total
+    return {name: scale * part for name, part in parts.items()}
+
+
+def _explained(answer: Answer) -> float | None:
+    """Return the share that the patch explains, 0 to 1; None where no proof tells."""
+    share = answer.explained_share
+    estimate = None if share is None else share.estimate
+    return min(max(estimate, 0.0), 1.0) if isinstance(estimate, float) else None
 
 
 def family_of(effect: str) -> str:
     """Return the kind of part that an effect belongs to; `other` where unknown."""
     return CATALOGUE[effect].family if effect in CATALOGUE else "other"
-
-
-def share_of(called: Called) -> float:
-    """Return a name's share of the mismatch; 0 where none was found."""
-    return max(called.share, 0.0) if isinstance(called.share, float) else 0.0
 
 
 def along_the_arm(where: str) -> tuple[float, str]:
@@ -112,7 +128,12 @@ def along_the_arm(where: str) -> tuple[float, str]:
 
 
 def percent(share: float) -> str:
-    """Return a share in percent with a digit that can be read: 27 %, 1.3 %, < 0.1 %."""
+    """Return a share in percent with a digit that can be read: 27 %, 1.3 %, < 0.1 %.
+
+    Below zero: of a name that acts against the others.
+    """
+    if share <= -1e-3:
+        return f"−{percent(-share)}"
     if share < 1e-3:
         return "0 %" if share <= 0.0 else "< 0.1 %"
     return f"{100 * share:.0f} %" if share >= 0.0995 else f"{100 * share:.1f} %"
@@ -210,7 +231,6 @@ FAMILIES = {
     "other": ("other", "#455a64"),
 }
 """Words and colour of each family of effects."""
-TOGETHER = "#c9c9c9"
 
 
 def of_arm(
@@ -261,19 +281,17 @@ def _before_after(axes: Axes, channel: Channel | None, unit: str) -> None:
 
 
 def _budget(axes: Axes, budget: ErrorBudget) -> None:
-    """Draw a bar for each place, for what is joint, and for what is open."""
+    """Draw a bar for each place, and for what is open."""
     rows: list[tuple[str, Mapping[str, float], bool]] = []
     for where, kinds in budget.of.items():
         rows.append((where, kinds, where in budget.places))
     for where in budget.places:
         if where not in budget.of:
             rows.append((where, {}, True))
-    if budget.jointly > 0.0:
-        rows.append(("only jointly", {"together": budget.jointly}, False))
     if budget.unexplained is not None:
         rows.append(("no name", {"open": budget.unexplained}, False))
     colours = {k: c for k, (_, c) in FAMILIES.items()}
-    colours |= {"together": TOGETHER, "open": RED}
+    colours |= {"open": RED}
     largest = max((sum(kinds.values()) for _, kinds, _ in rows), default=0.0)
     labelled: set[str] = set()
     for i, (_, kinds, is_open) in enumerate(rows):
@@ -294,7 +312,7 @@ def _budget(axes: Axes, budget: ErrorBudget) -> None:
     axes.grid(visible=False)
     axes.spines["bottom"].set_visible(False)
     axes.tick_params(left=False)
-    title = "Share of the mismatch that comes back without it alone"
+    title = "Share of the mismatch, by place"
     axes.set_title(title, loc="left", size=10)
     if labelled:
         below = {"loc": "upper center", "bbox_to_anchor": (0.45, 0.0), "ncols": 3}

@@ -19,6 +19,7 @@ from rich.table import Table
 from scenarios.pipelines.diagnosis import Result
 from scenarios.pipelines.schema import (
     Answer,
+    At,
     Called,
     Interval,
     Left,
@@ -35,9 +36,8 @@ from scenarios.pipelines.schema import (
 from scenarios.report.error_budget import (
     MANY,
     along_the_arm,
-    budget_of,
     percent,
-    share_of,
+    shares_of_names,
 )
 from stiffness.diagnosis.diagnose import SCATTER
 from stiffness.diagnosis.result import Nominal
@@ -211,16 +211,14 @@ def _names(answer: Answer, axes: int) -> Iterator[str]:
         yield from (_named(called, proved) for called in answer.named)
         return
     yield (
-        f"What: {len(answer.named)} names. In brackets: the share of the mismatch that "
-        "the others would not explain."
+        f"What: {len(answer.named)} names. In brackets: the share of the mismatch; the "
+        "shares add up to what is explained."
     )
     yield from grouped(answer, axes)
     some = [n for n in answer.named if _of_splits(n.split_share).endswith("the splits")]
     if some:
         told = [f"{n.effect} at {n.where} ({n.split_share:.0%})" for n in some]
         yield f"Not given in every split of the poses: {_list(told)}."
-    if rest := budget_of(answer).jointly:
-        yield f"{percent(rest)} is explained by several of them only jointly."
     unsure = [n for n in answer.named if n.equivalents]
     if unsure:
         told = [
@@ -428,11 +426,16 @@ def grouped(answer: Answer, axes: int) -> Iterator[str]:
     groups: dict[str, list[Called]] = {}
     for one in sorted(answer.named, key=lambda n: along_the_arm(n.where)):
         groups.setdefault(one.effect, []).append(one)
-    order = sorted(groups, key=lambda e: -sum(map(share_of, groups[e])))
+    shares = shares_of_names(answer)
+    share_of = {
+        effect: sum(shares[At(effect, one.where)] for one in together)
+        for effect, together in groups.items()
+    }
+    order = sorted(groups, key=lambda e: -share_of[e])
     for effect in order:
         together = groups[effect]
         sizes = _magnitudes(effect, together)
-        share = percent(sum(map(share_of, together)))
+        share = percent(share_of[effect])
         text = f"{_who_does(effect, together, axes)}{f': {sizes}' if sizes else ''}"
         yield f"{text} ({share})."
 

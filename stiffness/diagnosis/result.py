@@ -133,6 +133,10 @@ class NamedEffect:
         coefficients: Its hypothesis' amplitudes.
         settings: Parameters that are no numbers with an interval (a partner's name).
         split_share: Share of the splits of few poses that give it; None with one split.
+        share: What the others would not explain without it, as a share of the mismatch
+            on poses left out; None where it was not selected among others.
+        budget_share: Its part of the same share that all members of the set explain;
+            the parts of all members add up.
     """
 
     name: Name
@@ -143,6 +147,8 @@ class NamedEffect:
     coefficients: tuple[float, ...] = ()
     settings: Mapping[str, Any] = field(default_factory=dict)
     split_share: float | None = None
+    share: float | None = None
+    budget_share: float | None = None
 
 
 @dataclass(frozen=True)
@@ -247,8 +253,6 @@ class Diagnosis:
         downweighted: Readings that counted less: row, marker's name, size in sigma.
         outliers: Outliers, which were left out.
         seconds: How long it took.
-        shares: Of each name, where many were selected together: what the others would
-            not explain without it, as a share of the mismatch on poses left out.
         unexplained_places: Where the residual of a set of many names is significant,
             strongest first.
         decisions: Of each gate on each candidate of a set of many names.
@@ -274,7 +278,6 @@ class Diagnosis:
     downweighted: tuple[tuple[int, str, float], ...] = ()
     outliers: tuple[Outlier, ...] = ()
     seconds: float = 0.0
-    shares: Mapping[Name, float] = field(default_factory=dict)
     unexplained_places: tuple[UnexplainedPlace, ...] = ()
     decisions: tuple[Decision, ...] = ()
     splits: tuple[SplitNames, ...] = ()

@@ -16,6 +16,7 @@ Ignores     sets that differ by two names at once from all that were tried
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -72,6 +73,10 @@ from stiffness.regression.group_selection import (
     select_groups,
 )
 from stiffness.regression.intervals import Interval
+from stiffness.regression.normal_equations import (
+    projection_coefficients,
+    schur_complement,
+)
 from stiffness.regression.predictive_gate import Decision, Name
 from stiffness.regression.splits import Split
 
@@ -152,6 +157,39 @@ def _drop_one_gains(
         step = np.linalg.lstsq(inverse[np.ix_(own, own)], fitted[own], rcond=None)
         gains.append(max(float(fitted[own] @ step[0]), 0.0))
     return tuple(gains)
+
+
+def budget_shares(model: SelectedModel) -> tuple[float, ...]:
+    """Return each member's part of the share that the set explains; they add up.
+
+    A part is below zero where a member's displacement goes against that of the others.
+
+    ==========  ======================================================================
+    Equation    part_k = share f_k' f / f' f; f_k what the member displaces at its
+                fitted size, whitened, nominal columns projected out; f their sum
+    Source      Pratt 1987, "Dividing the indivisible: using simple symmetry to
+                partition variance explained"
+    Valid       members that are held together
+    Ignores     the error of sizes
+    ==========  ======================================================================
+
+    Args:
+        model: The set.
+    """
+    found = model.statistics
+    place = {term.name: own for term, own in zip(found.terms, found.owned, strict=True)}
+    owned = [place[member.name] for member in model.fit.members]
+    used = np.concatenate([np.zeros(0, dtype=int), *owned])
+    gram = found.units.gram[found.units.fold >= 0].sum(axis=0)
+    share = projection_coefficients(gram, found.nominal)
+    inner = schur_complement(gram, found.nominal, share, used)
+    size = np.concatenate([np.zeros(0), *model.fit.coefficients])
+    along = size * (inner @ size)  # f_k' f of each column
+    ends = np.cumsum([0, *map(len, owned)])
+    total = max(float(along.sum()), 1e-300)
+    return tuple(
+        model.share * float(along[a:b].sum()) / total for a, b in pairwise(ends)
+    )
 
 
 def exchange_search(model: SelectedModel) -> Search:

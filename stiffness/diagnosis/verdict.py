@@ -64,6 +64,7 @@ from stiffness.diagnosis.result import (
 )
 from stiffness.diagnosis.selection import (
     SelectedModel,
+    budget_shares,
     exchange_search,
     last_of_each,
 )
@@ -320,7 +321,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     model = judged.model
     case, members, last = model.case, model.fit.members, judged.residual
     effects, decisions = [], list(judged.decisions)
-    shares: dict[Name, float] = {}
+    parts = budget_shares(model)
     posteriors = exchange_posteriors(model)
     stands = [
         one.probability >= SURE and not judged.withheld[k] and not members[k].is_generic
@@ -341,16 +342,16 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         ]
         if not stands[k]:
             continue
-        name = Name(*member.name)
-        shares[name] = model.share_without(k)
         effects.append(
             NamedEffect(
-                name=name,
+                name=Name(*member.name),
                 probability=one.probability,
                 equivalents=one.equivalents,
                 parameters=parameters,
                 shape=tuple(float(v) for v in member.shape),
                 coefficients=tuple(float(v) for v in model.fit.coefficients[k]),
+                share=model.share_without(k),
+                budget_share=parts[k],
             )
         )
     complete = bool(effects) and len(effects) == len(members)
@@ -390,13 +391,12 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         "verdict": verdict,
         "located": located,
         "named": tuple(
-            sorted(effects, key=lambda e: (-e.probability, -shares[e.name]))
+            sorted(effects, key=lambda e: (-e.probability, -(e.share or 0.0)))
         ),
         "rivals": _rivals(model.fit.members, posteriors, stands),
         "unexplained": unexplained,
         "confounded": confounded_with(case.library, white, named),
         "nominal": _nominal_beside(case, prepared, model.fit),
-        "shares": shares,
         "unexplained_places": judged.unexplained_places if effects else (),
         "decisions": tuple(decisions),
     }

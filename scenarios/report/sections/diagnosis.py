@@ -10,6 +10,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from matplotlib.figure import Figure as Picture
 
@@ -22,7 +23,12 @@ from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import chance, label, size, span
 from scenarios.report import data_files, error_budget, figures, page, playback, summary
 from scenarios.report.data_files import DECISIONS, FILES, write_folder
-from scenarios.report.error_budget import MANY, budget_of, percent, share_of
+from scenarios.report.error_budget import (
+    MANY,
+    budget_of,
+    percent,
+    shares_of_names,
+)
 from scenarios.report.figures import of_law
 from scenarios.report.page import Block, Figure, Fold, Heading, Paragraph, Points, Table
 from stiffness.diagnosis.diagnose import SCATTER
@@ -241,9 +247,8 @@ def _by_place(finding: Result, folder: Path) -> Iterator[Block]:
         error_budget.of_arm(view, budget, channel, unit, folder / "arm.png")
         yield Figure(
             "A share is of the square, beyond noise, by which the nominal arm misses; "
-            "each link has the colour of its axis or its own, the darker. Several "
-            "names may explain a part only jointly, so that none of them alone owns "
-            "it.",
+            "what several names explain jointly is divided among them. Each link has "
+            "the colour of its axis or its own, the darker.",
             "arm.png",
         )
     yield Points(list(summary.headlines(finding))[1:])
@@ -252,7 +257,8 @@ def _by_place(finding: Result, folder: Path) -> Iterator[Block]:
     if simulated is not None and finding.recording.markers:
         curves = curves_of(simulated)
     for where in budget.of:
-        yield Fold(_names_at(answer, where), list(_at(finding, where, curves, folder)))
+        title = _names_at(answer, where, budget.of_places[where])
+        yield Fold(title, list(_at(finding, where, curves, folder)))
     yield Heading("In detail")
     yield Fold("The whole story", [Points(list(summary.sentences(finding)))])
     yield Fold("Error budget", list(_budget(answer)))
@@ -267,11 +273,14 @@ def _by_place(finding: Result, folder: Path) -> Iterator[Block]:
     yield from _folded(blocks)
 
 
-def _names_at(answer: schema.Answer, where: str) -> str:
+def _names_at(answer: schema.Answer, where: str, share: float) -> str:
     names = [n for n in answer.named if n.where == where]
-    share = percent(sum(map(share_of, names)))
     effects = ", ".join(dict.fromkeys(n.effect.replace("_", " ") for n in names))
-    return f"{where}: {effects} ({share})"
+    return f"{where}: {effects} ({percent(share)})"
+
+
+def _percent(share: float | msgspec.UnsetType) -> str:
+    return percent(max(share, 0.0)) if isinstance(share, float) else "–"
 
 
 def _at(
@@ -307,14 +316,17 @@ def _budget(answer: schema.Answer) -> Iterator[Block]:
         for family, share in budget.of_families.items()
     ]
     if budget.unexplained is not None:
-        kinds.append(["only jointly", percent(budget.jointly)])
         kinds.append(["no name", percent(budget.unexplained)])
     caption = "Share of the mismatch by kind of effect; noise is not in it."
     yield Table(caption, ["kind", "share"], kinds)
-    order = sorted(answer.named, key=lambda n: -share_of(n))
-    rows = [[n.effect, n.where, percent(share_of(n))] for n in order]
-    header = ["effect", "where", "share"]
-    yield Table("What comes back without each name alone.", header, rows)
+    alone = {(n.effect, n.where): n.share for n in answer.named}
+    shares = sorted(shares_of_names(answer).items(), key=lambda one: -one[1])
+    rows = [
+        [at.effect, at.where, percent(share), _percent(alone[at.effect, at.where])]
+        for at, share in shares
+    ]
+    header = ["effect", "where", "share", "comes back without it alone"]
+    yield Table("Share of the mismatch by name.", header, rows)
     if answer.unexplained_places:
         rows = [
             [p.where, percent(p.share), ", ".join(p.depends_on), p.law]

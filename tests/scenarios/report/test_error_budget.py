@@ -23,7 +23,7 @@ from scenarios.pipelines.schema import (
     span,
 )
 from scenarios.report import error_budget, figures, page, playback, summary
-from scenarios.report.error_budget import budget_of, percent
+from scenarios.report.error_budget import budget_of, percent, shares_of_names
 from scenarios.report.page import Fold, Paragraph, Points, Table
 from scenarios.report.sections import diagnosis
 from stiffness.diagnosis.result import Detection, Diagnosis
@@ -32,7 +32,7 @@ from stiffness.diagnosis.result import Detection, Diagnosis
 def called(effect, where, share, **sizes):
     """A name; of each size the estimate, and a twentieth of it to both sides."""
     known = {k: Interval(v, 0.95 * v, 1.05 * v) for k, v in sizes.items()}
-    return Called(effect, where, 1.0, (), known, share)
+    return Called(effect, where, 1.0, (), known, budget_share=share)
 
 
 AXES = range(1, 7)
@@ -52,7 +52,7 @@ NAMES = (
 
 @pytest.fixture
 def answer():
-    """Thirty names that explain 90 %, with something open at a2."""
+    """Thirty names that explain 58 %, with something open at a2."""
     gain = Interval(0.04, 0.03, 0.05)
     proof = Proved("mujoco", 12, 0.05, 0.01, 0.005, gain)
     return Answer(
@@ -61,7 +61,7 @@ def answer():
         verdict="partly_explained",
         detection=Detected(2e-4, 0.05, 0.005, None),
         located=(),
-        explained_share=Interval(0.9, 0.85, 0.94),
+        explained_share=Interval(0.5774, 0.55, 0.6),
         named=NAMES,
         rivals=(),
         unexplained=None,
@@ -81,24 +81,43 @@ def answer():
 def test_budget_adds_up_to_the_whole_mismatch(answer):
     budget = budget_of(answer)
     own = sum(budget.of_places.values())
-    assert budget.unexplained is not None
-    assert budget.unexplained == pytest.approx(0.1)
-    whole = [own, budget.jointly, budget.unexplained]
-    assert sum(share or 0.0 for share in whole) == pytest.approx(1.0)
+    assert budget.unexplained == pytest.approx(0.4226)
+    assert own + (budget.unexplained or 0.0) == pytest.approx(1.0)
     assert sum(budget.of_families.values()) == pytest.approx(own)
     assert budget.of["a4"] == pytest.approx({"gear": 0.09, "structure": 0.004})
     assert list(budget.of)[:3] == ["base", "a1", "link_1"]  # along the arm
 
 
+def test_shares_follow_what_the_proof_explains(answer):
+    half = Interval(0.2887, 0.27, 0.3)
+    shares = shares_of_names(msgspec.structs.replace(answer, explained_share=half))
+    assert shares[At("hysteresis", "a2")] == pytest.approx(0.025)
+
+
 def test_budget_without_a_proof_claims_nothing_of_what_is_open(answer):
     unproved = msgspec.structs.replace(answer, explained_share=None)
-    budget = budget_of(unproved)
-    assert (budget.jointly, budget.unexplained) == (0.0, None)
+    assert budget_of(unproved).unexplained is None
+    shares = shares_of_names(unproved)
+    assert all(shares[At(n.effect, n.where)] == n.budget_share for n in NAMES)
+
+
+def test_names_without_a_share_have_none_in_the_budget(answer):
+    bare = tuple(
+        msgspec.structs.replace(n, budget_share=msgspec.UNSET) for n in answer.named
+    )
+    budget = budget_of(msgspec.structs.replace(answer, named=bare))
+    assert set(budget.of_places.values()) == {0.0}
 
 
 @pytest.mark.parametrize(
     ("share", "said"),
-    [(0.274, "27 %"), (0.0134, "1.3 %"), (2e-4, "< 0.1 %"), (0.0, "0 %")],
+    [
+        (0.274, "27 %"),
+        (0.0134, "1.3 %"),
+        (2e-4, "< 0.1 %"),
+        (0.0, "0 %"),
+        (-0.012, "−1.2 %"),
+    ],
 )
 def test_a_share_is_said_with_two_digits_at_most(share, said):
     assert percent(share) == said

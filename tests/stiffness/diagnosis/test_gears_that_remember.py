@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from small_bench import MODEL, arm
@@ -48,6 +50,6 @@ def test_one_memory_of_all_gears_is_that_of_what_explains_most(shares, memory):
         NamedEffect(Name("creep", "a1"), 1.0, (), {}, (30.0, float(BEFORE))),
         NamedEffect(Name("hardening", "a1"), 1.0, (), {}, (30.0,)),
     ]
-    of = {one.name: share for one, share in zip(named, shares, strict=False)}
-    assert memory_of(named, of) == memory
-    assert memory_of(named[1:], {}) == "carried"
+    of = [replace(one, share=share) for one, share in zip(named, shares, strict=False)]
+    assert memory_of(of or named) == memory
+    assert memory_of(named[1:]) == "carried"

@@ -26,7 +26,7 @@ from stiffness.diagnosis.model_fit import (
 )
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Decision, Diagnosis
-from stiffness.diagnosis.selection import SelectedModel, select_model
+from stiffness.diagnosis.selection import SelectedModel, budget_shares, select_model
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.hardening import Hardening
 
@@ -80,12 +80,42 @@ def test_arm_of_eight_effects_gets_all_names_but_one_and_none_that_is_false():
 
 def test_every_name_of_a_whole_arm_is_sure_and_has_a_share():
     found = answer()
-    assert set(found.shares) == {one.name for one in found.named}
-    assert all(0.0 < share < 1.0 for share in found.shares.values())
+    assert all(0.0 < (one.share or 0.0) < 1.0 for one in found.named)
     assert all(one.probability >= 0.95 for one in found.named)
     places = [place.share for place in found.located]
     assert {"a1", "a2", "a3", "a4", "base"} <= {place.where for place in found.located}
     assert_allclose(sum(places), 1.0, atol=0.05)
+
+
+def test_budget_gives_each_name_its_part_of_what_all_explain():
+    found = answer()
+    parts = {one.name: one.budget_share or 0.0 for one in found.named}
+    assert 0.9 < sum(parts.values()) < 1.01
+    assert min(parts.values()) > -0.01
+    assert max(parts, key=parts.__getitem__).where in {
+        place.where for place in found.located[:3]
+    }
+
+
+def test_part_of_the_budget_is_what_a_name_displaces_along_all_names_together():
+    model = selected(*EIGHT)
+    units, owned = model.statistics.units, dict[tuple[str, str], np.ndarray]()
+    for term, columns in zip(
+        model.statistics.terms, model.statistics.owned, strict=True
+    ):
+        owned[term.name] = columns
+    value, vector = np.linalg.eigh(units.gram[units.fold >= 0].sum(axis=0))
+    design = np.sqrt(np.maximum(value, 0.0))[:, None] * vector.T  # X'X is the gram
+    springs = design[:, model.statistics.nominal]
+    moved = [
+        design[:, owned[member.name]] @ size
+        for member, size in zip(model.fit.members, model.fit.coefficients, strict=True)
+    ]
+    alone = [f - springs @ np.linalg.lstsq(springs, f, rcond=None)[0] for f in moved]
+    f = np.sum(alone, axis=0)
+    expected = [model.share * (own @ f) / (f @ f) for own in alone]
+    assert_allclose(budget_shares(model), expected, rtol=1e-3, atol=1e-5)
+    assert_allclose(sum(budget_shares(model)), model.share)
 
 
 def test_a_rival_exchanges_one_of_the_names_given_or_adds_one_that_is_not_sure():
