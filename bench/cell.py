@@ -82,12 +82,7 @@ class Cell:
 
 
 def cell_for(model: mujoco.MjModel, arm: Anatomy) -> Cell:
-    """Return a cell in proportion to the arm's length.
-
-    Args:
-        model: The arm alone.
-        arm: Its parts.
-    """
+    """Return a cell in proportion to the arm's length."""
     return Cell(pulley=_places() * reach(model, arm) / 1.19)
 
 
@@ -107,13 +102,7 @@ def reach(model: mujoco.MjModel, arm: Anatomy) -> float:
 
 
 def mount(spec: mujoco.MjSpec, arm: Anatomy, cell: Cell) -> None:
-    """Put sensor, hook, pulleys and ropes on an arm that stands on its base.
-
-    Args:
-        spec: The arm.
-        arm: The names of its parts.
-        cell: What to mount.
-    """
+    """Put sensor, hook, pulleys and ropes on an arm that stands on its base."""
     flange = spec.body(arm.flange)
     near = flange.add_body(name="sensor_near_side", pos=[0, 0, cell.sensor_height / 2])
     _disc(near, cell.sensor_mass)
@@ -153,10 +142,7 @@ def load_on_sensor(
 ) -> Float[np.ndarray, "rows 6"]:
     """Turn the sensor's reaction into the load, without the mount's weight.
 
-    Args:
-        model: An arm with a cell.
-        reading: Of its force and torque sensors, in N and N m: minus what they carry.
-        rotation: Of all bodies; columns are the bodies' axes.
+    Its force and torque sensors read minus what they carry, in N and N m.
 
     Returns:
         What the world exerts about the sensor's origin, along its axes, in N and N m.

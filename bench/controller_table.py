@@ -101,12 +101,8 @@ def geometry(
 ) -> Geometry:
     """Read a chain's geometry.
 
-    Args:
-        model: The arm, all joints at zero.
-        arm: Its parts.
-        like: The arm that says which axes count as parallel, and which way x points;
-            None: itself.
-        mount: The axis that carries the hand; None: the flange's.
+    Another arm may say which axes count as parallel and which way x points; the mount
+    is the axis that carries the hand, by default the flange's.
     """
     mount = arm.mount if mount is None else mount
     lines, flange = _lines(model, arm, mount)
@@ -199,9 +195,7 @@ Row = tuple[str, str, str, float, float]
 def controller_table(rig: Rig, offset: Float[np.ndarray, " axes"]) -> str:
     """Return controller.csv: what a robot's controller may be told.
 
-    Args:
-        rig: The patched rig.
-        offset: Of each axis' encoder, true less reported angle, in rad (m).
+    The offset is that of each axis' encoder, true less reported angle, in rad (m).
     """
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")

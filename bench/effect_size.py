@@ -51,9 +51,7 @@ class EffectSize:
 
         The largest of three ratios: displacement over the tracker's noise, force and
         torque over the force sensor's, all per coordinate. NaN where it is not known.
-
-        Args:
-            instruments: What watches; where it is silent, what it states counts.
+        What a silent instrument states counts.
         """
         sensor = instruments.force_sensor
         spread = np.sqrt(np.mean(np.square(instruments.tracker.repeatability)))
@@ -69,12 +67,9 @@ def effect_sizes(
 ) -> Iterator[EffectSize]:
     """Yield how large each effect of a rig is, in the order of the rig's effects.
 
-    Args:
-        rig: The arm with all its effects.
-        plan: What is done; as many of its visits count, evenly spaced over it, as
-            make `VISITS` in all.
-        instruments: What watches, before the faults among the effects.
-        seed: Of where marks are stuck and the tracker stands.
+    As many visits of the plan count, evenly spaced over it, as make `VISITS` in all.
+    Instruments are those before the faults among the effects; the seed says where marks
+    are stuck and the tracker stands.
 
     Raises:
         BenchError: Where the arm finds no rest.

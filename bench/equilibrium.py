@@ -46,12 +46,7 @@ FROZEN = 1e15
 
 
 def made_static(model: mujoco.MjModel, creep: dict[int, float]) -> mujoco.MjModel:
-    """Return a model whose steps converge to the equilibrium.
-
-    Args:
-        model: The arm.
-        creep: Joints that creep, which stay frozen.
-    """
+    """Return a model whose steps converge to the equilibrium; what creeps is frozen."""
     model = copy.copy(model)
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     model.opt.timestep = TIME_STEP
@@ -85,15 +80,7 @@ class Settle:
         creep: dict[int, float],
         before: int = 0,
     ):
-        """Prepare runs of a static model.
-
-        Args:
-            runs: One for each visit.
-            model: Their model.
-            axes: Joint ids of the axes.
-            creep: Joints that creep and need not balance.
-            before: Number of visits before these.
-        """
+        """Prepare runs of a static model, one a visit, with some visits before them."""
         self.runs, self.before = runs, before
         self.own, self.tendons = model.jnt_stiffness, _tendons_on_joints(model)
         self.slips = model.tendon_plasticadr >= 0
@@ -215,12 +202,7 @@ def solve(
 ) -> Rest:
     """Return the equilibrium under every load of every visit, in the order of time.
 
-    Args:
-        model: The arm with its effects and its cell.
-        axes: Ids of the axes' joints.
-        creep: Joint id and time constant, in s, of every joint that creeps.
-        schedule: Its loads and references.
-        before: Number of visits before these.
+    Joints that creep are given with their time constant, in s.
 
     Returns:
         The states at equilibrium.
@@ -257,13 +239,8 @@ def solve_in_turn(
 ) -> Rest:
     """Return the equilibrium of every visit, each beginning as the one before ended.
 
-    Args:
-        model: As in `solve`.
-        axes: As in `solve`.
-        creep: As in `solve`.
-        schedule: As in `solve`; visits in the order of time.
-        ways: From the posture before to that of each visit, without a load; the first
-            visit has none, and grows its gravity from nothing.
+    Arguments are as in `solve`. Ways lead from the posture before to that of each
+    visit, without a load; the first visit has none, and grows its gravity from nothing.
 
     Raises:
         BenchError: Where an arm does not converge, naming the visit.
@@ -324,10 +301,7 @@ class _Arms:
     ) -> list[np.ndarray]:
         """Apply the loads of a step; return fields of the arms at rest.
 
-        Args:
-            schedule: Of these arms.
-            step: Its index.
-            lifted: Whether gravity grows with the load, from nothing.
+        `lifted`: gravity grows with the load, from nothing.
         """
         ctrl, push, mount = self.ctrl, self.push, self.mount
         start = (ctrl.copy(), push[:, mount].copy())
@@ -344,12 +318,7 @@ class _Arms:
         return [field.copy() for field in self.fields]
 
     def move(self, ways: Ways, before: int) -> None:
-        """Unload the arms and move them; gears keep what slipped and what crept.
-
-        Args:
-            ways: Of these arms.
-            before: Number of visits before these.
-        """
+        """Unload the arms and move them; gears keep what slipped and what crept."""
         self.settle.before = before
         start = (self.ctrl.copy(), self.push[:, self.mount].copy())
         if np.any(start[0]) or np.any(start[1]):

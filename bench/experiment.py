@@ -31,16 +31,10 @@ def record(
     name: str = "",
     memory: Memory = "forgotten",
 ) -> Recording:
-    """Carry out a plan and return the instruments' recording.
+    """Carry out a plan and return the instruments' recording, named as the plan.
 
-    Args:
-        rig: The arm; those of its effects that sit in instruments act there.
-        plan: The plan.
-        instruments: The instruments; None: each as its maker states it.
-        seed: Seed of all random draws; the same seed gives the same numbers to the
-            last digit.
-        name: Name of the recording; empty: as the plan.
-        memory: Whether gears remember the visit before; see `Rig.carry_out`.
+    Effects that sit in instruments act there; `memory` as in `Rig.carry_out`. The same
+    seed gives the same numbers to the last digit.
 
     Raises:
         BenchError: Where no equilibrium is found.
@@ -61,16 +55,7 @@ def observed(
     seed: int = 0,
     name: str = "",
 ) -> Recording:
-    """Return the recording of a plan that was carried out; see `record`.
-
-    Args:
-        rig: The arm.
-        plan: The plan.
-        states: The true states.
-        instruments: The instruments.
-        seed: Seed of all random draws.
-        name: Name of the recording; empty: as the plan.
-    """
+    """Return the recording of a plan that was carried out; see `record`."""
     instruments = faulty(instruments or Instruments(), rig)
     chance = streams(seed)
     stuck = instruments.markers.stick(rig.nominal, rig.anatomy, chance)
@@ -131,13 +116,6 @@ def marks_in_base(
 
     The base's frame is the one of the model, where the base is without a load; a
     compliant base moves in it.
-
-    Args:
-        rig: The arm.
-        states: Poses of its bodies.
-        stuck: The marks.
-        markers: Which of them slip.
-        time: Time of each row, in s.
 
     Returns:
         Places in m and normals, in the base's frame.

@@ -108,13 +108,10 @@ def inverse(
     """Return all eight postures that reach each transform, in rad within -pi to pi.
 
     Solution 4 s + 2 e + w: shoulder s = 0 faces the wrist, 1 has turned away; e = 0 has
-    t3 + psi >= 0 (elbow up where the shoulder faces the wrist), 1 the other elbow;
-    w = 0 has t5 >= 0, 1 the flipped wrist. Where nothing reaches, the row is NaN. Where
-    A4 and A6 are one axis, t4 is 0 for w = 0.
-
-    Args:
-        arm: The arm's parameters.
-        base_from_flange: Poses of the flange, in m, rotation orthonormal.
+    t3 + psi >= 0 (elbow up where the shoulder faces the wrist), 1 the other elbow; w =
+    0 has t5 >= 0, 1 the flipped wrist. Where nothing reaches, the row is NaN. Where A4
+    and A6 are one axis, t4 is 0 for w = 0. Poses of the flange are in m, with
+    orthonormal rotations.
     """
     flange = base_from_flange.reshape(-1, 4, 4)
     rotation = flange[:, :3, :3]

@@ -129,11 +129,9 @@ class Anatomy:
 
 
 def anatomy(model: mujoco.MjModel, hand: str = "") -> Anatomy:
-    """Return the parts of an arm in a compiled model.
+    """Return the parts of an arm, alone or with a tool, in the order of the model.
 
-    Args:
-        model: The arm alone, or an arm with a tool; a chain or a tree of axes.
-        hand: The body that is its flange; empty: the one of that name, or the last.
+    Its flange is the hand that is named, else the body of that name, else the last.
 
     Returns:
         Its parts, in the order of the model.
@@ -186,12 +184,7 @@ def _axis_of(model: mujoco.MjModel, body: int) -> int:
 def with_seats(plain: str, arm: Anatomy) -> str:
     """Put an end and a seat, practically massless, before each axis.
 
-    Args:
-        plain: The arm as written by `bench.model_file.plain_mjcf`.
-        arm: Its parts.
-
-    Returns:
-        MJCF text of the same arm with ends and seats.
+    Takes and returns MJCF text, as `bench.model_file.plain_mjcf` writes it.
     """
     root = ElementTree.fromstring(plain)
     parents = {child: parent for parent in root.iter() for child in parent}
@@ -235,10 +228,6 @@ def carriers_of(model: mujoco.MjModel, body: int) -> set[int]:
 def axes_to(model: mujoco.MjModel, hands: Sequence[str]) -> tuple[str, ...]:
     """Return the joints that carry some bodies, from the base on.
 
-    Args:
-        model: The arm or torso alone.
-        hands: Names of bodies.
-
     Raises:
         UnknownName: Where the model has no such body.
         Unusable: Where no joint carries it.
@@ -278,10 +267,6 @@ def with_axes(model: mujoco.MjModel, axes: Collection[str]) -> mujoco.MjModel:
 
 def moving(recording: Recording, model: mujoco.MjModel) -> tuple[tuple[str, ...], str]:
     """Return the joints of a model that a recording moves, and its hand.
-
-    Args:
-        recording: With the names of its axes and bodies.
-        model: The arm or torso alone.
 
     Returns:
         The joints, empty: all; and the body that the recording calls flange, empty: the

@@ -93,13 +93,7 @@ class Mechanisms:
     """Moves the mechanisms of a rig into the XML of a user's model."""
 
     def __init__(self, rig: Rig, user: UserModel, held: Float[np.ndarray, " axes"]):
-        """Prepare it.
-
-        Args:
-            rig: The patched rig.
-            user: The user's model, whose XML will be changed.
-            held: Angles at which its springs are to hold the axes, in rad (m).
-        """
+        """Prepare to change a model; springs hold its axes at angles in rad (m)."""
         self.rig, self.arm, self.true = rig, rig.anatomy, rig.model
         self.own, self.root = user.model, user.root
         self.bodies = {b.get("name", ""): b for b in self.root.iter("body")}

@@ -49,10 +49,7 @@ FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
 def faults_of(main: Path) -> list[str]:
-    """Say why a model file and those that it includes must not be compiled.
-
-    Args:
-        main: An MJCF or URDF file.
+    """Say in sentences why a model and what it includes must not be compiled.
 
     Returns:
         Sentences; none where it may be compiled.
@@ -166,13 +163,7 @@ def load(path: Path | str) -> mujoco.MjModel:
     Bodies and joints without a name are numbered. A URDF keeps its fixed links and
     loses its meshes, whose places only its own workspace knows. An axis with a `ref`
     gets one of zero and a body turned by it, at the same angles. Of a patched model the
-    axes stay, see the head of this file.
-
-    Args:
-        path: An MJCF or URDF file.
-
-    Returns:
-        The compiled model; lengths in m, masses in kg, angles in rad.
+    axes stay, see the head of this file. Lengths are in m, masses in kg, angles in rad.
 
     Raises:
         BenchError: Where the file is missing.
@@ -200,9 +191,6 @@ angle, q = c0 + c1 q_leader + c2 q_leader² …, for the joint whose name follow
 
 def followers_of(model: mujoco.MjModel) -> dict[str, tuple[str, tuple[float, ...]]]:
     """Return joints that follow others: their leaders, and polynomials of its angle.
-
-    Args:
-        model: As `load` returns it, or compiled from plain MJCF.
 
     Returns:
         By the follower's name; coefficients from the constant on, in rad (m).
@@ -237,9 +225,6 @@ def _is_following(model: mujoco.MjModel, e: int) -> bool:
 
 def read_spec(path: Path) -> mujoco.MjSpec:
     """Read a model file with all that is in it; what has no name is numbered.
-
-    Args:
-        path: An MJCF or URDF file.
 
     Raises:
         BenchError: Where the file is missing.
@@ -294,9 +279,6 @@ def take_out_meshes(spec: mujoco.MjSpec) -> None:
 
 def take_out_patch(spec: mujoco.MjSpec) -> str:
     """Hold what a patch added at zero and give the axes their gears' springs.
-
-    Args:
-        spec: A patched model, or any other, which stays as it is.
 
     Returns:
         What the patch had added and is left out; empty: nothing.
@@ -379,11 +361,6 @@ def moved_about(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return position and quaternion of a body whose only joint has moved.
 
-    Args:
-        model: The model.
-        joint: Id of a hinge or a slide.
-        by: How far, in rad or m.
-
     Returns:
         Of the moved body in its frame before.
     """
@@ -426,11 +403,7 @@ def _refuse_nonsense(path: Path, model: mujoco.MjModel) -> None:
 
 
 def facts_of(model: mujoco.MjModel) -> ModelFacts:
-    """Return names and limits of a compiled model; places have the format's names too.
-
-    Args:
-        model: A compiled model.
-    """
+    """Return names and limits of a model; places have the format's names too."""
     own = [model.body(b).name or f"body_{b}" for b in range(1, model.nbody)]
     links = [f"link_{k + 1}" for k in range(model.njnt)]
     bodies = [*own, "base", *links, "flange", "tool"]
@@ -445,13 +418,9 @@ def facts_of(model: mujoco.MjModel) -> ModelFacts:
 
 
 def plain_mjcf(model: mujoco.MjModel) -> str:
-    """Write the bodies and joints of a compiled model as plain MJCF.
+    """Write bodies and joints of a compiled model as plain MJCF, in rad and m.
 
-    Args:
-        model: A compiled model.
-
-    Returns:
-        MJCF text in rad and m; numbers read back to the last bit.
+    Numbers read back to the last bit.
     """
     root = ElementTree.Element("mujoco", model="arm")
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")

@@ -288,11 +288,7 @@ def effects_of(patch: Patch) -> tuple[Effect, ...]:
 
 
 def rig_of(patch: Patch, arm_file: Path | None = None) -> Rig:
-    """Build the rig of a patch.
-
-    Args:
-        patch: What is true.
-        arm_file: The nominal arm, MJCF or URDF; None: the one in the patch.
+    """Build the rig of a patch on the nominal arm, by default the one in the patch.
 
     Raises:
         BenchError: Where an effect has no mechanism or cannot be built.

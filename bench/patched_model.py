@@ -80,10 +80,8 @@ class PatchedModel:
 def patched_model(rig: Rig, arm_file: Path | None, marks: bool = False) -> PatchedModel:
     """Put the mechanisms of a patched rig into the user's file.
 
-    Args:
-        rig: The patched rig.
-        arm_file: What it was made of, MJCF or URDF; None: the arm in the patch.
-        marks: Whether the patch places marks, which a model file does not hold.
+    The file is what the rig was made of, by default the arm in the patch; it holds no
+    marks that a patch may place.
 
     Raises:
         Unusable: Where the result does not compile.
@@ -320,10 +318,6 @@ class _Patching:
 
 def held_posture(model: mujoco.MjModel, arm: Anatomy) -> Float[np.ndarray, " axes"]:
     """Return the angles at which the springs of a patched model hold its axes.
-
-    Args:
-        model: The user's model.
-        arm: Its axes.
 
     Returns:
         Those of the first key frame, or of the model's reference configuration; an

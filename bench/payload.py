@@ -60,9 +60,6 @@ class RatedLoad:
 def payload_of(rig: Rig) -> RatedLoad | None:
     """Return what may hang on an arm's hook; None where its model does not say.
 
-    Args:
-        rig: The arm in its cell.
-
     Raises:
         Unusable: Where what the model says leaves no load at all.
     """
@@ -98,9 +95,7 @@ def effort_limits(
 ) -> Float[np.ndarray, " axes"]:
     """Return what drives may exert, in N m (slides in N); infinite where not said.
 
-    Args:
-        model: The arm as its file has it, actuators included.
-        axes: Its joints.
+    The model is the arm as its file has it, actuators included.
     """
     limits = np.full(len(axes), np.inf)
     for i, axis in enumerate(axes):
@@ -193,11 +188,7 @@ class _Statics:
 
 
 def usual_path(payload: RatedLoad | None) -> tuple[LoadStep, ...]:
-    """Return the usual load path, scaled down where an arm carries less than it asks.
-
-    Args:
-        payload: What the arm carries; None: nothing is known of it.
-    """
+    """Return the usual load path, scaled down where an arm carries less than it."""
     usual = max(step.mass for step in DEFAULT_PATH)
     if payload is None or payload.mass >= usual:
         return DEFAULT_PATH

@@ -111,11 +111,8 @@ def within(
 ) -> Float[np.ndarray, "axes 2"]:
     """Return limits that let no axis turn further than asked for; slides stay.
 
-    Args:
-        limits: Lowest and highest value of each axis, in rad (slides in m).
-        slides: Whether each axis slides.
-        widest: How far either way from zero, in rad; from its middle where the range
-            of an axis lies beyond.
+    In rad (slides in m); from the middle of an axis' range where that lies beyond
+    `widest` either way from zero.
 
     Raises:
         Unusable: Where that is no angle above zero.
@@ -151,14 +148,8 @@ def spread(
 
     Scrambled Halton points (Owen 2017, "A randomized Halton algorithm in R", as in
     `scipy.stats.qmc`), of which the infeasible are passed over. The same seed gives the
-    same postures, and fewer of them are the first of more.
-
-    Args:
-        limits: Lowest and highest value of each axis, in rad (slides in m).
-        count: How many postures.
-        seed: Of the scrambling.
-        feasible: Whether there is room, for a batch of postures.
-        central: Share of each range that is used, above 0, at most 1.
+    same postures, and fewer of them are the first of more. Limits are in rad (slides in
+    m), of which the central share is used.
 
     Raises:
         Unusable: Where limits are not finite or in order, the share or the count is out
@@ -201,12 +192,6 @@ def spread_in(
     room: Room, count: int, seed: int, widest: float = HALF_TURN
 ) -> Float[np.ndarray, "count axes"]:
     """Return postures of low discrepancy for which a cell has room; see `spread`.
-
-    Args:
-        room: The room that an arm has in its cell.
-        count: How many postures.
-        seed: Of the scrambling.
-        widest: How far they turn an axis either way, in rad.
 
     Raises:
         Unusable: Where there are too few, with what is in the way of the others.

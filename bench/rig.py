@@ -64,9 +64,6 @@ class States:
     def near(self, commanded: Float[np.ndarray, "rows axes"]) -> "States":
         """Return the states, where every axis stands about where it was told to.
 
-        Args:
-            commanded: Angles that the controller reports, in rad (m).
-
         Raises:
             BenchError: Where an axis ends further off than `FURTHEST`, naming it.
         """
@@ -171,11 +168,9 @@ class Rig:
     ) -> States:
         """Carry out a plan with ropes and weights, and return where everything was.
 
-        Args:
-            plan: Postures that the controller reports, and what hangs on the hook.
-            arrival: How far beyond its report each motor stops, in rad; None: nowhere.
-            memory: Whether gears keep what slipped and crept from visit to visit, and
-                feel gravity's torque on the way, straight from posture to posture.
+        `arrival`: how far beyond its report each motor stops, in rad. `memory`: whether
+        gears keep what slipped and crept from visit to visit, and feel gravity's torque
+        on the way, straight from posture to posture.
 
         Raises:
             BenchError: Where the arm finds no rest, or none near what was planned.
@@ -212,13 +207,9 @@ class Rig:
     ) -> States:
         """Apply wrenches at the sensor's origin along the base's axes, step by step.
 
-        Args:
-            posture: Angles that the controller reports, in rad.
-            wrench: In N and N m.
-            hold: How long each stands before its row is read, in s.
-            way: How long the way to each visit takes, in s, where gears remember the
-                visit before; None: they forget.
-            moves: How each axis arrived; None: from the visit before.
+        Postures are in rad, wrenches in N and N m; each is held for some s before its
+        row is read. The way to each visit takes some s where gears remember the visit
+        before. Moves say how each axis arrived, by default from the visit before.
 
         Returns:
             Where everything was; rows run over visits, then steps.
@@ -236,9 +227,8 @@ class Rig:
     ) -> Command:
         """Return what the gears are asked to hold, command effects included.
 
-        Args:
-            posture: Angles that the controller reports, in rad.
-            moves: How each axis arrived; None: from the row before.
+        The controller reports the posture, in rad; moves say how each axis arrived, by
+        default from the row before.
         """
         moves = LastMoves.of(posture) if moves is None else moves
         springs = np.broadcast_to(self.springs, posture.shape)

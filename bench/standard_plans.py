@@ -135,13 +135,10 @@ def table_one_plan(
     revisits: int = 0,
     pulleys: int = PULLEY_PLACES,
 ) -> Plan:
-    """Return the experiment over Table 1.
+    """Return the experiment over Table 1: some of its 151 postures, evenly spaced.
 
-    Args:
-        poses: How many of the 151 postures, evenly spaced over the table.
-        path: What hangs on the hook in each.
-        revisits: How many of them are visited once more at the end.
-        pulleys: How many pulley places the rope is led over, in turn.
+    The path hangs on the hook in each; some are visited once more at the end; the rope
+    is led over the pulleys in turn. The id of a pose is its row in the table, from 0.
 
     Returns:
         The plan; the id of a pose is its row in the table, from 0.
@@ -180,13 +177,8 @@ def tour(
 ) -> Plan:
     """Return a plan that shows all axes of an arm at work.
 
-    Args:
-        rig: The arm and its cell.
-        poses: How many postures; a KR10's table has 151.
-        path: What hangs on the hook in each.
-        revisits: How many of them are visited once more at the end.
-        seed: Of the postures, where they are spread.
-        widest: How far those turn an axis either way, in rad.
+    A KR10 has the postures of Table 1, at most 151; those of other arms follow from the
+    seed and turn an axis by `widest` at most, in rad, either way.
 
     Raises:
         Unusable: Where there are not that many postures, with what is in their way.

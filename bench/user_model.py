@@ -45,9 +45,6 @@ class UserModel:
 def user_model(file: Path) -> UserModel:
     """Read a robot's file with all that is in it, but for what a patch had added.
 
-    Args:
-        file: MJCF or URDF.
-
     Returns:
         The model; where its meshes or pictures cannot be read back, without them.
 

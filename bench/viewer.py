@@ -177,14 +177,10 @@ def show(
     error_row: Int[np.ndarray, " poses"],
     words: str,
 ) -> None:
-    """Log an experiment.
+    """Log an experiment, saved or live, with the error of each method in each pose.
 
-    Args:
-        recording: The Rerun recording; saved or live.
-        scene: Data to be shown.
-        error_mm: Error of each method in each pose along x, y, z, in mm.
-        error_row: The row that each pose's error belongs to.
-        words: Notes for the reader, in Markdown.
+    Errors are in mm along x, y, z, each with the row that it belongs to; words are
+    notes for the reader, in Markdown.
     """
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     recording.log(
@@ -230,8 +226,7 @@ def magnify(
 def blueprint(tabs: tuple[rrb.View | rrb.Container, ...] = ()) -> rrb.Blueprint:
     """Return the layout that opens on the timeline of readings, camera on the arm.
 
-    Args:
-        tabs: Views that get a tab beside the errors.
+    Tabs stand beside the errors.
     """
     camera = rrb.EyeControls3D(
         position=(1.55, -1.6, 1.25), look_target=(0.25, 0.0, 0.62), eye_up=(0, 0, 1)

@@ -50,13 +50,7 @@ class Creep(ModelEffect):
 def creeping(
     effects: Iterable[Effect], model: mujoco.MjModel, arm: Anatomy
 ) -> dict[int, float]:
-    """Return each joint that creeps and its time constant, in s.
-
-    Args:
-        effects: In the order in which they were built.
-        model: The model that they were built into.
-        arm: The names of its parts.
-    """
+    """Return each joint that creeps in a built model and its time constant, in s."""
     times: dict[str, float] = {}
     for effect in effects:
         if isinstance(effect, Creep) and effect.ratio != 0.0:

@@ -87,9 +87,7 @@ class ModelEffect(Effect):
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
         """Change the model, once, before it is compiled.
 
-        Args:
-            spec: The arm with its seats; lengths in m, angles in rad.
-            arm: The names of its parts.
+        Lengths are in m, angles in rad; the arm has its seats.
         """
 
 
@@ -117,10 +115,8 @@ class CommandEffect(Effect):
     ) -> Command:
         """Return what this effect adds to the nominal command.
 
-        Args:
-            posture: Axis angles that the controller reports, in rad.
-            nominal: The command without any effect.
-            arm: The names of the arm's parts.
+        The controller reports the posture, in rad; the nominal command is that without
+        any effect.
         """
 
 
@@ -133,7 +129,6 @@ class RopeEffect(Effect):
     ) -> Float[np.ndarray, " rows"]:
         """Return what this effect adds to the tension, in N.
 
-        Args:
-            weight: Weight on the hook, in N.
-            direction: +1 where the load last grew, -1 where it last fell.
+        The weight on the hook is in N; the direction +1 where the load last grew, -1
+        where it last fell.
         """

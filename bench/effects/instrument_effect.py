@@ -15,11 +15,7 @@ class InstrumentEffect(Effect):
 
     @abstractmethod
     def fault(self, instruments: Instruments) -> Instruments:
-        """Return the instruments with this fault added to those they have.
-
-        Args:
-            instruments: The instruments with the faults that they have already.
-        """
+        """Return the instruments with this fault added to those they have."""
 
 
 def plus(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:

@@ -16,10 +16,8 @@ from bench.shared.errors import Unusable
 def end_of(arm: Anatomy, where: str) -> str:
     """Return the body at the end of a link, or the hand.
 
-    Args:
-        arm: The names of the arm's parts.
-        where: `link_k`, or the link's own name; `link_k:aN` where it carries several
-            axes.
+    A link is `link_k`, or the link's own name; `link_k:aN` where it carries several
+    axes.
 
     Raises:
         Unusable: Where the link carries several axes and none of them is named, or one

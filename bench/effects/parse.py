@@ -17,14 +17,9 @@ from bench.shared.errors import BenchError, UnknownName, Unusable
 def parse(text: str, model: mujoco.MjModel) -> Effect:
     """Read `NAME@WHERE[,parameter=value…]`.
 
-    Args:
-        text: The text. Parameters have the vocabulary's names and SI units. Those left
-            out keep the size of a catalogue; where all are components of one thing
-            (shifts and turns, a bias), components left out beside others are zero.
-        model: The arm alone, which defines the places.
-
-    Returns:
-        The effect.
+    Parameters have the vocabulary's names and SI units. Those left out keep the size of
+    a catalogue; where all are components of one thing (shifts and turns, a bias),
+    components left out beside others are zero.
 
     Raises:
         UnknownName: Where no effect has that name.
@@ -61,14 +56,7 @@ def parse(text: str, model: mujoco.MjModel) -> Effect:
 
 
 def parse_all(texts: Iterable[str], model: mujoco.MjModel) -> tuple[Effect, ...]:
-    """Read several effects.
-
-    Args:
-        texts: As for `parse`.
-        model: The arm alone.
-
-    Returns:
-        The effects, in their order.
+    """Read several effects, as `parse` does, in their order.
 
     Raises:
         Unusable: All faults of all effects.

@@ -11,12 +11,7 @@ CELL = ("rig", "tracker", "wrench_sensor")
 
 
 def places_for(kinds: Collection[str], arm: Anatomy) -> list[str]:
-    """Return every place of some kinds.
-
-    Args:
-        kinds: Of `arm`, `axis`, `link`, `base`, `flange`, `tool`, `rig`, `tracker`,
-            `wrench_sensor` and `marker`.
-        arm: The names of the arm's parts.
+    """Return every place of some kinds, such as `axis`, `link` or `marker`.
 
     Returns:
         The vocabulary's names, then the model's own where they differ.
@@ -38,12 +33,7 @@ def places_for(kinds: Collection[str], arm: Anatomy) -> list[str]:
 
 
 def misplaced(effect: Effect, arm: Anatomy) -> list[str]:
-    """Return what is wrong with the places that an effect names; empty if nothing.
-
-    Args:
-        effect: Any effect.
-        arm: The names of the arm's parts.
-    """
+    """Return what is wrong with the places that an effect names; empty if nothing."""
     where = effect.where
     known = places_for(effect.places, arm)
     marker = where.startswith("marker:") and len(where) > len("marker:")

@@ -42,13 +42,9 @@ def add_spring(
 ) -> mujoco.MjsJoint:
     """Add a joint on which a body turns (or slides) against a linear spring.
 
-    Args:
-        body: The body that moves against the spring.
-        name: Name of the new joint; numbered where the body has one of that name.
-        axis: Unit direction in the body's frame.
-        stiffness: In N m/rad, or N/m for a slide.
-        pos: A point of the axis in the body's frame, in m; default its origin.
-        slide: Whether it slides.
+    The axis is a unit direction and `pos` a point of it, in m, in the body's frame; the
+    stiffness is in N m/rad, or N/m for a slide. The name is numbered where the body has
+    a joint of that name.
 
     Returns:
         The new joint.
@@ -79,15 +75,8 @@ def add_series(
 ) -> mujoco.MjsJoint:
     """Put a linear spring in series with the one of an axis, on the axis' seat.
 
-    Args:
-        spec: The model.
-        arm: The names of its parts.
-        where: The axis.
-        label: Suffix of the axis' name in the new joint's name.
-        stiffness: In N m/rad, or N/m where the axis slides.
-
-    Returns:
-        The new joint.
+    The stiffness is in N m/rad, or N/m where the axis slides; the label ends the new
+    joint's name.
     """
     axis = arm.axis(where)
     own = spec.joint(axis)
@@ -112,16 +101,9 @@ def add_parallel(
 ) -> mujoco.MjsTendon:
     """Put a spring beside a joint's own, with slack or with a yield point.
 
-    Args:
-        spec: The model.
-        name: Name of the new tendon; numbered where there is one of that name.
-        joint: The joint it acts on.
-        stiffness: In N m/rad.
-        slack: Between these deflections it carries nothing, in rad.
-        springyield: Elastic deflection at which it starts to slip, in rad; 0 = never.
-
-    Returns:
-        The new tendon.
+    It carries nothing between two deflections, in rad, and slips from an elastic
+    deflection on, in rad, 0 = never; the stiffness is in N m/rad. The name is numbered
+    where there is a tendon of that name.
     """
     tendon = add_tendon(spec, name, slack)
     tendon.stiffness = [stiffness, 0.0, 0.0]

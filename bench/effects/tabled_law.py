@@ -95,8 +95,7 @@ class TabledLaw(ModelEffect):
     ) -> tuple[Float[np.ndarray, " knots"], Float[np.ndarray, " pieces"]]:
         """Return where the slope of τ over θ changes, in rad, and the slopes, N m/rad.
 
-        Args:
-            own: Stiffness of the axis' own spring, in N m/rad.
+        `own` is the stiffness of the axis' own spring, in N m/rad.
         """
         torque = np.array(self.torque_nm)
         slope = 1.0 / own + np.diff(self.wind_up_rad) / np.diff(torque)

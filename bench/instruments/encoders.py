@@ -58,12 +58,8 @@ class Encoders:
     ) -> Float[np.ndarray, "rows axes"] | None:
         """Return the readings after the gears, in rad; None without such encoders.
 
-        A slide has none: the format has no such column.
-
-        Args:
-            angle: True angles after the gears, in rad.
-            slides: Whether each axis slides.
-            chance: Streams of random numbers.
+        A slide has none: the format has no such column. The true angles after the gears
+        are in rad.
         """
         if not self.link_side:
             return None

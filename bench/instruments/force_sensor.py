@@ -78,13 +78,10 @@ class ForceSensor:
         visit: Int[np.ndarray, " rows"],
         chance: Streams,
     ) -> Float[np.ndarray, "rows 6"]:
-        """Return the readings.
+        """Return the readings of the world's wrench, in N and N m.
 
-        Args:
-            wrench: Wrench of the world about the stated origin, along the stated axes,
-                in N and N m.
-            visit: Index of each row's visit, from 0.
-            chance: Streams of random numbers.
+        The wrench is about the stated origin, along the stated axes; faults differ from
+        visit to visit.
         """
         drawn = chance["wrench_turn"].standard_normal((int(visit.max()) + 1, 4))
         turn = Rotation.from_rotvec(self.turn * drawn[visit, :3])
@@ -100,12 +97,7 @@ class ForceSensor:
         return _rounded(reading, np.repeat(self.resolution, 3))
 
     def spec(self, body: str, position: Float[np.ndarray, "3"]) -> WrenchSpec:
-        """Return its specification, without its faults.
-
-        Args:
-            body: The body that it is mounted on.
-            position: Its origin in that body's frame, in m.
-        """
+        """Return its specification, without its faults, at a place of a body, in m."""
         return WrenchSpec(
             accuracy_force=self.accuracy_force,
             accuracy_torque=self.accuracy_torque,

@@ -102,11 +102,6 @@ class Markers:
     ) -> tuple[Stuck, ...]:
         """Return the marks at their true positions.
 
-        Args:
-            model: The arm alone.
-            arm: Its parts.
-            chance: Streams of random numbers.
-
         Raises:
             UnknownName: Where a mark that slips does not exist.
         """

@@ -29,9 +29,6 @@ def streams(seed: int) -> Streams:
     A cause draws the same numbers whatever the others do and however large it is: sizes
     multiply the draws, also a size of zero.
 
-    Args:
-        seed: At least 0; the same seed gives the same numbers.
-
     Raises:
         Unusable: Where the seed is negative.
     """

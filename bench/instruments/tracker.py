@@ -72,10 +72,7 @@ def smooth_field(
 ) -> SmoothField:
     """Draw a smooth random vector field.
 
-    Args:
-        sd: One sigma of each coordinate, in m.
-        random: Generator of the draws.
-        length: Correlation length, in m.
+    `sd` is one sigma of each coordinate and `length` the correlation length, in m.
     """
     wave = random.standard_normal((FEATURES, 3, 3)) / length
     phase = random.uniform(0.0, 2.0 * np.pi, (FEATURES, 3))
@@ -163,13 +160,7 @@ def displaced(
     courses: tuple[DriftCourse, ...],
     time: Float[np.ndarray, " rows"],
 ) -> Float[np.ndarray, "rows markers 3"]:
-    """Return points under rigid drift: exp(r) p + v, in m, of all courses' sum.
-
-    Args:
-        point: Points without drift, in m.
-        courses: Drifts, whose motions (v, r) add up.
-        time: Time since the start in s, row by row.
-    """
+    """Return points under rigid drift: exp(r) p + v, in m, of all courses' sum."""
     moved = sum(
         (course.displacement(time) for course in courses), np.zeros((len(time), 6))
     )
@@ -240,11 +231,7 @@ class Tracker:
     ) -> tuple[Float[np.ndarray, "rows markers 3"], Float[np.ndarray, "4 4"] | None]:
         """Return the readings, and the tracker's pose as the manifest states it.
 
-        Args:
-            point: Positions of the marks, in the base's frame, in m.
-            normal: Their normals, along the base's axes.
-            time: Time of each row since the start, in s.
-            chance: Streams of random numbers.
+        Marks and their normals are in the base's frame, in m, the time in s.
 
         Returns:
             Readings in its own frame in m, NaN where not seen; base_from_tracker, None

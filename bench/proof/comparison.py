@@ -58,10 +58,7 @@ def means_count(
 ) -> bool:
     """Return whether readings are compared as they are, means of visits included.
 
-    Args:
-        world: The recording.
-        nominal: The arm without what is to be proved.
-        patched: With it; the same arm where nothing is.
+    The patched arm is the nominal one where nothing is to be proved.
     """
     if world.recording.displacement != "absolute":
         return False
@@ -157,12 +154,6 @@ def turns_of(
     mode: ComparisonMode,
 ) -> tuple[Float[np.ndarray, "rows bodies"], Float[np.ndarray, "rows bodies"]]:
     """Return the squares of bodies' turns beside the simulation, and of their noise.
-
-    Args:
-        world: The recording.
-        seen: What was simulated.
-        residual: As `residual_of` returns it.
-        mode: How readings are compared.
 
     Returns:
         Both in rad²; NaN where fewer than three marks were seen, or marks in line.

@@ -144,13 +144,9 @@ def explained_share(
     """Return which share of the mismatch a patch explains on what was kept back.
 
     (before² - after²) / (before² - noise²), a percentile bootstrap over groups (Efron &
-    Tibshirani 1993, section 13.3). Groups are poses, regions or stretches of time.
-
-    Args:
-        before: Sum of squares of each group without the patch, in any unit.
-        after: With it.
-        noise: As noise alone would leave it.
-        count: Readings of each group.
+    Tibshirani 1993, section 13.3). Groups are poses, regions or stretches of time. Sums
+    of squares are in any unit; noise is what it alone would leave, `count` the number
+    of readings.
 
     Returns:
         The share; None where the interval of before² - noise² reaches zero.
@@ -189,11 +185,7 @@ def channels_of(
 ) -> tuple[Channel | None, Channel | None, Channel | None]:
     """Return what markers, encoders and bodies' turns say on the rows held out.
 
-    All folds count together.
-
-    Args:
-        world: The recording.
-        predictions: Of each fold; no row is held out of two.
+    All folds count together. No row is held out of two folds.
     """
     if not any(fold.held.any() for fold in predictions):
         return None, None, None
@@ -223,11 +215,8 @@ def channel_of(
 ) -> Channel | None:
     """Return before and after, with intervals over poses; None where nothing was seen.
 
-    Args:
-        before: Squares without the patch, in m² or rad²; NaN = not seen.
-        after: The same with it.
-        noise: What the stated noise alone would leave.
-        pose: Id of each row's pose.
+    Squares are in m² or rad², NaN where not seen; noise is what the stated noise alone
+    would leave.
     """
     good = np.isfinite(before) & np.isfinite(after)
     if not good.any():

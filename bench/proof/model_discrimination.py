@@ -44,10 +44,7 @@ def candidates(
 ) -> list[Experiment]:
     """Return visits that can surely be made: poses and pulls that were made before.
 
-    Args:
-        world: The recording.
-        assumed: What is taken to be true, for the sensor's pull.
-        count: How many poses, evenly taken.
+    The sensor's pull is that of the arm that is assumed; poses are taken evenly.
     """
     recording = world.recording
     wrench = world.wrench(assumed.rig)
@@ -96,12 +93,7 @@ def expected(
 ) -> Float[np.ndarray, " experiments"]:
     """Return the expected log Bayes factor of each experiment between two rivals.
 
-    Args:
-        world: Whose marks are watched.
-        one: An explanation, fitted.
-        other: Another.
-        experiments: What could be done.
-        sigma: Of a mark's coordinate, in m.
+    One sigma of a mark's coordinate is in m.
     """
     factor = np.zeros(len(experiments))
     lengths = {len(e.path) for e in experiments}

@@ -69,14 +69,7 @@ def simulated_jacobian(
     seen: SimulatedReadings,
     places: bool,
 ) -> SimulatedJacobian:
-    """Return the columns of all nuisance parameters.
-
-    Args:
-        world: The recording.
-        assumed: What the simulation took to be so.
-        seen: What came of it.
-        places: Whether markers' places are among the parameters.
-    """
+    """Return the columns of all nuisance parameters."""
     rig = assumed.rig
     axes = tuple(int(k) for k in world.order if rig.springs[k] < RIGID)
     rows = len(seen.point)
@@ -196,14 +189,7 @@ SEVERE = 4.5
 def fitted(
     world: ReplaySimulation, start: NominalState, gauge: ComparisonMode, rounds: int = 3
 ) -> NominalState:
-    """Fit what is nominal by Gauss-Newton in the simulator.
-
-    Args:
-        world: The recording.
-        start: Where to begin.
-        gauge: Which rows are looked at, and how.
-        rounds: Simulations that are spent.
-    """
+    """Fit what is nominal by Gauss-Newton in the simulator."""
     assumed = start
     for _ in range(rounds):
         if not gauge.absolute:
@@ -246,13 +232,8 @@ def solved(
 ) -> Float[np.ndarray, " parameters"]:
     """Return the step of parameters that makes residuals smallest.
 
-    Args:
-        matrix: What one unit of each parameter does.
-        prior: One sigma of each about its prior mean.
-        residual: Residuals, NaN where nothing was read.
-        world: The recording.
-        gauge: Which rows count, and how.
-        moved: How far each stands from its prior mean already; None: all stand there.
+    The prior has one sigma of each about its prior mean, from which `moved` says how
+    far it stands already; residuals are NaN where nothing was read.
     """
     if not gauge.absolute:
         matrix = centred(matrix, world.replay.visit, gauge.keep)

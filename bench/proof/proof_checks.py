@@ -61,12 +61,7 @@ def left_outs(
 ) -> Iterator[ProofCheck]:
     """Try the patch on loads and postures that nothing was fitted to.
 
-    Args:
-        world: The recording.
-        nominal: The arm without the patch, as fitted.
-        patched: With it.
-        slope: What the patch's own parameters do.
-        gauge: How readings are compared; all rows that are used.
+    All rows that are used are compared.
     """
     laid = []
     for assumed, own in ((nominal, None), (patched, slope)):
@@ -121,12 +116,7 @@ def placebos(
 ) -> Iterator[ProofCheck]:
     """Put each effect on its neighbours, and take each out.
 
-    Args:
-        world: The recording.
-        patched: The arm with the patch.
-        own: The patch's effects.
-        gauge: How readings are compared, with the rows that are fitted.
-        held: The rows that are judged.
+    Rows are compared as the gauge says, with those that are fitted; `held` are judged.
     """
     some = some_of(world, held)
     world, held = world.part(some), held[some]

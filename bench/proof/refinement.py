@@ -77,13 +77,8 @@ def simulate_changes(
 ) -> Iterator[tuple[int, NominalState, SimulatedReadings]]:
     """Simulate an arm with each of many changes by itself.
 
-    Args:
-        world: The recording.
-        assumed: What is taken to be so, to which each change is made.
-        changes: Which; those that cannot be built or find no rest are left out.
-
-    Yields:
-        The change's index, the arm with it alone, and what it reads; not in order.
+    Yields a change's index, the arm with it alone, and what it reads, not in order;
+    those that cannot be built or find no rest are left out.
     """
     arm = assumed.rig.anatomy
     sites = [_axes_of(change, arm) for change in changes]
@@ -237,9 +232,7 @@ def refined_parameters(
 ) -> tuple[RefinedParameter, ...]:
     """Return what may be moved: all sizes that are neither zero nor without end.
 
-    Args:
-        effects: Of the rig.
-        fixed: What stays as it is; where all of an effect does, so does its form.
+    Where all of an effect is fixed, so is its form.
     """
     found = []
     for e, effect in enumerate(effects):
@@ -286,11 +279,7 @@ def sensitivity(
 ) -> Sensitivity:
     """Return what a whole size more of each parameter does, by small steps.
 
-    Args:
-        world: The recording.
-        assumed: What is taken to be so.
-        parameters: Of its effects.
-        known: What was simulated of some before; None: of none.
+    What is known of some parameters is not simulated again.
     """
     everything = ComparisonMode(True, 1.0, 1.0, np.ones(world.replay.rows, dtype=bool))
     before = residual_of(world, world.see(assumed), everything)
@@ -331,13 +320,6 @@ def refined(
     what the readings do not hold stays at its first estimate. A step that makes the
     agreement worse is halved once, then given up. What a knob does is simulated once:
     laws hardly change as their parameters do.
-
-    Args:
-        world: The recording.
-        assumed: Where to begin.
-        gauge: Which rows are looked at, and how.
-        fixed: Parameters that stay as they are.
-        known: What was simulated of some parameters before; None: of none.
 
     Returns:
         What is assumed now, and what each parameter does.
@@ -404,15 +386,7 @@ def predicted(
     world: ReplaySimulation,
     gauge: ComparisonMode,
 ) -> Float[np.ndarray, "rows readings"]:
-    """Return the residual of all rows after a fit to those kept, to first order.
-
-    Args:
-        matrix: What one unit of each parameter does.
-        prior: One sigma of each.
-        seen: What was left before.
-        world: The recording.
-        gauge: Which rows are kept.
-    """
+    """Return the residual of all rows after a fit to those kept, to first order."""
     step = solved(matrix, prior, residual_of(world, seen, gauge), world, gauge)
     every = replace(gauge, keep=np.ones(len(gauge.keep), dtype=bool))
     change = matrix @ step

@@ -27,12 +27,7 @@ quarters of the last."""
 
 
 def mounted_on(recording: Recording, rig: Rig) -> Mounted:
-    """Return what a recording says is mounted, in the frame of the arm's flange.
-
-    Args:
-        recording: With the manifest's sensor and tool.
-        rig: The arm.
-    """
+    """Return what a recording says is mounted, in the frame of the arm's flange."""
     data = mujoco.MjData(rig.nominal)
     mujoco.mj_kinematics(rig.nominal, data)
     flange = data.body(rig.anatomy.flange)
@@ -73,10 +68,8 @@ def model_body(recording: Recording, rig: Rig, name: str) -> str:
 def for_simulator(recording: Recording, patch: Patch, arm_file: Path) -> Patch:
     """Return a patch with the axes that a recording moves, its hand and its tool.
 
-    Args:
-        recording: What was done and seen.
-        patch: What was found, axes and links counted as in the recording.
-        arm_file: The nominal arm; axes that the recording lacks are held at zero.
+    Axes and links of the patch are counted as in the recording; axes that the recording
+    lacks are held at zero.
 
     Raises:
         BenchError: Where the model lacks an axis or a body of the recording.
@@ -140,11 +133,9 @@ def replay_simulation_of(
 ) -> ReplaySimulation:
     """Lay out a recording for the simulator.
 
-    Args:
-        recording: What was done and seen.
-        assumed: The arm as it is best known, with what is mounted on it: how it gives
-            way turns the force sensor, and so what the readings mean.
-        effects: What will be tried; where it creeps, waiting counts.
+    The arm is assumed as it is best known, with what is mounted on it: how it gives way
+    turns the force sensor, and so what the readings mean. Where an effect that will be
+    tried creeps, waiting counts.
     """
     arm = assumed.anatomy
     names = recording.axes or arm.axes
@@ -217,14 +208,7 @@ def base_of(rig: Rig) -> tuple[np.ndarray, np.ndarray]:
 def point_in_base(
     rig: Rig, states: States, body: str, position: np.ndarray
 ) -> np.ndarray:
-    """Return where a point of a body was, (rows, 3) in the base's frame, in m.
-
-    Args:
-        rig: The arm.
-        states: Where its bodies were.
-        body: Of the recording or the model.
-        position: In the body's frame, in m.
-    """
+    """Return where a point of a body was, (rows, 3) in the base's frame, in m."""
     origin, turn = base_of(rig)
     return (states.point(rig.anatomy.body(body), position) - origin) @ turn
 

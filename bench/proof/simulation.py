@@ -87,12 +87,7 @@ class Replay:
 
 
 def replay_of(recording: Recording, waits: bool = True) -> Replay:
-    """Lay out what was done.
-
-    Args:
-        recording: With at least one row.
-        waits: Whether time matters, that is whether anything creeps.
-    """
+    """Lay out what was done in a recording; `waits`: something creeps, time matters."""
     visit = np.unique(recording.visit, return_inverse=True)[1]
     starts = np.flatnonzero(np.diff(visit, prepend=-1))
     stays = np.split(np.arange(len(visit)), starts[1:])
@@ -174,11 +169,8 @@ def reading_of(
 ) -> Float[np.ndarray, "rows markers 3"]:
     """Return what a tracker would read, in its own frame, in m.
 
-    Args:
-        tracker: With its faults.
-        frame: R and t of p_base = R p_tracker + t, as stated or fitted.
-        point: In the base's frame, in m.
-        time: Of each row, in s.
+    The frame is R and t of p_base = R p_tracker + t, as stated or fitted; points are in
+    the base's frame, in m, the time in s.
     """
     if (tracker.base_drift, tracker.drift, tracker.frame_error) == ((), (), None):
         seen = (point - frame[1]) @ frame[0]
@@ -289,12 +281,7 @@ class ReplaySimulation:
         return SimulatedReadings(states, point, residual, angle)
 
     def states(self, rig: Rig, keep: bool = True) -> States:
-        """Simulate; what was asked the last few times is remembered.
-
-        Args:
-            rig: The arm.
-            keep: Whether to remember it too.
-        """
+        """Simulate; what was asked the last few times is remembered."""
         key = _mechanical(rig)
         if key in self._known:
             return self._known[key]

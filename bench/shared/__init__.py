@@ -11,10 +11,8 @@ from importlib import import_module
 def lazy_names(package: str, homes: Mapping[str, str]) -> Callable[[str], object]:
     """Return the `__getattr__` of a package.
 
-    Args:
-        package: Name of the package.
-        homes: The module in which each public name is defined; a name whose home is
-            the package with it appended is that module itself.
+    Each name has the module in which it is defined; a name whose home is the package
+    with it appended is that module itself.
     """
 
     def imported(name: str) -> object:

@@ -49,9 +49,6 @@ class LeftOut(UserWarning):
 def collect(*makers: Callable[[], Any]) -> tuple[Any, ...]:
     """Return the results of some functions, or raise the faults of all of them.
 
-    Args:
-        makers: Functions that do not depend on each other's results.
-
     Raises:
         Unusable: With the faults of all.
     """

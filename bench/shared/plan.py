@@ -262,10 +262,7 @@ def repeated(plan: Plan, count: int) -> Plan:
     """Return the plan with some postures visited again after all others.
 
     Two visits of a pose differ by noise only: posture, pulley and path are the same.
-
-    Args:
-        plan: The plan before the repeated visits.
-        count: Number of visits to repeat, evenly spaced over the plan; at most all.
+    They are evenly spaced over the plan.
 
     Raises:
         Unusable: Where count is below 0 or above the number of visits.

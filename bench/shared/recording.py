@@ -31,13 +31,8 @@ def last_moves(
 ) -> Float[np.ndarray, "rows axes"]:
     """Return the direction in which each axis last moved before or in each row.
 
-    An axis goes on until it has come back by more than `MOVED`.
-
-    Args:
-        posture: Angles in the order of time, in rad (slides in m).
-
-    Returns:
-        1, −1, or 0 before the first move.
+    1, −1, or 0 before the first move. An axis goes on until it has come back by more
+    than `MOVED`; angles are in rad (slides in m), in the order of time.
     """
     side = np.zeros_like(posture)
     for axis, angles in enumerate(posture.T.tolist()):
@@ -64,11 +59,8 @@ def move_shares(
     Ignores     stands that were not recorded; that a slide's metres are no radians
     ==========  ======================================================================
 
-    Args:
-        posture: Angles in the order of time, in rad (slides in m).
-
-    Returns:
-        From −1 to 1; 0 of all axes before the first move.
+    From −1 to 1; 0 of all axes before the first move. Angles are in rad (slides in m),
+    in the order of time.
     """
     share = np.zeros_like(posture)
     stood, last = posture[0], share[0]
@@ -105,9 +97,7 @@ class LastMoves:
     def of_axes(self, axes: Int[np.ndarray, " axes"], count: int) -> "LastMoves":
         """Return those of an arm of more axes, of which these are some.
 
-        Args:
-            axes: Index of each of these axes among the arm's.
-            count: Number of the arm's axes; others stood still.
+        The others stood still.
         """
         side, share = np.zeros((2, len(self.side), count))
         side[:, axes], share[:, axes] = self.side, self.share

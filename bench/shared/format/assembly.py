@@ -61,12 +61,8 @@ def load_times_of(
     """Return the time of the last change of load: right after the row before.
 
     Where the mass on the hook is stated and is the same as in the row before of the
-    same visit, it did not change there: the row is a dwell.
-
-    Args:
-        time: When each row was read, in s.
-        visit: The visit of each row.
-        load_mass: Nominal mass on the hook, in kg.
+    same visit, it did not change there: the row is a dwell. Times are in s, masses in
+    kg.
     """
     changed = np.ones(len(time), dtype=bool)
     if load_mass is not None:
@@ -84,12 +80,8 @@ def stages_of(
     """Return the stage of each row, from the load's course in its visit.
 
     Near zero is unloaded, near the visit's largest is loaded; between them the sign of
-    the last change of more than a step decides between loading and unloading.
-
-    Args:
-        visit: The visit of each row.
-        load: Size of the load, in any unit; None where there is none but weight.
-        step: Threshold of a change, in the load's unit.
+    the last change of more than a step decides between loading and unloading. The load
+    is in any unit, as is the step; None where there is none but weight.
     """
     stage = np.full(len(visit), UNLOADED, dtype="<U9")
     if load is None:
@@ -123,11 +115,7 @@ def assemble(
 ) -> tuple[Recording, list[str]]:
     """Return the recording of a folder whose columns have no faults.
 
-    Args:
-        folder: The folder's name, for a recording that has none.
-        manifest: What was measured, with what, in which frames.
-        layout: Which columns there are.
-        values: The columns in SI.
+    Columns are in SI; the folder's name is that of a recording without one.
 
     Returns:
         The recording, and what to note of how its rows were understood.

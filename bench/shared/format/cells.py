@@ -31,11 +31,7 @@ def all_values_of(
 
     Where no number has the decimal mark that was declared but some have the other one,
     that is one fault of the file, and the other one is read, for what else is wrong.
-
-    Args:
-        held: The columns; those that the file lacks are left out.
-        cells: Text or numbers.
-        mark: The decimal mark of a text.
+    Columns that the file lacks are left out.
 
     Returns:
         The values as `values_of` gives them, by the names of `held`; and the faults.
@@ -86,12 +82,6 @@ def values_of(
     held: Held, cells: pa.ChunkedArray, place: Place, mark: str
 ) -> tuple[np.ndarray, list[str]]:
     """Return a column of a file in SI.
-
-    Args:
-        held: Which column of the format it is, and in which unit.
-        cells: Text or numbers.
-        place: The file, for the faults.
-        mark: The decimal mark of a text.
 
     Returns:
         The values, NaN where blank or at fault (text for words); and the faults.
@@ -206,12 +196,6 @@ Readings = tuple[Cells, Float[np.ndarray, " rows"], list[str], list[str]]
 
 def readings_of(header: Header, cells: Cells, layout: Layout, about: Csv) -> Readings:
     """Keep the rows that are readings.
-
-    Args:
-        header: Of the file.
-        cells: Its columns that are read.
-        layout: What they stand for.
-        about: Whether incomplete rows are left out.
 
     Returns:
         The cells; the number of each row among the readings, from 0, those counted too

@@ -56,10 +56,7 @@ def faults_of(
 ) -> list[str]:
     """Return every fault of a manifest.
 
-    Args:
-        manifest: What was measured, with what, in which frames.
-        axes: Number of axes; None where unknown.
-        model: Names to check against; None where unknown.
+    Axes and model are None where unknown.
     """
     faults = csv_faults(manifest)
     frame, wrench = manifest.frames.tracker, manifest.sensors.wrench
@@ -129,12 +126,7 @@ def csv_faults(manifest: Manifest) -> list[str]:
 
 
 def faults_of_rules(manifest: Manifest, layout: Layout) -> list[str]:
-    """Return what a manifest lacks, or states twice, for the columns that are there.
-
-    Args:
-        manifest: What was measured, with what.
-        layout: Which columns there are.
-    """
+    """Return what a manifest lacks, or states twice, for the columns that are there."""
     faults, sensors = [], manifest.sensors
     there = {*layout.held, *manifest.columns}
     spreads = [m for m in manifest.markers if spread_of(m)[0] in there]
@@ -243,13 +235,9 @@ def faults_in(
 ) -> list[str]:
     """Return every impossible reading.
 
-    Args:
-        values: Columns in SI, by the format's names; NaN where already at fault.
-        layout: Their columns in the file.
-        place: The file.
-        relative: Whether only differences within a visit mean anything.
-        plateaus: Whether a pose is a posture, not a motion.
-        model: The model, and which of its joints each axis is; None where unknown.
+    Values are in SI, NaN where already at fault. `relative`: only differences within a
+    visit mean anything; `plateaus`: a pose is a posture, not a motion. The model comes
+    with the joint of each axis.
     """
 
     def at(name: str, wrong: np.ndarray, say: Callable[[int], str]) -> list[str]:

@@ -223,11 +223,7 @@ def layout_of(
 ) -> Layout:
     """Find every column of the format in a file.
 
-    Args:
-        header: The columns of the file.
-        manifest: Manifest whose `[columns]` and `[markers]` define the columns.
-        file: Its name, for the faults.
-        axes: Required number of axes; None where unknown.
+    The number of axes is None where unknown.
     """
     held, faults = _mapped(header, manifest, file)
     read = {source for h in held.values() for source in h.sources}

@@ -51,10 +51,8 @@ class Place:
     ) -> list[str]:
         """Return messages on some rows of one column, the first few by name.
 
-        Args:
-            column: The column, as it is called in the file.
-            rows: The rows at fault, counted from zero.
-            say: What is wrong in a row; a clause without its subject.
+        Rows count from zero; `say` gives what is wrong in one, a clause without its
+        subject.
         """
         rows = [int(row) for row in rows]
         faults = [f"{self.row(r)}, column {column!r}: {say(r)}" for r in rows[:SHOWN]]

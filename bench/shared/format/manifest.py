@@ -27,12 +27,7 @@ from bench.shared.format.faults import first_line, nearest, nearest_of, quoted
 
 
 def fill(kind: Any, value: Any, where: str) -> tuple[Any, list[str]]:
-    """Return a value of a declared type, continuing after the first fault.
-
-    Args:
-        kind: A type that msgspec knows; structs and mappings are entered.
-        value: Value in the file.
-        where: Its place in the file, for the faults.
+    """Return a value of a type that msgspec knows, continuing after the first fault.
 
     Returns:
         The value, None where it cannot be built, and the faults. A key that nothing

@@ -113,10 +113,7 @@ def heading_of(
 ) -> tuple[Heading, list[str]]:
     """Read the names of the columns.
 
-    Args:
-        source: The whole file, as UTF-8.
-        about: What is said to stand between its cells, and which lines are no rows.
-        wanted: Names, by which a header is known that stands elsewhere.
+    A header that stands elsewhere is known by the wanted names.
 
     Returns:
         The header; and the faults, so that one wrong word does not hide what else is
@@ -367,10 +364,7 @@ def open_csv(
 ) -> tuple[Header | None, list[str]]:
     """Read the header of a CSV file; one written otherwise is a fault, and read.
 
-    Args:
-        source: The file.
-        about: How it is said to be written.
-        wanted: Names, by which a header is known that stands elsewhere.
+    A header that stands elsewhere is known by the wanted names.
     """
     about = about or Csv()
     text, faults = decoded(source, about.encoding, about.separator)
