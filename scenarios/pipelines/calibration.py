@@ -106,13 +106,8 @@ def answer_of(
 ) -> Answer:
     """Return a calibration as an answer in schema 1.
 
-    Args:
-        name: Name of the recording.
-        found: The calibration.
-        proof: Its proof in the simulator on the held-out poses.
-        residual: Summary of the calibrated arm's residual.
-        seconds: Time that it took, in s.
-        rejected: p-value of the nominal arm from a test made before; 1: none was made.
+    `rejected` is the p-value of the nominal arm from a test made before; 1: none was
+    made.
     """
     first, last = found.at_first, found.at_last
     tests = [first.p_value, proof.p_value]
@@ -362,13 +357,8 @@ def calibrate_and_prove(
 ) -> CalibrationOutcome:
     """Calibrate an arm on a recording and prove it in the simulator.
 
-    Args:
-        recording: Absolute positions; only the unloaded rows are used.
-        arm: The nominal arm, with the recording's names.
-        model: Its file, for the simulator.
-        draw: Which regions are held out; see `spatial_folds_of`.
-        said: Callback that receives a line on each step.
-        rejected: p-value of the nominal arm from a test made before; 1: none was made.
+    Only unloaded rows of absolute positions are used. `said` receives a line on each
+    step; `rejected` is as in `answer_of`.
 
     Raises:
         Unusable: Where the recording does not allow a calibration.

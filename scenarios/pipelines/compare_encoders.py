@@ -436,9 +436,7 @@ class ComparisonOutcome:
 def compare_encoders(recording: Recording, model: Path) -> ComparisonOutcome:
     """Compare the encoders on both sides of each gear.
 
-    Args:
-        recording: A stream whose motions are distinguished by `pose`.
-        model: The arm's file, for the simulator.
+    The motions of the stream are told apart by `pose`.
 
     Raises:
         Unusable: Where an axis was not read twice in three motions, or none was.

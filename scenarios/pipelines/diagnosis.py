@@ -217,12 +217,7 @@ def try_calibration(
 ) -> "CalibrationOutcome | None":
     """Calibrate, or say why that cannot be and return None.
 
-    Args:
-        recording: Absolute positions without a load.
-        arm: The nominal arm, with the recording's names.
-        robot: Its model's file.
-        said: Callback that receives a line on each step.
-        rejected: p-value of the nominal arm in the test that found the difference.
+    `rejected` is the p-value of the nominal arm in the test that found the difference.
     """
     from scenarios.pipelines.calibration import calibrate_and_prove
 
@@ -253,14 +248,7 @@ def answer_of(
 ) -> Answer:
     """Put a diagnosis and its proof into the fixed form.
 
-    Args:
-        diagnosis: What the readings say.
-        simulated: Nominal and patched arm in the simulator; None where it could not.
-        unproved: Why nothing was proved; empty where something was.
-        experiments: What to measure next.
-        seconds: That it took.
-        proof_requested: Whether a proof was asked for.
-        slides: Whether each axis slides; empty: none does.
+    `unproved` says why nothing was proved, empty where something was.
     """
     sliding = {f"a{k}" for k, slide in enumerate(slides, start=1) if slide}
     d, open_ = diagnosis, diagnosis.unexplained

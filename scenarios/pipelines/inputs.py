@@ -80,10 +80,8 @@ def facts_of(arm: Arm) -> ModelFacts:
 def followed(recording: Recording, arm: Arm) -> tuple[Recording, tuple[str, ...]]:
     """Add the axes that the model lets follow others and the recording leaves out.
 
-    Args:
-        recording: With a column for each axis that its manifest names, or for each that
-            follows no other.
-        arm: The nominal arm with all its joints.
+    The recording has a column for each axis that its manifest names, or for each that
+    follows no other.
 
     Returns:
         The recording, followers last, so that a1, a2 … stay what they are in its files;

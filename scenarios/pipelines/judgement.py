@@ -162,14 +162,9 @@ class Judgement:
 def judge(
     recording: Recording, arm: Arm, robot: Path, patch: Patch, thorough: bool = True
 ) -> Judgement:
-    """Judge a patch on a recording that it was not fitted to.
+    """Judge a patch on a recording of plateaus with at least one tracked target.
 
-    Args:
-        recording: Plateaus with at least one tracked target.
-        arm: The nominal arm, with the recording's names.
-        robot: Its model's file.
-        patch: As `bench.patch.read` reads it.
-        thorough: Whether the patch is taken apart too.
+    Where that is `thorough`, the patch is taken apart too.
 
     Raises:
         BenchError: Where it cannot be judged there, or an arm finds no rest.
@@ -284,11 +279,8 @@ def patched_arm(
 ) -> tuple[ReplaySimulation, Rig]:
     """Return the arm with a patch, and the recording as it does it.
 
-    Args:
-        world: The recording.
-        patch: Hysteresis without settings is a calibration's; without a load its axis
-            stops short by half the width, on the side that it came from.
-        robot: The model's file.
+    Hysteresis without settings is a calibration's; without a load its axis stops short
+    by half the width, on the side that it came from.
     """
     from_side = [
         e
@@ -388,12 +380,6 @@ def coverage_of(
     recording: Recording, arm: Arm, nominal: Rig, patch: Patch
 ) -> tuple[Bool[np.ndarray, " rows"] | None, tuple[AxisCoverage, ...]]:
     """Return which rows a patch covers, and what the recording does with each axis.
-
-    Args:
-        recording: The recording that judges.
-        arm: The nominal arm, with the recording's names.
-        nominal: The same in the simulator, whose axes the patch counts.
-        patch: What is judged.
 
     Returns:
         A mask, None where the patch does not say what it was fitted to; and the axes.

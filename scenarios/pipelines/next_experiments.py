@@ -30,9 +30,8 @@ TELLING = 1.0
 def proposed(diagnosis: Diagnosis, proof: Proof | None) -> tuple[Next, ...]:
     """Return the measurements that discriminate best between rivals, best first.
 
-    Args:
-        diagnosis: With equivalents and confounded pairs.
-        proof: The patched arm; without it nothing can be proposed.
+    Rivals are equivalents and confounded pairs; without a proof nothing can be
+    proposed.
     """
     if proof is None or not proof.simulation.recording.markers:
         return ()

@@ -78,9 +78,8 @@ def ranges_of(
 ) -> dict[str, AxisRange]:
     """Return each axis' range: stretches of angles with nothing new between them.
 
-    Args:
-        posture: Of the rows that were fitted, in rad (m on a slide).
-        torque: About each axis from weight and load, in N m (N).
+    Of the rows that were fitted, postures are in rad (m on a slide); torques, in N m
+    (N), are those of weight and load about each axis.
     """
     found = {}
     for k, (angle, load) in enumerate(zip(posture.T, torque.T, strict=True)):
@@ -138,10 +137,8 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
 def memory_of(named: Sequence[NamedEffect]) -> Literal["carried", "forgotten"]:
     """Return what gears keep of the visit before, as most of what they do says.
 
-    A patch has one memory for all gears: a faint name alone does not decide.
-
-    Args:
-        named: What was named; a name alone has no share.
+    A patch has one memory for all gears: a faint name alone does not decide. A name
+    alone has no share.
     """
     votes = {True: 0.0, False: 0.0}
     for effect in named:
@@ -161,10 +158,6 @@ def springs_of_mechanisms(
     - hardening: C is 1/K3, at large torques, and K is K1, at small ones;
     - asymmetric stiffness: C is the mean of both ways, and K is the softer one;
     - angle-dependent stiffness: C is the mean of 1/K(q), and K is the mean of K(q).
-
-    Args:
-        springs: 1/C of each axis, in N m/rad; None is rigid.
-        named: What was named.
     """
     found = dict(springs)
     for effect in named:
@@ -387,10 +380,7 @@ def patch_of_encoders(axes: Sequence[Axis], recording: Recording, model: Path) -
 def write_patch(folder: Path, patch: Patch, rig: Rig) -> None:
     """Write patch.json, model.xml with its meshes, and controller.csv.
 
-    Args:
-        folder: Where to; it exists.
-        patch: What was found, with the arm in it.
-        rig: The same, built from the user's file or from the arm in the patch.
+    The rig is the patch's, built from the user's file or from the arm in the patch.
 
     Raises:
         BenchError: Where no model can be made of it.
@@ -408,12 +398,6 @@ def write_patch(folder: Path, patch: Patch, rig: Rig) -> None:
 
 
 def write_patch_of_axes(folder: Path, patch: Patch, model: Path | None) -> None:
-    """Write the same files, where a gear has a mechanism at all.
-
-    Args:
-        folder: Where to; it exists.
-        patch: With the arm in it.
-        model: The user's file; None: the arm in the patch is all there is.
-    """
+    """Write the same files, where a gear has a mechanism at all."""
     if patch.effects or patch.stiffness_nm_per_rad:
         write_patch(folder, patch, rig_of(patch, model))

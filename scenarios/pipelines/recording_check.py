@@ -296,13 +296,7 @@ class Ability:
 def abilities(
     recording: Recording, arm: Arm, views: list[AxisView]
 ) -> Iterator[Ability]:
-    """Say what a recording can and cannot show, and what to add.
-
-    Args:
-        recording: What was done and seen.
-        arm: The nominal arm with the recording's names.
-        views: Its axes as the recording sees them.
-    """
+    """Say what a recording can and cannot show, and what to add."""
     r = recording
     falls = UNLOADING in r.stage
     yield Ability(

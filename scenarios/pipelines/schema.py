@@ -303,12 +303,6 @@ def why_not(
 ) -> str:
     """Say why an effect was not named at a place.
 
-    Args:
-        answer: With the names that were given.
-        decisions: Of each gate on each candidate.
-        effect: In the vocabulary.
-        where: The place.
-
     Raises:
         UnknownName: Where there is no such effect.
     """
@@ -400,12 +394,9 @@ def rounded(interval: Interval, factor: float, value: float) -> str:
     """Return a number with the digits that its interval allows.
 
     Half the interval's width keeps one digit, two where they are below 36, as the
-    Particle Data Group rounds; without both ends the number has three digits.
-
-    Args:
-        interval: In SI.
-        factor: From SI to the unit that is shown.
-        value: Number that is shown, such as the estimate or an end.
+    Particle Data Group rounds; without both ends the number has three digits. The
+    interval is in SI, `factor` leads to the unit that is shown; `value` is what is
+    shown, such as the estimate or an end.
     """
     low, high, shown = interval.low, interval.high, factor * value
     if not isinstance(low, float) or not isinstance(high, float) or high <= low:

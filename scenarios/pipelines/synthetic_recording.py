@@ -41,10 +41,8 @@ KR10 = Path(__file__).parents[2] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 def bare_rig(robot: Path, hands: Sequence[str]) -> Rig:
     """Return an arm as its model has it.
 
-    Args:
-        robot: Its model file.
-        hands: Where a torso carries several arms, the bodies at the ends of those that
-            move, the one that ropes pull first; the others are held at zero.
+    Hands are the bodies at the ends of those arms of a torso that move, the one that
+    ropes pull first; the others are held at zero.
 
     Raises:
         UnknownName: Where the model has no such body.
@@ -72,13 +70,9 @@ def concealing_rig(
 ) -> Rig:
     """Return an arm with what is concealed in it.
 
-    Args:
-        robot: Its model file.
-        hands: Where a torso carries several arms, the ends of those that move; or none.
-        effects: As flags give them, NAME@WHERE[,param=value…].
-        default: Whether the study's KR10 is meant, with springs and effects of its own.
-        scale: True stiffness over the model's, one for all axes or one each.
-        stiffness: What stands in place of the model's, in N m/rad, likewise; or empty.
+    `default` means the study's KR10, with springs and effects of its own. Effects are
+    NAME@WHERE[,param=value…]; `scale` is the true stiffness over the model's,
+    `stiffness` what stands in its place, in N m/rad, one for all axes or one each.
 
     Raises:
         Unusable: Where something cannot be built, with all faults.
@@ -213,12 +207,7 @@ def truth_text(
 ) -> str:
     """Write what is true of a rig as JSON, in SI.
 
-    Args:
-        rig: The arm.
-        name: Of the recording.
-        seed: Of the recording.
-        instruments: What watched, before the faults among the effects.
-        memory: Whether gears remembered the visit before.
+    The instruments are those before the faults among the effects.
 
     Returns:
         `schema`, `recording`, `robot`, `seed`, `memory`, `effects`, and `stiffness` of
@@ -247,10 +236,6 @@ def truth_text(
 def folder_beside(out: Path | None, truth_file: Path | None) -> Path:
     """Return the recording's folder, which is there and holds no truth file.
 
-    Args:
-        out: The folder, as `--out` has it.
-        truth_file: Where the truth goes; None: nowhere.
-
     Raises:
         Unusable: Where no folder is named, or the truth lies in it, also through links.
     """
@@ -276,10 +261,7 @@ def written_with_truth(
 ) -> None:
     """Write the truth and, while it waits beside its place, what belongs to it.
 
-    Args:
-        truth_file: Where the truth goes; one that is there is replaced. None: nowhere.
-        truth: What it says.
-        write: Writes the rest, or raises.
+    `write` writes the rest, or raises.
 
     Raises:
         Unusable: Where the truth cannot be written; then nothing is.
@@ -342,14 +324,7 @@ def planned(
 ) -> tuple[Plan, str]:
     """Return the plan of a recording, and a sentence about its loads.
 
-    Args:
-        rig: The arm in its cell.
-        asked: What shall hang on the hook; None: the usual loads.
-        overload: Whether more than the arm's payload may hang.
-        poses: How many postures.
-        revisits: How many of them are visited once more at the end.
-        seed: Of the postures.
-        widest_deg: How far an axis turns either way at most, in degrees.
+    An axis turns either way by `widest_deg` at most, in degrees.
 
     Raises:
         Unusable: Where the arm has no such postures or carries no such loads.
@@ -367,10 +342,7 @@ def load_path(
 ) -> tuple[tuple[LoadStep, ...], str]:
     """Return what hangs on the hook in each posture, and a sentence about it.
 
-    Args:
-        rig: The arm in its cell.
-        asked: What shall hang; None: the usual loads, less where the arm carries less.
-        overload: Whether more than the arm's payload may hang.
+    Without a wish these are the usual loads, less where the arm carries less.
 
     Raises:
         Unusable: Where more than the payload is asked for, with what is allowed.
@@ -423,11 +395,6 @@ def refuse_unseen(
     sizes: Sequence[EffectSize], instruments: Instruments, rig: Rig
 ) -> None:
     """Refuse effects that move nothing that could be seen.
-
-    Args:
-        sizes: What each effect moves that was asked for.
-        instruments: What watches.
-        rig: The arm with all its effects.
 
     Raises:
         Unusable: Naming all that move less than `LEAST` of the noise.

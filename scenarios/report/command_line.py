@@ -73,10 +73,8 @@ def run(
 ) -> None:
     """Read the command line, run a command, and exit with its status.
 
-    Args:
-        main: Function of the command; called with the settings.
-        settings: A frozen dataclass; its fields are the flags.
-        program: How it was called; empty: as `python -m scenarios.NAME`.
+    Flags are the fields of `settings`; without a program it is called as `python -m
+    scenarios.NAME`.
     """
     module = sys.modules[main.__module__]
     warnings.showwarning = _noted
@@ -132,11 +130,7 @@ def at_least(least: int, **flags: int) -> None:
 
 
 def progress_bar(*columns: ProgressColumn) -> Progress:
-    """Return a progress bar for one command; without a terminal it writes nothing.
-
-    Args:
-        columns: Columns of the bar; none: those that are usual.
-    """
+    """Return a progress bar for one command; without a terminal it writes nothing."""
     console = Console(stderr=True)
     return Progress(
         *columns,

@@ -133,11 +133,6 @@ ANSWERS = frozenset(
 def refuse_folder(folder: Path, recording: Path, patch: Path | None = None) -> None:
     """Refuse a folder that cannot hold an answer, before anything is computed.
 
-    Args:
-        folder: Where the answer goes.
-        recording: Folder of the recording.
-        patch: Folder of the patch that is judged; None: there is none.
-
     Raises:
         Unusable: Where it is a file, leads elsewhere or is one of the other folders.
     """
@@ -169,10 +164,8 @@ def write_folder(
 ) -> None:
     """Make an answer beside a folder and move it there whole.
 
-    Args:
-        folder: Where it goes; made if it is not there.
-        make: Writes the files into the folder that it is given.
-        kept: Names of the files that are moved; others were only needed on the way.
+    Of what `make` writes into the folder that it is given, only files that are kept are
+    moved; others were needed on the way.
 
     Raises:
         Unusable: Where nothing can be written; then nothing is.
@@ -215,10 +208,6 @@ def _assets_named(model: Path) -> set[str]:
 
 def move_into(waiting: Path, folder: Path) -> None:
     """Move all that is in one folder into another, whose other files stay.
-
-    Args:
-        waiting: Folder that is left empty of files.
-        folder: Made if it is not there.
 
     Raises:
         OSError: Where a file cannot be put there.

@@ -25,11 +25,7 @@ USE = (
 
 
 def catalogue_tables(arm: Anatomy) -> Group:
-    """Return all effects with places on an arm, parameters, units, defaults, ranges.
-
-    Args:
-        arm: The names of the arm's parts.
-    """
+    """Return all effects with places on an arm, parameters, units, defaults, ranges."""
     parts = [Text(USE)]
     for kind in EFFECTS:
         known = CATALOGUE[kind.name]
@@ -68,12 +64,7 @@ def _places(kind: str, arm: Anatomy) -> str:
 
 
 def sizes_table(sizes: Sequence[EffectSize], instruments: Instruments) -> Table:
-    """Return what each effect moves, beside the noise of what sees it.
-
-    Args:
-        sizes: Of all effects, at least one.
-        instruments: What watches.
-    """
+    """Return what each effect moves, beside the noise of what sees it."""
     title = f"What each effect moves, rms over {sizes[0].visits} visits, without noise"
     table = Table(title=title, title_justify="left", title_style="not italic")
     table.add_column("effect", overflow="fold")

@@ -242,12 +242,7 @@ def of_arm(
 ) -> Figure:
     """Draw the arm by place, error before and after beside noise, and the budget.
 
-    Args:
-        view: The arm.
-        budget: Of its mismatch.
-        channel: Of the proof; None where nothing was proved.
-        unit: Of the channel, times a million.
-        file: Where the picture goes; None: it is only returned.
+    The unit is that of the proof's channel, times a million.
     """
     figure = Figure(figsize=(11.5, 6.2), layout="constrained")
     parts = figure.add_gridspec(2, 2, width_ratios=(1.25, 1), height_ratios=(1, 3.4))

@@ -41,13 +41,7 @@ MOST_POINTS = 4000
 
 
 def of_axes(curves: Curves, named: frozenset[str], file: Path | None = None) -> Figure:
-    """Draw each axis' rotation beyond the nominal arm over its torque.
-
-    Args:
-        curves: Of all axes.
-        named: Axes at which an effect was named.
-        file: Where the picture goes; None: it is only returned.
-    """
+    """Draw each axis' rotation beyond the nominal arm over its torque."""
     count = len(curves.axes)
     down = -(-count // ACROSS)
     figure = Figure(figsize=(10.5, 2.9 * down), layout="constrained")
@@ -206,13 +200,7 @@ LOOPS = 3
 
 
 def of_law(curves: Curves, name: str, file: Path | None = None) -> Figure:
-    """Draw an axis' rotation in a few visits, and measured over simulated of all rows.
-
-    Args:
-        curves: Of all axes.
-        name: The axis.
-        file: Where the picture goes; None: it is only returned.
-    """
+    """Draw an axis' rotation in a few visits, and measured over simulated of all rows."""
     k = curves.axes.index(name)
     unit, load = ("µm", "force [N]") if curves.slides[k] else ("µrad", "torque [N m]")
     measured, law = curves.before[:, k], curves.law[:, k]

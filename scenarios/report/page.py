@@ -76,11 +76,8 @@ Block = Heading | Paragraph | Table | Figure | Points | Fold
 def write(folder: Path, title: str, summary: str, blocks: Sequence[Block]) -> None:
     """Write report.md and report.html.
 
-    Args:
-        folder: Where the figures are and the report goes.
-        title: Of the report.
-        summary: What was found, in one or two sentences.
-        blocks: The rest, in order.
+    Figures are in the folder already; the summary says in one or two sentences what was
+    found.
     """
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),

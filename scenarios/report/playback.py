@@ -114,13 +114,8 @@ def bodies(
 ) -> None:
     """Log the bodies, their poses and their colours.
 
-    Args:
-        stream: Stream that they are logged to.
-        root: Path below which they are.
-        simulated: Simulation whose bodies are shown.
-        pose: Of all its bodies, base_from_body, in m.
-        colours: Of each body, by row or one for all; of those without one, grey.
-        times: Times of the rows.
+    Poses are base_from_body of all bodies, in m; colours are by row or one for all,
+    grey where a body has none.
     """
     names = simulated.simulation.see(simulated.patched).states.bodies
     placed = set()
@@ -464,14 +459,7 @@ MM = 1e3
 def show_calibration(
     found: Calibrated, proof: CalibrationProof, words: str, file: Path | None
 ) -> None:
-    """Save the playback, or stream it to a viewer where no file is given.
-
-    Args:
-        found: The calibration.
-        proof: Its proof, with the simulator's residuals.
-        words: The result in plain words.
-        file: File to write; None: a viewer is opened.
-    """
+    """Save the playback, or stream it to a viewer where no file is given."""
     from stiffness.calibration.model import CalibrationState
 
     stream = rr.RecordingStream("stiffness_calibration", recording_id="calibration")
@@ -534,12 +522,7 @@ URAD = 1e6
 
 
 def show_comparison(axes: Sequence[Axis], file: Path | None) -> None:
-    """Show curves of the judged motion, in µrad, and of its angle and torque.
-
-    Args:
-        axes: Result of each axis.
-        file: File to write; None: a viewer is opened.
-    """
+    """Show curves of the judged motion, in µrad, and of its angle and torque."""
     stream = rr.RecordingStream("two_encoders")
     _begin(stream, file, _comparison_blueprint(axes))
     for a in axes:

@@ -176,13 +176,6 @@ def diagnose_to_folder(
 ) -> Answer:
     """Diagnose a recording, prove what was found, and write the answer.
 
-    Args:
-        recording_folder: Where the recording is.
-        robot: Model of the robot, MJCF or URDF.
-        out: Folder for the answer.
-        console: Where progress and the summary are printed.
-        view: Whether to open the viewer too.
-
     Raises:
         BenchError: Where recording or model cannot be used, or nothing can be written.
         Exception: A defect of this tool, after the results before it are written.
@@ -227,10 +220,9 @@ class _Run:
     ) -> PipelineResult:
         """Ask the engine that the recording calls for.
 
-        Args:
-            said: Callback that receives lines of comparison and calibration.
-            status: Shows what is being done.
-            defects: Receives defects of this tool after which something was found.
+        `said` receives lines of comparison and calibration, `status` shows what is
+        being done, `defects` receives defects of this tool after which something was
+        found.
         """
         if pipeline.calls_for_comparison(self.recording):
             return self._compare(said)

@@ -35,9 +35,7 @@ mpl.rcParams.update(
 def save(figure: Figure, file: Path | None) -> Figure:
     """Write a figure as png without a time stamp: equal data give equal bytes.
 
-    Args:
-        figure: Empty afterwards, where it is written.
-        file: Where it goes; None: it stays as it is.
+    It is empty afterwards where it is written.
     """
     if file is not None:
         figure.savefig(file, metadata={"Software": None})

@@ -55,10 +55,6 @@ def rows(nominal: Nominal, slides: tuple[bool, ...]) -> Iterator[list[str]]:
     """Yield axis, stiffness, its standard error, the model's, and their ratio.
 
     Stiffness is in kN m/rad; of an axis that slides in N/m, with the unit in the cell.
-
-    Args:
-        nominal: The springs as fitted nuisance parameters.
-        slides: Whether each axis slides; none where empty.
     """
     every = zip(nominal.compliance, nominal.sigma, nominal.modelled, strict=True)
     for k, (c, s, m) in enumerate(every):
@@ -417,12 +413,7 @@ PLACES = {
 
 
 def grouped(answer: Answer, axes: int) -> Iterator[str]:
-    """Yield one sentence for each effect at all its places, largest share first.
-
-    Args:
-        answer: With names.
-        axes: Number of axes of the arm.
-    """
+    """Yield one sentence for each effect at all its places, largest share first."""
     groups: dict[str, list[Called]] = {}
     for one in sorted(answer.named, key=lambda n: along_the_arm(n.where)):
         groups.setdefault(one.effect, []).append(one)
@@ -536,9 +527,6 @@ def narrative(answer: Answer) -> Iterator[str]:
     """Yield verdict, mismatch, places, names with proof, and what stays open.
 
     Many names are told by effect, as `sentences` does.
-
-    Args:
-        answer: Of any engine.
     """
     verdict = answer.verdict.replace("_", " ")
     yield f"Diagnosis of {answer.recording!r}: {verdict}."

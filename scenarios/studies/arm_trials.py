@@ -123,14 +123,7 @@ def trials_of(
 ) -> Iterator[ArmTrial]:
     """Carry out trials, each with the base as shipped and turned, all arms in turn.
 
-    Args:
-        models: Files of arms.
-        trials: Of each arm.
-        poses: Of a recording.
-        seed: Of everything that is drawn.
-        folder: For the models with springs.
-        known: Models' names and numbers of trials that are left out.
-        stated: What the model that is diagnosed says of its joints' stiffness.
+    Trials that are known, by model and number, are left out.
     """
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(trials):
@@ -142,12 +135,8 @@ def trials_of(
 def with_springs(file: Path, base: str, draw: np.random.Generator) -> str:
     """Return an arm's model as plain MJCF with springs, its base as shipped or turned.
 
-    Of several arms the chain with the most axes is taken.
-
-    Args:
-        file: MJCF or URDF.
-        base: One of `BASES`.
-        draw: Where the turned base's place comes from.
+    Of several arms the chain with the most axes is taken. The draw says where the
+    turned base stands.
     """
     model = load(file)
     arm = anatomy(model)
@@ -177,13 +166,7 @@ def with_springs(file: Path, base: str, draw: np.random.Generator) -> str:
 
 
 def given(file: Path, stated: Stated, folder: Path) -> Path:
-    """Return the model of an arm with what it is to say of its joints' stiffness.
-
-    Args:
-        file: MJCF with springs.
-        stated: All springs, none, or none because it is a URDF.
-        folder: Where another file is written.
-    """
+    """Return the model of an arm with what it is to say of its joints' stiffness."""
     if stated == "springs":
         return file
     path = folder / f"{file.stem}_rigid{'.urdf' if stated == 'urdf' else '.xml'}"
@@ -430,12 +413,7 @@ STEADY = 10.0
 
 
 def bends_otherwise(rig: Rig, file: Path) -> float:
-    """Return by what share plain MuJoCo bends otherwise than a patched rig.
-
-    Args:
-        rig: The patched rig.
-        file: The model that the patch is put into.
-    """
+    """Return by what share plain MuJoCo bends otherwise than a patched rig."""
     model = patched_model(rig, file)
     built, flange = model.compiled(), rig.anatomy.flange
     b, stood, data = built.body(flange).id, list[np.ndarray](), mujoco.MjData(built)

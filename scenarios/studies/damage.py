@@ -409,13 +409,7 @@ ZEROS = (90.0, -90.0, 180.0)
 def with_outliers(
     recording: Recording, share: float, chance: np.random.SeedSequence
 ) -> tuple[Recording, dict[str, Any]]:
-    """Return a recording with outliers, one at least, and which they are.
-
-    Args:
-        recording: A sound one, with marks.
-        share: Share of the readings that are outliers.
-        chance: Seed of the draw.
-    """
+    """Return a recording with outliers, one at least, and which they are."""
     assert recording.points is not None
     draw = np.random.default_rng(chance)
     seen = np.argwhere(np.isfinite(recording.points).all(axis=2))
@@ -450,13 +444,7 @@ def as_differences(recording: Recording) -> Recording:
 def with_axis_mistaken(
     recording: Recording, axes: tuple[str, ...], chance: np.random.SeedSequence
 ) -> tuple[Recording, dict[str, Any]]:
-    """Return a recording with an axis coupled, reversed or of another zero.
-
-    Args:
-        recording: A sound one.
-        axes: Those that turn in it, as `a2`.
-        chance: Seed of the draw.
-    """
+    """Return a recording with an axis coupled, reversed or of another zero."""
     draw, posture = np.random.default_rng(chance), recording.posture.copy()
     where = str(draw.choice(axes))
     k = int(where[1:]) - 1

@@ -31,11 +31,7 @@ BAR_S, BAR_GB = 60.0, 4.0
 
 
 def answered(found: Sequence[Mapping[str, object]]) -> str:
-    """Return whether the bars are kept and how the cost grows, in words.
-
-    Args:
-        found: A row for each kind and count, as in the table.
-    """
+    """Return whether the bars are kept and how the cost grows, in words."""
     cost, gb = ([float(str(r[k])) for r in found] for k in ("core_s", "peak_gb"))
     kept = max(cost) <= BAR_S and max(gb) <= BAR_GB
     said = [

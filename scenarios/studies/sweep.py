@@ -71,13 +71,8 @@ def run(
 ) -> Iterator[tuple[str, Any]]:
     """Work tasks and yield their keys and results, in the order in which they end.
 
-    Args:
-        work: Function that works one task, in a worker.
-        tasks: With what is sent for each; begun in this order.
-        shared: What is sent to every worker besides.
-        scheduler: `local`, `dask:ADDRESS` or `ray:ADDRESS`.
-        jobs: Processes of `local`; 0: in this process, with its threads, to look into
-            it.
+    Tasks begin in their order. The scheduler is `local`, `dask:ADDRESS` or
+    `ray:ADDRESS`; no jobs means in this process, with its threads, to look into it.
 
     Raises:
         Unusable: Where there is no such scheduler or cluster.

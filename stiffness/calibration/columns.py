@@ -96,9 +96,7 @@ def candidates_of(
 ) -> tuple[Candidate, ...]:
     """Return all candidate effects that these postures can make visible.
 
-    Args:
-        stance: The arm in its postures.
-        highest: Order below which tables end.
+    Tables end below the order `highest`.
     """
     chain = stance.standing.chain
     found: list[Candidate] = []

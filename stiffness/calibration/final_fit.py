@@ -89,13 +89,8 @@ def design_effects(
     """Return how much more coefficients err than if readings erred by themselves.
 
     Readings of one region err together, so there are fewer of them than there seem, and
-    a prior counts by this factor more beside them.
-
-    Args:
-        blocks: The columns, all of them fitted.
-        folds: Normal equations of the regions.
-        fit: The solution.
-        noise: Variance of a coordinate, in m^2.
+    a prior counts by this factor more beside them. The noise is the variance of a
+    coordinate, in m^2.
     """
     priors, count = blocks.priors, len(folds)
     scores = np.array([f.aim - f.gram @ fit.x for f in folds]) / noise
@@ -118,10 +113,8 @@ def spread(
 ) -> Float[np.ndarray, " some"]:
     """Return half the width of the confidence intervals of some coefficients.
 
-    Args:
-        found: The fit.
-        region: Region of each row; rows below zero were not fitted.
-        wanted: Indices of the coefficients within the fitted ones.
+    Rows of a region below zero were not fitted; `wanted` are indices within the fitted
+    coefficients.
     """
     inverse = found.fit.inverse(wanted)  # (known, some)
     regions = np.unique(region[region >= 0])
@@ -192,11 +185,7 @@ def estimates_of(
 ) -> dict[Key, dict[str, Interval]]:
     """Return the estimates of all parameters with their intervals.
 
-    Args:
-        blocks: The columns.
-        known: Indices of the fitted columns.
-        x: Their coefficients.
-        half: Half the width of the interval, by number within `known`.
+    Half the width of an interval is given by number within `known`.
     """
     found: dict[Key, dict[str, Interval]] = {}
     for i, width in half.items():
@@ -213,14 +202,7 @@ def corrected_geometry_of(
     known: Int[np.ndarray, " known"],
     x: Float[np.ndarray, " known"],
 ) -> Geometry:
-    """Return the geometry corrected by its own fitted parameters only.
-
-    Args:
-        blocks: The columns.
-        rigid: The geometry that they start from.
-        known: Columns that were fitted.
-        x: Their coefficients.
-    """
+    """Return the geometry corrected by its own fitted parameters only."""
     step = np.zeros(rigid.parameter_count)
     step[: len(rigid.values)] = -rigid.values
     for j, value in zip(known, x, strict=True):
@@ -326,14 +308,7 @@ def final_fit(
 ) -> FinalFit:
     """Fit the nuisance parameters and the selected effects to the rows that are kept.
 
-    Args:
-        readings: All readings.
-        keep: Rows that may be fitted.
-        rigid: Geometry to start from, and which of its parameters are identifiable.
-        wanted: Effects and parameters that are fitted.
-        sprung: Springs that the model has.
-        highest: Order below which tables end.
-        design: Design effects of the regions.
+    Tables of transmission error end below the order `highest`.
     """
     found = _about(readings, keep, rigid, wanted, sprung, highest, design)
     for _ in range(ROUNDS - 1):
@@ -389,16 +364,7 @@ def _of_unchosen(
     noise: float,
     design: DesignEffects,
 ) -> Float[np.ndarray, " known"]:
-    """Return D's diagonal; see the module.
-
-    Args:
-        full: All columns.
-        normal: Their normal equations.
-        known: Indices of the fitted columns.
-        fit: Their solution.
-        noise: Variance of a coordinate, in m^2.
-        design: Design effects of the regions.
-    """
+    """Return D's diagonal; see the module."""
     rest = np.setdiff1d(np.flatnonzero(np.isfinite(full.size)), known)
     if not len(rest):
         return np.zeros(len(known))

@@ -236,14 +236,8 @@ def _orientations(
 
     The points of a target err by one sigma of a reading at their distance from its
     first point, as importers write them: sigma of position over sigma of orientation is
-    that distance.
-
-    Args:
-        recording: Whose targets they are.
-        targets: The points of each target.
-        means: Of each visit's points, in m; NaN where not seen.
-        visit: Of each row of the readings.
-        marker: Its target.
+    that distance. Means of each visit's points are in m, NaN where not seen; the rows
+    of the readings have a visit and a target.
     """
     turn = np.tile(np.eye(3), (len(visit), 1, 1))
     metres = np.zeros(len(visit))
@@ -338,12 +332,8 @@ def columns(
 
     Six rows: velocity of the point, then angular velocity, along the base's axes.
 
-    This is Pinocchio's kinematic regressor, for many postures at once.
-
-    Args:
-        standing: The arm in its postures.
-        points: On one body, in the base's frame, in m.
-        carried: The axes that carry that body.
+    This is Pinocchio's kinematic regressor, for many postures at once. Points, in m in
+    the base's frame, are on the one body that the carried axes move.
     """
     chain, rows = standing.chain, len(points)
     moved = [turning(standing, points, k, carried) for k in range(len(chain.parent))]

@@ -154,14 +154,7 @@ def named(
     waves: Mapping[str, Wave],
     regions: int,
 ) -> Iterator[Key]:
-    """Yield the believed effects that are significant, the most important first.
-
-    Args:
-        chosen: Result of the selection.
-        estimates: Estimates with their intervals.
-        waves: Largest significant harmonic of each table.
-        regions: Number of fitted regions.
-    """
+    """Yield the believed effects that are significant, the most important first."""
     tried = max(len({(s.key, s.parameters) for s in chosen.steps}), 1)
     tail = (1.0 - LEVEL) / 2
     wider = float(student.isf(tail / tried, regions - 1))
@@ -198,13 +191,10 @@ def held_by_friction(
     An axis that stops short of what it reports is wound up by its gear's friction, or
     its report leads: at rest the two look alike, and every gear has friction. Commanded
     angles that the report leads as well decide for the report. One that goes on beyond
-    its report lags, or friction holds it after it swung back: `is_told` decides.
-    What goes with an axis' share of the move is the report's: friction does not know
-    how fast the axis arrived.
-
-    Args:
-        estimates: Of all effects.
-        told: How far each report lags behind its command, in rad; NaN = not recorded.
+    its report lags, or friction holds it after it swung back: `is_told` decides. What
+    goes with an axis' share of the move is the report's: friction does not know how
+    fast the axis arrived. How far each report lags behind its command is in rad, NaN
+    where not recorded.
     """
     found = {}
     for effect, where in estimates:
@@ -219,11 +209,8 @@ def is_told(lag: float, told: float) -> bool:
     """Return whether commanded angles show a lag: it is the report's, nothing else's.
 
     Without them the sides from which poses were reached tell only that an axis rests
-    elsewhere after either move, of which friction is another cause.
-
-    Args:
-        lag: As fitted, in rad.
-        told: How far the report lags behind its command, in rad; NaN = not recorded.
+    elsewhere after either move, of which friction is another cause. Both lags are in
+    rad; the report's behind its command is NaN where not recorded.
     """
     return bool(told * np.sign(lag) > TOLD * abs(lag))
 
@@ -231,10 +218,7 @@ def is_told(lag: float, told: float) -> bool:
 def mean_lag(sizes: Mapping[str, Interval], readings: Readings, axis: int) -> float:
     """Return the mean lag of an axis along its last moves, in rad.
 
-    Args:
-        sizes: Of its `reading_lag`.
-        readings: Whose moves they are.
-        axis: Its index, counted from 0.
+    The axis counts from 0.
     """
     side, share = readings.moves.side[:, axis], readings.moves.share[:, axis]
     parts = {"lag_rad": np.abs(side), "share_lag_rad": side * share}
@@ -345,9 +329,6 @@ def outlier_distances(readings: Readings) -> Float[np.ndarray, " rows"]:
     kept back: what is far off beside them was not badly predicted. Each of at most
     `SWEEPS` fits leaves out what the one before found, first what is far from the rigid
     arm, and judges all readings anew.
-
-    Args:
-        readings: All readings.
     """
     size = rigid_outlier_distances(readings)
     sprung = _sprung(readings.arm)
@@ -372,11 +353,8 @@ def calibrated(
 ) -> Calibrated:
     """Calibrate an arm on the regions that are not kept back.
 
-    Args:
-        readings: The readings.
-        spatial_folds: Their split into regions, folds and hold-out.
-        said: Callback that receives a line on each effect that is believed.
-        highest: Order below which tables of transmission error end.
+    `said` receives a line on each effect that is believed; tables of transmission error
+    end below the order `highest`.
 
     Returns:
         The selected effects and the corrected arm.

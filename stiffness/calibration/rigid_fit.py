@@ -87,9 +87,7 @@ def far_from(
 ) -> Float[np.ndarray, " rows"]:
     """Return how far outliers are from a fitted arm, in m; 0: none is.
 
-    Args:
-        readings: The readings.
-        residual: What a fit leaves of them, see `CalibrationState.residual`.
+    The residual is what a fit leaves, see `CalibrationState.residual`.
     """
     found = np.zeros(len(residual))
     for part in (residual[:, :3], residual[:, 3:]):  # position, orientation as a length

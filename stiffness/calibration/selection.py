@@ -110,9 +110,7 @@ class SpatialFolds:
 def spatial_folds_of(readings: Readings, draw: int = 0) -> SpatialFolds:
     """Split the rows into regions, hold-out and folds.
 
-    Args:
-        readings: The readings.
-        draw: Number of the split; another number gives other regions.
+    Another draw gives other regions.
     """
     ids, first, index = np.unique(
         readings.posture_id, return_index=True, return_inverse=True
@@ -309,13 +307,7 @@ def lengths_of(blocks: Blocks) -> ColumnIndices:
 def substitutes(
     trial: CrossValidatedFit, own: ColumnIndices, units: Sequence[Unit]
 ) -> list[Unit]:
-    """Return the units that predict as well as some columns of a fit.
-
-    Args:
-        trial: Fit of the selected effects.
-        own: Columns in it.
-        units: Blocks that are not in it.
-    """
+    """Return the units that predict as well as some columns of a fit."""
     judge = trial.judge
     rest = np.setdiff1d(trial.columns, own)
     whole, x = judge.whole_on(rest), trial.x[own]
@@ -478,12 +470,7 @@ class Selected:
 
 
 def selected(judge: Judge, said: Callable[[str], object] = lambda _: None) -> Selected:
-    """Select effects forward, then remove those that do not improve the prediction.
-
-    Args:
-        judge: Normal equations of the folds.
-        said: Callback that receives a line on each effect that is believed.
-    """
+    """Select effects forward, then remove those that do not improve the prediction."""
     trial = judge.on(judge.blocks.columns_of([SILENT]))
     rest = _units(judge.blocks)
     steps: list[Step] = []

@@ -61,9 +61,7 @@ class DelayFit:
 def across(axes: Axes, stated: float | None = None) -> dict[int, EncoderComparison]:
     """Return the terms of all axes of a recording, with the delay that they share.
 
-    Args:
-        axes: Motions of every axis, all of which are fitted.
-        stated: Standard deviation of an encoder after a gear, in rad; None: not stated.
+    One sigma of an encoder after a gear is in rad, None where not stated.
     """
     found = {k: between(m) for k, m in axes.items()}
     if all(is_quiet(m, found[k], stated, QUIET) for k, m in axes.items()):

@@ -73,11 +73,9 @@ class Motion:
     def later(self, delay: float, velocity_lag: bool = False) -> "Motion":
         """Return the motion corrected for a second encoder that is `delay` s late.
 
-        Args:
-            delay: In s.
-            velocity_lag: Whether it lags in proportion to speed alone, as after a
-                controller's extrapolation; else its value is exactly that of `delay`
-                ago.
+        The delay is in s. With `velocity_lag` it lags in proportion to speed alone, as
+        after a controller's extrapolation; else its value is exactly that of `delay`
+        ago.
         """
         if delay == 0.0:
             return self
@@ -134,10 +132,7 @@ def motions_of(
 ) -> dict[int, tuple[Motion, ...]]:
     """Return the motions of every axis with two encoders, in order of time.
 
-    Args:
-        recording: A stream.
-        torque: Joint torque of the model, in N m, for axes whose motor torque was
-            not recorded.
+    The model's joint torque, in N m, serves axes whose motor torque was not recorded.
 
     Raises:
         Unusable: Where no axis has two encoders, or one has fewer than `FEWEST`
@@ -214,10 +209,6 @@ def modelled_torque(
     """Return the joint torque of every axis of an arm in a stream, in N m.
 
     Return none for a model without gravity, which has no weight to carry.
-
-    Args:
-        recording: A stream; motions are distinguished by `posture_id`.
-        arm: With the recording's axes.
     """
     if not np.any(arm.chain.gravity):
         return None

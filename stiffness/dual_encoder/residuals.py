@@ -47,10 +47,7 @@ def noise_of(
 ) -> float:
     """Return the noise of a row of an axis, standard deviation in rad.
 
-    Args:
-        motions: Motions of the axis.
-        found: Its fitted terms; None: none.
-        stated: Standard deviation of an encoder after a gear, in rad; None: not stated.
+    One sigma of an encoder after a gear is in rad, None where not stated.
     """
     own = white(motions) if stated is None else stated
     give = 0.0
@@ -74,11 +71,8 @@ def beyond(
 ) -> float:
     """Return the p-value of the hypothesis that the residual is no larger than noise.
 
-    Args:
-        residual: Residual of each motion, in rad.
-        motions: The motions; their stretches are the independent units.
-        noise: Standard deviation of a row, in rad.
-        stated: Whether an instrument states it.
+    Residuals and one sigma of a row are in rad; the motions' stretches are the
+    independent units; `stated`: an instrument states the noise.
     """
     most = ((STATED if stated else SEEN) * noise) ** 2
     parts = [

@@ -213,12 +213,8 @@ def between(
 ) -> EncoderComparison:
     """Return the terms between the encoders of an axis.
 
-    Args:
-        motions: Motions of the axis, all of which are fitted.
-        delay: Delay of the second encoder, in s.
-        waves: Whether waves of transmission error are searched for.
-        shared: Delay of the other axes, in s; None: there are none, or no delay.
-        velocity_lag: See `Motion.later`.
+    Delays of the second encoder and of the other axes are in s, the latter None where
+    there are none; `waves`: those of transmission error are searched for.
     """
     motions = tuple(m.later(delay, velocity_lag) for m in motions)
     terms: tuple[Term, ...] = ()

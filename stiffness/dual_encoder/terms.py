@@ -60,9 +60,7 @@ from stiffness.dual_encoder.motions import Motion
 def stop(torque: Float[np.ndarray, " rows"], slip: float) -> Float[np.ndarray, " rows"]:
     """Return the stop operator of a torque, in -1 … 1.
 
-    Args:
-        torque: Torque of one motion, in order of time, in N m.
-        slip: Torque from the middle to the slip limit, in N m.
+    Torques are in N m, in order of time; `slip` is from the middle to the slip limit.
     """
     state, found = 0.0, []
     for change in np.diff(torque, prepend=torque[0]).tolist():
@@ -159,10 +157,6 @@ def plain_terms(
     Hysteresis is searched for only in a measured torque: a load that a model does not
     include would mimic it. Where a measured torque winds the gear up, its constant
     friction does what a lag of the report would, and every motor has friction.
-
-    Args:
-        motions: Motions of one axis.
-        known: Its believed terms.
     """
     found, friction = [Term("lost_motion", ("width_rad",), 0.0)], False
     if all(m.torque is not None and np.ptp(m.torque) > 0.0 for m in motions):
@@ -227,10 +221,7 @@ def strongest_waves(
 ) -> tuple[Term, ...]:
     """Return the waves of each octave that reduce the residual most.
 
-    Args:
-        motions: Motions of one axis.
-        residual: Residual of each motion, in rad.
-        known: Columns of the believed terms, of each motion.
+    Residuals are in rad.
     """
     turns = ORDERS * turns_of(wave(1.0), motions)
     slow = turns < MANY_TURNS

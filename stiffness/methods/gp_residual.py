@@ -76,16 +76,10 @@ def most_likely(
     group: Int[np.ndarray, " seen"],
     evaluations: int,
 ) -> GaussianProcess:
-    """Find the hyperparameters under which the values are most likely.
+    """Return the process under whose hyperparameters the values are most likely.
 
-    Args:
-        inputs: Where values were seen; about size one.
-        values: Scatter about zero; any unit.
-        group: Values of one group share an error.
-        evaluations: Most evaluations of the likelihood.
-
-    Returns:
-        The process given the values.
+    Inputs are about of size one, values scatter about zero in any unit; values of one
+    group share an error.
     """
     size = float(np.sqrt(np.mean(values**2))) or 1.0
     y = values / size
@@ -117,11 +111,8 @@ def negative_log_likelihood(
 ) -> tuple[float, Float[np.ndarray, " parameters"]]:
     """Return how unlikely values are, one by one on average, and the slope.
 
-    Args:
-        theta: Logarithms of l for each input, then of s, p and n.
-        inputs: Where values were seen.
-        y: The values.
-        same: One where two values are of one group, else zero.
+    `theta` holds the logarithms of l for each input, then of s, p and n; `same` is one
+    where two values are of one group, else zero.
     """
     *length, s, p, n = np.exp(theta)
     near = inputs / np.array(length)

@@ -140,11 +140,6 @@ ROUNDING = 1e-6
 def faults(method: Method, arm: Arm, recording: Recording) -> list[str]:
     """Return a method's violations of the contract; empty if there are none.
 
-    Args:
-        method: Built from the arm.
-        arm: The nominal arm.
-        recording: Any that the method can learn from.
-
     Returns:
         One sentence a fault.
     """

@@ -205,11 +205,7 @@ class Mechanics:
     path: LoadPath
 
     def displacement(self, cases: LoadCases) -> Float[np.ndarray, "cases 3"]:
-        """Return the motion of each case's point under its load, in m.
-
-        Args:
-            cases: Postures and loads.
-        """
+        """Return the motion of each case's point under its load, in m."""
         state, steps = self._state_of(cases), len(self.path.share)
         point = state.arm.point_in_base(
             state.rest, "flange", np.repeat(cases.point_in_flange, steps, axis=0)
@@ -284,9 +280,6 @@ def path_of(recording: Recording) -> LoadPath:
 
     Medians over the visits with the usual number of steps. Where a visit's first
     reading is not its unloaded one, the load is put on in one step.
-
-    Args:
-        recording: With a wrench.
     """
     assert recording.wrench is not None
     starts, steps = [], []
@@ -349,11 +342,6 @@ def _mechanics_of(
     prepared: Prepared, diagnosis: Diagnosis, others: bool
 ) -> Mechanics | None:
     """Fit springs and laws to all poses, differences within visits alone.
-
-    Args:
-        prepared: The recording against its nominal model.
-        diagnosis: What was named in it.
-        others: Whether laws without a name may stay.
 
     Returns:
         Springs and laws; None where there is no law.
@@ -431,14 +419,10 @@ def shrunken_fit(
 ) -> Float[np.ndarray, " columns"]:
     """Solve normal equations whose bands of columns have a variance each, learnt.
 
-    Args:
-        gram: X' S^-1 X.
-        score: X' S^-1 y.
-        band: Of each column, from 0; negative: free.
-        square: y' S^-1 y; no band explains more.
-
-    A band's coefficients share one unit, that of what the readings know of them on
-    average: a column that they hardly see stays at its prior.
+    The Gram matrix is X' S^-1 X, the score X' S^-1 y, the square y' S^-1 y, beyond
+    which no band explains; a negative band is free. A band's coefficients share one
+    unit, that of what the readings know of them on average: a column that they hardly
+    see stays at its prior.
     """
     free, count = band < 0, int(band.max(initial=-1)) + 1
     known = np.maximum(np.diag(gram), 0.0)

@@ -102,12 +102,7 @@ def scores(
 ) -> tuple[Score, ...]:
     """Score predictions in every direction, with intervals over poses.
 
-    Args:
-        predicted: In m, along the base's axes.
-        measured: In m, along the base's axes.
-        pose: Id of the posture of each row; poses are drawn, not rows.
-        seed: Seed of the bootstrap.
-        resamples: Number of resamples.
+    Both are in m along the base's axes; poses are drawn, not rows.
 
     Returns:
         Every metric in x, y and z, in mm.

@@ -103,10 +103,7 @@ def wrench_about(
 ) -> Float[np.ndarray, "cases 6"]:
     """Return the wrenches with torques about another point of the flange.
 
-    Args:
-        arm: The nominal arm.
-        cases: Wrenches about their own origin.
-        origin_in_flange: The other point, in m.
+    It is in m.
     """
     apart = cases.origin_in_flange - origin_in_flange
     if np.linalg.norm(apart) < SAME_POINT:
@@ -121,10 +118,7 @@ def relative_deflection(
 ) -> Float[np.ndarray, "cases 3"]:
     """Return the deflection of each case's point relative to a common point, in m.
 
-    Args:
-        springs: Predict the rotation of the flange.
-        cases: Cases with their end-effector points.
-        point_in_flange: The common point, in m.
+    Both points are in m.
     """
     apart = np.linalg.norm(cases.point_in_flange - point_in_flange, axis=1)
     farther = np.zeros((len(cases), 3))

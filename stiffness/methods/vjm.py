@@ -56,14 +56,8 @@ def refuse_if_blind(
     below a third of its compliance, or of the model's where that is larger: an axis may
     be stiff, but a soft one must not be missed. No identifiable axis may be negative by
     as much; where all are, the wrench has the wrong sign, which reverses the sign of
-    every compliance.
-
-    Args:
-        arm: Names the axes.
-        free: The axes that were fitted.
-        compliance: Their estimates, in rad/(N m).
-        sigma: Its standard deviation.
-        nominal: The model's compliance of all axes; 0 = rigid.
+    every compliance. Compliances and sigma are in rad/(N m), the model's 0 where it is
+    rigid; `free` are the axes that were fitted.
 
     Raises:
         NotIdentifiable: With every such axis and what to do.
@@ -126,10 +120,7 @@ def fit_springs(
 ) -> tuple[Float[np.ndarray, " axes"], LeastSquares]:
     """Iterate compliances and rest postures together until both converge.
 
-    Args:
-        arm: The nominal arm.
-        held: Axes that keep the compliance of the model's own spring.
-        data: Loads and deflections.
+    Axes that are held keep the compliance of the model's own spring.
 
     Returns:
         The compliance of every axis in rad/(N m), and the errors of those fitted.

@@ -176,12 +176,7 @@ class Shape(ABC):
 
     @abstractmethod
     def build(self, inputs: int, seed: int) -> "torch.nn.Module":
-        """Build the network with weights drawn by the seed.
-
-        Args:
-            inputs: Number of inputs.
-            seed: Seed of the draw; the same seed gives the same weights.
-        """
+        """Build the network with weights drawn by the seed."""
 
     @abstractmethod
     def layers(self, network: "torch.nn.Module") -> "tuple[torch.nn.Module, ...]":
@@ -436,9 +431,7 @@ class DeflectionNetwork:
     ) -> Float[np.ndarray, "rows 3"]:
         """Predict deflections along the base's axes, in m.
 
-        Args:
-            posture: In rad.
-            wrench_in_base: Force in N, torque in N m about `origin_in_flange`.
+        Postures are in rad, forces in N, torques in N m about `origin_in_flange`.
 
         Raises:
             Unusable: Where the network has another number of axes.

@@ -118,13 +118,9 @@ def pretrain(
 ) -> Pretrained:
     """Train a network on a source domain.
 
-    Args:
-        domain: Deflections of the springs.
-        settings: Settings; None = the paper's network at the quick budget.
-        file: File to which the training is saved at intervals, and from which it
-            resumes if domain and settings are the same; None = no file.
-        watch: Callback for every step.
-        every: Number of steps between two saves.
+    The settings are by default the paper's network at the quick budget. Every so many
+    steps the training is saved to the file, from which it resumes if domain and
+    settings are the same.
 
     Returns:
         The network and its errors. The same arguments give the same numbers, whether

@@ -109,9 +109,8 @@ def table_5_plan(
 ) -> SourcePlan:
     """Return the paper's plan: the same five wrenches in every posture.
 
-    Args:
-        posture: In rad; None = Table 4.
-        torque_order: Which of Ta, Tb, Tc are about x, y and z.
+    Postures are in rad, by default Table 4's; `torque_order` says which of Ta, Tb, Tc
+    are about x, y and z.
     """
     posture = table_4_postures() if posture is None else posture
     wrench = np.hstack([TABLE_5[:, :3], TABLE_5[:, 3:][:, list(torque_order)]])
@@ -130,13 +129,8 @@ def spanning_plan(
 
     Directions of force are uniform over the sphere, sizes uniform up to the largest;
     the hook is uniform in a ball about the sensor. No two rows have the same wrench.
-
-    Args:
-        posture: In rad; None = Table 4.
-        force: Largest force, in N.
-        lever: Farthest hook from the sensor's origin, in m.
-        wrenches: Number of wrenches in each posture.
-        seed: Seed of the draw.
+    Postures are in rad, by default Table 4's; the largest force is in N, the farthest
+    hook from the sensor's origin in m.
     """
     posture = table_4_postures() if posture is None else posture
     draw = np.random.default_rng(seed)
@@ -201,12 +195,8 @@ def source_domain(
 ) -> SourceDomain:
     """Return the deflections of fitted springs in a plan.
 
-    Args:
-        arm: The nominal arm.
-        compliance: Fitted compliance of each axis, in rad/(N m).
-        plan: Postures and wrenches.
-        point_in_flange: The end-effector point, in m.
-        origin_in_flange: Point about which torques are given, in m.
+    Compliances are in rad/(N m); torques are about the origin in the flange, and both
+    points in m.
 
     Raises:
         Unusable: Where the plan's postures have another number of axes than the arm.

@@ -125,10 +125,7 @@ WEIGHTS, MOMENTS = "weights/", "moments/"
 def write_progress(file: Path, key: str, progress: Progress) -> None:
     """Write a training atomically: a failure leaves the old file.
 
-    Args:
-        file: The file; its name should end in `.npz`.
-        key: Key that identifies this training.
-        progress: The training.
+    The key identifies this training; the file's name should end in `.npz`.
 
     Raises:
         Unusable: Where the file cannot be written.
@@ -237,14 +234,7 @@ def train(
 ) -> Progress:
     """Train a network in place; on one thread, for reproducible results.
 
-    Args:
-        network: Changed in place.
-        rows: Inputs and targets, without units.
-        settings: Settings of the training.
-        seed: Seed of the order of the rows.
-        begun: State to resume from; None = start with the network's weights.
-        tell: Callbacks.
-        penalty: Term added to the loss.
+    Inputs and targets have no unit; the seed orders the rows.
 
     Returns:
         The training at its end.

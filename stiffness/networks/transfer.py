@@ -65,12 +65,7 @@ class Alignment:
 
 
 def coral(source: torch.Tensor, target: torch.Tensor) -> torch.Tensor:
-    """Return the distance between the covariances of two sets of features.
-
-    Args:
-        source: One row of features per row.
-        target: As many features, any number of rows above one.
-    """
+    """Return the distance between the covariances of two sets of features."""
     apart = torch.cov(source.T) - torch.cov(target.T)
     return (apart**2).sum() / (4 * source.shape[1] ** 2)
 
@@ -84,12 +79,7 @@ def align(
 ) -> DeflectionNetwork:
     """Train on the source until the target's features have the source's covariance.
 
-    Args:
-        network: Pre-trained on the domain.
-        domain: Deflections of the springs.
-        seen: The target's rows, encoded as inputs of the network.
-        settings: Settings of the alignment.
-        watch: Callback for every step.
+    What was seen are the target's rows, encoded as inputs of the network.
 
     Returns:
         The network with other weights.
@@ -121,10 +111,7 @@ def unfreeze(
 ) -> list[nn.Parameter]:
     """Freeze everything but some layers.
 
-    Args:
-        layers: Layers that can be frozen, from the inputs on.
-        network: The network that they belong to.
-        unfrozen: Layers that may change, counted from 1.
+    Layers count from 1, from the inputs on.
 
     Returns:
         The weights that may change.
@@ -242,13 +229,9 @@ def fine_tune(
 ) -> FineTuned:
     """Fine-tune a network on measured deflections.
 
-    Args:
-        network: Pre-trained.
-        seen: The rows as inputs of the network (`DeflectionNetwork.encode`).
-        deflection: Measured deflections, in m, along the base's axes.
-        pose: Id of the posture of each row.
-        settings: Settings of the fine-tuning.
-        watch: Callback for every epoch, with the training MAE in mm.
+    What was seen are rows as inputs of the network (`DeflectionNetwork.encode`);
+    measured deflections are in m along the base's axes. `watch` is called for every
+    epoch, with the training MAE in mm.
 
     Raises:
         Unusable: Where a layer is to change that the network does not have.

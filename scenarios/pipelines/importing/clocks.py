@@ -78,11 +78,8 @@ def rows_of(
 ) -> Int[np.ndarray, " kept"]:
     """Return the rows that are nearest to the readings of the slowest instrument.
 
-    More rows would count one reading more than once, as if its noise were new.
-
-    Args:
-        time: Of the rows, ascending.
-        stamps: When each instrument read, by the same clock; empty: all rows.
+    More rows would count one reading more than once, as if its noise were new. Stamps
+    say when each instrument read, by the rows' ascending clock; none: all rows.
     """
     if not stamps or len(time) < 2:
         return np.arange(len(time))
@@ -154,13 +151,7 @@ def lag_between(
     time_b: Float[np.ndarray, " b"],
     values_b: Float[np.ndarray, "b n"],
 ) -> Lag | None:
-    """Return by how much b comes after a, with an interval.
-
-    Args:
-        time_a: In s, ascending.
-        values_a: One row each.
-        time_b: In s, ascending.
-        values_b: One row each.
+    """Return by how much b comes after a, with an interval, on ascending times in s.
 
     Returns:
         None where nothing moves that both see.
@@ -261,11 +252,7 @@ def shift_of(
 ) -> Lag | str:
     """Return what b's time is ahead of a's, in s, with its interval.
 
-    Args:
-        time_a: In s, ascending.
-        values_a: One row each.
-        time_b: In s, ascending, since another epoch.
-        values_b: One row each.
+    Times are in s, ascending, b's since another epoch.
 
     Returns:
         Why it cannot be told, where it cannot.

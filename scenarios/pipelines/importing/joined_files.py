@@ -79,13 +79,6 @@ def with_rows_of(
 ) -> tuple[bytes, JoinedRows, list[str], list[str]]:
     """Add the columns of further files to a CSV, row by row.
 
-    Args:
-        source: The CSV, as UTF-8.
-        manifest: What the format's manifest says of it.
-        extras: Whose targets may stand in the further files.
-        files: Those that are joined so.
-        beside: The folder that they may not leave.
-
     Returns:
         The CSV with their columns; what was added; notes; and all faults, in the names
         and lines of the files.
@@ -202,13 +195,8 @@ def recording_of(
 ) -> Joined:
     """Read all files and join them, row by row or instant by instant.
 
-    Args:
-        path: The CSV that holds the axes; the others are beside it.
-        manifest: What the format's manifest says.
-        extras: With `[files]`.
-        model: Names and limits of the robot; None checks neither.
-        names: What the user calls the CSV and the mapping, for the faults.
-        faulty: Whether the mapping has faults, and clocks are no matter.
+    The CSV holds the axes, the others are beside it; `names` are what the user calls
+    the CSV and the mapping. Where the mapping has faults, clocks are no matter.
 
     Returns:
         The recording, notes on columns, and what was said of the clocks.

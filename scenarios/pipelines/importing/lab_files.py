@@ -31,10 +31,6 @@ from scenarios.pipelines.inputs import arm_of, facts_of
 def plateaus_of(stream: Recording, rests: Standstills) -> Recording:
     """Average a stream over its rests.
 
-    Args:
-        stream: One row per instant.
-        rests: Speeds below which the arm rests.
-
     Raises:
         Unusable: Where it never rests.
     """
@@ -136,12 +132,7 @@ class Imported:
 
 
 def imported(source: Path, mapping: Path, robot: Path | None = None) -> Imported:
-    """Import one experiment.
-
-    Args:
-        source: CSV file, the axes' where there are several; or a ROS 2 bag.
-        mapping: What its columns or topics are.
-        robot: Model whose names and limits are checked too; None checks neither.
+    """Import one experiment: a CSV file, the axes' of several, or a ROS 2 bag.
 
     Raises:
         Unusable: With all faults of mapping, files and model at once.

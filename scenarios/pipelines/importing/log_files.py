@@ -133,14 +133,7 @@ def log_of(
     beside: Path,
     manifest: Mapping[str, Any],
 ) -> tuple[Channel | None, tuple[str, ...], list[str]]:
-    """Read a file.
-
-    Args:
-        name: Of the file in the mapping.
-        log: Where it is and what its time is.
-        wanted: Columns, the order of the channel's values.
-        beside: The folder that it may not leave.
-        manifest: Whose `[csv]` holds unless the file says other.
+    """Read a file beside the axes', whose own `[csv]` holds before the manifest's.
 
     Returns:
         Its readings, None where it has faults; columns that nothing reads; its faults.
@@ -295,11 +288,6 @@ def offsets_of(
     axes: Recording, reads: Sequence[Read], mapping: str
 ) -> tuple[dict[str, float], list[str], list[str]]:
     """Find what to add to each file's time.
-
-    Args:
-        axes: By the clock that is wanted.
-        reads: The files.
-        mapping: What the user calls the mapping, for the faults.
 
     Returns:
         The offsets in s, what to say of them, and a fault for each that nothing tells.

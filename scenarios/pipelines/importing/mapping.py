@@ -186,12 +186,7 @@ def _spelt(
 
 
 def _clocks(files: Mapping[str, Log], known: Sequence[str]) -> list[str]:
-    """Name what is wrong with how further files are joined.
-
-    Args:
-        files: Those that can be understood.
-        known: The names of all.
-    """
+    """Name what is wrong with how further files are joined, of all that are known."""
     faults = []
     for name, log in files.items():
         place = f"files.{name}"

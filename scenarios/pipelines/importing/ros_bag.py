@@ -43,10 +43,8 @@ def columns_of(
 ) -> tuple[dict[str, np.ndarray], dict[str, Lag | None]]:
     """Read a bag as columns on the joints' clock, and the lags between its channels.
 
-    Args:
-        path: The bag's folder, or its only file.
-        topics: Which message is which; a pose NAME becomes columns NAME.x … NAME.qz.
-        axes: Joints for a1, a2 … as the messages name them; empty: in their order.
+    The bag is a folder or its only file; a pose NAME becomes columns NAME.x … NAME.qz;
+    without axes, joints count in their order.
 
     Raises:
         BenchError: Where rosbags is not installed.

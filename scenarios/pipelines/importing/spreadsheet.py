@@ -64,10 +64,7 @@ def points_of(
 ) -> dict[str, Float[np.ndarray, " rows"]]:
     """Return the columns of a target's four markers, in mm.
 
-    Args:
-        name: Of the target.
-        target: Where its columns are.
-        column: Gives a column of the file as numbers, NaN where it was not seen.
+    `column` gives a column of the file as numbers, NaN where it was not seen.
     """
     scale = 1.0 if target.length_unit == "mm" else 1e3
     position = scale * np.stack([column(c) for c in target.position], axis=1)
@@ -163,12 +160,8 @@ def recording_of(
 ) -> Read:
     """Read a CSV as the samples of a recording.
 
-    Args:
-        source: The CSV.
-        manifest: What the format's manifest says.
-        targets: Targets in 6D, whose columns become markers.
-        model: Names and limits of the robot; None checks neither.
-        names: What the user calls the CSV and the mapping, for the faults.
+    Columns of 6D targets become markers; `names` are what the user calls the CSV and
+    the mapping, for the faults.
 
     Raises:
         Unusable: With all faults, in the user's own names.
@@ -248,11 +241,7 @@ def with_columns(
 ) -> bytes:
     """Add columns to a CSV, blank where NaN; its own text stays as it is.
 
-    Args:
-        header: Of the CSV.
-        mark: Its decimal mark.
-        columns: What to add.
-        rows: The rows of the file that the values are for, from 0 below the header.
+    Rows of the file, to which the values belong, count from 0 below the header.
     """
     lines = header.source.split(b"\n")
     above, separator = header.location.above, header.separator

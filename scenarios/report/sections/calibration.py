@@ -180,11 +180,6 @@ def write_files(
 ) -> None:
     """Write diagnosis.json, the patch, model.xml, pictures and the report.
 
-    Args:
-        folder: Folder that they are written to.
-        outcome: The calibration with its proof and answer.
-        more: Blocks that follow in the report.
-
     Raises:
         Unusable: Where nothing can be written; then nothing is.
     """

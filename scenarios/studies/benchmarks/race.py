@@ -114,10 +114,7 @@ class Lap:
 def run(race: Race, repeats: int, tick: Callable[[], object]) -> Sequence[Lap]:
     """Run every way once unmeasured, for its answer, and then in turn.
 
-    Args:
-        race: The task and its ways.
-        repeats: Number of repeats, each of the race's rounds.
-        tick: Called after each run.
+    It calls `tick` after each run.
     """
     answers = []
     for way in race.ways:

@@ -122,10 +122,7 @@ def damped_stepping(
 ) -> Float[np.ndarray, "visits readings 3"]:
     """Step through a plan in time, one thread a visit; return the flange, in m.
 
-    Args:
-        rig: The arm with its effects; those of ropes and commands are not stepped.
-        plan: The experiment.
-        time_step: Time step, in s.
+    Effects of ropes and commands are not stepped; the time step is in s.
     """
     rig.model  # noqa: B018  compiled before the threads share it
     with ThreadPoolExecutor(os.cpu_count()) as threads:
@@ -185,9 +182,7 @@ def _seconds(plan: Plan) -> float:
 def reading_races(poses: int, folder: Path) -> tuple[Race, Race]:
     """Return the races over writing and reading one recording.
 
-    Args:
-        poses: Number of postures, nine rows of 28 markers each.
-        folder: Empty folder for the files; removed by the caller.
+    Each has nine rows of 28 markers a posture; the caller removes the files.
     """
     recording = record(Rig(KR10), table_one(poses))
     files.write(folder / "ours", recording)
@@ -252,8 +247,7 @@ POINT, ORIGIN = np.array([0.01, 0.0, 0.06]), np.array([0.0, 0.0, 0.0254])
 def source_race(postures: int | None = None) -> Race:
     """Return the race over the source domain.
 
-    Args:
-        postures: Number of Table 4's 21,280 postures; None: all.
+    It asks the first so many of Table 4's 21,280 postures, or all.
     """
     plan = spanning_plan(table_4_postures()[:postures])
     arm, compliance = Arm.from_mjcf(KR10), 1.0 / np.array(TABLE_03_NM_PER_RAD)

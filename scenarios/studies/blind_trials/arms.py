@@ -75,13 +75,7 @@ THE_KR10 = Arm(KR10, 6)
 
 
 def arm_of(name: str, seed: int, folder: Path) -> Arm:
-    """Return the KR10, or write the model of another arm.
-
-    Args:
-        name: `kr10` or one of `BUILDS`.
-        seed: Of lengths, masses, springs and everything else that is drawn.
-        folder: Folder of the model file.
-    """
+    """Return the KR10, or write the model of another arm."""
     if name == "kr10":
         return THE_KR10
     folder.mkdir(parents=True, exist_ok=True)
@@ -94,10 +88,7 @@ def arm_of(name: str, seed: int, folder: Path) -> Arm:
 def arm_text(build: Sequence[str], name: str, seed: int) -> str:
     """Return the model of an arm as MJCF.
 
-    Args:
-        build: Kinds of its axes, from the base to the tool.
-        name: Name of the model.
-        seed: Of lengths, masses, springs and everything else that is drawn.
+    Kinds of axes run from the base to the tool; the seed draws all else.
     """
     draw = np.random.default_rng(seed)
     turning = [kind for kind in build if kind != LIFT]
@@ -186,11 +177,6 @@ def of_catalogue_size(
     """Return an effect with magnitudes from usual ranges; its form stays.
 
     Components that its form leaves at zero stay there.
-
-    Args:
-        effect: An effect at its site, with its form.
-        draw: Random numbers.
-        ground: The arm and plan of the trial.
     """
     now, sizes = effect.parameters(), {}
     for parameter in CATALOGUE[effect.name].parameters:
@@ -234,11 +220,6 @@ def draw_whole_arm(
 ) -> list[Effect]:
     """Draw the effects of a whole arm, no two alike at one place.
 
-    Args:
-        stratum: How many, and of which kinds.
-        draw: Random numbers.
-        ground: The arm and plan of the trial.
-
     Raises:
         OutOfReach: Where the arm has not that many places.
     """
@@ -268,10 +249,6 @@ def with_other_laws(effects: Sequence[Effect], seconds: float) -> tuple[Effect, 
 
     What grew in steps grows smoothly, a loop has many contacts, and a drift comes to
     rest. What has no other form stays.
-
-    Args:
-        effects: Those of an arm.
-        seconds: Length of its recording.
     """
     other = {kind.name: kind for kind in OTHER_LAWS}
 
@@ -311,10 +288,7 @@ def draw_twins(
 ) -> tuple[Effect, str]:
     """Draw an effect that has a twin, and the place of the twin.
 
-    Args:
-        kind: Drift, gravity load or bearing tilt.
-        draw: Random numbers.
-        ground: The arm and plan of the trial.
+    Its kind is drift, gravity load or bearing tilt.
 
     Returns:
         The effect, and the place where another of its kind looks nearly the same: the

@@ -57,12 +57,7 @@ from scenarios.studies.blind_trials.visibility import Visibility
 
 
 def partners_of(kind: type[Effect], turning: Sequence[str]) -> dict[str, Sequence[str]]:
-    """Return a coupling's possible partner axes by its site; empty for no coupling.
-
-    Args:
-        kind: Kind of effect.
-        turning: The arm's rotary axes, from the base to the tool.
-    """
+    """Return a coupling's possible partner axes by its site; empty for no coupling."""
     if kind is WristCoupling:
         first, second, third = turning[-3:]
     elif kind is AxisCrosstalk:
@@ -229,14 +224,7 @@ period of the slowest."""
 def draw_site_and_form(
     kind: type[Effect], draw: np.random.Generator, ground: Ground, where: str = ""
 ) -> Effect:
-    """Draw a site and a form for an effect of about a catalogue's size.
-
-    Args:
-        kind: Kind of effect.
-        draw: Random numbers.
-        ground: The arm and plan of the trial.
-        where: Its site; empty: to be drawn.
-    """
+    """Draw a site and a form for an effect of about a catalogue's size."""
     arm = ground.arm
     every = places_for(kind.places, arm)
     known = [place for place in every if ":" not in place]
@@ -262,9 +250,7 @@ def draw_site_and_form(
 def turning(arm: Anatomy, posture: Float[np.ndarray, "visits axes"]) -> tuple[str, ...]:
     """Return the rotary axes whose range of angle is `TURNS` or more.
 
-    Args:
-        arm: The names of the arm's parts.
-        posture: Joint angles of the experiment, in rad.
+    The experiment's postures are in rad.
     """
     far = np.ptp(posture, axis=0) >= TURNS
     return tuple(
@@ -350,11 +336,7 @@ def as_large_as(
 ) -> tuple[Effect, Visibility]:
     """Find the size at which an effect has at least a given χ², and not much more.
 
-    Args:
-        effect: Of a catalogue's size.
-        least: The χ² that is asked for.
-        weigh: Simulates an effect and returns its visibility.
-        fewest: Poses that have to contribute; None: `FEWEST`.
+    `weigh` simulates an effect and returns its visibility.
 
     Raises:
         OutOfReach: Where no physical size has this χ², or too few poses contribute.

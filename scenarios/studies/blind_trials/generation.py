@@ -162,29 +162,14 @@ class BlindTrial:
 def trials_of(
     seed: int, strata: Sequence[str], first: int, beyond: int, arm: Arm = THE_KR10
 ) -> Iterator[BlindTrial]:
-    """Draw trials, one of each stratum in turn.
-
-    Args:
-        seed: Of the sweep.
-        strata: Names of the strata.
-        first: Number of the first of each stratum.
-        beyond: Number after the last.
-        arm: Arm of the trials.
-    """
+    """Draw trials of these strata in turn, from the number `first` to before `beyond`."""
     for number in range(first, beyond):
         for name in strata:
             yield trial_of(seed, name, number, arm)
 
 
 def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> BlindTrial:
-    """Draw one trial.
-
-    Args:
-        seed: Of the sweep.
-        stratum: Name of its stratum.
-        number: Number within its stratum.
-        arm: Arm of the trial.
-    """
+    """Draw one trial."""
     kind = list(STRATA).index(STRATA[stratum].arm_of or stratum)
     chance = np.random.SeedSequence(seed, spawn_key=(kind, number))
     nuisance, further = chance.spawn(2)
@@ -211,10 +196,7 @@ def kinds_of(
 ) -> list[type[Effect]]:
     """Return the kinds of effects of a trial, in turn, so that all are as frequent.
 
-    Args:
-        trial: The trial.
-        draw: Random numbers, for the second effect.
-        attempt: Counts from 0; every fourth goes on to the next kind.
+    Every fourth attempt goes on to the next kind.
     """
     if not trial.stratum.least:
         return []
@@ -338,11 +320,7 @@ def whole_arm(
 ) -> tuple[tuple[Effect, ...], Recording, dict[str, Any]]:
     """Return the effects of a whole arm, its recording, and what can be known of it.
 
-    Args:
-        bench: The arm without effects.
-        effects: Those of the vocabulary.
-        ground: The arm and plan of the trial.
-        attempt: How many arms were given up before.
+    Attempts count the arms that were given up before.
 
     Raises:
         OutOfReach: Where no mechanism outside the vocabulary can be added.
@@ -420,11 +398,6 @@ class Made:
 
 def generate_trial(trial: BlindTrial, folder: Path, poses: int) -> Made:
     """Draw effects of a trial, scale and record them.
-
-    Args:
-        trial: The trial.
-        folder: Folder of model files that differ from the arm's own.
-        poses: Number of postures.
 
     Raises:
         BenchError: Where no draw can reach the χ² that is asked for.

@@ -66,10 +66,7 @@ def linear_model_of(
 ) -> LinearModel:
     """Choose one shape of each name, and lay out anew under all of them.
 
-    Args:
-        prepared: The recording against its nominal model.
-        choices: Of each name, the shapes that it may have.
-        with_shapes: Whether shapes are fitted too, from those that were chosen.
+    With shapes, these are fitted too, from those that were chosen.
     """
     case = _columns_of_terms(prepared)
     fit = _chosen(case, choices)

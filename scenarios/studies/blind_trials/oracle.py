@@ -150,14 +150,7 @@ def chi_square_gains(
 def rank_models(
     library: Library, white: WhitenedCandidates, poses: int, largest: int = 3
 ) -> RankedModels:
-    """Try all sets up to a size and rank them by evidence, the empty set first.
-
-    Args:
-        library: The candidates.
-        white: Their white columns.
-        poses: How many units of information there are.
-        largest: Most members of a set.
-    """
+    """Try all sets up to a size and rank them by evidence, the empty set first."""
     count = len(library.candidates)
     every: list[tuple[int, ...]] = [()]
     total = [np.zeros(1)]
@@ -299,12 +292,8 @@ def tried(
 ) -> Float[np.ndarray, "9"]:
     """Return values that are tried, or their logarithms where an error is a factor.
 
-    Args:
-        here: The best so far.
-        grid: Coarse values, in order.
-        sweep: 0: between the neighbours of the grid's nearest; later: a step of these
-            to either side.
-        factor: Whether an error is a factor.
+    The first sweep goes from neighbour to neighbour of the grid's nearest, later ones a
+    step of these to either side.
     """
     if factor:
         here, grid = float(np.log(here)), np.log(grid)
@@ -333,13 +322,7 @@ SPAN = 4.0
 
 
 def explained(recording: Recording, model: Path, without: Sequence[str]) -> float:
-    """Return the χ² that the best set of up to three names of the library explains.
-
-    Args:
-        recording: Recording with the effect.
-        model: Model file of the nominal arm.
-        without: Names that are taken out of the library.
-    """
+    """Return the χ² that the best set of up to three names of the library explains."""
     arm = arm_of(model).for_recording(recording)
     case = build_problem(_returning(prepare(recording, arm)), library(without))
     white = whiten_candidates(case.library, case.normal_equations)
@@ -397,12 +380,7 @@ def as_strange_as(
 ) -> tuple[Effect, Visibility]:
     """Find a size of which the library leaves at least a given χ² unexplained.
 
-    Args:
-        effect: Of a catalogue's size.
-        least: The least unexplained χ².
-        weigh: Simulates an effect and returns its visibility.
-        captured: Simulates an effect and returns the χ² that the library explains.
-        draw: Random numbers, for the factor above the least.
+    `captured` simulates an effect and returns the χ² that the library explains.
 
     Raises:
         OutOfReach: Where the library explains nearly all of it, or no size will do.
@@ -426,11 +404,6 @@ def oracle_gain_mm(folder: Path, model: Path, rig: Rig) -> float | None:
 
     It is proved as a diagnosis' patch is: tracker frame and marker positions start at
     the diagnosis' values, springs and parameters at the true ones.
-
-    Args:
-        folder: Folder of the recording.
-        model: Model file of the nominal arm.
-        rig: The true arm.
 
     Returns:
         The gain; None where the simulator has no such mechanism or no equilibrium.
@@ -484,11 +457,7 @@ def arm_oracle(
 ) -> ArmOracle:
     """Return what can be known of a whole arm.
 
-    Args:
-        recording: The recording that is diagnosed.
-        quiet: The same arm and plan by instruments without errors.
-        model: Model file of the nominal arm.
-        effects: The true effects.
+    The quiet recording is of the same arm and plan by instruments without errors.
     """
     arm = arm_of(model).for_recording(recording)
     prepared = prepare(recording, arm)
@@ -508,14 +477,8 @@ def log_bayes_factor(
     """Return what noise-free readings say for an effect against its twin.
 
     Half of the difference of the whitened squares that either leaves. Both have as many
-    sizes and shapes, so that nothing else counts.
-
-    Args:
-        recording: The recording that is diagnosed.
-        quiet: The same arm and plan by instruments without errors.
-        model: Model file of the nominal arm.
-        effect: The only effect.
-        twin: Place of the twin.
+    sizes and shapes, so that nothing else counts. The quiet recording is of the same
+    arm and plan by instruments without errors.
     """
     arm = arm_of(model).for_recording(recording)
     clean = noise_free(prepare(recording, arm), quiet)
@@ -531,10 +494,6 @@ def noise_free(prepared: Prepared, quiet: Recording) -> Prepared:
     """Return a recording's weights with the readings of instruments without errors.
 
     Weights are those of the errors that the instruments state; axes arrive exactly.
-
-    Args:
-        prepared: The recording against its nominal model.
-        quiet: The same arm and plan by instruments without errors.
     """
     before = prepared.situation
     told = before.recording.base_from_tracker
@@ -563,10 +522,6 @@ def true_terms(effect: Effect, situation: StaticState) -> list[ModelTerm]:
     """Return the library's laws of an effect at its place, at all shapes it may have.
 
     Shapes that the effect states are at its values, all others on the library's grid.
-
-    Args:
-        effect: The effect.
-        situation: Static state of the arm.
     """
     stated, found = effect.parameters(), []
     for law in (h for h in HYPOTHESES if h.effect == effect.name):

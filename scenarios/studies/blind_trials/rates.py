@@ -276,9 +276,7 @@ def lost_names(
 ) -> list[bool]:
     """Return which right names of arms are not given with a mechanism outside.
 
-    Args:
-        scores: All scores, with those of the same arms without that mechanism.
-        outside: Those with it.
+    All scores include those of the same arms without that mechanism.
     """
     by_label = {s.label: s for s in scores}
     lost = []

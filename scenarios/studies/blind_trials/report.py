@@ -244,13 +244,7 @@ def draw_calibration(rows: Rows) -> Figure:
 
 
 def write(out: Path, scores: Sequence[TrialScore], facts: dict[str, object]) -> None:
-    """Write summary.json, tables, pictures and the page.
-
-    Args:
-        out: Folder of the report.
-        scores: Scores of all finished trials; at least one.
-        facts: Facts of the run, for summary.json.
-    """
+    """Write summary.json, tables, pictures and the page."""
     rates, calibrated = bars(scores), calibration(scores)
     matrix = confusion(scores)
     summary = facts | {

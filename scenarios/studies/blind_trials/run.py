@@ -151,12 +151,6 @@ def run_trials(
 ) -> Iterator[int]:
     """Run the unfinished trials; yields the number newly done, first the finished ones.
 
-    Args:
-        sweep: Folder and settings.
-        strata: Names of the strata, of which one each is tried in turn.
-        first: Number of the first of each stratum.
-        trials: How many of each.
-
     Raises:
         BenchError: Where a trial cannot be generated, or the answering process fails.
     """
@@ -276,10 +270,6 @@ def ask(question: Question) -> None:
 
 def refuse_other_trials(folder: Path, mine: str) -> None:
     """Refuse a folder whose trials were drawn with other settings; else record these.
-
-    Args:
-        folder: Folder of the sweep; made if it is not there.
-        mine: Settings of the draws, one line.
 
     Raises:
         Unusable: Where the folder holds trials of other settings.

@@ -44,12 +44,7 @@ class Covered:
 
 
 def covered_by(named: Sequence[Mapping], effect: Mapping) -> list[Covered]:
-    """Return the intervals that an answer states for one true effect.
-
-    Args:
-        named: Entries of the names that were given.
-        effect: Entry of the true effect.
-    """
+    """Return the intervals that an answer states for one true effect."""
     same = [
         one["parameters"]
         for one in named
@@ -173,11 +168,7 @@ class TrialScore:
 def score_answer(label: str, name: str, answer: Mapping, truth: Mapping) -> TrialScore:
     """Return the marks of one answer.
 
-    Args:
-        label: Stratum and number of the trial.
-        name: Name of its files.
-        answer: diagnosis.json, or `{"failed": …}`.
-        truth: The truth file of the trial.
+    The answer is diagnosis.json, or `{"failed": …}`.
     """
     outside = truth.get("outside", {}).get("where")
     effects = truth["effects"] if outside is None else truth["effects"][:-1]
@@ -322,13 +313,7 @@ class ArmScore:
 
 
 def _arm_score(answer: Mapping, truth: Mapping, effects: Sequence[Mapping]) -> ArmScore:
-    """Return the marks of a whole arm.
-
-    Args:
-        answer: The answer, with `linear_share`.
-        truth: The truth file of the trial.
-        effects: The true effects of the vocabulary.
-    """
+    """Return the marks of a whole arm."""
     given = answer.get("named", [])
     true = {_name(effect) for effect in effects}
     declared = [_declared(one) for one in given]

@@ -120,9 +120,7 @@ class ReadingSensitivity:
     ) -> Float[np.ndarray, "visits rows markers 3 4"]:
         """Return displacements by errors of a visit's force: three turns and a scale.
 
-        Args:
-            turn: One sigma of the turn, in rad.
-            size: One sigma of the scale.
+        Their sigmas are in rad and relative.
         """
         parts = np.split(self.felt, 2, axis=-1)
         wrong = [
@@ -151,10 +149,8 @@ def reading_sensitivity_of(
 ) -> ReadingSensitivity:
     """Return kinematics and loads of an arm at the postures its controller reports.
 
-    Args:
-        rig: The arm.
-        seen: Its recording by error-free instruments, with encoders after the gears.
-        point: Positions of its markers, in the base's frame, in m.
+    It was seen by error-free instruments, with encoders after the gears; markers are in
+    the base's frame, in m.
     """
     assert seen.link_posture is not None and seen.wrench_sensor is not None
     model, arm = rig.nominal, rig.anatomy
@@ -239,8 +235,7 @@ class Projection:
     def residual(self, signal: np.ndarray) -> tuple[float, Float[np.ndarray, " poses"]]:
         """Return the residual χ² of a signal, in total and by pose.
 
-        Args:
-            signal: Signal of all visits, (visits, …), in sigmas.
+        The signal is of all visits, (visits, …), in sigmas.
         """
         asked = signal.reshape(len(self.posture_index), -1)
         told = np.einsum("vn,vnc->c", self._without_error(asked), self.nominal)
@@ -264,11 +259,9 @@ def projection_of(
 ) -> Projection:
     """Return a projection, its normal equations factorised.
 
-    Args:
-        nominal: Nuisance columns, (visits, …, columns), in sigmas per unit.
-        error: Common errors, (visits, …, errors), in sigmas per sigma of the error.
-        prior: Inverse variances of the columns' coefficients.
-        pose: Id of each visit's pose.
+    Nuisance columns are (visits, …, columns) in sigmas per unit, common errors (visits,
+    …, errors) in sigmas per sigma of the error, priors inverse variances of the
+    columns' coefficients.
     """
     columns = nominal.reshape(len(nominal), -1, nominal.shape[-1])
     common = error.reshape(len(error), -1, error.shape[-1])
@@ -361,8 +354,7 @@ class Scale:
     def visibility(self, seen: Recording) -> Visibility:
         """Return the visibility of an effect.
 
-        Args:
-            seen: Recording of the same plan with the effect, by the same instruments.
+        It was seen on the same plan by the same instruments.
         """
         moved = in_base(seen) - in_base(self.reference)
         felt = self.standing.wrench(seen) - self.standing.wrench(self.reference)
@@ -383,11 +375,8 @@ def scale_of(
 ) -> Scale:
     """Prepare the projections of a plan.
 
-    Args:
-        rig: The arm without the effect.
-        reference: Its recording by error-free instruments, with link encoders.
-        repeatability: One sigma of the tracker along its axes, in m.
-        known_frame: Whether the trial's recording will state the tracker's frame.
+    The reference was seen by error-free instruments with link encoders; one sigma of
+    the tracker along its axes is in m.
     """
     assert reference.base_from_tracker is not None
     to_white = reference.base_from_tracker[:3, :3] / np.array(repeatability)

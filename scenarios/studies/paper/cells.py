@@ -44,9 +44,7 @@ class Cell(ABC):
     def work(self, material: Material, scratch: Path) -> CellResult:
         """Do the work and return its arrays.
 
-        Args:
-            material: The data.
-            scratch: File for intermediate states of a long training.
+        Intermediate states of a long training may stand in the scratch file.
         """
 
 
@@ -88,13 +86,10 @@ def results(
     spread: Spread,
     told: Callable[[Cell, CellResult], None] = lambda _cell, _result: None,
 ) -> list[CellResult]:
-    """Return the results of cells, working those that are not kept yet.
+    """Return the results of cells, in their order, working those that are not kept yet.
 
-    Args:
-        cells: In any order; the most expensive are worked first.
-        material: The data of all of them.
-        spread: Where they are worked and kept.
-        told: Called with every cell and its result, kept ones first.
+    The most expensive are worked first. `told` is called with every cell and its
+    result, kept ones first.
 
     Returns:
         The results, in the order of the cells.
@@ -169,17 +164,7 @@ def swept(
     spread: Spread,
     told: Callable[[Cell, CellResult], None] | None = None,
 ) -> dict[Cell, CellResult]:
-    """Work all cells under a progress bar that counts their cost.
-
-    Args:
-        cells: Cells to be worked; kept results are taken from their files.
-        material: The data of all of them.
-        spread: Where they are worked and kept.
-        told: Called with every cell and its result.
-
-    Returns:
-        The results, by cell.
-    """
+    """Work all cells under a progress bar that counts their cost; return all by cell."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

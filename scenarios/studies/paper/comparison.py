@@ -110,14 +110,8 @@ def pooled(
 ) -> Draws:
     """Pool a statistic over seeds; calls of one shape and seed share their resamples.
 
-    A largest error has no interval, for resamples of these poses cannot exceed it.
-
-    Args:
-        error: Of each seed in each pose, the same poses for all seeds; one number or,
-            where the statistic takes them, several.
-        statistic: Of one seed's errors, vectorised over weights.
-        seed: Of the resamples.
-        resamples: Number of resamples.
+    A largest error has no interval, for resamples of these poses cannot exceed it. All
+    seeds have the same poses; the statistic is vectorised over weights.
     """
     seeds, poses = error.shape[:2]
     weight, which = _resampled(seeds, poses, seed, resamples)
@@ -235,14 +229,7 @@ def perceptrons(
 def of_results(
     method: str, plan: str, by_seed: Mapping[int, CellResult], name: str
 ) -> Contender:
-    """Return one method's errors from its cells, one a seed.
-
-    Args:
-        method: Its name in data files.
-        plan: Plan of its source domain, or `NO_PLAN`.
-        by_seed: Results of its cells, by seed.
-        name: Its name in those results.
-    """
+    """Return one method's errors from its cells, one a seed."""
     results = list(by_seed.values())
     return Contender(
         method,
@@ -259,9 +246,6 @@ def best_method_rows(everyone: Sequence[Contender]) -> list[dict[str, object]]:
     """Return how named physics differs from every other method, pose by pose.
 
     Resamples of poses and seeds are the same for both, so the intervals are paired.
-
-    Args:
-        everyone: Named physics and other methods, of the same seeds and poses.
     """
     best = next(c for c in everyone if c.method == NAMED[0])
     rows = []

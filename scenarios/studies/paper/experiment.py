@@ -87,12 +87,7 @@ class Experiment:
 
 
 def carry_out(seed: int, poses: int = 151) -> Experiment:
-    """Record the experiment on the default truth.
-
-    Args:
-        seed: Of the instruments.
-        poses: Number of the 151 postures.
-    """
+    """Record the experiment on the default truth."""
     truth = default_truth()
     rig = Rig(KR10, truth.effects, truth.stiffness)
     plan = table_one(poses, revisits=min(REVISITS, poses))
@@ -139,14 +134,7 @@ class Unseen:
 
 
 def unseen(rig: Rig, arm: Arm, count: int, seed: int) -> Unseen:
-    """Simulate fresh poses, each under its full load for the first time.
-
-    Args:
-        rig: The truth.
-        arm: The nominal arm.
-        count: Number of poses.
-        seed: Of the postures.
-    """
+    """Simulate fresh poses, each under its full load for the first time."""
     plan = fresh_plan(fresh_postures(rig, count, seed), seed)
     seen = one_per_pose(arm, record(rig, plan, SILENT, seed))
     return Unseen(seen.cases, seen.deflection)

@@ -249,10 +249,7 @@ def tidy(
 ) -> list[dict[str, object]]:
     """Return the tidy table: one row for each number of poses, method and metric.
 
-    Args:
-        found: Results of cells, by number of poses and by draw; not every draw has
-            every method.
-        fresh: Number of fresh poses for evaluation.
+    Results are by number of poses and by draw; not every draw has every method.
     """
     rows: list[dict[str, object]] = []
     for count, draws in found.items():

@@ -125,10 +125,8 @@ def oracle_error(
 ) -> Float[np.ndarray, "poses 3"]:
     """Return the oracle's error on the fresh poses.
 
-    Args:
-        still: Deflections of the truth.
-        moved: Deflections of the truth with each size a little larger.
-        noise: Measured less true deflections of the experiment, in mm.
+    Deflections are of the truth and of the truth with each size a little larger; noise
+    is measured less true deflections, in mm.
     """
     j, fresh = (
         np.stack([(m[on] - still[on]).ravel() / NUDGE for m in moved], axis=1)
@@ -188,10 +186,7 @@ def finding(
 ) -> str:
     """Return the figure's caption: the best method, and where each method is worst.
 
-    Args:
-        rows: With the shares of the way.
-        errors: Errors of each method on each pose, in mm; the oracle last.
-        place: Positions of the flange, in m.
+    Errors are in mm, those of the oracle last; places of the flange in m.
     """
     learnt = [r for r in rows if r["method"] not in ("VJM", "oracle")]
     best = max(learnt, key=lambda r: r["share_of_the_way"])
@@ -212,11 +207,7 @@ def finding(
 
 
 def columns_against_simulator(named: CellResult) -> str:
-    """Return how far names' columns are from the same names as mechanisms, in words.
-
-    Args:
-        named: Result of the cell of named physics.
-    """
+    """Return how far names' columns are from the same names as mechanisms, in words."""
     apart = np.abs(named["named_physics/patched"])
     if not len(apart):
         return "The diagnosis named nothing, so there is no patch to compare with."
@@ -240,11 +231,7 @@ def draw(
 ) -> None:
     """Draw shares of the way, and a map of errors for every method but the oracle.
 
-    Args:
-        errors: Errors of each method on each pose, in mm; the oracle last.
-        rows: With the shares and their intervals.
-        place: Positions of the flange, in m.
-        file: File of the picture.
+    Errors are in mm, those of the oracle last; places of the flange in m.
     """
     shown = list(errors)[:-1]
     picture = Picture(figsize=(4 + 2 * len(shown), 4.2), layout="constrained")

@@ -36,10 +36,6 @@ ADVICE = (
 def refuse_if_blind(material: Material, seeds: Sequence[int]) -> None:
     """Refuse an experiment that does not identify every spring, before the study runs.
 
-    Args:
-        material: The experiment as methods may see it.
-        seeds: Of the splits.
-
     Raises:
         Unusable: With every axis that is not identified, and on which data.
     """

@@ -156,12 +156,8 @@ def hang(
 ) -> None:
     """Log arms as static lines from base to flange, side by side.
 
-    Args:
-        recording: Stream that they are logged to.
-        scene: The experiment's scene, row by row.
-        rows: Rows that are drawn, worst first.
-        error_mm: Errors of each method in each of them, in mm.
-        words: Label at the foot of each.
+    Rows are those drawn, worst first, with a label at the foot of each; errors are in
+    mm.
     """
     steps = np.stack([np.divmod(k, A_ROW) for k in range(len(rows))])
     place = APART * np.stack([steps[:, 1], 0 * steps[:, 0], steps[:, 0]], axis=1)
@@ -214,11 +210,7 @@ def show_worst(
 ) -> None:
     """Log the worst poses side by side, on a timeline of their own, and in a table.
 
-    Args:
-        recording: Stream that they are logged to.
-        scene: The experiment's scene, row by row.
-        error_mm: Errors of each method in each pose, in mm.
-        measured: Row and posture of each pose.
+    Errors are in mm.
     """
     chosen = worst_poses(error_mm)
     rows = measured.row[chosen]
@@ -324,14 +316,7 @@ def show(
     found: LinearFit,
     learnt: Learnt,
 ) -> None:
-    """Log the scene, errors, worst poses, curves and text.
-
-    Args:
-        recording: Stream that they are logged to.
-        experiment: The experiment.
-        found: The fit of six springs.
-        learnt: Errors and training curves of the methods.
-    """
+    """Log the scene, errors, worst poses, curves and text."""
     rows, shown = experiment.measured.row, scene(experiment)
     words = _words(experiment, found, learnt)
     viewer.show(recording, shown, learnt.error_mm, rows, words)

@@ -234,12 +234,7 @@ def against_patched_rig(
 
 
 def named_physics(arm: Arm, held: tuple[str, ...] = ()) -> dict[str, NamedPhysics]:
-    """Return named physics by the readings that it uses; those of the others first.
-
-    Args:
-        arm: The nominal arm.
-        held: Axes whose spring is taken from the model.
-    """
+    """Return named physics by the readings that it uses; those of the others first."""
     return {
         "named_physics": NamedPhysics(arm, held),
         "named_physics_all": NamedPhysics(arm, held, "all"),

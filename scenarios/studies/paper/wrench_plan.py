@@ -37,11 +37,6 @@ def pulled_elsewhere(experiment: Experiment, fresh: Unseen, seed: int) -> Unseen
     """Load fresh postures in directions that the experiment did not use.
 
     The hook and the load are those of the experiment; only the direction is another.
-
-    Args:
-        experiment: With the directions that were used.
-        fresh: The postures.
-        seed: Of the directions.
     """
     count, cases = len(fresh.cases), fresh.cases
     used = experiment.measured.cases.wrench_in_base[:, :3]
@@ -102,9 +97,7 @@ def both(one: Unseen, other: Unseen) -> Unseen:
 def tidy(methods: Sequence[Contender], loads: Sequence[str]) -> list[dict[str, object]]:
     """Return a row for every method, kind of loads and measure.
 
-    Args:
-        methods: The second half of their fresh poses has the other loads.
-        loads: Names of both kinds of loads.
+    The second half of the fresh poses has the other loads.
     """
     rows = []
     for c in methods:
@@ -174,11 +167,8 @@ def draw(
 ) -> None:
     """Draw MAE under both kinds of loads, and median errors against the angle.
 
-    Args:
-        errors: Errors of each method, in mm; the second half has the other loads.
-        angle: To the nearest direction that the experiment used, in deg.
-        loads: Names of both kinds of loads.
-        file: File of the picture.
+    Errors are in mm, the second half with the other loads; the angle to the nearest
+    direction that the experiment used is in deg.
     """
     n = len(angle) // 2
     picture = Picture(figsize=(10.5, 3.9), layout="constrained")
@@ -269,15 +259,7 @@ def report_blocks(
     poses: int,
     seeds: Mapping[str, Sequence[int]],
 ) -> list[page.Block]:
-    """Return the report's figure, table and answer to the paper's claim.
-
-    Args:
-        rows: The tidy table.
-        tuned: Networks, one for each of `PLANS`.
-        springs: The springs, with which they are compared.
-        poses: Number of fresh postures for evaluation.
-        seeds: Seeds of each plan.
-    """
+    """Return the report's figure, table and answer to the paper's claim."""
     each = [f"{', '.join(map(str, s))} ({plan} plan)" for plan, s in seeds.items()]
     return [
         page.Figure(
