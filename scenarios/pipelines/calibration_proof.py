@@ -110,7 +110,7 @@ def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationP
 
 
 def unproved(found: Calibrated, why: str) -> CalibrationProof:
-    """Return what the fitted arm leaves on the held-out poses, where nothing is proved."""
+    """Return what the fitted arm leaves on held-out poses, where nothing is proved."""
     patch, turned = patch_of_calibration(found), found.readings.turned
     first, last = ((r[:, :3], turned(r)) for r in (found.nominal, found.residual))
     judged = _judged(found, patch, first, last)

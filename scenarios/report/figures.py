@@ -200,7 +200,7 @@ LOOPS = 3
 
 
 def of_law(curves: Curves, name: str, file: Path | None = None) -> Figure:
-    """Draw an axis' rotation in a few visits, and measured over simulated of all rows."""
+    """Draw an axis' rotation in a few visits, and measured over simulated rows."""
     k = curves.axes.index(name)
     unit, load = ("µm", "force [N]") if curves.slides[k] else ("µrad", "torque [N m]")
     measured, law = curves.before[:, k], curves.law[:, k]

@@ -162,7 +162,7 @@ class BlindTrial:
 def trials_of(
     seed: int, strata: Sequence[str], first: int, beyond: int, arm: Arm = THE_KR10
 ) -> Iterator[BlindTrial]:
-    """Draw trials of these strata in turn, from the number `first` to before `beyond`."""
+    """Draw trials of strata in turn, from the number `first` to before `beyond`."""
     for number in range(first, beyond):
         for name in strata:
             yield trial_of(seed, name, number, arm)

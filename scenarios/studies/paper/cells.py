@@ -164,7 +164,7 @@ def swept(
     spread: Spread,
     told: Callable[[Cell, CellResult], None] | None = None,
 ) -> dict[Cell, CellResult]:
-    """Work all cells under a progress bar that counts their cost; return all by cell."""
+    """Return the results of cells, worked under a progress bar that counts cost."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
