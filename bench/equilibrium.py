@@ -204,9 +204,6 @@ def solve(
 
     Joints that creep are given with their time constant, in s.
 
-    Returns:
-        The states at equilibrium.
-
     Raises:
         BenchError: Where an arm does not converge, naming the visit.
     """

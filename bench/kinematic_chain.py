@@ -133,9 +133,6 @@ def anatomy(model: mujoco.MjModel, hand: str = "") -> Anatomy:
 
     Its flange is the hand that is named, else the body of that name, else the last.
 
-    Returns:
-        Its parts, in the order of the model.
-
     Raises:
         UnknownName: Where the model has no such body.
         Unusable: Where the model has no joint, or none that carries the flange.

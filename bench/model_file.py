@@ -49,11 +49,7 @@ FOLDERS = ("meshdir", "texturedir", "assetdir")
 
 
 def faults_of(main: Path) -> list[str]:
-    """Say in sentences why a model and what it includes must not be compiled.
-
-    Returns:
-        Sentences; none where it may be compiled.
-    """
+    """Say in sentences why a model and what it includes must not be compiled."""
     faults: list[str] = []
     folders, parts = {main.parent}, 0
     waiting, seen = [(main, 1)], set()

@@ -140,9 +140,6 @@ def table_one_plan(
     The path hangs on the hook in each; some are visited once more at the end; the rope
     is led over the pulleys in turn. The id of a pose is its row in the table, from 0.
 
-    Returns:
-        The plan; the id of a pose is its row in the table, from 0.
-
     Raises:
         Unusable: Where the table has not that many postures.
     """

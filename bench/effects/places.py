@@ -11,11 +11,7 @@ CELL = ("rig", "tracker", "wrench_sensor")
 
 
 def places_for(kinds: Collection[str], arm: Anatomy) -> list[str]:
-    """Return every place of some kinds, such as `axis`, `link` or `marker`.
-
-    Returns:
-        The vocabulary's names, then the model's own where they differ.
-    """
+    """Return all places of some kinds: the vocabulary's names, then the model's own."""
     found = []
     for kind, own in (("axis", arm.axes), ("link", arm.links)):
         if kind in kinds:

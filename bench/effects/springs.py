@@ -46,9 +46,6 @@ def add_spring(
     stiffness is in N m/rad, or N/m for a slide. The name is numbered where the body has
     a joint of that name.
 
-    Returns:
-        The new joint.
-
     Raises:
         Unusable: Where the body has as many joints as MuJoCo allows.
     """

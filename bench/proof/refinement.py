@@ -314,15 +314,12 @@ def refined(
     fixed: Collection[Place] = (),
     known: Sensitivity | None = None,
 ) -> tuple[NominalState, Sensitivity]:
-    """Move springs, frames and effects to where the simulator agrees best.
+    """Return where the simulator agrees best, and what each parameter does there.
 
-    Each parameter of an effect has a prior about where it starts, its own size wide:
-    what the readings do not hold stays at its first estimate. A step that makes the
-    agreement worse is halved once, then given up. What a knob does is simulated once:
-    laws hardly change as their parameters do.
-
-    Returns:
-        What is assumed now, and what each parameter does.
+    Springs, frames and effects are moved. Each parameter of an effect has a prior about
+    where it starts, its own size wide: what the readings do not hold stays at its first
+    estimate. A step that makes the agreement worse is halved once, then given up. What
+    a parameter does is simulated once: laws hardly change as their parameters do.
     """
     knobs = refined_parameters(assumed.rig.effects, fixed)
     sensitive = sensitivity(world, assumed, knobs, known)

@@ -355,9 +355,6 @@ def calibrated(
 
     `said` receives a line on each effect that is believed; tables of transmission error
     end below the order `highest`.
-
-    Returns:
-        The selected effects and the corrected arm.
     """
     keep = ~spatial_folds.kept_back
     fit_on = readings.take(keep)

@@ -138,11 +138,7 @@ ROUNDING = 1e-6
 
 
 def faults(method: Method, arm: Arm, recording: Recording) -> list[str]:
-    """Return a method's violations of the contract; empty if there are none.
-
-    Returns:
-        One sentence a fault.
-    """
+    """Return a method's violations of the contract; empty if there are none."""
     cases = every_plateau(arm, recording).cases
     before, was = deepcopy(recording), repr(method)
     try:

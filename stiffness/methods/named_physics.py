@@ -341,11 +341,7 @@ def _term(effect: NamedEffect, situation: StaticState) -> ModelTerm:
 def _mechanics_of(
     prepared: Prepared, diagnosis: Diagnosis, others: bool
 ) -> Mechanics | None:
-    """Fit springs and laws to all poses, differences within visits alone.
-
-    Returns:
-        Springs and laws; None where there is no law.
-    """
+    """Fit springs and laws to all poses, within visits alone; None without a law."""
     here = prepared.situation
     bands = [[_term(e, here)] for e in diagnosis.named if e.name.effect in NAMES]
     named = len(bands)

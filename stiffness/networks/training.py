@@ -235,9 +235,6 @@ def train(
     """Train a network in place; on one thread, for reproducible results.
 
     Inputs and targets have no unit; the seed orders the rows.
-
-    Returns:
-        The training at its end.
     """
     import torch
 

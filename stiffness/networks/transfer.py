@@ -80,9 +80,6 @@ def align(
     """Train on the source until the target's features have the source's covariance.
 
     What was seen are the target's rows, encoded as inputs of the network.
-
-    Returns:
-        The network with other weights.
     """
     built = network.build()
     target = torch.from_numpy(seen.astype(np.float32))

@@ -90,9 +90,6 @@ def results(
 
     The most expensive are worked first. `told` is called with every cell and its
     result, kept ones first.
-
-    Returns:
-        The results, in the order of the cells.
     """
     folder = spread.folder
     folder.mkdir(parents=True, exist_ok=True)
