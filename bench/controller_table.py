@@ -74,9 +74,7 @@ class Geometry:
 
     Attributes:
         base: B.
-        steps: From each axis to the next.
         flange: F.
-        slides: Whether each axis slides.
     """
 
     base: Float[np.ndarray, "4 4"]

@@ -32,12 +32,10 @@ class EffectSize:
     """Root mean square of what an effect changes in noise-free readings.
 
     Attributes:
-        effect: Which.
         points: Of the marks' displacements in the base's frame, over marks and rows,
             in m; NaN where the other effects alone cannot be simulated.
         force: Of the change in the force sensor's force, over rows, in N.
         torque: The same in its torque, in N m.
-        visits: How many visits were compared.
     """
 
     effect: Effect

@@ -161,7 +161,6 @@ class Schedule:
 
     Attributes:
         reference: Angle at which each axis' spring is slack, in rad.
-        stiffness: Stiffness of each axis' spring, in N m/rad.
         tension: Tension of each rope, in N.
         wrench: Wrench on the sensor's origin along the base axes, in N and N m.
         hold: Time from each change of load to the reading of its row, in s.

@@ -44,7 +44,6 @@ class Anatomy:
         base: The body that carries the first axis.
         flange: The hand that was asked for, else the body of that name, else the last
             in the file that the last axis carries.
-        slides: Whether each axis slides instead of turning.
         parents: The axis that carries each, from 0; -1: the base.
         mount: The axis that carries the flange.
         hands: Of each axis that carries no other, the body at the arm's end: the

@@ -16,7 +16,6 @@ class Shape:
     """One visible surface of a body.
 
     Attributes:
-        body: The body that it belongs to.
         vertex: Vertices in the body's frame, in m.
         face: Indices of the corners of each triangle.
         rgba: Colour, 0 to 1.

@@ -54,8 +54,6 @@ class PatchEffect:
     """One effect with its place and its parameters.
 
     Attributes:
-        effect: Its name in the vocabulary.
-        where: Its place.
         parameters: By the vocabulary's names, in SI; null is infinite.
         settings: What the mechanism needs beyond them, by its own names.
     """
@@ -204,7 +202,6 @@ class Law:
     """What an axis winds up beyond its spring, torque by torque, without a name.
 
     Attributes:
-        where: The axis.
         torque_nm: Increasing, in N m.
         loading_rad: Extra wind-up where the load's torque grows, in rad.
         unloading_rad: The same where it falls; empty: the same law both ways.
@@ -252,15 +249,12 @@ class Patch:
     Attributes:
         stiffness_nm_per_rad: Of each axis' spring as fitted, by a1, a2 …; null is
             rigid, an axis that is left out has the model's own.
-        effects: What was named.
         laws: What was found and has no name.
-        mounted: On the flange.
         base_from_tracker: 4 x 4 as fitted, in m; null where nothing was tracked.
         markers: Their places in their bodies' frames as fitted, in m.
         axes: Joints of the model that move, the others held at zero; empty: all.
         hand: Body of the model that counts as the flange; empty: the model's own.
         arm: The nominal arm as plain MJCF.
-        schema: Of this file.
         not_in_model: What of it `model.xml` cannot hold, in words.
         fitted: Range of each axis, by a1, a2 …, in the poses that it was fitted to;
             empty: not known.

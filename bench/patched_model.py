@@ -60,7 +60,6 @@ class PatchedModel:
     """A user's model with a patch in it.
 
     Attributes:
-        text: MJCF.
         assets: Its meshes and pictures by their names in `ASSETS`.
         held: Angles at which its springs hold the axes, as reported, in rad (m).
         not_held: What is true by the patch and not in the model, in sentences.

@@ -50,7 +50,6 @@ class RatedLoad:
 
     Attributes:
         mass: The most, in kg.
-        source: Where that comes from, in words.
     """
 
     mass: float

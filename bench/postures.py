@@ -34,13 +34,7 @@ FREE_SLIDE = 0.5
 
 @dataclass(frozen=True)
 class Room:
-    """The room that an arm has in its cell.
-
-    Attributes:
-        model: The arm alone.
-        arm: Its parts.
-        cell: What is mounted around it.
-    """
+    """The room that an arm has in its cell."""
 
     model: mujoco.MjModel
     arm: Anatomy

@@ -38,8 +38,7 @@ class States:
     """Where the arm truly was, row by row. This is truth: no method may see it.
 
     Attributes:
-        bodies: Names of the bodies.
-        position: Their origins in the base's world frame, in m.
+        position: Origins of the bodies in the base's world frame, in m.
         rotation: Their orientations; columns are the bodies' axes.
         axis_angle: Angle of each axis after the gear, in rad.
         wrench: What the world exerts on the robot about the sensor's origin, along the

@@ -61,7 +61,6 @@ class Truth:
     """True effects and stiffness of an arm.
 
     Attributes:
-        effects: All effects.
         stiffness: Stiffness of the axes' springs at small torque, in N m/rad.
     """
 

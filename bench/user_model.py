@@ -30,7 +30,6 @@ class UserModel:
     """A robot's own file.
 
     Attributes:
-        model: Compiled.
         root: As XML with angles in rad; files are named in `ASSETS`.
         assets: Those files.
         lost: What of it could not be kept, in words.

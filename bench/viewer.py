@@ -149,7 +149,6 @@ class Scene:
 
     Attributes:
         model: The nominal arm, whose shapes are shown.
-        bodies: The bodies that are shown.
         nominal: Transforms of the rigid arm, base_from_body, in m.
         actual: Transforms of the loaded arm.
         pose: The visit of each row.

@@ -28,12 +28,9 @@ class BaseCompliance(ModelEffect):
     """Up to six springs under the base; a compliance of zero is rigid.
 
     Attributes:
-        rx_rad_per_nm: Tilt about the base's x.
-        ry_rad_per_nm: Tilt about its y.
-        rz_rad_per_nm: Turn about its z.
-        x_m_per_n: Shift along its x.
-        y_m_per_n: Shift along its y.
-        z_m_per_n: Shift along its z.
+        rx_rad_per_nm, ry_rad_per_nm, rz_rad_per_nm: Tilts about the base's x and y,
+            turn about its z.
+        x_m_per_n, y_m_per_n, z_m_per_n: Shifts along its axes.
     """
 
     name: ClassVar[str] = "base_compliance"

@@ -29,12 +29,10 @@ class Drift(InstrumentEffect):
     """Rigid motion of the tracker's frame or the arm's base, steady or warming up.
 
     Attributes:
-        x_m_per_h: Shift of the points in an hour along x, at the speed of the start.
-        y_m_per_h: The same along y.
-        z_m_per_h: The same along z.
-        rx_rad_per_h: Rotation vector in an hour along x, about the frame's origin.
-        ry_rad_per_h: The same along y.
-        rz_rad_per_h: The same along z.
+        x_m_per_h, y_m_per_h, z_m_per_h: Shift of the points in an hour, at the speed of
+            the start.
+        rx_rad_per_h, ry_rad_per_h, rz_rad_per_h: Rotation vector in an hour, about the
+            frame's origin.
         time_s: Time constant T in s; far above the recording's length the speed stays.
     """
 

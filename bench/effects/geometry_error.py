@@ -28,12 +28,9 @@ class GeometryError(ModelEffect):
     """Shift and rotation of a link's end, and of everything beyond it.
 
     Attributes:
-        x_m: Shift in the link's frame.
-        y_m: The same along y.
-        z_m: The same along z.
-        rx_rad: Rotation vector in the link's frame, about the end's origin.
-        ry_rad: The same about y.
-        rz_rad: The same about z.
+        x_m, y_m, z_m: Shift in the link's frame.
+        rx_rad, ry_rad, rz_rad: Rotation vector in the link's frame, about the end's
+            origin.
     """
 
     name: ClassVar[str] = "geometry_error"

@@ -29,9 +29,7 @@ class GravityLoad(ModelEffect):
 
     Attributes:
         mass_kg: Mass added; negative: removed.
-        com_x_m: Its position along x of the body's frame.
-        com_y_m: The same along y.
-        com_z_m: The same along z.
+        com_x_m, com_y_m, com_z_m: Its position in the body's frame.
     """
 
     name: ClassVar[str] = "gravity_load"

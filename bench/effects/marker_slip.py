@@ -23,9 +23,7 @@ class MarkerSlip(InstrumentEffect):
     """Displacement of one marker on its body from a given time on.
 
     Attributes:
-        x_m: Displacement along its body's x.
-        y_m: The same along y.
-        z_m: The same along z.
+        x_m, y_m, z_m: Displacement along its body's axes.
         time_s: Time of the step since the start, in s.
     """
 

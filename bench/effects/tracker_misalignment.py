@@ -25,12 +25,8 @@ class TrackerMisalignment(InstrumentEffect):
     """Error of the stated tracker frame; a tracker without one then states one.
 
     Attributes:
-        x_m: Shift along the base's x.
-        y_m: The same along y.
-        z_m: The same along z.
-        rx_rad: Rotation vector along the base's x, about its origin.
-        ry_rad: The same along y.
-        rz_rad: The same along z.
+        x_m, y_m, z_m: Shift along the base's axes.
+        rx_rad, ry_rad, rz_rad: Rotation vector along the base's axes, about its origin.
     """
 
     name: ClassVar[str] = "tracker_misalignment"

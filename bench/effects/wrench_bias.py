@@ -23,12 +23,8 @@ class WrenchBias(InstrumentEffect):
     """Constant offset of the sensor's reading.
 
     Attributes:
-        fx_n: Force along the sensor's x.
-        fy_n: The same along y.
-        fz_n: The same along z.
-        tx_nm: Torque about the sensor's x.
-        ty_nm: The same about y.
-        tz_nm: The same about z.
+        fx_n, fy_n, fz_n: Force along the sensor's axes.
+        tx_nm, ty_nm, tz_nm: Torque about the sensor's axes.
     """
 
     name: ClassVar[str] = "wrench_bias"

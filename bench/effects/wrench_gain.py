@@ -24,12 +24,8 @@ class WrenchGain(InstrumentEffect):
     """Scale error of each channel, as a share of its load.
 
     Attributes:
-        fx: Of the force along the sensor's x.
-        fy: The same along y.
-        fz: The same along z.
-        tx: Of the torque about the sensor's x.
-        ty: The same about y.
-        tz: The same about z.
+        fx, fy, fz: Of the force along the sensor's axes.
+        tx, ty, tz: Of the torque about the sensor's axes.
     """
 
     name: ClassVar[str] = "wrench_gain"

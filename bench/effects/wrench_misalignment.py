@@ -25,12 +25,9 @@ class WrenchMisalignment(InstrumentEffect):
     Several misalignments add their vectors.
 
     Attributes:
-        rx_rad: Rotation vector from the stated axes to its own, along the stated x.
-        ry_rad: The same along the stated y.
-        rz_rad: The same along the stated z.
-        x_m: Shift of its origin along the stated x.
-        y_m: The same along the stated y.
-        z_m: The same along the stated z.
+        rx_rad, ry_rad, rz_rad: Rotation vector from the stated axes to its own, along
+            the stated ones.
+        x_m, y_m, z_m: Shift of its origin along the stated axes.
     """
 
     name: ClassVar[str] = "wrench_misalignment"

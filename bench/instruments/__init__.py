@@ -18,14 +18,7 @@ __all__ = ["Encoders", "ForceSensor", "Instruments", "Markers", "Slip", "Tracker
 
 @dataclass(frozen=True)
 class Instruments:
-    """All instruments of an experiment.
-
-    Attributes:
-        tracker: Measures positions of points.
-        force_sensor: Measures the rope's force.
-        encoders: Measure the axes' angles.
-        markers: The points.
-    """
+    """All instruments of an experiment."""
 
     tracker: Tracker = field(default_factory=Tracker)
     force_sensor: ForceSensor = field(default_factory=ForceSensor)

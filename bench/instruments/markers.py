@@ -42,7 +42,6 @@ class Slip:
     """A mark that moves on its body and stays there.
 
     Attributes:
-        marker: Its name.
         time: Time of the slip, in s since the start.
         shift: Displacement along its body's axes, in m.
     """
@@ -62,7 +61,6 @@ class Stuck:
     """A mark at its true position.
 
     Attributes:
-        marker: Its name, its body, and its place in the manifest.
         position: True position in the body's frame, in m.
         normal: Its normal, in the body's frame.
     """
@@ -82,7 +80,6 @@ class Markers:
         placement: Standard deviation of their true positions about those in the
             manifest, per coordinate, in m; 0.5 mm is what a ruler allows.
         stated: Whether the manifest gives their places at all.
-        slips: Those that move.
     """
 
     targets: Literal["all", "flange"] = "all"

@@ -44,7 +44,6 @@ class ComparisonMode:
         absolute: Whether means of visits count.
         sigma: One sigma of a marker's coordinate, in m.
         angle_sigma: The same of an angle, in rad.
-        keep: Rows that may be looked at.
     """
 
     absolute: bool

@@ -111,14 +111,11 @@ class Channel:
 
     Attributes:
         before: Rms without the patch, in m (3-D of a marker) or rad.
-        after: Rms with it.
         noise: What the stated noise alone would leave.
         gain: Before less after.
         low: Of its 95 % interval (BCa over poses: Efron 1987).
         high: Likewise.
-        posture_id: Ids of the poses.
         before_of: Rms of each pose.
-        after_of: Likewise.
         explained: Share of what noise does not explain; None where nothing is left
             beyond the noise that a share could be of.
     """
@@ -168,8 +165,6 @@ class FoldPrediction:
     """Both arms as fitted without some rows, which they are judged on.
 
     Attributes:
-        nominal: The arm without the patch.
-        patched: With it.
         gauge: How readings are compared, with the rows that were fitted.
         held: The rows that are judged.
     """

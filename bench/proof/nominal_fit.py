@@ -52,7 +52,6 @@ class SimulatedJacobian:
 
     Attributes:
         matrix: Displacements of markers, then angles, (rows, readings, parameters).
-        prior: One sigma of each parameter.
         axes: Which axes' springs come first, from 0.
         framed: Whether the six of the frame follow.
     """

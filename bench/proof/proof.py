@@ -61,7 +61,6 @@ class Proof:
         patch: With parameters as refined in the simulator on the poses not held out.
         nominal: The arm without the patch, as fitted.
         patched: The arm with it.
-        simulation: The recording, for whoever wants to simulate more.
         mode: How readings were compared, and which rows were fitted.
         sensitivity: What the patch's parameters do; None where there are none.
         folds: Number of fits that judged, each other poses; one where there was one.

@@ -38,11 +38,8 @@ class ProofCheck:
 
     Attributes:
         kind: `left_out`, `placebo` or `taken_out`.
-        what: In words.
         before: Rms without the patch, 3-D per marker in m (per angle in rad where
             nothing else was measured).
-        after: Rms with it.
-        poses: On how many poses.
     """
 
     kind: str

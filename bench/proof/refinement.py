@@ -186,7 +186,6 @@ class RefinedParameter:
 
     Attributes:
         effect: Its place among the rig's effects.
-        name: Of the field.
         size: By which it is measured.
     """
 
@@ -204,8 +203,7 @@ class Sensitivity:
     """What a whole size more of each parameter does to the readings.
 
     Attributes:
-        parameters: The columns, in order.
-        places: Whose they are, likewise.
+        places: Whose the columns are, in order.
         matrix: In m (rad for encoders) for each size.
     """
 

@@ -202,7 +202,6 @@ class NominalState:
     """All that a simulation takes to be so.
 
     Attributes:
-        rig: Arm, springs and effects.
         turn: R in p_base = R p_tracker + shift, as stated or fitted.
         shift: In m.
         marker_positions: Of each marker in its body's frame, in m.
@@ -219,7 +218,6 @@ class SimulatedReadings:
     """What a simulation left over, and what is needed to do better.
 
     Attributes:
-        states: Where everything was.
         point: Where markers are, in the base's frame, in m.
         residual: Reading less simulation along the base's axes, in m; NaN = not seen.
         angle: The same of encoders after the gears, in rad; None without.
@@ -236,8 +234,6 @@ class ReplaySimulation:
     """A recording, laid out for the simulator.
 
     Attributes:
-        recording: What was done and seen.
-        replay: How its rows follow each other.
         order: Which of the arm's axes is the recording's a1, a2 …
         body: The model's name of each marker's body.
         sensor_axes: Axes along which the sensor reads, as columns, in the base's frame.

@@ -81,9 +81,6 @@ class EffectInfo:
     """Prior knowledge of an effect: name, sites, parameters and dependences.
 
     Attributes:
-        name: In the vocabulary of answers.
-        family: Kind of part that it belongs to.
-        sites: Kinds of places where it can sit.
         parameters: Its parameters, in the order in which they are reported.
         depends_on: Quantities that it depends on, by its equation; empty: a constant.
         visible_in: Readings in which it can be seen.

@@ -15,8 +15,6 @@ class ModelFacts:
         joints: All joints that move.
         slides: Whether each is prismatic.
         lower: Lower limits, in rad (m for slides); minus infinity where none.
-        upper: Upper limits.
-        bodies: All bodies.
         followers: Joints that follow others, and are not recorded unless named.
     """
 
@@ -38,7 +36,6 @@ class RobotModel:
     """A robot's model, read from its file.
 
     Attributes:
-        file: MJCF or URDF.
         mjcf: Its bodies, joints and masses as self-contained MJCF text, in m and rad.
         facts: Names and limits that a recording is checked against.
     """

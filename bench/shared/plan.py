@@ -154,7 +154,6 @@ class Plan:
     Rows are readings, ordered by time: visit by visit, step by step.
 
     Attributes:
-        name: Name of the experiment.
         posture: Axis angles that are commanded, in rad (slides in m).
         posture_id: Id of each posture; the same id again is the same posture again.
         pulley: Index of the pulley place that guides the rope, from 0.

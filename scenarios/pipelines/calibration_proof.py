@@ -43,7 +43,6 @@ class CalibrationProof:
     """Residuals of the simulator on the held-out rows, before and after calibration.
 
     Attributes:
-        poses: Number of held-out poses.
         before: Residual of the nominal arm, along the base's axes, in m.
         after: Residual of the calibrated arm, along the base's axes, in m.
         gain: Rms before less after, in m, and its 95 % interval over regions.

@@ -408,9 +408,7 @@ class ComparisonOutcome:
 
     Attributes:
         axes: Result of each axis; empty where the set-up is wrong.
-        answer: Content of diagnosis.json.
         patch: For the simulator; None where nothing was named.
-        model: The arm's file; None: not known.
     """
 
     axes: tuple[Axis, ...]

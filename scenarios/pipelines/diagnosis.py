@@ -455,14 +455,11 @@ class Result:
     """A diagnosis with its proof.
 
     Attributes:
-        recording: What was looked at.
-        diagnosis: What was found.
         simulated: The nominal arm and the patched one in the simulator; None where the
             recording cannot be simulated.
         unproved: Why nothing was proved; empty where something was.
         replicates: Scatter of replicates along x, y, z of the tracker in m, and degrees
             of freedom; None without replicates.
-        answer: What goes to diagnosis.json.
     """
 
     recording: Recording
@@ -497,12 +494,10 @@ class Curves:
     """What each axis turned beyond the nominal arm, against its torque.
 
     Attributes:
-        axes: Their names.
         torque: Of nominal springs, in N m.
         before: Turn that markers show beyond the nominal arm, in rad.
         law: The same of the patched arm, simulated and without noise.
         held: Rows that nothing was fitted to.
-        visit: Of each row.
         slides: Whether each axis slides (then N, and m).
         noise: One sigma of an axis' turn that noise of the marks makes, in rad.
     """
@@ -552,7 +547,6 @@ class Course:
     """What an axis did during one visit, from where the law begins.
 
     Attributes:
-        torque: In N m.
         measured: Turn beyond the nominal arm, in rad.
         law: The same, simulated.
     """

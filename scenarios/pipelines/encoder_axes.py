@@ -39,9 +39,7 @@ class Axis:
 
     Attributes:
         name: a1, a2 …
-        fitted: Motions that were fitted.
         judged: The last motion, which was held out.
-        found: Accepted and refused terms.
         before: Residual of the nominal simulation on the judged motion, in rad.
         after: Residual of the patched simulation on the judged motion, in rad.
         noise: One sigma of a row, in rad.

@@ -62,7 +62,6 @@ class ProofFile(msgspec.Struct, frozen=True):
     """The content of proof.json.
 
     Attributes:
-        recording: Name of the recording that judged.
         proof: Over all of its poses, none of which the patch was fitted to.
         covered_share: Share of readings where every axis stands and carries what it
             did while the patch was fitted; null where the patch does not say.
@@ -129,19 +128,16 @@ class Judgement:
     """A patch judged on another recording.
 
     Attributes:
-        recording: What was done and seen.
         absolute: Whether positions counted, or differences within visits alone.
         before: Error of every reading of a target as drawn, in m; NaN = not seen.
         after: The same with the patch.
         noise: What the stated noise alone would leave of each reading, in m.
         covered: Whether each row is covered; None where the patch does not say.
-        axes: What the recording does with each axis.
         parts: The patch taken apart.
         error: Rms with all of the patch on the rows that `parts` are judged on, in m.
         whole: Proof over all rows.
         inside: Proof over the covered rows; None without.
         outside: Proof over the others; None without.
-        answer: What goes to proof.json.
     """
 
     recording: Recording

@@ -278,14 +278,7 @@ def _since_unloaded(recording: Recording, torque: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Ability:
-    """One question, and whether a recording can answer it.
-
-    Attributes:
-        question: What one would like to know.
-        can: Whether the recording can tell.
-        why: What it has or lacks.
-        add: What to add; empty where nothing is missing.
-    """
+    """One question, and whether a recording can answer it."""
 
     question: str
     can: bool

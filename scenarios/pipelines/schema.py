@@ -207,10 +207,7 @@ class Findings:
     """The results from which the verdict follows.
 
     Attributes:
-        mismatch: Whether the test found a mismatch.
-        named: Whether an effect was named.
         residual_passes: Whether the residual after the named effects is insignificant.
-        proof_requested: Whether a proof was asked for.
         proof: Result of the simulator; None where it was not asked or could not.
         explained_share: On the held-out poses; None where there is none.
         improves: Whether the proof surely gains; None: as its interval says.

@@ -153,9 +153,6 @@ class ArmView:
     Attributes:
         triangles: Corners of all visible triangles.
         body: Of each triangle, the place of its body, `base` or `link_k`.
-        axes: Origin of each axis, a1 first.
-        base: Origin of the base.
-        flange: Origin of the flange.
     """
 
     triangles: Float[np.ndarray, "triangles 3 3"]

@@ -51,9 +51,7 @@ class PipelineResult:
     explains, draws and writes itself.
 
     Attributes:
-        answer: Content of diagnosis.json.
         found: What the engine found, with its proof.
-        notes: On the recording.
         section: The section of the report that draws and writes this outcome.
     """
 

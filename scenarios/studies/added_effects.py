@@ -33,7 +33,6 @@ class Added:
     """An effect that is added to one axis of the KR300.
 
     Attributes:
-        effect: Its name.
         axis: Its axis, counted from 0.
         parameter: Parameter that is compared, in SI.
         size: Added size of that parameter.

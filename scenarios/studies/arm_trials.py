@@ -64,20 +64,12 @@ class ArmTrial:
     """One trial on one arm.
 
     Attributes:
-        model: Name of the model's file.
-        number: Of the trial.
-        base: How the base stands.
-        truth: Names that are true.
-        named: Names that were given.
         right: Whether every true name was given or declared as an equivalent.
-        verdict: Of the answer.
         springs_off: Largest relative error of a spring of the patch; NaN without.
         after_over_noise: What the patched simulator leaves of the poses kept back, over
             what stated noise leaves; NaN without a proof.
         bends_off: How far `model.xml` in plain MuJoCo bends under a load otherwise than
             the patched rig, as a share; NaN without, infinite where MuJoCo warns.
-        seconds: Of diagnosis and proof.
-        failed: Why there is no answer; empty where there is one.
     """
 
     model: str

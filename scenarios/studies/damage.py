@@ -36,13 +36,7 @@ from scenarios.pipelines.synthetic_recording import KR10, Watching
 
 @dataclass(frozen=True)
 class Samples:
-    """The two files of a recording, as text.
-
-    Attributes:
-        manifest: Text of recording.toml.
-        header: Names of the columns.
-        rows: Cells below them.
-    """
+    """The two files of a recording, as text."""
 
     manifest: str
     header: tuple[str, ...]

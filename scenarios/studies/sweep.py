@@ -287,9 +287,6 @@ class Rows:
     A row is a mapping with its task's `key`; `seconds`, what it took, may differ from
     machine to machine. Files of other machines are merged by copying them into the
     folder. A line that was cut off when the machine stopped is worked again.
-
-    Attributes:
-        folder: Folder of the files; made with the first row.
     """
 
     folder: Path

@@ -68,8 +68,6 @@ class Candidate:
     """One candidate effect at one site, with its columns of the design matrix.
 
     Attributes:
-        effect: Name in the vocabulary.
-        where: Its site.
         parameters: Names of its coefficients; a table has two for each order.
         columns: Function that returns its columns for a `CalibrationState`.
         least: Lower bound of a coefficient.

@@ -272,15 +272,12 @@ class FinalFit:
     """Fit of a set of columns, with the state in which they were computed.
 
     Attributes:
-        blocks: All columns.
         stance: State of the arm in which they were computed.
         known: Indices of the fitted columns.
-        fit: Their solution.
         variances: Variances of noise and bands.
         corrected_geometry: The geometry as corrected.
         residual: Residual on all rows, in m; see `CalibrationState.residual`.
         used: Effective number of coefficients per fitted coordinate.
-        design: Design effects of the regions.
         of_unchosen: What each coefficient's variance is larger by, since numbers of the
             drawing that were not fitted may be off as well.
     """

@@ -87,15 +87,11 @@ class Readings:
     """Targets at rest without load: a row per pose and target, by time.
 
     Attributes:
-        arm: The nominal arm.
         posture: Reported joint angles, in rad (m for a prismatic axis).
         moves: How each axis came to each row.
         seen: Position of the target, in the tracker's frame, in m.
         marker: Index of the target in `names`.
-        posture_id: Id of the pose.
         hours: Time since the middle of the recording, in h.
-        names: Names of the targets.
-        bodies: Bodies that the targets sit on.
         places: Nominal target positions in their bodies' frames, in m; zero where
             unknown.
         stated: Stated standard deviation of a coordinate, in m; NaN where not stated.
@@ -104,7 +100,6 @@ class Readings:
             no command was recorded.
         placed: Whether a target's nominal position is stated.
         drawing: How true the model is taken to be.
-        orientations: Those of 6D targets; None where there is no such target.
     """
 
     arm: Arm
@@ -269,13 +264,7 @@ NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
 @dataclass(frozen=True)
 class Entry:
-    """One parameter of the geometry.
-
-    Attributes:
-        effect: `encoder_offset` or `geometry_error`.
-        where: Axis or link.
-        parameter: Its name in the vocabulary.
-    """
+    """One parameter of the geometry."""
 
     effect: str
     where: str
@@ -383,7 +372,6 @@ class Geometry:
 
     Attributes:
         values: Parameters of the geometry, in the order of `entries_of`.
-        base_from_tracker: Transform, lengths in m.
         places: Target positions in their bodies' frames, in m.
         mounts: Rotations from the axes of 6D targets to their bodies'; None: no target
             is in 6D.
@@ -422,9 +410,6 @@ class CalibrationState:
     """The arm in the postures of all rows: predictions, residuals and Jacobians.
 
     Attributes:
-        readings: The readings.
-        geometry: Corrections that the predictions assume.
-        standing: The arm in the rows' postures.
         point: Predicted target positions, in the base's frame, in m.
         turn: Predicted rotations from the targets' axes to the base's; None where none
             is in 6D.

@@ -97,12 +97,7 @@ FAINT = 1e-8
 
 @dataclass(frozen=True)
 class DriftTerm:
-    """An axis or a link whose parameters change with time.
-
-    Attributes:
-        where: An axis or a link.
-        share: Share of the residual that it explains.
-    """
+    """An axis or a link whose parameters change with time."""
 
     where: str
     share: float
@@ -271,16 +266,12 @@ class Calibrated:
     """Result of a calibration; nothing was fitted to the regions kept back.
 
     Attributes:
-        readings: All readings.
-        spatial_folds: Their split into regions, folds and hold-out.
         before: Nominal arm: tracker frame, target positions and springs fitted.
-        corrected_geometry: The geometry as corrected.
         springs: Stiffness of springs that the model has, in N m/rad, by axis: as
             fitted with the nominal geometry, and with the corrected one.
         estimates: Parameters with intervals, by effect and site; tables excepted.
         error_tables: Transmission errors, by axis.
         harmonics: Largest significant harmonic of each table, by axis.
-        selected: Result of the selection.
         named: Effects that are believed and whose parameters differ significantly
             from zero, the most important first.
         nominal: Residual of the nominal arm, on all rows, in m; of 6D targets the
@@ -288,10 +279,8 @@ class Calibrated:
         residual: Residual after calibration, likewise.
         used: Effective number of coefficients per fitted coordinate.
         at_first: Spatial correlation of the residual before calibration.
-        at_last: Spatial correlation of the residual after it.
         turns_at_first: Spatial correlation of the orientations' residual before it, in
             rad; None without 6D targets.
-        turns_at_last: After it.
     """
 
     readings: Readings

@@ -46,7 +46,6 @@ class RigidFit:
     """Fitted rigid arm, with or without corrections of its geometry.
 
     Attributes:
-        geometry: The fitted parameters.
         kept: Mask of the identifiable parameters, frame and target positions.
     """
 

@@ -143,8 +143,6 @@ class Judge:
     """Normal equations and variances from which models are fitted and cross-validated.
 
     Attributes:
-        blocks: The columns.
-        folds: Normal equations of each fold.
         variances: Variances of noise and tables' bands.
         stated: Precision of the coefficients before the readings.
         design: Design effect by which each prior counts more.
@@ -182,13 +180,7 @@ class Judge:
 
 @dataclass(frozen=True)
 class CrossValidatedFit:
-    """Fit of a set of columns, with each fold left out and on all folds.
-
-    Attributes:
-        judge: Folds that it was fitted to.
-        whole: Fit to all folds.
-        fits: Fits to all folds but one, for each fold.
-    """
+    """Fit of a set of columns, with each fold left out and on all folds."""
 
     judge: Judge
     whole: Eliminated
@@ -432,10 +424,8 @@ class Step:
 
     Attributes:
         key: Effect and site.
-        parameters: Names of the coefficients tested.
         rms: Residual on folds left out, 3-D per reading, in m; with it if believed.
         gain: Decrease of the logarithm of the mean square on a fold left out.
-        error: Its standard error over folds.
         verdict: `believed`, `no gain` or `out of bounds`.
         values: The coefficients, fitted beside what was believed before.
     """

@@ -108,10 +108,8 @@ class SelectionStep:
     """A term that was tested.
 
     Attributes:
-        term: The term.
         coefficients: In SI, fitted together with the believed terms.
         gain: Mean gain over stretches of motions left out.
-        error: Its standard error.
         reason: Why it was refused; empty where it was believed.
         tried_with: Terms that were tested together with it.
     """

@@ -45,7 +45,6 @@ class Motion:
     """One axis during one motion.
 
     Attributes:
-        posture_id: Id of the motion.
         time: Since the start of the recording, in s.
         angle: Angle before the gear, referred to the axis, in rad.
         speed: Its speed, in rad/s.

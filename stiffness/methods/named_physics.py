@@ -69,7 +69,6 @@ class NamedPhysics(Method):
     """Springs and the physics that a diagnosis names, with a prior over the others.
 
     Attributes:
-        arm: The nominal arm.
         held: Axes whose compliance the springs take from the model, as in `Vjm`.
         targets: `flange`: the readings of the end-effector's markers, as the other
             methods use them; `all`: of every marker.

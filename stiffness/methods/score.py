@@ -37,8 +37,6 @@ class Score:
         value_mm: In mm; lower is better.
         low_mm: Lower end of the 95 % interval over poses; None for a largest error,
             which draws from these poses cannot exceed (Efron, Tibshirani 1993, 7.4).
-        high_mm: Upper end.
-        n: Number of errors.
     """
 
     direction: str

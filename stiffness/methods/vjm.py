@@ -238,7 +238,6 @@ class VjmFit(Fitted):
     """One compliance per axis.
 
     Attributes:
-        arm: The nominal arm.
         compliance: Of each axis, in rad/(N m).
         free: Which axes were fitted.
         solution: The last linear step: covariances of the free axes' compliances.

@@ -215,8 +215,6 @@ class Mlp(Shape):
     """A multi-layer perceptron.
 
     Attributes:
-        hidden: Number of hidden layers.
-        width: Neurons of each.
         activation: A name of `ACTIVATIONS`.
 
     Raises:
@@ -384,7 +382,6 @@ class DeflectionNetwork:
     Attributes:
         shape: Its architecture.
         encoding: Encoding of postures; a name of `features.ENCODINGS`.
-        inputs: Scaling of the inputs.
         outputs: Scaling of the outputs, to m.
         weights: Weights, by the network's names.
         point_in_flange: The point whose motion it predicts, in m.

@@ -72,7 +72,6 @@ class Pretraining:
         shape: Its architecture; the paper's: four hidden layers of 380, ReLU.
         encoding: Encoding of postures; a name of `features.ENCODINGS`.
         training: Steps and rate.
-        seed: Seed of weights, split and order of the rows.
     """
 
     shape: Shape = field(default_factory=Mlp)
@@ -86,12 +85,8 @@ class Pretrained:
     """A pre-trained network, with its errors.
 
     Attributes:
-        network: The network.
         plan: Name of the source plan.
-        settings: Settings of its training.
         loss: Loss of every step; no unit.
-        on_training: Errors on the rows it was trained on.
-        on_test: Errors on the others.
     """
 
     network: DeflectionNetwork

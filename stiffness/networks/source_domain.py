@@ -68,7 +68,6 @@ class SourcePlan:
     """Postures, and several wrenches in every posture.
 
     Attributes:
-        name: Name of the plan.
         posture: Joint angles, in rad.
         wrench_in_base: Force in N, then torque in N m, along the base's axes.
 
@@ -157,7 +156,6 @@ class SourceDomain:
     """Deflections of springs, one row per posture and wrench.
 
     Attributes:
-        plan: The plan's name.
         posture: Joint angles, in rad.
         wrench_in_base: Force in N, then torque in N m, along the base's axes.
         deflection: Along the base's axes, in m.

@@ -48,7 +48,6 @@ class Progress:
     """State of a training after some steps.
 
     Attributes:
-        step: Number of steps done.
         weights: Weights, by the network's names.
         moments: The optimiser's moments, by the same names.
         loss: Loss of every step done; no unit.
@@ -68,13 +67,7 @@ Keep = Callable[[Progress], None]
 
 @dataclass(frozen=True)
 class Listeners:
-    """Callbacks of a training.
-
-    Attributes:
-        watch: Called after every step.
-        keep: Called after every so many steps.
-        every: Number of these steps.
-    """
+    """Callbacks of a training."""
 
     watch: Watch | None = None
     keep: Keep | None = None
@@ -183,7 +176,6 @@ class Training:
     """Settings of a training: steps, batch and learning rate.
 
     Attributes:
-        steps: Number of steps.
         batch: Rows of each step; 256: chosen, best accuracy per second here.
         rate: Peak learning rate.
         warm_up: Share of the steps over which the rate rises; chosen.

@@ -47,7 +47,6 @@ class Alignment:
     Attributes:
         weight: Weight of the alignment in the loss; the reference's trade-off is 1.
         training: Steps and rate; chosen: a tenth of the pre-training, slower.
-        seed: Seed of the order of the rows.
 
     Raises:
         Unusable: Where the weight is below 0.
@@ -202,7 +201,6 @@ class FineTuned:
     """A fine-tuned network, with the course of its errors.
 
     Attributes:
-        network: With the weights of the epoch that was kept.
         epoch: Number of that epoch, from 1.
         held_back: Ids of the poses used for validation.
         training_mae: Error after every epoch, in m.

@@ -125,7 +125,6 @@ class Column:
     """Definition of one column in the format.
 
     Attributes:
-        name: Its name in the format.
         kind: Its dimension, a key of `UNITS`; or `COUNT` or `WORD`.
         may_be_blank: Whether an empty cell means "not seen".
         axis: The axis it belongs to, from 1; 0 for the others.
@@ -179,9 +178,7 @@ class Held:
     """One column of the format, with its name and unit in this file.
 
     Attributes:
-        column: Its definition in the format.
         source: Its name in the file; of a sum, how it is made up.
-        unit: Its unit in the file.
         terms: The file's columns that are added, each with its factor; empty: the
             source as it stands.
         unclear: Whether its entry has a fault, so that no reading can be judged.
@@ -205,8 +202,6 @@ class Layout:
 
     Attributes:
         held: Columns by the format's names.
-        axes: Number of axes of the recording.
-        slides: Whether each of them slides.
         unknown: Columns of the file that nothing reads.
         faults: Columns that are missing, double or without a marker or axis.
     """

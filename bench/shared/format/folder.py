@@ -61,7 +61,6 @@ class FolderRead:
     Attributes:
         recording: None where there are faults.
         notes: What was seen, one for each column that was left alone.
-        faults: What is wrong, all of it.
         location: Where the recording's rows are in the file.
         rows: Which rows of the file they are, from 0 below the header; of pulled poses
             each stands twice.

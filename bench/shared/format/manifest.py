@@ -246,9 +246,7 @@ class Csv(Entry, frozen=True):
 
     Attributes:
         separator: Between cells.
-        decimal: The decimal mark.
-        decimal_mark: The same under another name.
-        encoding: Of its text.
+        decimal_mark: The same as `decimal`, under another name.
         skip_rows: How many rows below the header are no readings, such as one of units;
             or a list of lines, above the header too, as a spreadsheet counts them.
         skip_incomplete: Whether rows are left out in which a required cell is blank.

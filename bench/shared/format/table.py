@@ -286,7 +286,6 @@ class Header:
         location: The file.
         names: As they stand there, without the blanks around them.
         source: Its bytes, already within the limits.
-        separator: Between the cells of a CSV.
         left_out: Rows below the header that are said to be no readings, from zero.
         may_be_short: Whether a row with fewer cells is left out and no fault.
     """
@@ -331,7 +330,6 @@ class Cells:
 
     Attributes:
         location: The file, and which of its rows are not here.
-        columns: By their name in the file.
         faults: Rows that are not of the table.
         short: Rows of the file that are left out because they have fewer cells.
     """

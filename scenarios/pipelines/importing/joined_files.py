@@ -50,8 +50,6 @@ class JoinedRows:
     """Columns of further files beside the rows of the first.
 
     Attributes:
-        columns: How many.
-        files: What each is called.
         lines: For each row of the first file, from 0, the row of the other one.
     """
 
@@ -172,13 +170,7 @@ COUNTS = re.compile(r"(\d+) cells, but the header has (\d+) columns")
 
 @dataclass(frozen=True)
 class Joined:
-    """Several files as one recording.
-
-    Attributes:
-        recording: What they hold.
-        notes: What to say of columns and rows.
-        clock_notes: What was found of the clocks.
-    """
+    """Several files as one recording."""
 
     recording: Recording
     notes: tuple[str, ...]

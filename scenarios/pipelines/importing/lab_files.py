@@ -119,9 +119,6 @@ class Imported:
     """A lab's experiment as a recording.
 
     Attributes:
-        recording: What the files hold.
-        notes: What to say of columns and rows.
-        clock_notes: What was found of the files' clocks.
         lags: How much each channel lags behind the axes; None where nothing tells.
     """
 

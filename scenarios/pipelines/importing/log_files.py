@@ -259,9 +259,6 @@ class Read:
     """A file as it was read.
 
     Attributes:
-        name: In the mapping.
-        log: What the mapping says of it.
-        required_columns: What is taken from it.
         channel: Its readings, by its own clock.
     """
 

@@ -103,7 +103,6 @@ class LabMapping:
 
     Attributes:
         manifest: What the format's manifest says, as a table.
-        extras: The rest.
         faults: Of what goes beyond the manifest.
         tells: Whether it tells what to look for in the samples.
         broken_files: Names of further files that cannot be understood.

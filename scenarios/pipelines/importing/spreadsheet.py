@@ -97,7 +97,6 @@ class Read:
     """A lab's own file as it was read.
 
     Attributes:
-        recording: What it holds.
         notes: What to say of it, one for each column that was left alone.
         rows: Which rows of the file the recording's are, from 0 below the header; of
             pulled poses each stands twice.

@@ -28,10 +28,7 @@ class Sheet:
     """A CSV as far as it explains itself.
 
     Attributes:
-        encoding: Of its text.
-        separator: Between its cells.
         decimal: The mark of its numbers.
-        names: Of its columns.
         skip_rows: Lines that are no rows, as a spreadsheet counts them.
         units: What stands below the names, blank where nothing does.
         rows: The first readings, as text.
@@ -138,8 +135,6 @@ class Guess:
     Attributes:
         columns: The format's name, to the file's name and its unit; None for the
             format's own.
-        markers: Names of points that were followed.
-        unknown: Columns that nobody understood.
     """
 
     columns: Mapping[str, tuple[str, str | None]] = field(default_factory=dict)

@@ -36,8 +36,6 @@ class Way:
     """One way to do a task.
 
     Attributes:
-        name: Its name in the report.
-        run: Does the task and returns its answer.
         share: Part of the task that is run; times are divided by it.
     """
 
@@ -51,11 +49,9 @@ class Race:
     """One task and the ways to do it.
 
     Attributes:
-        task: Description of the task.
         ways: Ways to do it, ours first.
         difference: Describes the difference of our answer and another one.
         bar: Limit for ours on two idle cores, in s; None: there is none.
-        rounds: Runs of each way for every repeat that is asked for.
         skipped: Ways that cannot run here, and why.
     """
 
@@ -72,13 +68,9 @@ class Lap:
     """Times of one way of a task.
 
     Attributes:
-        task: Description of the task.
-        way: Name of the way.
-        share: Part of the task that was run.
         wall: Wall time in each round, scaled to the whole task, in s.
         cpu: Time of all cores in each round, scaled alike, in s.
         ratio: Wall time over ours in each round.
-        difference: Difference of its answer from ours, in words.
         bar: Limit for ours, in s; None for the others.
     """
 

@@ -200,8 +200,6 @@ class Ground:
     """The arm and plan of a trial, as far as sites and forms depend on them.
 
     Attributes:
-        arm: The names of the arm's parts.
-        markers: The names of the tracked markers.
         lasts: How long the experiment lasts, in s.
         knees: Torque in N m at which each axis' gear begins to harden.
         turning: The rotary axes that cover a large enough angle; see `turning`.

@@ -134,13 +134,10 @@ class BlindTrial:
     """The draws of one trial that precede any simulation.
 
     Attributes:
-        stratum: Kind of trial.
-        robot: Model file of the arm.
         number: Number within its stratum, from 0.
         name: Name that does not disclose stratum and number; used for files.
         seed: Of the instruments.
         stiffness: True stiffness over the model's, axis by axis.
-        instruments: Instruments that record it.
         chance: Seed sequence of all further draws.
     """
 
@@ -383,9 +380,7 @@ class Made:
 
     Attributes:
         recording: What the method under test is given.
-        model: The nominal model file that it is given.
         left_out: Names that are taken out of the diagnosis' library.
-        rig: The true arm with its effects.
         truth: The same and how it was drawn, for JSON.
     """
 

@@ -42,9 +42,6 @@ class Question(msgspec.Struct, frozen=True):
     """One recording, the model to compare it with, and the answer's file.
 
     Attributes:
-        recording: Folder of the recording.
-        model: The robot's model file.
-        answer: File of the answer.
         truth_sha256: Hash of the truth, which goes into the answer unseen.
         without: Names that are taken out of the library.
         proof: Whether named effects are proved in the simulator.

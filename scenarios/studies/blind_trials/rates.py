@@ -52,13 +52,8 @@ class Rate:
     """A share of trials.
 
     Attributes:
-        what: What was counted, in words.
-        bar: The bar, in words.
-        successes: Number of successes.
-        trials: Number of trials counted.
         value: Share of successes; None where nothing was counted.
         low: Lower end of the 95 % interval.
-        high: Upper end of it.
         met: Whether the share meets the bar; None where nothing was counted.
     """
 
@@ -173,8 +168,6 @@ class ArmBar:
     """Bars of whole arms, counted over some strata together.
 
     Attributes:
-        what: The arms, in words.
-        strata: Their strata.
         named: Required share of visible effects that are named.
         false: Largest share of names that are false.
         place_first: Whether the first place is counted; by a flange target alone places

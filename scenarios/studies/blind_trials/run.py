@@ -77,18 +77,7 @@ def digest(content: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Folder and settings of a sweep of blind trials.
-
-    Attributes:
-        folder: Folder of all its files.
-        seed: Of everything that is drawn.
-        arm: Name of the arm.
-        poses: Number of postures of each recording.
-        proof: Whether names are proved in the simulator.
-        keep: Whether recordings are kept after they were answered.
-        jobs: Number of processes.
-        scheduler: Where they are, as `sweep.run` reads it.
-    """
+    """Folder and settings of a sweep of blind trials."""
 
     folder: Path
     seed: int = 0
@@ -112,17 +101,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Request:
-    """One trial that is asked for: all that a worker is sent.
-
-    Attributes:
-        seed: Of the sweep.
-        stratum: Name of its stratum.
-        number: Number within its stratum.
-        arm: Name of its arm.
-        poses: Number of postures.
-        proof: Whether names are proved in the simulator.
-        keep: Whether the recording comes back too.
-    """
+    """One trial that is asked for: all that a worker is sent."""
 
     seed: int
     stratum: str

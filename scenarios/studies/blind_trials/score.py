@@ -30,10 +30,6 @@ class Covered:
 
     Attributes:
         parameter: `effect.parameter`.
-        true: Its true value, in SI.
-        low: Lower end of the interval.
-        high: Upper end of it.
-        holds: Whether the true value lies between them.
     """
 
     parameter: str
@@ -107,15 +103,8 @@ class TrialScore:
     """Marks of one trial; those that do not apply to its stratum are False.
 
     Attributes:
-        stratum: Its stratum.
-        label: Its stratum and number.
-        name: Name of its files.
-        truth: True names.
-        chi2: χ² of the true effects.
         verdict: Verdict of the answer; `failed` where there is none.
-        named: Names that were given.
         failed: Why there is no answer; empty where there is one.
-        detected: Whether a difference was reported.
         place_first: Whether the first place of `located` is the place of a true effect.
         right: Whether every true name was given or declared as an equivalent.
         exact: Whether the names given are the true ones, no more and no fewer.
@@ -129,7 +118,6 @@ class TrialScore:
         stated: Every stated probability, and whether its statement was true.
         intervals: Coverage of the parameters of true names that were given.
         gain: Held-out gain over that of the true effect; None without a proof.
-        seconds: How long the answer took.
         splits: Of each name of few poses, the share of splits that give it, and whether
             it or one of the equivalents that count is true.
         listed: Whether every outlier is listed and no other reading, or the mistake of
@@ -356,7 +344,6 @@ class TwinScore:
 
     Attributes:
         log_bayes_factor: For the effect against its twin, of noise-free readings.
-        declared: Whether both are declared as equivalents of each other.
     """
 
     log_bayes_factor: float

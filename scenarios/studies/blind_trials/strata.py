@@ -330,9 +330,7 @@ class Bar:
     """The share of a mark that is required of some strata.
 
     Attributes:
-        strata: Strata whose trials are counted together.
         mark: Mark of `TrialScore` that is counted.
-        share: The required share.
         at_most: Whether the share is an upper limit.
         of: Mark that a trial needs to be counted at all; empty: all count.
     """

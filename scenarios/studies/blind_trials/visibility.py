@@ -64,11 +64,9 @@ class ReadingSensitivity:
     Attributes:
         point: Positions of the markers, in m.
         turn: base_from_body of each marker's body.
-        axis: Direction of each axis.
         origin: A point of each axis, in m.
         wind_up: Of each axis, in rad.
         beyond: Which markers each axis carries.
-        slides: Which axes are prismatic.
         stiffness: Of each axis' spring, in N m/rad.
         sensor: Position of the force sensor, in m.
         sensor_turn: base_from_sensor.

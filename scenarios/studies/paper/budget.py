@@ -21,11 +21,7 @@ class Effort:
     """What is spent on the networks.
 
     Attributes:
-        shape: Of the perceptron.
-        steps: Of its pre-training.
-        cnn_steps: Of the convolutional network's.
         on: Of going on with other springs.
-        epochs: Of fine-tuning.
         every: Every how many of Table 4's postures are in the source plan.
     """
 
@@ -71,10 +67,8 @@ class Transfer:
     """How the methods are compared: Tables 8, 9 and 10.
 
     Attributes:
-        steps: Of pre-training the perceptron.
         cnn_steps: Of pre-training the convolutional network; at the full budget as many
             as the perceptron's.
-        epochs: Of fine-tuning in Tables 9 and 10.
         unfreezing_epochs: Of fine-tuning in Table 8.
         seeds: Of Tables 9 and 10; each has its own split of the poses.
         unfreezing_seeds: How many of them Table 8 takes.
@@ -98,14 +92,7 @@ class Transfer:
 
 @dataclass(frozen=True)
 class Budget:
-    """The whole budget of the study.
-
-    Attributes:
-        name: Its name.
-        unseen: Number of fresh postures for evaluation.
-        sweep: Budget of the choice of the network's shape.
-        transfer: Budget of the comparison of methods.
-    """
+    """The whole budget of the study."""
 
     name: str
     unseen: int

@@ -61,12 +61,7 @@ MEASURES: Final[Mapping[str, Statistic]] = MappingProxyType({**METRICS, "P99": p
 
 @dataclass(frozen=True)
 class Draws:
-    """A statistic with its bootstrap replicates over seeds and poses.
-
-    Attributes:
-        value: Statistic of all seeds and poses.
-        replicates: Statistic of every resample.
-    """
+    """A statistic with its bootstrap replicates over seeds and poses."""
 
     value: float
     replicates: Float[np.ndarray, " resamples"]
@@ -147,7 +142,6 @@ class Contender:
     Attributes:
         method: Its name in data files.
         title: Its name in reports.
-        plan: Plan of its source domain; `-` where it has none.
         seeds: Of its splits and networks.
         unseen: Errors in mm of every seed on the fresh poses.
         held_out: Errors in mm of every seed on the measured poses it has not seen.

@@ -41,8 +41,6 @@ class Experiment:
 
     Attributes:
         rig: The true arm.
-        plan: Postures and loads.
-        recording: Readings of the instruments.
         states: True states; only for comparison, never for a method.
         arm: The nominal arm.
         measured: Deflections as the paper takes them: one row per posture.
@@ -125,7 +123,6 @@ class Unseen:
     """Fresh load cases and their true deflections.
 
     Attributes:
-        cases: Postures and loads.
         deflection: True, without noise, in m, along the base's axes.
     """
 
@@ -195,14 +192,7 @@ models are established by 80 % of the data."""
 
 @dataclass(frozen=True)
 class Material:
-    """One experiment as methods may see it, and fresh poses.
-
-    Attributes:
-        arm: The nominal arm.
-        recording: Readings of the instruments.
-        measured: One deflection per posture, as the paper takes them.
-        unseen: Fresh poses with their true deflection.
-    """
+    """One experiment as methods may see it, and fresh poses."""
 
     arm: Arm
     recording: Recording

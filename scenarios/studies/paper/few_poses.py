@@ -129,7 +129,6 @@ class FewPosesPlain(Cell):
     """Springs, and a Gaussian process on their residuals, on some poses of one draw.
 
     Attributes:
-        poses: Number of poses.
         draw: Number of the draw; smaller numbers of poses are subsets of larger ones.
     """
 
@@ -152,14 +151,7 @@ class FewPosesPlain(Cell):
 
 @dataclass(frozen=True)
 class FewPosesNetworks(Cell):
-    """Both networks on some poses of one draw.
-
-    Attributes:
-        poses: Number of poses.
-        draw: Number of the draw.
-        effort: Steps and shapes of the networks.
-        seed: Of the networks.
-    """
+    """Both networks on some poses of one draw."""
 
     poses: int
     draw: int
@@ -202,8 +194,6 @@ class FewPosesNamed(Cell):
     """Named physics on some poses of one draw.
 
     Attributes:
-        poses: Number of poses.
-        draw: Number of the draw.
         all_markers: Whether it is fitted to all markers too.
     """
 

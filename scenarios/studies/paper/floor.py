@@ -51,7 +51,6 @@ class NudgeCell(Cell):
 
     Attributes:
         size: Number of the size in `magnitudes`; -1 for none.
-        poses: Number of poses of the experiment.
         seed: Of the fresh poses.
     """
 

@@ -49,9 +49,6 @@ class Imitation(Cell):
     """A network that is pre-trained on the springs of the whole experiment.
 
     Attributes:
-        shape: Shape of the network.
-        plan: Name of the source plan.
-        steps: Training steps.
         seed: Of weights, split and order.
         every: Every how many of Table 4's postures are in the source plan.
     """

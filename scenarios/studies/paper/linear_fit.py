@@ -68,9 +68,7 @@ class LinearFit:
     """The fitted springs, their predictions and their errors.
 
     Attributes:
-        fitted: The fitted VJM.
         predicted: Deflections by each method, in m, along the base's axes.
-        scores: Scores of each method.
         floor: Scores of the instruments alone: measured against true deflections.
     """
 

@@ -284,7 +284,6 @@ class Learnt:
 
     Attributes:
         error_mm: Errors of each method in each pose of the experiment, in mm.
-        curves: Training curves of their networks.
     """
 
     error_mm: Mapping[str, Float[np.ndarray, "poses 3"]]
