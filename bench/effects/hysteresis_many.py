@@ -10,44 +10,25 @@ Ignores     Stribeck effect, ageing of the contact
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
 
 import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.hysteresis import Hysteresis
 from bench.effects.springs import add_parallel
 from bench.kinematic_chain import Anatomy
 
 
 @dataclass(frozen=True)
-class ManyContacts(ModelEffect):
+class ManyContacts(Hysteresis):
     """Maxwell-slip elements that follow the first loading curve within 1 % of Fc.
 
     Attributes:
-        width_rad: Full width of the loop at zero torque, all elements slipped.
-        elements: Number of slipping springs; chosen.
-        stiffening: Fc/θ₀, about the sum of their stiffness, over the axis' own;
-            chosen.
+        stiffening: Fc/θ₀, about the sum of their stiffness, over the axis' own; chosen.
     """
 
-    name: ClassVar[str] = "hysteresis"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
-    assumed: ClassVar[tuple[str, ...]] = ("elements", "stiffening")
-    at_least: ClassVar[Mapping[str, float]] = {
-        "width_rad": 0.0,
-        "elements": 1,
-        "stiffening": 1e-3,
-    }
-    at_most: ClassVar[Mapping[str, float]] = {
-        "width_rad": 0.1,
-        "elements": 100,
-        "stiffening": 100.0,
-    }
-    width_rad: float = 1.5e-4
     elements: int = 12
     stiffening: float = 1.0
 
