@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
-from bench.kinematic_chain import Anatomy
+from bench.kinematic_chain import Anatomy, pose_in
 from bench.shared.recording import Payload
 
 GRAVITY = 9.81
@@ -117,22 +116,9 @@ def mount(spec: mujoco.MjSpec, arm: Anatomy, cell: Cell) -> None:
             name=label, type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=SENSOR_SITE
         )
     base = spec.body(arm.base)
-    turn, origin = pose_in_world(base)
+    turn, origin = pose_in(base, spec.worldbody)
     for p, place in enumerate(cell.pulley):
         _rope(spec, p, origin, turn @ place, cell.pulley_radius)
-
-
-def pose_in_world(
-    body: mujoco.MjsBody,
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """Return a body's rotation and origin in the world, all joints at rest."""
-    turn, origin = np.eye(3), np.zeros(3)
-    while body.name != "world":
-        quat = np.asarray(body.quat, float)
-        step = Rotation.from_quat(quat, scalar_first=True).as_matrix()
-        turn, origin = step @ turn, step @ origin + np.asarray(body.pos, float)
-        body = body.parent
-    return turn, origin
 
 
 def load_on_sensor(

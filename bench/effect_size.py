@@ -111,24 +111,9 @@ class _Sample:
         )
         self.time = plan.time.reshape(plan.visits, -1)[visits].ravel()
         self.seed = seed
-        self.instruments = replace(
-            instruments,
-            tracker=replace(
-                instruments.tracker,
-                noise=0.0,
-                field=0.0,
-                occlusions=0.0,
-                widest_view=None,
-                frame_error=STILL,
-            ),
-            force_sensor=replace(
-                instruments.force_sensor,
-                noise=0.0,
-                turn=0.0,
-                size=0.0,
-                resolution=(0.0, 0.0),
-            ),
-        )
+        quiet = instruments.without_noise()
+        tracker = replace(quiet.tracker, widest_view=None, frame_error=STILL)
+        self.instruments = replace(quiet, tracker=tracker)
 
     def read(
         self, rig: Rig, states: States

@@ -30,6 +30,7 @@ from jaxtyping import Float, Int
 from mujoco import batch
 
 from bench.cell import LOAD_POINT
+from bench.kinematic_chain import wraps_on_joints
 from bench.shared.errors import BenchError
 
 # --- Relaxation to rest ---------------------------------------------------------------
@@ -140,10 +141,7 @@ def _tendons_on_joints(model: mujoco.MjModel) -> np.ndarray:
     """
     on = np.zeros((model.ntendon, model.njnt))
     for t in range(model.ntendon):
-        first = model.tendon_adr[t]
-        if model.wrap_type[first] != mujoco.mjtWrap.mjWRAP_JOINT:
-            continue
-        wraps = slice(first, first + model.tendon_num[t])
+        wraps = wraps_on_joints(model, t)
         lever = np.abs(model.wrap_prm[wraps])
         on[t, model.wrap_objid[wraps]] = model.tendon_stiffness[t] * lever * lever.sum()
     return on
@@ -397,16 +395,10 @@ def _along_tendons(
 ) -> Iterator[tuple[int, list[Float[np.ndarray, " visits"]]]]:
     """Yield each tendon on joints, and how far each of its joints moves along it."""
     for t in range(model.ntendon):
-        first, count = model.tendon_adr[t], model.tendon_num[t]
-        if model.wrap_type[first] != mujoco.mjtWrap.mjWRAP_JOINT:
-            continue
-        yield (
-            t,
-            [
-                model.wrap_prm[w] * turned[:, model.jnt_qposadr[model.wrap_objid[w]]]
-                for w in range(first, first + count)
-            ],
-        )
+        if wraps := wraps_on_joints(model, t):
+            address = model.jnt_qposadr[model.wrap_objid[wraps]]
+            pairs = zip(model.wrap_prm[wraps], address, strict=True)
+            yield t, [factor * turned[:, at] for factor, at in pairs]
 
 
 class _Creep:

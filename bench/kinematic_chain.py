@@ -21,6 +21,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 from numpy.polynomial import Polynomial
+from scipy.spatial.transform import Rotation
 
 from bench.model_file import PATCH, followers_of, plain_mjcf
 from bench.shared.errors import UnknownName, Unusable
@@ -216,6 +217,35 @@ def carriers_of(model: mujoco.MjModel, body: int) -> set[int]:
         found.add(body)
         body = int(model.body_parentid[body])
     return found
+
+
+def pose_in(
+    body: mujoco.MjsBody, ancestor: mujoco.MjsBody
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Return the pose of a body in an ancestor of the chain, all joints at zero.
+
+    Returns:
+        Rotation (columns are the body's axes) and origin in the ancestor's frame, in m.
+    """
+    rotation, origin = np.eye(3), np.zeros(3)
+    while body.name != ancestor.name:
+        turn = rotation_of(body)
+        rotation, origin = turn @ rotation, turn @ origin + np.asarray(body.pos)
+        body = body.parent
+    return rotation, origin
+
+
+def rotation_of(body: mujoco.MjsBody) -> Float[np.ndarray, "3 3"]:
+    """Return a body's rotation in its parent; columns are the body's axes."""
+    quat_wxyz = np.asarray(body.quat, float)
+    return Rotation.from_quat(quat_wxyz, scalar_first=True).as_matrix()
+
+
+def wraps_on_joints(model: mujoco.MjModel, tendon: int) -> list[int]:
+    """Return a tendon's entries in the model's list of wraps; none off the joints."""
+    first, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+    on_joints = model.wrap_type[first] == mujoco.mjtWrap.mjWRAP_JOINT
+    return list(range(first, first + count)) if on_joints else []
 
 
 # --- Some axes of many ----------------------------------------------------------------

@@ -5,7 +5,7 @@ those become joints before the axis' own in the user's body, in the same order: 
 engine turns a body by one joint after the other, so the two are the same mechanism.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from xml.etree.ElementTree import Element, SubElement
 
 import mujoco
@@ -15,16 +15,22 @@ from jaxtyping import Float
 from bench.cell import HOOK_SITE, MOUNT
 from bench.effects.effect import Command
 from bench.effects.encoder_offset import EncoderOffset
-from bench.kinematic_chain import Anatomy
-from bench.model_file import GEAR, PATCH, RIGID, SLIDE, moved_about
+from bench.kinematic_chain import Anatomy, wraps_on_joints
+from bench.model_file import (
+    GEAR,
+    PATCH,
+    RIGID,
+    SLIDE,
+    Stand,
+    after,
+    moved_about,
+    numbers,
+)
 from bench.rig import Rig
 from bench.shared.recording import Payload
 from bench.user_model import UserModel
 
 # --- Numbers and parts of a model's text ---------------------------------------------
-
-Stand = tuple[np.ndarray, np.ndarray]
-"""Position in m and quaternion of a body in another frame."""
 
 
 def part(root: Element, name: str) -> Element:
@@ -48,14 +54,6 @@ def joint_element(name: str, slides: bool) -> Element:
     )
 
 
-def after(start: Stand, then: Stand) -> Stand:
-    """Return one stand followed by another, which is seen from it."""
-    position, quat = np.zeros(3), np.zeros(4)
-    mujoco.mju_rotVecQuat(position, then[0], start[1])
-    mujoco.mju_mulQuat(quat, start[1], then[1])
-    return start[0] + position, quat
-
-
 def seen_from(element: Element, frame: Stand) -> None:
     """Write a joint in a frame that stands thus in the one that it was written in."""
     position, quat = frame
@@ -71,11 +69,6 @@ def seen_from(element: Element, frame: Stand) -> None:
 def parent_of(root: Element, child: Element) -> Element:
     """Return the element that holds another."""
     return next(parent for parent in root.iter() if child in list(parent))
-
-
-def numbers(values: Iterable[float]) -> str:
-    """Return numbers as text that reads back to the last bit."""
-    return " ".join(repr(float(value)) for value in np.ravel(np.asarray(values)))
 
 
 MOST_JOINTS = 6
@@ -355,11 +348,7 @@ class Mechanisms:
         return kept
 
     def _wrapped(self, tendon: int) -> list[int]:
-        true = self.true
-        first = true.tendon_adr[tendon]
-        if true.wrap_type[first] != mujoco.mjtWrap.mjWRAP_JOINT:
-            return []
-        return true.wrap_objid[first : first + true.tendon_num[tendon]].tolist()
+        return self.true.wrap_objid[wraps_on_joints(self.true, tendon)].tolist()
 
 
 def _inserted(name: str, joints: Sequence[Element]) -> Element:

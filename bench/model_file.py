@@ -168,7 +168,7 @@ def load(path: Path | str) -> mujoco.MjModel:
     path, what = Path(path), f"Model {str(path)!r}"
     spec = read_spec(path)
     try:
-        _take_out_pictures(spec)
+        take_out_pictures(spec)
         added = take_out_patch(spec)
         model = spec.compile()
     except (ValueError, RuntimeError) as error:
@@ -203,8 +203,8 @@ def followers_of(model: mujoco.MjModel) -> dict[str, tuple[str, tuple[float, ...
         if name.startswith(FOLLOWS) and follower in joints:
             start, size = model.text_adr[t], model.text_size[t]
             text = model.text_data[start : start + size].decode().rstrip("\0")
-            numbers, _, leader = text.partition(":")
-            found[follower] = leader, tuple(map(float, numbers.split()))
+            law, _, leader = text.partition(":")
+            found[follower] = leader, tuple(map(float, law.split()))
     return found
 
 
@@ -256,7 +256,7 @@ def _name_parts(spec: mujoco.MjSpec) -> None:
                 names.add(part.name)
 
 
-def _take_out_pictures(spec: mujoco.MjSpec) -> None:
+def take_out_pictures(spec: mujoco.MjSpec) -> None:
     """Take out fields of heights and textures: small files of them can be huge."""
     fields = [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_HFIELD]
     for part in (*fields, *spec.hfields, *spec.textures):
@@ -342,13 +342,9 @@ def _make_zero_the_reference(model: mujoco.MjModel) -> None:
         kind, ref = mujoco.mjtJoint(model.jnt_type[j]), float(model.qpos0[place])
         if kind not in (HINGE, SLIDE) or ref == 0.0:
             continue
-        position, quat = moved_about(model, j, -ref)
-        turned = np.zeros(3)
-        mujoco.mju_rotVecQuat(turned, position, model.body_quat[body])
-        model.body_pos[body] += turned
-        whole = np.zeros(4)
-        mujoco.mju_mulQuat(whole, model.body_quat[body], quat)
-        model.body_quat[body] = whole
+        before = model.body_pos[body], model.body_quat[body]
+        moved = after(before, moved_about(model, j, -ref))
+        model.body_pos[body], model.body_quat[body] = moved
         model.qpos0[place] = 0.0
 
 
@@ -384,9 +380,9 @@ def _left_out(model: mujoco.MjModel) -> str:
 
 
 def _refuse_nonsense(path: Path, model: mujoco.MjModel) -> None:
-    numbers = (model.body_pos, model.body_quat, model.jnt_pos, model.jnt_axis)
+    stands = (model.body_pos, model.body_quat, model.jnt_pos, model.jnt_axis)
     faults = []
-    if not all(np.isfinite(values).all() for values in numbers):
+    if not all(np.isfinite(values).all() for values in stands):
         faults.append("a position or an axis in it is not a number.")
     for j in np.flatnonzero(~(model.jnt_stiffness >= 0)):
         size = model.jnt_stiffness[j]
@@ -420,7 +416,7 @@ def plain_mjcf(model: mujoco.MjModel) -> str:
     """
     root = ElementTree.Element("mujoco", model="arm")
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
-    ElementTree.SubElement(root, "option", gravity=_numbers(model.opt.gravity))
+    ElementTree.SubElement(root, "option", gravity=numbers(model.opt.gravity))
     elements = {0: ElementTree.SubElement(root, "worldbody")}
     if np.count_nonzero(model.body_parentid[1:] == 0) > 1:  # Pinocchio reads the first
         elements[0] = ElementTree.SubElement(elements[0], "body", name=ROOT)
@@ -428,7 +424,7 @@ def plain_mjcf(model: mujoco.MjModel) -> str:
     for b in range(1, model.nbody):
         parent = int(model.body_parentid[b])
         if model.body(parent).name.startswith(PATCH):
-            stands[b] = _on(stands[parent], stands[b])
+            stands[b] = after(stands[parent], stands[b])
         if model.body(b).name.startswith(PATCH):
             elements[b] = elements[parent]
             continue
@@ -437,18 +433,18 @@ def plain_mjcf(model: mujoco.MjModel) -> str:
             elements[parent],
             "body",
             name=model.body(b).name or f"body_{b}",
-            pos=_numbers(pos),
-            quat=_numbers(quat),
+            pos=numbers(pos),
+            quat=numbers(quat),
         )
         elements[b] = body
         if model.body_mass[b] > 0:
             ElementTree.SubElement(
                 body,
                 "inertial",
-                mass=_numbers([model.body_mass[b]]),
-                pos=_numbers(model.body_ipos[b]),
-                quat=_numbers(model.body_iquat[b]),
-                diaginertia=_numbers(model.body_inertia[b]),
+                mass=numbers([model.body_mass[b]]),
+                pos=numbers(model.body_ipos[b]),
+                quat=numbers(model.body_iquat[b]),
+                diaginertia=numbers(model.body_inertia[b]),
             )
         first = model.body_jntadr[b]
         for j in range(first, first + model.body_jntnum[b]):
@@ -456,19 +452,21 @@ def plain_mjcf(model: mujoco.MjModel) -> str:
     if laws := followers_of(model):
         custom = ElementTree.SubElement(root, "custom")
         for name, (leader, law) in laws.items():
-            data = f"{_numbers(law)}:{leader}"
+            data = f"{numbers(law)}:{leader}"
             ElementTree.SubElement(custom, "text", name=f"{FOLLOWS}{name}", data=data)
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def _on(
-    below: tuple[np.ndarray, np.ndarray], above: tuple[np.ndarray, np.ndarray]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return a body's position and quaternion in the frame of its grandparent."""
+Stand = tuple[np.ndarray, np.ndarray]
+"""Position in m and quaternion of a body in another frame."""
+
+
+def after(start: Stand, then: Stand) -> Stand:
+    """Return one stand followed by another, which is seen from it."""
     position, quat = np.zeros(3), np.zeros(4)
-    mujoco.mju_rotVecQuat(position, above[0], below[1])
-    mujoco.mju_mulQuat(quat, below[1], above[1])
-    return below[0] + position, quat
+    mujoco.mju_rotVecQuat(position, then[0], start[1])
+    mujoco.mju_mulQuat(quat, start[1], then[1])
+    return start[0] + position, quat
 
 
 def _joint(model: mujoco.MjModel, j: int) -> ElementTree.Element:
@@ -483,18 +481,19 @@ def _joint(model: mujoco.MjModel, j: int) -> ElementTree.Element:
         "joint",
         name=model.joint(j).name or f"joint_{j}",
         type="hinge" if kind == HINGE else "slide",
-        pos=_numbers(model.jnt_pos[j]),
-        axis=_numbers(model.jnt_axis[j]),
-        ref=_numbers([model.qpos0[position]]),
-        springref=_numbers([model.qpos_spring[position]]),
-        stiffness=_numbers([model.jnt_stiffness[j]]),
-        armature=_numbers([model.dof_armature[velocity]]),
-        damping=_numbers([model.dof_damping[velocity]]),
+        pos=numbers(model.jnt_pos[j]),
+        axis=numbers(model.jnt_axis[j]),
+        ref=numbers([model.qpos0[position]]),
+        springref=numbers([model.qpos_spring[position]]),
+        stiffness=numbers([model.jnt_stiffness[j]]),
+        armature=numbers([model.dof_armature[velocity]]),
+        damping=numbers([model.dof_damping[velocity]]),
     )
     if model.jnt_limited[j]:
-        joint.set("range", _numbers(model.jnt_range[j]))
+        joint.set("range", numbers(model.jnt_range[j]))
     return joint
 
 
-def _numbers(values: Iterable[float]) -> str:
+def numbers(values: Iterable[float]) -> str:
+    """Return numbers as text that reads back to the last bit."""
     return " ".join(repr(float(value)) for value in np.ravel(np.asarray(values)))

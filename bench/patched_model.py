@@ -34,9 +34,9 @@ from jaxtyping import Float
 
 from bench.effects.effect import CommandEffect, ModelEffect
 from bench.effects.encoder_offset import EncoderOffset
-from bench.kinematic_chain import Anatomy
-from bench.mechanisms import Mechanisms, numbers, part
-from bench.model_file import PATCH, RIGID
+from bench.kinematic_chain import Anatomy, carriers_of, wraps_on_joints
+from bench.mechanisms import Mechanisms, part
+from bench.model_file import PATCH, RIGID, numbers
 from bench.rig import Rig
 from bench.shared.errors import BenchError, Unusable
 from bench.user_model import ASSETS, UserModel, plain_model, user_model
@@ -172,7 +172,7 @@ class _Patching:
             self.rig.model.body(moves).id
         ):
             still = [b for b in range(own.nbody) if not own.body_weldid[b]]
-            loose = {b for b in still if self._hangs_on(b, own.body(moves).id)}
+            loose = {b for b in still if own.body(moves).id in carriers_of(own, b)}
             pairs += [
                 (own.body(b).name, own.body(a).name)
                 for b in sorted(loose)
@@ -180,11 +180,6 @@ class _Patching:
                 if a not in loose and own.body_geomnum[a] and own.body_geomnum[b]
             ]
         self._exclude(pairs)
-
-    def _hangs_on(self, body: int, carrier: int) -> bool:
-        while body and body != carrier:
-            body = int(self.own.body_parentid[body])
-        return body == carrier
 
     def _exclude(self, pairs: Iterable[tuple[str, str]]) -> None:
         for one, other in pairs:
@@ -392,9 +387,7 @@ def _tendon_stiffness(model: mujoco.MjModel) -> Float[np.ndarray, " joints"]:
     """Return the stiffness that tendons give each joint at most, in N m/rad."""
     found = np.zeros(model.njnt)
     for t in range(model.ntendon):
-        first, count = model.tendon_adr[t], model.tendon_num[t]
-        for w in range(first, first + count):
-            if model.wrap_type[w] == mujoco.mjtWrap.mjWRAP_JOINT:
-                lever = float(model.wrap_prm[w])
-                found[model.wrap_objid[w]] += model.tendon_stiffness[t] * lever**2
+        for w in wraps_on_joints(model, t):
+            lever = float(model.wrap_prm[w])
+            found[model.wrap_objid[w]] += model.tendon_stiffness[t] * lever**2
     return found

@@ -18,10 +18,10 @@ import numpy as np
 from jaxtyping import Float
 
 from bench import equilibrium
-from bench.cell import GRAVITY, Cell, cell_for, load_on_sensor, mount, pose_in_world
+from bench.cell import GRAVITY, Cell, cell_for, load_on_sensor, mount
 from bench.effects.creep import creeping
 from bench.effects.effect import Command, CommandEffect, Effect, ModelEffect, RopeEffect
-from bench.kinematic_chain import Anatomy, anatomy, with_axes, with_seats
+from bench.kinematic_chain import Anatomy, anatomy, pose_in, with_axes, with_seats
 from bench.model_file import RIGID, load, plain_mjcf
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.plan import Plan
@@ -214,7 +214,7 @@ class Rig:
             Where everything was; rows run over visits, then steps.
         """
         ropes = np.zeros((*hold.shape, len(self.mounted.pulley)))
-        turn = pose_in_world(self.spec.body(self.anatomy.base))[0]
+        turn = pose_in(self.spec.body(self.anatomy.base), self.spec.worldbody)[0]
         wrench = (wrench.reshape(-1, 3) @ turn.T).reshape(wrench.shape)
         none = np.zeros(posture.shape)
         return self._rest(posture, ropes, wrench, hold, none, way, moves)

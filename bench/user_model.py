@@ -19,6 +19,7 @@ from bench.model_file import (
     read_spec,
     take_out_meshes,
     take_out_patch,
+    take_out_pictures,
 )
 
 ASSETS = "model_assets"
@@ -97,12 +98,9 @@ def _unwrap(root: Element) -> None:
 
 def _strip(spec: mujoco.MjSpec) -> None:
     take_out_meshes(spec)
-    for part in [g for g in spec.geoms if g.type == mujoco.mjtGeom.mjGEOM_HFIELD]:
-        spec.delete(part)
-    for material in spec.materials:
-        material.textures = [""] * len(material.textures)
-    for part in (*spec.hfields, *spec.textures, *spec.skins):
-        spec.delete(part)
+    take_out_pictures(spec)
+    for skin in spec.skins:
+        spec.delete(skin)
 
 
 def _files_of(spec: mujoco.MjSpec, home: Path) -> dict[str, tuple[str, bytes]]:

@@ -18,9 +18,8 @@ import mujoco
 from typing_extensions import override
 
 from bench.effects.effect import ModelEffect
-from bench.effects.links import pose_in
 from bench.effects.springs import add_spring
-from bench.kinematic_chain import Anatomy
+from bench.kinematic_chain import Anatomy, pose_in
 
 
 @dataclass(frozen=True)

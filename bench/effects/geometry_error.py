@@ -19,8 +19,8 @@ from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
 from bench.effects.effect import ModelEffect
-from bench.effects.links import end_of, pose_in, rotation_of
-from bench.kinematic_chain import Anatomy
+from bench.effects.links import end_of
+from bench.kinematic_chain import Anatomy, pose_in, rotation_of
 
 
 @dataclass(frozen=True)

@@ -23,9 +23,9 @@ import numpy as np
 from typing_extensions import override
 
 from bench.effects.effect import ModelEffect
-from bench.effects.links import end_of, pose_in
+from bench.effects.links import end_of
 from bench.effects.springs import add_spring, frame_along
-from bench.kinematic_chain import Anatomy
+from bench.kinematic_chain import Anatomy, pose_in
 from bench.shared.errors import Unusable
 
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from bench.cell import pose_in_world
-from bench.kinematic_chain import anatomy
+from bench.kinematic_chain import anatomy, pose_in
 from bench.model_file import PATCH, load, plain_mjcf
 from bench.patch import Law, Mounted, Patch, PatchEffect, Value, rig_of
 from bench.patched_model import PatchedModel, patched_model
@@ -126,7 +125,7 @@ def stepped(model, body: str, force=(0.0, 0.0, 0.0), seconds=SETTLED):
 def bent(rig: Rig, held, force) -> np.ndarray:
     """Return where the rig's flange stands without and with the same force."""
     flange = rig.anatomy.flange
-    base = pose_in_world(rig.spec.body(rig.anatomy.base))[0]
+    base = pose_in(rig.spec.body(rig.anatomy.base), rig.spec.worldbody)[0]
     posture, one = np.array([list(held.values())]), np.ones((1, 1))
     bare = rig.respond(posture, np.zeros((1, 1, 6)), one)
     turn = bare.rotation[0, bare.bodies.index(flange)]

@@ -286,18 +286,13 @@ def calibrate_magnitude(
 
 def error_free_instruments(instruments: Instruments) -> Instruments:
     """Return instruments that make no error, with encoders after the gears."""
-    tracker = replace(
-        instruments.tracker,
-        noise=0.0,
-        field=0.0,
-        occlusions=0.0,
-        frame_error=instruments.tracker.frame_error or STILL,
+    quiet = instruments.without_noise()
+    frame_error = quiet.tracker.frame_error or STILL
+    return replace(
+        quiet,
+        tracker=replace(quiet.tracker, frame_error=frame_error),
+        encoders=Encoders(link_side=True, noise=0.0),
     )
-    sensor = replace(
-        instruments.force_sensor, noise=0.0, turn=0.0, size=0.0, resolution=(0.0, 0.0)
-    )
-    encoders = Encoders(link_side=True, noise=0.0)
-    return replace(instruments, tracker=tracker, force_sensor=sensor, encoders=encoders)
 
 
 # --- Whole arms -----------------------------------------------------------------------

@@ -51,6 +51,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.linalg import cho_factor, cho_solve
 
 from bench.instruments.force_sensor import SIZE, TURN
+from bench.kinematic_chain import carriers_of
 from bench.rig import Rig
 from bench.shared.recording import Recording
 
@@ -199,11 +200,9 @@ def _beyond(
 ) -> Bool[np.ndarray, "axes markers"]:
     found = np.zeros((len(links), len(bodies)), dtype=bool)
     for m, name in enumerate(bodies):
-        body = model.body(name).id
-        while body:
-            if model.body(body).name in links:
-                found[links.index(model.body(body).name), m] = True
-            body = int(model.body_parentid[body])
+        for body in carriers_of(model, model.body(name).id):
+            if (carrier := model.body(body).name) in links:
+                found[links.index(carrier), m] = True
     return found
 
 
