@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import refuse
 
 AXES = 6
 SOLUTIONS = 8
@@ -72,8 +72,7 @@ class OrthoParallelArm:
             faults.append(f"offset is {self.offset}, expected six angles in rad.")
         if len(self.sign) != AXES or not set(self.sign) <= {-1, 1}:
             faults.append(f"sign is {self.sign}, expected six of +1 or -1.")
-        if faults:
-            raise Unusable("Ortho-parallel arm", faults)
+        refuse("Ortho-parallel arm", faults)
 
 
 def forward(

@@ -33,7 +33,7 @@ import mujoco
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from bench.shared.errors import BenchError, LeftOut, Unusable
+from bench.shared.errors import BenchError, LeftOut, Unusable, refuse
 from bench.shared.format.faults import quoted
 from bench.shared.models import ModelFacts
 
@@ -390,8 +390,7 @@ def _refuse_nonsense(path: Path, model: mujoco.MjModel) -> None:
     for b in np.flatnonzero(model.body_jntnum > 1):
         name, count = model.body(b).name, model.body_jntnum[b]
         faults.append(f"body {name!r} has {count} joints; give each a body of its own.")
-    if faults:
-        raise Unusable(f"Model {str(path)!r}", faults)
+    refuse(f"Model {str(path)!r}", faults)
 
 
 def facts_of(model: mujoco.MjModel) -> ModelFacts:

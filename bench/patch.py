@@ -105,8 +105,7 @@ def effect_of(found: PatchEffect) -> Effect:
             faults.append(f"{name} is {value!r}, expected a number.")
         else:
             values[own] = _possible(kind, own, value, known[own].default)
-    if faults:
-        raise Unusable(f"Effect {found.effect!r} at {found.where!r}", faults)
+    refuse(f"Effect {found.effect!r} at {found.where!r}", faults)
     return replace(kind(where=found.where).off(), **values)
 
 

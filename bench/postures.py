@@ -15,7 +15,7 @@ from scipy.stats import qmc
 
 from bench.cell import Cell, reach
 from bench.kinematic_chain import Anatomy
-from bench.shared.errors import Unusable
+from bench.shared.errors import Unusable, refuse
 
 # --- Room in the cell -----------------------------------------------------------------
 
@@ -159,8 +159,7 @@ def spread(
         faults.append(f"central is {central}, expected above 0 and at most 1.")
     if count < 1:
         faults.append(f"count is {count}, expected at least 1.")
-    if faults:
-        raise Unusable("Spread of postures", faults)
+    refuse("Spread of postures", faults)
     middle, half = limits.mean(axis=1), np.diff(limits, axis=1)[:, 0] / 2.0
     points = qmc.Halton(len(limits), rng=np.random.default_rng(seed))
     found = np.empty((0, len(limits)))

@@ -23,7 +23,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from bench.shared.errors import UnknownName, Unusable
+from bench.shared.errors import UnknownName, refuse
 from scenarios.report.command_line import progress_bar, run
 from scenarios.studies.blind_trials.strata import STRATA, USUAL
 
@@ -112,8 +112,7 @@ def _check(settings: Settings) -> None:
             faults.append(f"--{flag} is {value}, expected at least {least}.")
     unknown = [name for name in settings.strata if name not in STRATA]
     faults += [str(UnknownName("kind of trial", name, STRATA)) for name in unknown]
-    if faults:
-        raise Unusable("Flags", faults)
+    refuse("Flags", faults)
 
 
 if __name__ == "__main__":

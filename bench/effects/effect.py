@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.kinematic_chain import Anatomy
-from bench.shared.errors import Unusable
+from bench.shared.errors import refuse
 from bench.shared.recording import LastMoves
 
 
@@ -64,8 +64,7 @@ class Effect(ABC):
                 faults.append(
                     f"{name} is {value}, expected at least {least}{most_of_all}."
                 )
-        if faults:
-            raise Unusable(f"Effect {self.name!r} at {self.where!r}", faults)
+        refuse(f"Effect {self.name!r} at {self.where!r}", faults)
 
     def off(self) -> "Effect":
         """Return the same effect with size zero."""

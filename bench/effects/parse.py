@@ -11,7 +11,7 @@ from bench.effects.effect import Effect
 from bench.effects.places import misplaced
 from bench.kinematic_chain import anatomy
 from bench.shared.effect_catalogue import on_slide
-from bench.shared.errors import BenchError, UnknownName, Unusable
+from bench.shared.errors import BenchError, UnknownName, Unusable, refuse
 
 
 def parse(text: str, model: mujoco.MjModel) -> Effect:
@@ -50,8 +50,7 @@ def parse(text: str, model: mujoco.MjModel) -> Effect:
         faults += error.faults
     if at:
         faults += misplaced(effect, anatomy(model))
-    if faults:
-        raise Unusable(f"Effect {text!r}", faults)
+    refuse(f"Effect {text!r}", faults)
     return effect
 
 
@@ -69,8 +68,7 @@ def parse_all(texts: Iterable[str], model: mujoco.MjModel) -> tuple[Effect, ...]
             faults += [f"{text!r}: {fault}" for fault in error.faults]
         except UnknownName as error:
             faults.append(f"{text!r}: {error}")
-    if faults:
-        raise Unusable("The list of effects", faults)
+    refuse("The list of effects", faults)
     return tuple(effects)
 
 

@@ -26,7 +26,7 @@ from bench.effects.effect import ModelEffect
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.springs import add_parallel
 from bench.kinematic_chain import Anatomy
-from bench.shared.errors import Unusable
+from bench.shared.errors import refuse
 
 NEVER = 1e3
 """A wind-up that no axis reaches, in rad."""
@@ -61,8 +61,7 @@ class TabledLaw(ModelEffect):
             faults.append("a table needs two torques or more, a wind-up for each.")
         elif not np.all(np.isfinite(table)) or np.any(np.diff(self.torque_nm) <= 0):
             faults.append("torques must increase, and all numbers be finite.")
-        if faults:
-            raise Unusable(f"Law at {self.where!r}", faults)
+        refuse(f"Law at {self.where!r}", faults)
 
     @override
     def off(self) -> "TabledLaw":

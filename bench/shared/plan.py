@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import Unusable, refuse
 from bench.shared.recording import LOADED, LOADING, UNLOADED, UNLOADING
 
 __all__ = [
@@ -57,8 +57,7 @@ class LoadStep:
             )
             if not (np.isfinite(value) and value >= 0)
         ]
-        if faults:
-            raise Unusable("Load step", faults)
+        refuse("Load step", faults)
 
 
 DEFAULT_PATH = (
@@ -197,8 +196,7 @@ class Plan:
                 f"pose {pose} names two different postures; give each its own id."
                 for pose in np.unique(self.posture_id[moved])
             ]
-        if faults:
-            raise Unusable(f"Plan {self.name!r}", faults)
+        refuse(f"Plan {self.name!r}", faults)
 
     @property
     def visits(self) -> int:

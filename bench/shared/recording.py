@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import refuse
 from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
 
 UNLOADED, LOADING, LOADED, UNLOADING = "unloaded", "loading", "loaded", "unloading"
@@ -261,8 +261,7 @@ class Recording:
                 faults.append(f"{name} has shape {np.shape(value)}, expected {shape}.")
         if self.markers and self.points is None:
             faults.append("there are markers but no points.")
-        if faults:
-            raise Unusable(f"Recording {self.name!r}", faults)
+        refuse(f"Recording {self.name!r}", faults)
 
     @cached_property
     def moves(self) -> LastMoves:

@@ -17,7 +17,7 @@ Ignores     that losses of confounded names overlap
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,7 @@ from scenarios.pipelines.schema import (
     Proved,
     Refused,
     Remark,
+    interval_of,
     label,
     said_of_turns,
     verdict_of,
@@ -131,7 +132,7 @@ def answer_of(
         )
     )
     share = proof.explained
-    explained = share and Interval(share.estimate, share.low, share.high)
+    explained = share and interval_of(share)
     passes = residual.p_value >= ALPHA
     improves = proof.improves and not proof.failed
     verdict = verdict_of(
@@ -141,7 +142,6 @@ def answer_of(
     if verdict in ("partly_explained", "unexplained"):
         left = Left(residual.where, residual.signature, {}, MM * rms(proof.after))
     return Answer(
-        schema=1,
         recording=name,
         verdict=verdict,
         detection=Detected(
@@ -150,7 +150,6 @@ def answer_of(
         located=_located(found, names),
         explained_share=explained,
         named=tuple(_called(found, key) for key in names),
-        rivals=(),
         unexplained=left,
         confounded=tuple(
             (At(e.effect, e.where), other)
@@ -158,11 +157,8 @@ def answer_of(
             for other in e.equivalents
         ),
         warnings=tuple(_not_seen(found)),
-        proof_requested=True,
         proof=entry,
-        next_experiments=(),
         seconds=round(seconds, 1),
-        settings=asdict(SETTINGS),
         refused=tuple(_refused(found, names)),
     )
 
@@ -176,9 +172,7 @@ def _refused(found: Calibrated, names: tuple[Key, ...]) -> Iterator[Refused]:
             yield Refused(*step.key, parameters, IMPOSSIBLE_FIT)
     for key, known in found.estimates.items():
         if key not in names:
-            parameters = {
-                n: Interval(e.estimate, e.low, e.high) for n, e in known.items()
-            }
+            parameters = {n: interval_of(e) for n, e in known.items()}
             yield Refused(*key, parameters, NOT_MISSED)
 
 
@@ -245,8 +239,7 @@ def _called(found: Calibrated, key: Key) -> Called:
     loss, error = found.selected.budget[key]
     effect, where = key
     parameters = {
-        name: Interval(e.estimate, e.low, e.high)
-        for name, e in found.estimates.get(key, {}).items()
+        name: interval_of(e) for name, e in found.estimates.get(key, {}).items()
     }
     if effect == "transmission_error":
         wave = found.harmonics[where]

@@ -10,7 +10,7 @@ warnings on torques, springs, orders and refused terms.
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,7 @@ from scenarios.pipelines.schema import (
     Proved,
     Refused,
     Remark,
+    interval_of,
     verdict_of,
     why_not,
 )
@@ -297,22 +298,17 @@ def answer_of(name: str, axes: Sequence[Axis], seconds: float) -> Answer:
     verdict = verdict_of(Findings(p < ALPHA, bool(named), not more, True, entry, share))
     open_ = verdict not in ("no_mismatch", "explained")
     return Answer(
-        schema=1,
         recording=name,
         verdict=verdict,
         detection=Detected(p, None, None, None),
         located=_located(axes) if p < ALPHA else (),
         explained_share=share,
         named=named,
-        rivals=(),
         unexplained=unexplained(axes) if open_ else None,
         confounded=tuple(dict.fromkeys(_confounded(axes))),
         warnings=tuple(notices(axes, named)),
-        proof_requested=True,
         proof=entry,
-        next_experiments=(),
         seconds=round(seconds, 1),
-        settings=asdict(SETTINGS),
         refused=tuple(_refused_sizes(axes)),
     )
 
@@ -370,7 +366,7 @@ def _explained(axes: Sequence[Axis]) -> Interval | None:
     counts = [len(np.bincount(a.judged.stretches())) for a in axes]
     noise = rows * np.repeat([a.noise**2 for a in axes], counts)
     share = explained_share(both[0], both[1], noise, rows.astype(float))
-    return None if share is None else Interval(share.estimate, share.low, share.high)
+    return share and interval_of(share)
 
 
 def _squares(axes: Sequence[Axis]) -> tuple[np.ndarray, np.ndarray]:
@@ -481,20 +477,10 @@ def _stopped(
 ) -> Answer:
     text = "a mistake of the set-up, to be mended first"
     return Answer(
-        schema=1,
         recording=recording.name,
         verdict="unexplained",
         detection=Detected(SMALLEST, None, None, None),
-        located=(),
-        explained_share=None,
-        named=(),
-        rivals=(),
         unexplained=Left(mistakes[0].where, text, {}, None),
-        confounded=(),
         warnings=mistakes,
-        proof_requested=True,
-        proof=None,
-        next_experiments=(),
         seconds=round(seconds, 1),
-        settings=asdict(SETTINGS),
     )

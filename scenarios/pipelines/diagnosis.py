@@ -8,7 +8,7 @@ story, report and playback show.
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,6 @@ from jaxtyping import Float
 
 from bench.patch import Patch
 from bench.proof.comparison import residual_of
-from bench.proof.explained_share import Channel
 from bench.proof.nominal_fit import joint_rotation_estimates, torques_of
 from bench.proof.proof import Channel as ProofChannel
 from bench.proof.proof import Fold, Proof, prove
@@ -48,7 +47,9 @@ from scenarios.pipelines.schema import (
     Proved,
     Refused,
     Remark,
+    interval_of,
     number,
+    proved_in,
     verdict_of,
     where_known,
 )
@@ -260,7 +261,6 @@ def answer_of(
     remarks = (*d.warnings, *disagreements(d, simulated))
     remarks += () if proof is None else tuple(left_neutral(d))
     return Answer(
-        schema=1,
         recording=d.recording,
         verdict=verdict_of(
             Findings(
@@ -308,7 +308,6 @@ def answer_of(
             Open(p.where, float(p.share), tuple(p.depends_on), p.law)
             for p in d.unexplained_places
         ),
-        settings=asdict(SETTINGS),
         outliers=tuple(OutlierEntry(o.pose, o.marker, MM * o.size) for o in d.outliers),
         refused=tuple(
             Refused(
@@ -356,35 +355,22 @@ def explained_share_of(proof: Proof | None) -> Interval | None:
     """Return the share that the proof's first channel explains, as it is written."""
     channel = None if proof is None else proof.markers or proof.angles
     share = None if channel is None else channel.explained
-    return None if share is None else Interval(share.estimate, share.low, share.high)
+    return share and interval_of(share)
 
 
 def proof_entry(proof: Proof | None) -> Proved | None:
     """Return the proof's entry; None where nothing was proved."""
     if proof is None or (proof.markers is None and proof.angles is None):
         return None
-    entry: dict[str, object] = {"folds": proof.folds} if proof.folds > 1 else {}
-    channels = (
-        (proof.markers, MM, "mm"),
-        (proof.angles, URAD, "urad"),
-        (proof.rotations, MRAD, "mrad"),
+    folds = {"folds": proof.folds} if proof.folds > 1 else {}
+    return Proved(
+        simulator="mujoco",
+        held_out_poses=len(proof.held_out),
+        **folds,
+        **proved_in(proof.markers, MM, "mm"),
+        **proved_in(proof.angles, URAD, "urad"),
+        **proved_in(proof.rotations, MRAD, "mrad"),
     )
-    for channel, unit, name in channels:
-        if channel is not None:
-            entry |= _of_channel(channel, unit, name)
-    return msgspec.convert(
-        {"simulator": "mujoco", "held_out_poses": len(proof.held_out), **entry}, Proved
-    )
-
-
-def _of_channel(c: Channel, unit: float, name: str) -> dict[str, object]:
-    gain = {"estimate": c.gain * unit, "low": c.low * unit, "high": c.high * unit}
-    return {
-        f"before_rms_{name}": c.before * unit,
-        f"after_rms_{name}": c.after * unit,
-        f"noise_rms_{name}": c.noise * unit,
-        f"gain_{name}": gain,
-    }
 
 
 def _called(named: NamedEffect, slides: Collection[str]) -> Called:

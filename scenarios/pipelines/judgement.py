@@ -37,11 +37,11 @@ from bench.proof.setup import mounted_on, replay_simulation_of
 from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.rig import Rig
 from bench.shared.effect_catalogue import CATALOGUE
-from bench.shared.errors import Unusable
+from bench.shared.errors import Unusable, refuse
 from bench.shared.recording import Recording, targets_of
 from scenarios.pipelines.patching import FROM_SIDES, NEAR
 from scenarios.pipelines.recording_check import SMALL_TORQUE, static_torque
-from scenarios.pipelines.schema import At, Interval, Proved
+from scenarios.pipelines.schema import At, Proved, proved_in
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import initial_tracker_frame
 
@@ -249,8 +249,7 @@ def _check(recording: Recording) -> None:
         faults.append('rows are a "stream"; a patch is judged on "plateaus", at rest.')
     if not recording.markers or recording.points is None:
         faults.append("nothing was tracked; a patch is judged on targets' positions.")
-    if faults:
-        raise Unusable(f"Recording {recording.name!r}", faults)
+    refuse(f"Recording {recording.name!r}", faults)
 
 
 def _some_visits(recording: Recording) -> Bool[np.ndarray, " rows"]:
@@ -431,18 +430,12 @@ MM, MRAD = 1e3, 1e3
 
 def _entry(channels: tuple[Channel | None, Channel | None], poses: int) -> Proved:
     position, turn = channels
-    entry: dict[str, object] = {"simulator": "mujoco", "held_out_poses": poses}
-    for channel, unit, name in ((position, MM, "mm"), (turn, MRAD, "mrad")):
-        if channel is None:
-            continue
-        gain = Interval(channel.gain * unit, channel.low * unit, channel.high * unit)
-        entry |= {
-            f"before_rms_{name}": channel.before * unit,
-            f"after_rms_{name}": channel.after * unit,
-            f"noise_rms_{name}": channel.noise * unit,
-            f"gain_{name}": gain,
-        }
-    return Proved(**entry)  # type: ignore[arg-type]
+    return Proved(
+        simulator="mujoco",
+        held_out_poses=poses,
+        **proved_in(position, MM, "mm"),
+        **proved_in(turn, MRAD, "mrad"),
+    )
 
 
 def _far(

@@ -8,10 +8,12 @@ asked for and failed, or whose gain is not surely positive; all explained; a par
 explained.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 import numpy as np
@@ -20,6 +22,10 @@ from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import UnknownName
 from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.result import Decision, Name, in_words, withheld
+
+if TYPE_CHECKING:
+    from bench.proof.explained_share import Channel, Share
+    from stiffness.regression.intervals import Interval as Estimated
 
 # --- The form -------------------------------------------------------------------------
 
@@ -169,29 +175,47 @@ class Next(msgspec.Struct, frozen=True):
     expected_log_bayes_factor: float
 
 
-class Answer(msgspec.Struct, frozen=True):
+class Answer(msgspec.Struct, frozen=True, kw_only=True):
     """The content of diagnosis.json."""
 
-    schema: Literal[1]
+    schema: Literal[1] = 1
     recording: str
     verdict: Verdict
     detection: Detected
-    located: tuple[Placed, ...]
-    explained_share: Interval | None
-    named: tuple[Called, ...]
-    rivals: tuple[Other, ...]
-    unexplained: Left | None
-    confounded: tuple[tuple[At, At], ...]
-    warnings: tuple[Remark, ...]
-    proof_requested: bool
-    proof: Proved | None
-    next_experiments: tuple[Next, ...]
+    located: tuple[Placed, ...] = ()
+    explained_share: Interval | None = None
+    named: tuple[Called, ...] = ()
+    rivals: tuple[Other, ...] = ()
+    unexplained: Left | None = None
+    confounded: tuple[tuple[At, At], ...] = ()
+    warnings: tuple[Remark, ...] = ()
+    proof_requested: bool = True
+    proof: Proved | None = None
+    next_experiments: tuple[Next, ...] = ()
     seconds: float
     unexplained_places: tuple[Open, ...] = ()
-    settings: dict[str, float] = {}
+    settings: dict[str, float] = msgspec.field(default_factory=lambda: asdict(SETTINGS))
     outliers: tuple[OutlierEntry, ...] = ()
     refused: tuple[Refused, ...] = ()
     scatter_rms_mm: Number = None
+
+
+def interval_of(known: Share | Estimated) -> Interval:
+    """Return an estimate with both ends as it is written."""
+    return Interval(known.estimate, known.low, known.high)
+
+
+def proved_in(channel: Channel | None, factor: float, unit: str) -> dict[str, Any]:
+    """Return the numbers of a channel of a proof, in a unit; none without one."""
+    if channel is None:
+        return {}
+    sizes = (channel.gain, channel.low, channel.high)
+    return {
+        f"before_rms_{unit}": channel.before * factor,
+        f"after_rms_{unit}": channel.after * factor,
+        f"noise_rms_{unit}": channel.noise * factor,
+        f"gain_{unit}": Interval(*(size * factor for size in sizes)),
+    }
 
 
 def where_known(share: float | None) -> float | msgspec.UnsetType:

@@ -25,7 +25,7 @@ from bench.model_file import load
 from bench.payload import payload_of, usual_path
 from bench.rig import RIGID, Memory, Rig
 from bench.shared.effect_catalogue import CATALOGUE
-from bench.shared.errors import Unusable, collect
+from bench.shared.errors import Unusable, collect, refuse
 from bench.shared.plan import DEFAULT_PATH, HOLD, LoadStep, Plan
 from bench.standard_plans import is_kr10, tour
 from bench.study_arm import default_truth
@@ -89,8 +89,7 @@ def concealing_rig(
         faults = [] if is_kr10(rig) else ["--truth default is that of a KR10 R1100-2."]
         if stiffness:
             faults.append("--truth default has springs of its own; no --stiffness.")
-        if faults:
-            raise Unusable("Truth", faults)
+        refuse("Truth", faults)
         truth = default_truth()
         known, springs = truth.effects, truth.stiffness
     if stiffness:
@@ -416,8 +415,7 @@ def refuse_unseen(
             f"{effect.name}@{effect.where} moves the {moved}, less than {LEAST:.0%} of "
             f"the noise of {noise}; {remedy}."
         )
-    if faults:
-        raise Unusable("The list of effects", faults)
+    refuse("The list of effects", faults)
 
 
 def rms_noise(instruments: Instruments) -> float:

@@ -23,7 +23,7 @@ import tyro
 from rich.console import Console
 from rich.progress import Progress, ProgressColumn
 
-from bench.shared.errors import BenchError, LeftOut, UnknownName, Unusable
+from bench.shared.errors import BenchError, LeftOut, UnknownName, refuse
 from bench.shared.format.faults import visible
 from scenarios import INTERRUPTED, SAYS
 
@@ -122,8 +122,7 @@ def at_least(least: int, **flags: int) -> None:
         for name, value in flags.items()
         if value < least
     ]
-    if faults:
-        raise Unusable("Flags", faults)
+    refuse("Flags", faults)
 
 
 # --- Progress -------------------------------------------------------------------------

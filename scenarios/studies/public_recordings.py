@@ -36,7 +36,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 from scipy.stats import t as student
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import Unusable, refuse
 from bench.shared.format.assembly import load_times_of
 from bench.shared.instrument_specs import TrackerSpec
 from bench.shared.recording import UNLOADED, Marker, Recording
@@ -139,8 +139,7 @@ def kr300_recording(folder: Path) -> Recording:
             motions.append(_motion(folder / f"{name}.mat"))
         except (OSError, KeyError, AttributeError, ValueError, TypeError) as error:
             faults.append(f"{name}.mat: {error}.")
-    if faults:
-        raise Unusable(f"Folder {str(folder)!r}", faults)
+    refuse(f"Folder {str(folder)!r}", faults)
     time, posture, after, torque = (
         np.concatenate(parts)
         for parts in zip(*_one_after_the_other(motions), strict=True)

@@ -27,7 +27,7 @@ from uuid import uuid4
 
 from joblib.externals.loky import process_executor
 
-from bench.shared.errors import BenchError, Unusable
+from bench.shared.errors import BenchError, Unusable, refuse
 
 # --- Tasks ----------------------------------------------------------------------------
 
@@ -314,8 +314,7 @@ class Rows:
                         f"{where} and {place}: results of {row[KEY]} differ; they are "
                         "of other versions or processors. Delete one of both."
                     )
-        if faults:
-            raise Unusable(f"Folder {str(self.folder)!r}", faults)
+        refuse(f"Folder {str(self.folder)!r}", faults)
         return {key: row for key, (row, _) in found.items()}
 
     def writer(self, keys: Sequence[str]) -> Callable[[Mapping[str, Any]], None]:

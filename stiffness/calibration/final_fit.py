@@ -1,10 +1,9 @@
 """Final fit of the selected effects, with intervals, error tables and geometry.
 
 `final_fit` fits the selected columns once more, with tables in full, about the
-corrected geometry; `estimates_of`, `corrected_geometry_of` and `tables_of` turn the
-coefficients into parameters of the arm.
+corrected geometry; a `FinalFit` turns its coefficients into parameters of the arm.
 
-Intervals (`spread`):
+Intervals (`FinalFit.spread`):
 
 ==========  ==========================================================================
 Equation    cov = C (sum over regions g g') C R / (R − 1) + D, g = A'r / s² of a region,
@@ -53,6 +52,7 @@ Ignores     effects that were not selected: they stay as the model has them
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -106,32 +106,6 @@ def design_effects(
     return found
 
 
-def spread(
-    found: "FinalFit",
-    region: Int[np.ndarray, " rows"],
-    wanted: Int[np.ndarray, " some"],
-) -> Float[np.ndarray, " some"]:
-    """Return half the width of the confidence intervals of some coefficients.
-
-    Rows of a region below zero were not fitted; `wanted` are indices within the fitted
-    coefficients.
-    """
-    inverse = found.fit.inverse(wanted)  # (known, some)
-    regions = np.unique(region[region >= 0])
-    total = np.zeros((len(wanted), len(wanted)))
-    for r in regions:
-        a, y = found.blocks.problem(found.stance, np.flatnonzero(region == r))
-        a = a[:, found.known]
-        score = inverse.T @ (a.T @ (y - a @ found.fit.x) / found.variances.noise)
-        total += np.outer(score, score)
-    count = len(regions)
-    variance = np.diag(total) * count / (count - 1)
-    design = found.blocks.by_prior(found.design)[found.known[wanted]]
-    least = inverse[wanted, np.arange(len(wanted))] * design
-    variance = np.maximum(variance, least) + found.of_unchosen[wanted]
-    return student.ppf(0.5 + LEVEL / 2, count - 1) * np.sqrt(variance)
-
-
 # --- Parameters of the arm from coefficients ------------------------------------------
 
 
@@ -177,88 +151,6 @@ class Wave:
         return bool(self.size > self.half)
 
 
-def estimates_of(
-    blocks: Blocks,
-    known: Int[np.ndarray, " known"],
-    x: Float[np.ndarray, " known"],
-    half: dict[int, float],
-) -> dict[Key, dict[str, Interval]]:
-    """Return the estimates of all parameters with their intervals.
-
-    Half the width of an interval is given by number within `known`.
-    """
-    found: dict[Key, dict[str, Interval]] = {}
-    for i, width in half.items():
-        j, value = known[i], float(x[i])
-        if blocks.owner[j] != SILENT:
-            own = found.setdefault(blocks.owner[j], {})
-            own[blocks.parameter[j]] = Interval(value, value - width, value + width)
-    return found
-
-
-def corrected_geometry_of(
-    blocks: Blocks,
-    rigid: Geometry,
-    known: Int[np.ndarray, " known"],
-    x: Float[np.ndarray, " known"],
-) -> Geometry:
-    """Return the geometry corrected by its own fitted parameters only."""
-    step = np.zeros(rigid.parameter_count)
-    step[: len(rigid.values)] = -rigid.values
-    for j, value in zip(known, x, strict=True):
-        if blocks.entry[j] >= 0:
-            step[blocks.entry[j]] = value - blocks.start[j]
-    return rigid.stepped(step)
-
-
-def tables_of(
-    blocks: Blocks, known: Int[np.ndarray, " known"], x: Float[np.ndarray, " known"]
-) -> dict[str, Table]:
-    """Return the tables of transmission error among the coefficients, by axis."""
-    found: dict[str, Table] = {}
-    order = blocks.order[known]
-    where = np.array([blocks.owner[j][1] for j in known])
-    for axis in dict.fromkeys(where[order > 0]):
-        own = np.flatnonzero((order > 0) & (where == axis))
-        found[str(axis)] = Table(
-            order[own[::2]].astype(float), x[own[::2]], x[own[1::2]]
-        )
-    return found
-
-
-def largest_waves(
-    blocks: Blocks,
-    known: Int[np.ndarray, " known"],
-    x: Float[np.ndarray, " known"],
-    count: int,
-) -> dict[str, np.ndarray]:
-    """Return, by axis, the coefficient pairs of each table's largest harmonics."""
-    found: dict[str, np.ndarray] = {}
-    order = blocks.order[known]
-    where = np.array([blocks.owner[j][1] for j in known])
-    for axis in dict.fromkeys(where[order > 0]):
-        own = np.flatnonzero((order > 0) & (where == axis)).reshape(-1, 2)
-        size = np.sum(x[own] ** 2, axis=1)
-        found[str(axis)] = own[np.argsort(-size, kind="stable")[:count]]
-    return found
-
-
-def wave_of(
-    blocks: Blocks,
-    known: Int[np.ndarray, " known"],
-    x: Float[np.ndarray, " known"],
-    waves: Int[np.ndarray, "waves 2"],
-    half: Float[np.ndarray, "waves 2"],
-) -> Wave:
-    """Return the largest significant harmonic of some, or else the largest."""
-    size, width = np.hypot(*x[waves].T), half.max(axis=1)
-    clear = np.flatnonzero(size > width)
-    at = int(clear[0]) if len(clear) else 0
-    c, s = x[waves[at]]
-    order = int(blocks.order[known[waves[at, 0]]])
-    return Wave(order, float(size[at]), float(np.arctan2(c, s)), float(width[at]))
-
-
 # --- Final fit ------------------------------------------------------------------------
 
 MOVED = 2e-4
@@ -275,7 +167,6 @@ class FinalFit:
         stance: State of the arm in which they were computed.
         known: Indices of the fitted columns.
         variances: Variances of noise and bands.
-        corrected_geometry: The geometry as corrected.
         residual: Residual on all rows, in m; see `CalibrationState.residual`.
         used: Effective number of coefficients per fitted coordinate.
         of_unchosen: What each coefficient's variance is larger by, since numbers of the
@@ -287,11 +178,110 @@ class FinalFit:
     known: Int[np.ndarray, " known"]
     fit: Solved
     variances: VarianceComponents
-    corrected_geometry: Geometry
     residual: Float[np.ndarray, "rows coordinates"]
     used: float
     design: DesignEffects
     of_unchosen: Float[np.ndarray, " known"]
+
+    @property
+    def order(self) -> Int[np.ndarray, " known"]:
+        """Order of each fitted column of a table; 0 elsewhere."""
+        return self.blocks.order[self.known]
+
+    @cached_property
+    def corrected_geometry(self) -> Geometry:
+        """The geometry corrected by its own fitted parameters only."""
+        blocks, rigid = self.blocks, self.stance.geometry
+        step = np.zeros(rigid.parameter_count)
+        step[: len(rigid.values)] = -rigid.values
+        for j, value in zip(self.known, self.fit.x, strict=True):
+            if blocks.entry[j] >= 0:
+                step[blocks.entry[j]] = value - blocks.start[j]
+        return rigid.stepped(step)
+
+    def spread(
+        self, region: Int[np.ndarray, " rows"], wanted: Int[np.ndarray, " some"]
+    ) -> Float[np.ndarray, " some"]:
+        """Return half the width of the confidence intervals of some coefficients.
+
+        Rows of a region below zero were not fitted; `wanted` are indices within the
+        fitted coefficients.
+        """
+        inverse = self.fit.inverse(wanted)  # (known, some)
+        regions = np.unique(region[region >= 0])
+        total = np.zeros((len(wanted), len(wanted)))
+        for r in regions:
+            a, y = self.blocks.problem(self.stance, np.flatnonzero(region == r))
+            a = a[:, self.known]
+            score = inverse.T @ (a.T @ (y - a @ self.fit.x) / self.variances.noise)
+            total += np.outer(score, score)
+        count = len(regions)
+        variance = np.diag(total) * count / (count - 1)
+        design = self.blocks.by_prior(self.design)[self.known[wanted]]
+        least = inverse[wanted, np.arange(len(wanted))] * design
+        variance = np.maximum(variance, least) + self.of_unchosen[wanted]
+        return student.ppf(0.5 + LEVEL / 2, count - 1) * np.sqrt(variance)
+
+    def estimates(self, half: dict[int, float]) -> dict[Key, dict[str, Interval]]:
+        """Return parameters with intervals, of half a width by number in `known`."""
+        found: dict[Key, dict[str, Interval]] = {}
+        for i, width in half.items():
+            j, value = self.known[i], float(self.fit.x[i])
+            if self.blocks.owner[j] != SILENT:
+                own = found.setdefault(self.blocks.owner[j], {})
+                interval = Interval(value, value - width, value + width)
+                own[self.blocks.parameter[j]] = interval
+        return found
+
+    def _pairs(self) -> dict[str, Int[np.ndarray, "waves 2"]]:
+        """Return the coefficients of each table, by axis: a cosine, and its sine."""
+        where = np.array([self.blocks.owner[j][1] for j in self.known])
+        waves = self.order > 0
+        return {
+            str(axis): np.flatnonzero(waves & (where == axis)).reshape(-1, 2)
+            for axis in dict.fromkeys(where[waves])
+        }
+
+    def tables(self) -> dict[str, Table]:
+        """Return the tables of transmission error among the coefficients, by axis."""
+        x, order = self.fit.x, self.order.astype(float)
+        return {
+            axis: Table(order[own[:, 0]], x[own[:, 0]], x[own[:, 1]])
+            for axis, own in self._pairs().items()
+        }
+
+    def largest_waves(self, count: int) -> dict[str, Int[np.ndarray, "waves 2"]]:
+        """Return, by axis, the coefficient pairs of each table's largest harmonics."""
+        found = {}
+        for axis, own in self._pairs().items():
+            size = np.sum(self.fit.x[own] ** 2, axis=1)
+            found[axis] = own[np.argsort(-size, kind="stable")[:count]]
+        return found
+
+    def wave(
+        self, waves: Int[np.ndarray, "waves 2"], half: Float[np.ndarray, "waves 2"]
+    ) -> Wave:
+        """Return the largest significant harmonic of some, or else the largest."""
+        size, width = np.hypot(*self.fit.x[waves].T), half.max(axis=1)
+        clear = np.flatnonzero(size > width)
+        at = int(clear[0]) if len(clear) else 0
+        c, s = self.fit.x[waves[at]]
+        order, phase = int(self.order[waves[at, 0]]), float(np.arctan2(c, s))
+        return Wave(order, float(size[at]), phase, float(width[at]))
+
+    def springs(self, nominal: Float[np.ndarray, " axes"]) -> dict[str, float]:
+        """Return the fitted stiffness of each spring of the model, in N m/rad.
+
+        Changes within a decade count as nominal; unidentifiable springs keep their
+        value.
+        """
+        softer = {}
+        for j, value in zip(self.known.tolist(), self.fit.x.tolist(), strict=True):
+            if self.blocks.owner[j] == SILENT and self.blocks.entry[j] < 0:
+                where = _axis_of(self.blocks, j)
+                usual = 1.0 / nominal[int(where[1:]) - 1]
+                softer[where] = float(1.0 / np.clip(value, usual / 10.0, 10.0 * usual))
+        return softer
 
 
 def final_fit(
@@ -348,9 +338,8 @@ def _about(readings, keep, rigid, wanted, sprung, highest, design) -> FinalFit:
         rows = np.arange(start, min(start + 500, len(left)))
         a, y = full.problem(stance, rows)
         left[rows] = (y - a[:, known] @ fit.x).reshape(len(rows), -1)
-    drawn = corrected_geometry_of(full, rigid.geometry, known, fit.x)
     used = float(np.sum(1.0 - fit.precision * fit.spread())) / normal.count
-    return FinalFit(full, stance, known, fit, sizes, drawn, left, used, design, wider)
+    return FinalFit(full, stance, known, fit, sizes, left, used, design, wider)
 
 
 def _of_unchosen(
@@ -374,22 +363,6 @@ def _of_unchosen(
     inverse = np.linalg.inv(inner)
     step = moved @ (inverse @ score)
     return factor * np.einsum("ij,jk,ik->i", moved, inverse, moved) + step**2
-
-
-def springs_of(
-    found: FinalFit, nominal: Float[np.ndarray, " axes"]
-) -> dict[str, float]:
-    """Return the fitted stiffness of each spring of the model, in N m/rad.
-
-    Changes within a decade count as nominal; unidentifiable springs keep their value.
-    """
-    softer = {}
-    for j, value in zip(found.known.tolist(), found.fit.x.tolist(), strict=True):
-        if found.blocks.owner[j] == SILENT and found.blocks.entry[j] < 0:
-            where = _axis_of(found.blocks, j)
-            usual = 1.0 / nominal[int(where[1:]) - 1]
-            softer[where] = float(1.0 / np.clip(value, usual / 10.0, 10.0 * usual))
-    return softer
 
 
 def _axis_of(blocks: Blocks, column: int) -> str:

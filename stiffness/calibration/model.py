@@ -35,7 +35,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import refuse
 from bench.shared.recording import (
     UNLOADED,
     DrawingAccuracy,
@@ -174,8 +174,7 @@ def readings_of(recording: Recording, arm: Arm) -> Readings:
     if not faults and len(np.unique(recording.posture_id)) < FEWEST:
         count = len(np.unique(recording.posture_id))
         faults.append(f"it has {count} poses; calibration needs {FEWEST} or more.")
-    if faults:
-        raise Unusable(f"Recording {recording.name!r}", faults)
+    refuse(f"Recording {recording.name!r}", faults)
     assert recording.points is not None
     rest = recording.take(np.flatnonzero(np.equal(recording.stage, UNLOADED)))
     assert rest.points is not None

@@ -51,13 +51,7 @@ from stiffness.calibration.final_fit import (
     Table,
     Wave,
     design_effects,
-    estimates_of,
     final_fit,
-    largest_waves,
-    spread,
-    springs_of,
-    tables_of,
-    wave_of,
 )
 from stiffness.calibration.model import (
     CalibrationState,
@@ -369,20 +363,15 @@ def calibrated(
                for j in chosen.columns):  # fmt: skip
         rigid = RigidFit(before.corrected_geometry, rigid.kept)
     after = final_fit(readings, keep, rigid, wanted, sprung, highest, design)
-    full, known, x = after.blocks, after.known, after.fit.x
-    numbers = np.flatnonzero(full.order[known] == 0)
-    waves = largest_waves(full, known, x, WAVES)
+    numbers, waves = np.flatnonzero(after.order == 0), after.largest_waves(WAVES)
     asked = [numbers, *(w.ravel() for w in waves.values())]
     region = np.where(keep, spatial_folds.region, -1)
-    half = spread(after, region, np.concatenate(asked))
+    half = after.spread(region, np.concatenate(asked))
     ends = np.cumsum([len(a) for a in asked])
     by_wave = zip(waves.items(), np.split(half, ends)[1:], strict=False)
     widths = dict(zip(numbers.tolist(), half.tolist(), strict=False))
-    estimates = estimates_of(full, known, x, widths)
-    clearest = {
-        axis: wave_of(full, known, x, own, h.reshape(-1, 2))
-        for (axis, own), h in by_wave
-    }
+    estimates = after.estimates(widths)
+    clearest = {axis: after.wave(own, h.reshape(-1, 2)) for (axis, own), h in by_wave}
     count = len(np.unique(spatial_folds.region[keep]))
     friction = held_by_friction(estimates, readings.told_lag)
     estimates = {friction.get(k, k): v for k, v in estimates.items()}
@@ -394,9 +383,9 @@ def calibrated(
         spatial_folds=spatial_folds,
         before=before.corrected_geometry,
         corrected_geometry=after.corrected_geometry,
-        springs=tuple(springs_of(f, readings.arm.stiffness) for f in (before, after)),
+        springs=tuple(f.springs(readings.arm.stiffness) for f in (before, after)),
         estimates=estimates,
-        error_tables=tables_of(full, known, x),
+        error_tables=after.tables(),
         harmonics=clearest,
         selected=chosen,
         named=tuple(named(chosen, estimates, clearest, count)),

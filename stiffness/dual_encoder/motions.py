@@ -22,7 +22,7 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_coeffs, savgol_filter
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import refuse
 from bench.shared.recording import Recording
 from stiffness.robot.arm import Arm
 from stiffness.robot.mjcf import without_other_joints
@@ -156,8 +156,7 @@ def motions_of(
                     "both encoders: two are fitted, one judges; give each motion a "
                     f"`pose` of its own, {FEWEST} or more."
                 )
-    if faults:
-        raise Unusable(f"Recording {recording.name!r}", faults)
+    refuse(f"Recording {recording.name!r}", faults)
     return every
 
 

@@ -62,7 +62,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.shared.errors import UnknownName, Unusable
+from bench.shared.errors import UnknownName, Unusable, refuse
 
 if TYPE_CHECKING:  # who only states a shape, as a command's flags do, needs no torch
     import torch
@@ -233,8 +233,7 @@ class Mlp(Shape):
             for name, value in (("hidden", self.hidden), ("width", self.width))
             if value < 1
         ]
-        if faults:
-            raise Unusable("The network", faults)
+        refuse("The network", faults)
         if self.activation not in ACTIVATIONS:
             raise UnknownName("activation", self.activation, ACTIVATIONS)
 
@@ -325,8 +324,7 @@ class Cnn(Shape):
             faults.append(fault)
         if not 0.0 <= self.dropout < 1.0:
             faults.append(f"dropout is {self.dropout}, expected 0 to below 1.")
-        if faults:
-            raise Unusable("The network", faults)
+        refuse("The network", faults)
 
     @override
     def build(self, inputs: int, seed: int) -> "torch.nn.Sequential":

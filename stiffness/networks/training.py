@@ -31,7 +31,7 @@ from zipfile import BadZipFile
 import numpy as np
 from jaxtyping import Float
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import Unusable, refuse
 from stiffness.networks.model import load, one_thread, weights_of
 
 if TYPE_CHECKING:  # who only states steps and rates needs no torch
@@ -204,8 +204,7 @@ class Training:
             faults.append(f"warm_up is {self.warm_up}, expected 0 to below 1.")
         if not 0.0 < self.forget < 1.0:
             faults.append(f"forget is {self.forget}, expected between 0 and 1.")
-        if faults:
-            raise Unusable("The training", faults)
+        refuse("The training", faults)
 
     def rate_at(self, step: int) -> float:
         """Return the learning rate of a step, counted from 0."""

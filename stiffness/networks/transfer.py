@@ -31,7 +31,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import nn
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import Unusable, refuse
 from stiffness.networks.model import DeflectionNetwork, one_thread, weights_of
 from stiffness.networks.pretraining import source_rows
 from stiffness.networks.source_domain import SourceDomain
@@ -188,8 +188,7 @@ class FineTuning:
             faults.append("keep is 'best' with no poses held back; say 'last'.")
         if not self.unfrozen:
             faults.append("unfrozen names no layer; nothing could be learnt.")
-        if faults:
-            raise Unusable("The fine-tuning", faults)
+        refuse("The fine-tuning", faults)
 
     def rate_at(self, epoch: int) -> float:
         """Return the learning rate of an epoch, counted from 0."""

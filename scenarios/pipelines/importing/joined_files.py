@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import Unusable, refuse
 from bench.shared.format.cells import all_values_of, readings_of
 from bench.shared.format.columns import Column, Held, Layout, Unit
 from bench.shared.format.faults import Place
@@ -227,8 +227,7 @@ def recording_of(
     if not clocks or faulty:
         return Joined(axes, tuple(notes))
     offsets, told, faults = offsets_of(axes, reads, names[1])
-    if faults:
-        raise Unusable(whole, faults)
+    refuse(whole, faults)
     columns: dict[str, Channel] = {}
     covered, stamps = np.full(len(axes.time), True), []
     for read in reads:
@@ -247,8 +246,7 @@ def recording_of(
     rows = near[covered[near]]
     if not len(rows) and not faults:
         faults = ["there is no instant that all files cover."]
-    if faults:
-        raise Unusable(whole, faults)
+    refuse(whole, faults)
     joined = _joined(source, manifest, extras, model, names, columns, bare)
     counts = f"{len(rows)} of {len(axes.time)} rows of {names[0]} kept"
     told.append(f"{counts}: covered by all files, one for each reading of the slowest.")

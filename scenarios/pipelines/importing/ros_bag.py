@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.shared.errors import BenchError, Unusable
+from bench.shared.errors import BenchError, Unusable, refuse
 from bench.shared.format.columns import WRENCH
 from bench.shared.format.faults import first_line
 from bench.shared.models import ModelFacts
@@ -121,8 +121,7 @@ def _read_channels(
                     )
                 else:
                     chosen[topic] = name
-            if faults:
-                raise Unusable(what, faults)
+            refuse(what, faults)
             some = [there[topic] for topic in chosen]
             for connection, stamp, raw in reader.messages(connections=some):
                 message = store.deserialize_cdr(raw, connection.msgtype)
@@ -136,8 +135,7 @@ def _read_channels(
     except Exception as error:  # foreign bytes make their parser raise anything
         raise Unusable(what, [f"it cannot be read: {first_line(error)}."]) from None
     faults += [f"topic {wanted[n]!r} is empty." for n, t in times.items() if not t]
-    if faults:
-        raise Unusable(what, faults)
+    refuse(what, faults)
     return {name: _in_order(times[name], rows[name]) for name in wanted}
 
 

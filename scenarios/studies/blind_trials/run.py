@@ -21,7 +21,7 @@ from typing import Any
 
 import msgspec
 
-from bench.shared.errors import BenchError, Unusable
+from bench.shared.errors import BenchError, Unusable, refuse
 from bench.shared.format.folder import write
 from scenarios.studies.blind_trials.arms import arm_of
 from scenarios.studies.blind_trials.generation import generate_trial, name_of, trial_of
@@ -61,8 +61,7 @@ def opened(row: Mapping[str, Any]) -> tuple[dict, dict, str]:
     ]
     if row["answer"].get(SEALED) != row["seal"]["truth_sha256"]:
         faults.append(f"the answer of trial {row[KEY]} does not seal its truth.")
-    if faults:
-        raise Unusable("The sweep", faults)
+    refuse("The sweep", faults)
     answer = {**row["answer"], "seconds": row[SECONDS]}
     return answer, row["truth"], row["seal"]["code_sha256"]
 
