@@ -7,7 +7,7 @@ force, the markers, and below them the errors of the methods pose by pose.
 Bodies, rope, force and marks are logged once and then moved by columns of numbers.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +18,7 @@ import rerun.blueprint as rrb
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from bench.meshes import shapes
+from bench.meshes import Shape, shapes
 
 # --- Drawing --------------------------------------------------------------------------
 
@@ -31,90 +31,106 @@ METRES_PER_NEWTON = 1 / 300
 """Scale of the force's arrow; chosen: 100 N are a third of a metre."""
 
 
+Colour = tuple[int, ...]
+
+
+def draw(
+    recording: rr.RecordingStream,
+    path: str,
+    times: list[rr.TimeColumn],
+    columns: rr.ComponentColumnList,
+    look: rr.AsComponents | None = None,
+) -> None:
+    """Log what changes along the timelines and, once, how it looks."""
+    recording.send_columns(path, indexes=times, columns=columns)
+    if look is not None:
+        recording.log(path, look, static=True)
+
+
+def poses(transform: Float[np.ndarray, "rows 4 4"]) -> rr.ComponentColumnList:
+    """Return the columns of a body's transforms, with positions in m."""
+    return rr.Transform3D.columns(
+        translation=transform[:, :3, 3].astype(np.float32),
+        mat3x3=transform[:, :3, :3].astype(np.float32),
+    )
+
+
+def arrows(
+    origin: Float[np.ndarray, "*rows 3"], vector: Float[np.ndarray, "*rows 3"]
+) -> rr.ComponentColumnList:
+    """Return the columns of arrows, in m: one in every row, or as many as marks."""
+    flat = [values.reshape(-1, 3).astype(np.float32) for values in (origin, vector)]
+    columns = rr.Arrows3D.columns(origins=flat[0], vectors=flat[1])
+    return columns.partition([len(flat[0]) // len(origin)] * len(origin))
+
+
 def draw_arm(
     recording: rr.RecordingStream,
     root: str,
-    scene: "Scene",
+    arm: tuple[mujoco.MjModel, Sequence[str]],
     transforms: Float[np.ndarray, "rows bodies 4 4"],
     times: list[rr.TimeColumn],
-    colour: Float[np.ndarray, "4"] | None,
+    colour_of: Callable[[Shape], Colour | np.ndarray],
 ) -> None:
-    """Log the arm's shapes, in one colour or their own, and move its bodies."""
-    for b, body in enumerate(scene.bodies):
-        recording.send_columns(
-            f"{root}/{body}",
-            indexes=times,
-            columns=rr.Transform3D.columns(
-                translation=transforms[:, b, :3, 3].astype(np.float32),
-                mat3x3=transforms[:, b, :3, :3].astype(np.float32),
-            ),
-        )
-    for i, shape in enumerate(shapes(scene.model)):
-        if shape.body not in scene.bodies:
+    """Log the shapes of an arm's bodies, and move the bodies.
+
+    The arm is its model and the bodies that are shown; a shape's colour is one for all
+    rows, or packed by row.
+    """
+    model, bodies = arm
+    for b, body in enumerate(bodies):
+        draw(recording, f"{root}/{body}", times, poses(transforms[:, b]))
+    for i, shape in enumerate(shapes(model)):
+        if shape.body not in bodies:
             continue
-        rgba = shape.rgba if colour is None else colour
+        path = f"{root}/{shape.body}/shape_{i}"
         flat = shape.vertex[shape.face].reshape(-1, 3).astype(np.float32)
         normal = np.cross(flat[1::3] - flat[::3], flat[2::3] - flat[::3])
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-        recording.log(
-            f"{root}/{shape.body}/shape_{i}",
-            rr.Mesh3D(
-                vertex_positions=flat,
-                vertex_normals=np.repeat(normal, 3, axis=0).astype(np.float32),
-                albedo_factor=rr.components.AlbedoFactor(
-                    (255 * np.asarray(rgba)).astype(np.uint8)
-                ),
-            ),
-            static=True,
+        mesh = rr.Mesh3D(
+            vertex_positions=flat,
+            vertex_normals=np.repeat(normal, 3, axis=0).astype(np.float32),
         )
+        recording.log(path, mesh, static=True)
+        colour = colour_of(shape)
+        if isinstance(colour, np.ndarray):
+            draw(recording, path, times, rr.Mesh3D.columns(albedo_factor=colour))
+        else:
+            plain = rr.components.AlbedoFactor(colour)
+            one = rr.Mesh3D.from_fields(albedo_factor=plain)
+            recording.log(path, one, static=True)
 
 
 def draw_load(
     recording: rr.RecordingStream, scene: "Scene", times: list[rr.TimeColumn]
 ) -> None:
     """Log the rope, its force and the marks."""
-
-    def send(path, columns):
-        recording.send_columns(path, indexes=times, columns=columns)
-
     corners = scene.rope.astype(np.float32)
-    send("/cell/rope", rr.LineStrips3D.columns(strips=list(corners)))
-    recording.log(
-        "/cell/rope",
-        rr.LineStrips3D.from_fields(colors=[60, 60, 60], radii=0.004),
-        static=True,
-    )
-    pull = scene.force * METRES_PER_NEWTON
-    send(
-        "/cell/force",
-        rr.Arrows3D.columns(vectors=pull.astype(np.float32), origins=corners[:, 0]),
-    )
-    recording.log(
-        "/cell/force",
-        rr.Arrows3D.from_fields(colors=[192, 61, 62], radii=0.012),
-        static=True,
-    )
-    send(
-        "/cell/weight",
-        rr.Points3D.columns(positions=corners[:, -1]),
-    )
-    recording.log(
-        "/cell/weight",
-        rr.Points3D.from_fields(colors=[40, 40, 45], radii=0.05),
-        static=True,
-    )
-    rows, markers = scene.markers.shape[:2]
-    send(
-        "/cell/markers",
-        rr.Points3D.columns(
-            positions=scene.markers.reshape(-1, 3).astype(np.float32)
-        ).partition([markers] * rows),
-    )
-    recording.log(
-        "/cell/markers",
-        rr.Points3D.from_fields(colors=[20, 120, 220], radii=0.007),
-        static=True,
-    )
+    marks = scene.markers.reshape(-1, 3).astype(np.float32)
+    rows, count = scene.markers.shape[:2]
+    for path, columns, look in (
+        (
+            "/cell/rope",
+            rr.LineStrips3D.columns(strips=list(corners)),
+            rr.LineStrips3D.from_fields(colors=[60, 60, 60], radii=0.004),
+        ),
+        (
+            "/cell/force",
+            arrows(corners[:, 0], scene.force * METRES_PER_NEWTON),
+            rr.Arrows3D.from_fields(colors=[192, 61, 62], radii=0.012),
+        ),
+        (
+            "/cell/weight",
+            rr.Points3D.columns(positions=corners[:, -1]),
+            rr.Points3D.from_fields(colors=[40, 40, 45], radii=0.05),
+        ),
+        (
+            "/cell/markers",
+            rr.Points3D.columns(positions=marks).partition([count] * rows),
+            rr.Points3D.from_fields(colors=[20, 120, 220], radii=0.007),
+        ),
+    ):
+        draw(recording, path, times, columns, look)
 
 
 def draw_errors(
@@ -124,23 +140,18 @@ def draw_errors(
 ) -> None:
     """Plot each method's error at the times of the poses."""
     for m, (method, error) in enumerate(error_mm.items()):
+        look = rr.SeriesLines(names=method, colors=[COLOURS[m % len(COLOURS)]])
         for a, axis in enumerate("xyz"):
-            recording.send_columns(
-                f"/error/{axis}/{method}",
-                indexes=times,
-                columns=rr.Scalars.columns(scalars=error[:, a]),
-            )
-            recording.log(
-                f"/error/{axis}/{method}",
-                rr.SeriesLines(names=method, colors=[COLOURS[m % len(COLOURS)]]),
-                static=True,
-            )
+            values = rr.Scalars.columns(scalars=error[:, a])
+            draw(recording, f"/error/{axis}/{method}", times, values, look)
 
 
 # --- Scene and layout -----------------------------------------------------------------
 
 READING, POSE = "reading", "pose"
-GHOST = np.array([0.55, 0.6, 0.66, 0.28])
+GHOST = (140, 153, 168, 71)
+EYE, TARGET = np.array([1.55, -1.6, 1.25]), np.array([0.25, 0.0, 0.62])
+"""Where the arm is looked at from, and what is looked at, in m."""
 
 
 @dataclass(frozen=True)
@@ -182,17 +193,18 @@ def show(
     notes for the reader, in Markdown.
     """
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-    recording.log(
-        "/read_me",
-        rr.TextDocument(words, media_type=rr.MediaType.MARKDOWN),
-        static=True,
-    )
-    times = _times(scene, np.arange(len(scene.pose)))
-    draw_arm(recording, "/cell/ghost", scene, scene.nominal, times, GHOST)
+    write(recording, "/read_me", words)
+    times, arm = _times(scene, np.arange(len(scene.pose))), (scene.model, scene.bodies)
+    draw_arm(recording, "/cell/ghost", arm, scene.nominal, times, lambda _: GHOST)
     larger = magnify(scene.nominal, scene.actual, scene.magnified)
-    draw_arm(recording, "/cell/arm", scene, larger, times, None)
+    draw_arm(recording, "/cell/arm", arm, larger, times, own_colour)
     draw_load(recording, scene, times)
     draw_errors(recording, error_mm, _times(scene, error_row))
+
+
+def own_colour(shape: Shape) -> Colour:
+    """Return the colour of a shape in its model."""
+    return tuple((255 * shape.rgba).astype(int).tolist())
 
 
 def _times(scene: Scene, row: Int[np.ndarray, " rows"]) -> list[rr.TimeColumn]:
@@ -227,51 +239,62 @@ def blueprint(tabs: tuple[rrb.View | rrb.Container, ...] = ()) -> rrb.Blueprint:
 
     Tabs stand beside the errors.
     """
-    camera = rrb.EyeControls3D(
-        position=(1.55, -1.6, 1.25), look_target=(0.25, 0.0, 0.62), eye_up=(0, 0, 1)
-    )
     plots = [
         rrb.TimeSeriesView(origin=f"/error/{axis}", name=f"error in {axis} [mm]")
         for axis in "xyz"
     ]
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Spatial3DView(
-                origin="/cell",
-                name="the cell",
-                eye_controls=camera,
-                background=[250, 250, 250],
-                line_grid=False,
+    return side_by_side(
+        arm_view("/cell", "the cell", EYE, TARGET),
+        rrb.Tabs(
+            rrb.Vertical(
+                rrb.TextDocumentView(origin="/read_me", name="what is shown"),
+                *plots,
+                row_shares=[1.3, *[1] * len(plots)],
+                name="pose by pose",
             ),
-            rrb.Tabs(
-                rrb.Vertical(
-                    rrb.TextDocumentView(origin="/read_me", name="what is shown"),
-                    *plots,
-                    row_shares=[1.3, *[1] * len(plots)],
-                    name="pose by pose",
-                ),
-                *tabs,
-            ),
-            column_shares=[3, 2],
+            *tabs,
         ),
         rrb.TimePanel(timeline=READING, state="collapsed", fps=9.0),
-        collapse_panels=True,
     )
 
 
-def saved(
-    file: Path, name: str, seed: int, layout: rrb.Blueprint | None = None
-) -> rr.RecordingStream:
-    """Open a recording that is saved to a file, with its blueprint."""
-    recording = rr.RecordingStream("stiffness_bench", recording_id=f"{name}-{seed}")
-    recording.save(str(file), default_blueprint=layout or blueprint())
-    return recording
+def arm_view(
+    origin: str, name: str, eye: np.ndarray, target: np.ndarray
+) -> rrb.Spatial3DView:
+    """Return a view of arms, from an eye that looks at a target, in m."""
+    camera = rrb.EyeControls3D(
+        position=tuple(eye), look_target=tuple(target), eye_up=(0, 0, 1)
+    )
+    return rrb.Spatial3DView(
+        origin=origin,
+        name=name,
+        eye_controls=camera,
+        background=[250, 250, 250],
+        line_grid=False,
+    )
 
 
-def live(
-    name: str, seed: int, layout: rrb.Blueprint | None = None
+def side_by_side(
+    left: rrb.View | rrb.Container, right: rrb.Container, time: rrb.TimePanel
+) -> rrb.Blueprint:
+    """Return a layout with arms at the left, and texts and curves at the right."""
+    both = rrb.Horizontal(left, right, column_shares=[3, 2])
+    return rrb.Blueprint(both, time, collapse_panels=True)
+
+
+def write(recording: rr.RecordingStream, path: str, words: str) -> None:
+    """Log a text in Markdown."""
+    text = rr.TextDocument(words, media_type=rr.MediaType.MARKDOWN)
+    recording.log(path, text, static=True)
+
+
+def opened(
+    application: str, identity: str | None, layout: rrb.Blueprint, file: Path | None
 ) -> rr.RecordingStream:
-    """Open a recording that streams to a viewer on this machine."""
-    recording = rr.RecordingStream("stiffness_bench", recording_id=f"{name}-{seed}")
-    recording.spawn(default_blueprint=layout or blueprint())
+    """Open a recording to a file, or to a viewer where none is given."""
+    recording = rr.RecordingStream(application, recording_id=identity)
+    if file is None:
+        recording.spawn(default_blueprint=layout)
+    else:
+        recording.save(str(file), default_blueprint=layout)
     return recording

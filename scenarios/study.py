@@ -78,7 +78,7 @@ def main(settings: Settings) -> discussion.Study:
         transfer.checked(own, experiment.arm, experiment.recording)
     out.mkdir(parents=True, exist_ok=True)
     found = linear_fit.fit(experiment, seed)
-    stream = playback.live(seed) if settings.view else None
+    stream = playback.opened(seed) if settings.view else None
 
     def told(cell: Cell, result: CellResult) -> None:
         for curve in playback.curves(cell, result):

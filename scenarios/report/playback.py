@@ -23,11 +23,21 @@ import rerun as rr
 import rerun.blueprint as rrb
 from jaxtyping import Float
 
-from bench.meshes import shapes
+from bench.meshes import Shape, shapes
 from bench.proof.comparison import residual_of
 from bench.proof.proof import Proof
 from bench.proof.simulation import NominalState
-from bench.viewer import magnify
+from bench.viewer import (
+    Colour,
+    arm_view,
+    arrows,
+    draw,
+    draw_arm,
+    magnify,
+    opened,
+    side_by_side,
+    write,
+)
 from scenarios.pipelines.diagnosis import MICRO, Curves, Result, courses_of, curves_of
 from scenarios.report import error_budget, summary
 from scenarios.report.error_budget import MANY, ErrorBudget, budget_of, percent
@@ -101,7 +111,6 @@ def shown_axes(finding: Result, curves: Curves) -> list[int]:
 # --- The arm --------------------------------------------------------------------------
 
 COLD, WARM, HOT = (196, 200, 204), (240, 100, 0), (150, 20, 30)
-Colour = tuple[int, int, int, int]
 
 
 def bodies(
@@ -118,34 +127,12 @@ def bodies(
     grey where a body has none.
     """
     names = simulated.simulation.see(simulated.patched).states.bodies
-    placed = set()
-    for i, shape in enumerate(shapes(simulated.patched.rig.nominal)):
-        if shape.body not in names:
-            continue
-        path, b = f"{root}/{shape.body}", names.index(shape.body)
-        if shape.body not in placed:
-            placed.add(shape.body)
-            columns = rr.Transform3D.columns(
-                translation=pose[:, b, :3, 3].astype(np.float32),
-                mat3x3=pose[:, b, :3, :3].astype(np.float32),
-            )
-            stream.send_columns(path, indexes=times, columns=columns)
-        flat = shape.vertex[shape.face].reshape(-1, 3).astype(np.float32)
-        normal = np.cross(flat[1::3] - flat[::3], flat[2::3] - flat[::3])
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
-        mesh = rr.Mesh3D(
-            vertex_positions=flat,
-            vertex_normals=np.repeat(normal, 3, axis=0).astype(np.float32),
-        )
-        stream.log(f"{path}/shape_{i}", mesh, static=True)
-        colour = colours.get(shape.body, (*COLD, 255))
-        if isinstance(colour, np.ndarray):
-            columns = rr.Mesh3D.columns(albedo_factor=colour)
-            stream.send_columns(f"{path}/shape_{i}", indexes=times, columns=columns)
-        else:
-            plain = rr.components.AlbedoFactor(colour)
-            one = rr.Mesh3D.from_fields(albedo_factor=plain)
-            stream.log(f"{path}/shape_{i}", one, static=True)
+    arm = simulated.patched.rig.nominal, names
+
+    def colour_of(shape: Shape) -> Colour | np.ndarray:
+        return colours.get(shape.body, (*COLD, 255))
+
+    draw_arm(stream, root, arm, pose, times, colour_of)
 
 
 def poses_of(
@@ -198,16 +185,14 @@ def marked_places(
         if where not in budget.of_places:
             continue
         at = pose[:, names.index(links[k]), :3, 3].astype(np.float32)
-        path = f"/cell/places/{where}"
-        columns = rr.Points3D.columns(positions=at)
-        stream.send_columns(path, indexes=times, columns=columns)
         style = rr.Points3D.from_fields(
             colors=[tuple(round(255 * c) for c in colour[where])],
             labels=[f"{where} {percent(budget.of_places[where])}"],
             show_labels=True,
             radii=0.02,
         )
-        stream.log(path, style, static=True)
+        place = rr.Points3D.columns(positions=at)
+        draw(stream, f"/cell/places/{where}", times, place, style)
 
 
 def heat_of(simulated: Proof, residual: np.ndarray) -> dict[str, np.ndarray]:
@@ -244,15 +229,13 @@ LONGEST = 0.15
 
 def show_diagnosis(finding: Result, file: Path | None) -> None:
     """Save the playback, or stream it to a viewer where no file is given."""
-    stream = rr.RecordingStream("stiffness_diagnosis", recording_id=_id(finding))
-    _begin(stream, file, _diagnosis_blueprint(finding))
+    name = f"{finding.answer.recording or 'recording'}-diagnosis"
+    stream = opened("stiffness_diagnosis", name, _diagnosis_blueprint(finding), file)
     many = len(finding.answer.named) >= MANY
     said = list((summary.headlines if many else summary.sentences)(finding))
     if many:
         said = [said[0], *(f"- {text}" for text in said[1:])]
-    words = "\n\n".join(said)
-    document = rr.TextDocument(words, media_type=rr.MediaType.MARKDOWN)
-    stream.log("/read_me", document, static=True)
+    write(stream, "/read_me", "\n\n".join(said))
     simulated = finding.simulated
     if simulated is not None and finding.recording.markers:
         budget = budget_of(finding.answer) if many else None
@@ -299,33 +282,21 @@ def _arm(
         )
     usual = np.nanquantile(np.linalg.norm(left[0][rows], axis=2), 0.98)
     magnified = _round(LONGEST / max(float(usual), 1e-9))
-    markers = shape[1]
-    for path, values, colour in zip(
-        ("/cell/before", "/cell/after"), left, (GREY, ORANGE), strict=True
-    ):
-        if path.endswith("after") and not proved:
-            continue
-        vectors = magnified * np.nan_to_num(values[rows])
-        columns = rr.Arrows3D.columns(
-            origins=seen.point[rows].reshape(-1, 3).astype(np.float32),
-            vectors=vectors.reshape(-1, 3).astype(np.float32),
-        ).partition([markers] * count)
-        stream.send_columns(path, indexes=times, columns=columns)
-        style = rr.Arrows3D.from_fields(colors=[colour], radii=0.004)
-        stream.log(path, style, static=True)
     visit = world.replay.visit
     for name, values, colour in zip(
         ("before", "after"), left, (GREY, ORANGE), strict=True
     ):
+        if name == "before" or proved:
+            missed = arrows(seen.point[rows], magnified * np.nan_to_num(values[rows]))
+            style = rr.Arrows3D.from_fields(colors=[colour], radii=0.004)
+            draw(stream, f"/cell/{name}", times, missed, style)
         square = np.sum(values**2, axis=2)
         sums = [np.bincount(visit, np.nansum(square, axis=1)),
                 np.bincount(visit, np.isfinite(square).sum(axis=1))]  # fmt: skip
         rms = MICRO * np.sqrt(sums[0] / np.maximum(sums[1], 1))
-        stream.send_columns(
-            f"/error/{name}", indexes=times, columns=rr.Scalars.columns(scalars=rms)
-        )
         lines = rr.SeriesLines(names=f"{name} [µm]", colors=[colour])
-        stream.log(f"/error/{name}", lines, static=True)
+        scalars = rr.Scalars.columns(scalars=rms)
+        draw(stream, f"/error/{name}", times, scalars, lines)
     note = (
         f"Arrows: what the simulation misses, magnified {magnified:.0f} times. Grey: "
         f"nominal arm. Orange: with the patch.{said}"
@@ -399,10 +370,6 @@ def _diagnosis_blueprint(finding: Result) -> rrb.Blueprint:
     points = np.array([[-0.3, -0.7, 0.0], [1.0, 0.7, 1.2]])
     if simulated is not None and drawn:
         points = shown_points(simulated)
-    eye, centre = eye_on(points)
-    camera = rrb.EyeControls3D(
-        position=tuple(eye), look_target=tuple(centre), eye_up=(0, 0, 1)
-    )
     words = rrb.TextDocumentView(origin="/read_me", name="what was found")
     plots: list = []
     if simulated is not None and drawn:
@@ -420,24 +387,14 @@ def _diagnosis_blueprint(finding: Result) -> rrb.Blueprint:
             plots = [rrb.Tabs(*plots)]
         plots.append(rrb.TimeSeriesView(origin="/error", name="rms error [µm]"))
     name = "what the nominal arm misses" if not many else "share of the mismatch"
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Vertical(
-                rrb.Spatial3DView(
-                    origin="/cell",
-                    name=name,
-                    eye_controls=camera,
-                    background=[250, 250, 250],
-                    line_grid=False,
-                ),
-                rrb.TextDocumentView(origin="/note", name="what is drawn"),
-                row_shares=[6, 1],
-            ),
-            rrb.Vertical(words, *plots, row_shares=[2, *[1] * len(plots)]),
-            column_shares=[3, 2],
+    return side_by_side(
+        rrb.Vertical(
+            arm_view("/cell", name, *eye_on(points)),
+            rrb.TextDocumentView(origin="/note", name="what is drawn"),
+            row_shares=[6, 1],
         ),
+        rrb.Vertical(words, *plots, row_shares=[2, *[1] * len(plots)]),
         rrb.TimePanel(timeline=POSE, state="collapsed", fps=4.0),
-        collapse_panels=True,
     )
 
 
@@ -445,10 +402,6 @@ def _round(value: float) -> float:
     """Round down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
     return float(max(n for n in (1, 2, 5) if n * power <= value) * power)
-
-
-def _id(finding: Result) -> str:
-    return f"{finding.answer.recording or 'recording'}-diagnosis"
 
 
 # --- A calibration --------------------------------------------------------------------
@@ -462,8 +415,15 @@ def show_calibration(
     """Save the playback, or stream it to a viewer where no file is given."""
     from stiffness.calibration.model import CalibrationState
 
-    stream = rr.RecordingStream("stiffness_calibration", recording_id="calibration")
-    _begin(stream, file, _calibration_blueprint())
+    layout = side_by_side(
+        rrb.Spatial3DView(origin="/cell", name="poses kept back"),
+        rrb.Vertical(
+            rrb.TextDocumentView(origin="/read_me", name="what was found"),
+            rrb.TimeSeriesView(origin="/error", name="error [mm]"),
+        ),
+        rrb.TimePanel(timeline=POSE, state="collapsed", fps=4.0),
+    )
+    stream = opened("stiffness_calibration", "calibration", layout, file)
     stance = CalibrationState.of(found.readings, found.corrected_geometry)
     held = np.flatnonzero(found.held)
     times = [rr.TimeColumn(POSE, sequence=np.arange(len(held)))]
@@ -472,24 +432,16 @@ def show_calibration(
     origin = stance.standing.origin[:, held].swapaxes(0, 1)  # (rows, axes, 3)
     arm = np.concatenate([origin, point[:, None]], axis=1).astype(np.float32)
     strips = rr.LineStrips3D.columns(strips=arm).partition([1] * len(held))
-    stream.send_columns("/cell/arm", indexes=times, columns=strips)
+    draw(stream, "/cell/arm", times, strips)
     usual = float(np.quantile(np.linalg.norm(proof.before, axis=1), 0.98))
     magnified = 10.0 ** np.floor(np.log10(LONGEST / max(usual, 1e-9)))
     both = (("before", proof.before, GREY), ("after", proof.after, ORANGE))
     for name, left, colour in both:
-        arrows = rr.Arrows3D.columns(
-            origins=point.astype(np.float32),
-            vectors=(magnified * left).astype(np.float32),
-        ).partition([1] * len(held))
-        stream.send_columns(f"/cell/{name}", indexes=times, columns=arrows)
         style = rr.Arrows3D.from_fields(colors=[colour], radii=0.004)
-        stream.log(f"/cell/{name}", style, static=True)
-        size = MM * np.linalg.norm(left, axis=1)
-        stream.send_columns(
-            f"/error/{name}", indexes=times, columns=rr.Scalars.columns(scalars=size)
-        )
+        draw(stream, f"/cell/{name}", times, arrows(point, magnified * left), style)
+        size = rr.Scalars.columns(scalars=MM * np.linalg.norm(left, axis=1))
         lines = rr.SeriesLines(names=f"{name} [mm]", colors=[colour])
-        stream.log(f"/error/{name}", lines, static=True)
+        draw(stream, f"/error/{name}", times, size, lines)
     note = (
         f"{words}\n\nArrows: what the simulator misses on poses kept back, magnified "
         f"{magnified:.0f} times. Grey: as drawn. Orange: as calibrated."
@@ -497,21 +449,6 @@ def show_calibration(
     stream.log("/read_me", rr.TextDocument(note), static=True)
     stream.flush()
     stream.disconnect()
-
-
-def _calibration_blueprint() -> rrb.Blueprint:
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Spatial3DView(origin="/cell", name="poses kept back"),
-            rrb.Vertical(
-                rrb.TextDocumentView(origin="/read_me", name="what was found"),
-                rrb.TimeSeriesView(origin="/error", name="error [mm]"),
-            ),
-            column_shares=[3, 2],
-        ),
-        rrb.TimePanel(timeline=POSE, state="collapsed", fps=4.0),
-        collapse_panels=True,
-    )
 
 
 # --- A comparison of encoders ---------------------------------------------------------
@@ -523,8 +460,7 @@ URAD = 1e6
 
 def show_comparison(axes: Sequence[Axis], file: Path | None) -> None:
     """Show curves of the judged motion, in µrad, and of its angle and torque."""
-    stream = rr.RecordingStream("two_encoders")
-    _begin(stream, file, _comparison_blueprint(axes))
+    stream = opened("two_encoders", None, _comparison_blueprint(axes), file)
     for a in axes:
         times = [rr.TimeColumn(TIME, duration=a.judged.time)]
         curves = {"nominal": URAD * a.before, "named": URAD * a.after}
@@ -532,8 +468,8 @@ def show_comparison(axes: Sequence[Axis], file: Path | None) -> None:
         if a.judged.torque is not None:
             curves["torque_nm"] = a.judged.torque
         for name, values in curves.items():
-            columns = rr.Scalars.columns(scalars=values)
-            stream.send_columns(f"/{a.name}/{name}", indexes=times, columns=columns)
+            scalars = rr.Scalars.columns(scalars=values)
+            draw(stream, f"/{a.name}/{name}", times, scalars)
     stream.flush()
     stream.disconnect()
 
@@ -555,16 +491,3 @@ def _comparison_blueprint(axes: Sequence[Axis]) -> rrb.Blueprint:
         for a in axes
     ]
     return rrb.Blueprint(rrb.Horizontal(*columns), collapse_panels=True)
-
-
-# --- Where a playback goes ------------------------------------------------------------
-
-
-def _begin(
-    stream: rr.RecordingStream, file: Path | None, blueprint: rrb.Blueprint
-) -> None:
-    """Send a stream to a file, or to a viewer that is opened where none is given."""
-    if file is None:
-        stream.spawn(default_blueprint=blueprint)
-    else:
-        stream.save(str(file), default_blueprint=blueprint)

@@ -49,7 +49,7 @@ def scene():
 
 def save(scene, file):
     """Save a scene with one method's errors in its two poses."""
-    stream = viewer.saved(file, "trial", seed=3)
+    stream = viewer.opened("trials", "trial-3", viewer.blueprint(), file)
     error_mm = {"vjm": np.array([[0.1, 0.2, 0.3], [0.4, 0.5, 0.6]])}
     viewer.show(stream, scene, error_mm, np.array([1, 4]), "**words**")
     stream.flush()
@@ -111,7 +111,7 @@ def test_magnifying_leaves_its_input_and_keeps_rows_and_bodies(scene):
 
 def test_saved_recording_opens_on_the_timeline_of_readings(file):
     assert timeline(file) == viewer.READING == "reading"
-    assert identity(file) == ("stiffness_bench", "trial-3")
+    assert identity(file) == ("trials", "trial-3")
 
 
 def test_everything_that_belongs_to_the_experiment_can_be_seen(file):
@@ -145,7 +145,7 @@ def test_live_recording_goes_to_a_viewer_with_the_same_layout(monkeypatch):
     monkeypatch.setattr(
         rr.RecordingStream, "spawn", lambda self, **given: opened.append((self, given))
     )
-    stream = viewer.live("trial", 3)
+    stream = viewer.opened("trials", "trial-3", viewer.blueprint(), None)
     ((spawned, given_),) = opened
     assert spawned is stream
     assert stream.get_recording_id() == "trial-3"

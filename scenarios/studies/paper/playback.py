@@ -64,12 +64,9 @@ def curves(cell: Cell, result: CellResult) -> list[Curve]:
 def show_curve(recording: rr.RecordingStream, curve: Curve) -> None:
     """Log a curve on the timeline of steps."""
     path = f"/training/{curve.name}"
-    recording.send_columns(
-        path,
-        indexes=[rr.TimeColumn(STEP, sequence=curve.step.astype(int))],
-        columns=rr.Scalars.columns(scalars=curve.value),
-    )
-    recording.log(path, rr.SeriesLines(names=curve.name), static=True)
+    times = [rr.TimeColumn(STEP, sequence=curve.step.astype(int))]
+    values = rr.Scalars.columns(scalars=curve.value)
+    viewer.draw(recording, path, times, values, rr.SeriesLines(names=curve.name))
 
 
 # --- The scene ------------------------------------------------------------------------
@@ -129,17 +126,8 @@ def view() -> rrb.Spatial3DView:
     """Return the view of all worst poses, from the side."""
     middle = 0.5 * APART * [A_ROW - 1, 0, 1]
     target = np.array([0.2, 0.0, 0.6]) + middle
-    away = np.array([0.0, -7.8, 0.5])
-    camera = rrb.EyeControls3D(
-        position=target + away, look_target=target, eye_up=(0, 0, 1)
-    )
-    return rrb.Spatial3DView(
-        origin=GALLERY,
-        name="the worst ten",
-        eye_controls=camera,
-        background=[250, 250, 250],
-        line_grid=False,
-    )
+    eye = target + np.array([0.0, -7.8, 0.5])
+    return viewer.arm_view(GALLERY, "the worst ten", eye, target)
 
 
 def colours(methods: Iterable[str]) -> dict[str, tuple[int, int, int]]:
@@ -216,28 +204,23 @@ def show_worst(
     rows = measured.row[chosen]
     time = [rr.TimeColumn(WORST, sequence=np.arange(1, len(rows) + 1))]
 
-    def send(path: str, columns) -> None:
-        recording.send_columns(path, indexes=time, columns=columns)
+    def send(path: str, columns: rr.ComponentColumnList) -> None:
+        viewer.draw(recording, path, time, columns)
 
     nominal, actual = scene.nominal[rows], scene.actual[rows]
     larger = magnify(nominal, actual, scene.magnified)
     for root, transforms in (("/cell/ghost", nominal), ("/cell/arm", larger)):
         for b, body in enumerate(scene.bodies):
-            columns = rr.Transform3D.columns(
-                translation=transforms[:, b, :3, 3].astype(np.float32),
-                mat3x3=transforms[:, b, :3, :3].astype(np.float32),
-            )
-            send(f"{root}/{body}", columns)
+            send(f"{root}/{body}", viewer.poses(transforms[:, b]))
     corners = scene.rope[rows].astype(np.float32)
     send("/cell/rope", rr.LineStrips3D.columns(strips=list(corners)))
-    pull = (scene.force[rows] / 300.0).astype(np.float32)
-    send("/cell/force", rr.Arrows3D.columns(vectors=pull, origins=corners[:, 0]))
+    pull = scene.force[rows] * viewer.METRES_PER_NEWTON
+    send("/cell/force", viewer.arrows(corners[:, 0], pull))
     send("/cell/weight", rr.Points3D.columns(positions=corners[:, -1]))
     for name, error in error_mm.items():
-        arrow = (1e-3 * ERRORS_MAGNIFIED * error[chosen]).astype(np.float32)
-        place = actual[:, -1, :3, 3].astype(np.float32)
+        arrow = 1e-3 * ERRORS_MAGNIFIED * error[chosen]
         path = f"/cell/errors/{rr.escape_entity_path_part(name)}"
-        send(path, rr.Arrows3D.columns(vectors=arrow, origins=place))
+        send(path, viewer.arrows(actual[:, -1, :3, 3], arrow))
     words = [
         f"{i}: pose {pose}" for i, pose in enumerate(measured.posture_id[chosen], 1)
     ]
@@ -258,9 +241,7 @@ def show_worst(
         f"method's error ({ERRORS_MAGNIFIED:.0f} times). The timeline `{WORST}` goes "
         "through them in the cell."
     )
-    recording.log(
-        "/worst", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True
-    )
+    viewer.write(recording, "/worst", text)
 
 
 # --- The whole playback ---------------------------------------------------------------
@@ -290,9 +271,9 @@ class Learnt:
     curves: Sequence[Curve]
 
 
-def live(seed: int) -> rr.RecordingStream:
-    """Open a viewer on this machine."""
-    return viewer.live("study", seed, LAYOUT)
+def opened(seed: int, file: Path | None = None) -> rr.RecordingStream:
+    """Open a playback to a file, or to a viewer on this machine."""
+    return viewer.opened("stiffness_bench", f"study-{seed}", LAYOUT, file)
 
 
 def save(
@@ -304,7 +285,7 @@ def save(
 ) -> None:
     """Write a playback whole, or keep the earlier file; content as in `show`."""
     beside = file.with_suffix(".partial")
-    recording = viewer.saved(beside, "study", seed, LAYOUT)
+    recording = opened(seed, beside)
     show(recording, experiment, found, learnt)
     os.replace(beside, file)
 
@@ -336,19 +317,13 @@ def _arrows(
     """Log each method's error as an arrow at the flange, side by side."""
     rows = experiment.measured.row
     place = shown.actual[rows, -1, :3, 3]
+    times = [rr.TimeColumn(viewer.READING, sequence=rows)]
     colour = colours(learnt.error_mm)
     for name, error in learnt.error_mm.items():
-        arrow = (1e-3 * ERRORS_MAGNIFIED * error).astype(np.float32)
         path = f"/cell/errors/{rr.escape_entity_path_part(name)}"
-        recording.send_columns(
-            path,
-            indexes=[rr.TimeColumn(viewer.READING, sequence=rows)],
-            columns=rr.Arrows3D.columns(
-                vectors=arrow, origins=place.astype(np.float32)
-            ),
-        )
-        drawn = rr.Arrows3D.from_fields(colors=[colour[name]], radii=0.005)
-        recording.log(path, drawn, static=True)
+        columns = viewer.arrows(place, 1e-3 * ERRORS_MAGNIFIED * error)
+        look = rr.Arrows3D.from_fields(colors=[colour[name]], radii=0.005)
+        viewer.draw(recording, path, times, columns, look)
 
 
 def _words(experiment: Experiment, found: LinearFit, learnt: Learnt) -> str:
