@@ -14,7 +14,7 @@ from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bench import standard_plans
 from bench.experiment import observed, record
@@ -56,16 +56,9 @@ class Experiment:
     @property
     def true_deflection(self) -> Float[np.ndarray, "rows 3"]:
         """True deflection for each row of `measured`, in m, along the base's axes."""
-        point = self.measured.cases.point_in_flange
-        flange = self.states.bodies.index(self.rig.anatomy.flange)
-        loaded = self.measured.row
+        point, loaded = self.measured.cases.point_in_flange, self.measured.row
         unloaded = self.plan.row_visit[loaded] * len(self.plan.path)
-        ends = [
-            self.states.position[row, flange]
-            + np.einsum("nij,nj->ni", self.states.rotation[row, flange], point)
-            for row in (loaded, unloaded)
-        ]
-        return ends[0] - ends[1]
+        return displacement(self.rig, self.states, (unloaded, loaded), point)
 
     @property
     def secant_stiffness(self) -> Float[np.ndarray, " axes"]:
@@ -102,6 +95,25 @@ def carry_out(seed: int, poses: int = 151) -> Experiment:
         arm=arm,
         measured=one_per_pose(arm, recording, None),
     )
+
+
+def displacement(
+    rig: Rig,
+    states: States,
+    rows: tuple[Int[np.ndarray, " points"], Int[np.ndarray, " points"]],
+    point: Float[np.ndarray, "points 3"],
+) -> Float[np.ndarray, "points 3"]:
+    """Return how far points of the flange move from the first rows to the second.
+
+    All in m, along the base's axes.
+    """
+    flange = states.bodies.index(rig.anatomy.flange)
+    before, after = (
+        states.position[row, flange]
+        + np.einsum("nij,nj->ni", states.rotation[row, flange], point)
+        for row in rows
+    )
+    return after - before
 
 
 # --- Fresh postures ------------------------------------------------------------------

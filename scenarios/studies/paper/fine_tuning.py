@@ -130,15 +130,12 @@ def _table_08(
         for k, direction in enumerate(DIRECTIONS):
             error = np.stack([r[f"{name}/unseen"][:, k] for r in results])
             for metric in MEASURES:
-                interval = pooled(error, MEASURES[metric]).interval
                 rows.append(
                     {
                         "unfrozen": _layers(name),
                         "direction": direction,
                         "metric": metric,
-                        "value_mm": interval.estimate,
-                        "low_mm": interval.low,
-                        "high_mm": interval.high,
+                        **pooled(error, MEASURES[metric]).row,
                         "paper_mm": None,
                         "n": error.shape[1],
                         "seeds": " ".join(map(str, seeds)),

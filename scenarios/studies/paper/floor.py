@@ -29,14 +29,19 @@ from typing_extensions import override
 
 from bench import standard_plans
 from bench.effects.effect import Effect
-from bench.rig import Rig, States
+from bench.rig import Rig
 from bench.shared.effect_catalogue import CATALOGUE
-from bench.shared.plan import Plan
 from bench.study_arm import Truth, default_truth
 from scenarios.report import page, style
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import MEASURES, Draws, pooled
-from scenarios.studies.paper.experiment import KR10, REVISITS, Material, fresh_plan
+from scenarios.studies.paper.experiment import (
+    KR10,
+    REVISITS,
+    Material,
+    displacement,
+    fresh_plan,
+)
 from stiffness.experiment.deflections import every_plateau
 
 # --- The oracle -----------------------------------------------------------------------
@@ -72,27 +77,16 @@ class NudgeCell(Cell):
         )
         fresh = fresh_plan(material.unseen.cases.posture, self.seed)
         data = every_plateau(material.arm, material.recording)
-        points = data.cases.point_in_flange
-        rows, cases = data.row, material.unseen.cases.point_in_flange
         loaded = np.arange(1, fresh.visits + 1) * len(fresh.path) - 1
-        return {
-            "experiment": deflection(rig, experiment, rows, points),
-            "unseen": deflection(rig, fresh, loaded, cases),
-        }
-
-
-def deflection(
-    rig: Rig, plan: Plan, rows: np.ndarray, point: Float[np.ndarray, "rows 3"]
-) -> Float[np.ndarray, "rows 3"]:
-    """Return true displacements of points of the flange within a visit, in mm."""
-    states: States = rig.carry_out(plan)
-    flange = states.bodies.index(rig.anatomy.flange)
-    ends = [
-        states.position[r, flange]
-        + np.einsum("nij,nj->ni", states.rotation[r, flange], point)
-        for r in (rows, plan.row_visit[rows] * len(plan.path))
-    ]
-    return 1e3 * (ends[0] - ends[1])
+        found = {}
+        for name, plan, rows, cases in (
+            ("experiment", experiment, data.row, data.cases),
+            ("unseen", fresh, loaded, material.unseen.cases),
+        ):
+            first, point = plan.row_visit[rows] * len(plan.path), cases.point_in_flange
+            moved = displacement(rig, rig.carry_out(plan), (first, rows), point)
+            found[name] = 1e3 * moved
+        return found
 
 
 def magnitudes(truth: Truth) -> list[tuple[Effect, str] | int]:

@@ -136,15 +136,12 @@ def _tidy(contenders: Sequence[Contender]) -> list[dict]:
                     ("fresh poses", c.draws(k, metric), c.unseen.shape[1]),
                     ("held out", c.held_out_draws(k, metric), c.held_out[:, :, 0].size),
                 ):
-                    interval = draws.interval
                     rows.append(
                         {
                             "method": c.method,
                             "direction": direction,
                             "metric": metric,
-                            "value_mm": interval.estimate,
-                            "low_mm": interval.low,
-                            "high_mm": interval.high,
+                            **draws.row,
                             "paper_mm": paper.get(PUBLISHED.get(metric, "")),
                             "n": n,
                             "seeds": " ".join(map(str, c.seeds)),

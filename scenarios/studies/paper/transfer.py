@@ -30,7 +30,7 @@ from bench.shared.recording import Recording
 from scenarios.pipelines.patching import patch_of_diagnosis
 from scenarios.studies.paper.budget import PLANS, Budget, Transfer
 from scenarios.studies.paper.cells import Cell, CellResult
-from scenarios.studies.paper.experiment import KR10, Material
+from scenarios.studies.paper.experiment import KR10, Material, displacement
 from scenarios.studies.paper.imitation import imitated, source_plan, step_cost
 from stiffness.experiment.deflections import every_plateau
 from stiffness.methods.gp_residual import GpResidual
@@ -223,14 +223,11 @@ def against_patched_rig(
     rig, path = rig_of(patch, KR10), mechanics.path
     load = cases.wrench_in_base[:, None] * path.share[:, None]
     hold = np.tile(path.read - path.changed, (len(cases), 1))
+    first = len(path.share) * np.arange(len(cases))
+    rows = (first, first + len(path.share) - 1)
     states = rig.respond(cases.posture, load, hold)
-    flange, steps = states.bodies.index(rig.anatomy.flange), len(path.share)
-    point = np.repeat(cases.point_in_flange, steps, axis=0)
-    place = states.position[:, flange] + np.einsum(
-        "nij,nj->ni", states.rotation[:, flange], point
-    )
-    place = place.reshape(len(cases), steps, 3)
-    return 1e3 * (mechanics.displacement(cases) - (place[:, -1] - place[:, 0]))
+    moved = displacement(rig, states, rows, cases.point_in_flange)
+    return 1e3 * (mechanics.displacement(cases) - moved)
 
 
 def named_physics(arm: Arm, held: tuple[str, ...] = ()) -> dict[str, NamedPhysics]:

@@ -6,6 +6,7 @@ the experiment, for networks pre-trained on each source plan.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,7 @@ from scenarios.studies.paper.comparison import (
     pooled,
     verdict,
 )
-from scenarios.studies.paper.experiment import Experiment, Unseen
+from scenarios.studies.paper.experiment import Experiment, Unseen, displacement
 from stiffness.experiment.deflections import LoadCases
 
 # --- Loads in other directions --------------------------------------------------------
@@ -52,21 +53,10 @@ def pulled_elsewhere(experiment: Experiment, fresh: Unseen, seed: int) -> Unseen
     pull = direction[:, None] * (GRAVITY * np.array(steps))[:, None]
     wrench = np.concatenate([pull, np.cross(lever[:, None], pull)], axis=2)
     states = experiment.rig.respond(cases.posture, wrench, np.array(hold))
-    flange = states.bodies.index(experiment.rig.anatomy.flange)
-    place = states.position[:, flange] + np.einsum(
-        "nij,nj->ni",
-        states.rotation[:, flange],
-        np.repeat(cases.point_in_flange, len(steps), axis=0),
-    )
-    place = place.reshape(count, len(steps), 3)
-    asked = LoadCases(
-        cases.posture,
-        wrench[:, -1],
-        cases.point_in_flange,
-        cases.origin_in_flange,
-        cases.payload,
-    )
-    return Unseen(asked, place[:, -1] - place[:, 0])
+    first = len(steps) * np.arange(count)
+    rows = (first, first + len(steps) - 1)
+    moved = displacement(experiment.rig, states, rows, cases.point_in_flange)
+    return Unseen(replace(cases, wrench_in_base=wrench[:, -1]), moved)
 
 
 def nearest(
@@ -105,15 +95,12 @@ def tidy(methods: Sequence[Contender], loads: Sequence[str]) -> list[dict[str, o
         for load, part in zip(loads, (slice(n), slice(n, None)), strict=True):
             size = np.abs(error[:, part]).mean(axis=2)  # (seeds, poses) mm
             for metric in ("MAE", "P99"):
-                interval = pooled(size, MEASURES[metric]).interval
                 rows.append(
                     {
                         "method": c.name,
                         "loads": load,
                         "metric": metric,
-                        "value_mm": interval.estimate,
-                        "low_mm": interval.low,
-                        "high_mm": interval.high,
+                        **pooled(size, MEASURES[metric]).row,
                         "n": n,
                         "seeds": " ".join(map(str, c.seeds)),
                     }
