@@ -30,7 +30,7 @@ def point_jacobian(
     many = point.shape[:-1]
     taken = np.zeros((*many, 3, 6))
     taken[..., range(3), range(3)] = 1.0
-    x, y, z = np.moveaxis(point, -1, 0)
+    x, y, z = point[..., 0], point[..., 1], point[..., 2]
     taken[..., 0, 4], taken[..., 0, 5] = z, -y
     taken[..., 1, 3], taken[..., 1, 5] = -z, x
     taken[..., 2, 3], taken[..., 2, 4] = y, -x
