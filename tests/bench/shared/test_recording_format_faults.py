@@ -1,8 +1,6 @@
 # ruff: noqa: E501 (a table of damages reads best one to a line)
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pyarrow as pa
@@ -26,6 +24,8 @@ from recordings import (
 
 from bench.shared.errors import Unusable
 from bench.shared.format.folder import read
+from scenarios import check
+from scenarios.report.command_line import run
 
 CSV, TOML, PARQUET = "samples.csv", "recording.toml", "samples.parquet"
 
@@ -313,19 +313,16 @@ def test_a_samples_file_that_is_too_large_is_refused_unread(tmp_path):
     ],
     ids=["text", "garbage", "arrays without end", "not a quaternion"],
 )
-def test_the_command_line_ends_with_2_and_one_message(tmp_path, damage):
+def test_the_command_line_ends_with_2_and_one_message(
+    tmp_path, damage, kr10, monkeypatch, capsys
+):
     folder = write_good(tmp_path / "recording")
     damage(folder)
     before = sorted(tmp_path.rglob("*"))
-    model = Path(__file__).parents[3] / "mjcf/kr10_r1100_2/kr10_r1100_2.xml"
-    done = subprocess.run(
-        [sys.executable, "-m", "scenarios.check", folder, "--robot", model],
-        capture_output=True,
-        text=True,
-        cwd=model.parent.parent.parent,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert "Traceback" not in done.stderr + done.stdout
-    assert done.stderr.count("cannot be used") == 1
+    words = ["check", str(folder), "--robot", str(kr10)]
+    monkeypatch.setattr("sys.argv", words)
+    with pytest.raises(SystemExit) as ended:
+        run(check.main, check.Settings)
+    assert ended.value.code == 2
+    assert capsys.readouterr().err.count("cannot be used") == 1
     assert sorted(tmp_path.rglob("*")) == before
