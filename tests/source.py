@@ -4,10 +4,13 @@ import ast
 import re
 import subprocess
 import tomllib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+parsed = cache(ast.parse)
+"""The tree of a source; none is changed."""
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 
 
@@ -33,6 +36,7 @@ def effect_files() -> list[str]:
     ]
 
 
+@cache
 def text(file: str) -> str:
     """Return a file's text."""
     return (ROOT / file).read_text("utf-8")
@@ -40,7 +44,7 @@ def text(file: str) -> str:
 
 def docstring(file: str) -> str:
     """Return a module's docstring, empty without one."""
-    return ast.get_docstring(ast.parse(text(file))) or ""
+    return ast.get_docstring(parsed(text(file))) or ""
 
 
 def module_name(file: str) -> str:
@@ -48,21 +52,24 @@ def module_name(file: str) -> str:
     return file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
 
 
-def imports(source: str, package: str = "") -> Iterator[str]:
-    """Yield the full name of everything that a source imports, in functions too.
+@cache
+def imports(source: str, package: str = "") -> tuple[str, ...]:
+    """Return the full name of everything that a source imports, in functions too.
 
     Args:
         source: Python text.
         package: The package it lies in, from which relative imports are counted.
     """
-    for node in ast.walk(ast.parse(source)):
+    found: list[str] = []
+    for node in ast.walk(parsed(source)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found += (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
             parents = package.split(".")[: 1 - node.level or None]
             start = ".".join(parents) if node.level else ""
             origin = ".".join(part for part in (start, node.module) if part)
-            yield from (f"{origin}.{alias.name}" for alias in node.names)
+            found += (f"{origin}.{alias.name}" for alias in node.names)
+    return tuple(found)
 
 
 def within(name: str, parents: tuple[str, ...]) -> bool:
@@ -72,7 +79,7 @@ def within(name: str, parents: tuple[str, ...]) -> bool:
 
 def names_called(source: str) -> set[str]:
     """Return the names of all that a source calls."""
-    nodes = ast.walk(ast.parse(source))
+    nodes = ast.walk(parsed(source))
     return {ast.unparse(n.func) for n in nodes if isinstance(n, ast.Call)}
 
 
@@ -83,7 +90,8 @@ RISKY_CALLS = {
 RISKY_SETTINGS = {("allow_pickle", "True"), ("shell", "True")}
 
 
-def dependencies(files: Sequence[str]) -> dict[str, set[str]]:
+@cache
+def dependencies(files: tuple[str, ...]) -> dict[str, set[str]]:
     """Return which of some files' modules each of them imports."""
     modules = {module_name(file): file for file in files}
     found = {}
@@ -106,7 +114,7 @@ def _module_of(name: str, modules: Collection[str]) -> str:
 
 def risky_calls(source: str) -> Iterator[str]:
     """Yield every call that runs a text as code, or goes through pickle."""
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(parsed(source)):
         if not isinstance(node, ast.Call):
             continue
         called = ast.unparse(node.func)
