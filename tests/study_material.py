@@ -21,7 +21,6 @@ from scenarios.studies.paper.experiment import Experiment, Material, carry_out, 
 from scenarios.study import Settings, main
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.effects.bearing_tilt import BearingTilt as Tilt
-from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis as OnPaper
 from stiffness.methods import named_physics
 from stiffness.methods.method import Fitted, Method
@@ -35,13 +34,13 @@ POSES = 40
 FEW = ((Hysteresis, "a2"), (BearingTilt, "a3"))
 
 
-LAWS = (Hardening(), OnPaper(), Tilt())
+LAWS = (OnPaper(), Tilt())
 """Among which the diagnosis looks for them."""
 
 
 @contextmanager
 def few_effects() -> Iterator[None]:
-    """Give the study's arm two of its effects, and the diagnosis three of its laws.
+    """Give the study's arm two of its effects, and the diagnosis their laws alone.
 
     To name all takes half a minute, and to look among all laws four times as long.
     """
