@@ -47,7 +47,7 @@ from bench.shared.recording import (
 from stiffness.experiment.visits import commanded_lags
 from stiffness.robot.arm import Arm
 from stiffness.robot.chain import Chain, Place
-from stiffness.robot.kinematics import ArmState
+from stiffness.robot.kinematics import ArmState, cross
 from stiffness.robot.tracker_frame import rotations
 
 # --- Readings without a load ----------------------------------------------------------
@@ -323,27 +323,27 @@ def columns(
     This is Pinocchio's kinematic regressor, for many postures at once. Points, in m in
     the base's frame, are on the one body that the carried axes move.
     """
-    chain, rows = standing.chain, len(points)
-    moved = [turning(standing, points, k, carried) for k in range(len(chain.parent))]
-    for k in seats_of(chain):
-        parent = chain.parent[k]
-        axes = standing.rotation[parent] @ link_axes(chain, parent)
-        for turns in (False, True):
-            for j in range(3):
-                if k not in carried:
-                    moved.append(np.zeros((rows, 6)))
-                elif turns:
-                    moved.append(twist(axes[:, :, j], points - standing.origin[k]))
-                else:
-                    moved.append(np.hstack([axes[:, :, j], np.zeros((rows, 3))]))
-    return np.stack(moved, axis=2)
+    chain = standing.chain
+    axes, seats = len(chain.parent), seats_of(chain)
+    moved = np.zeros((len(points), 6, axes + 6 * len(seats)))
+    for k in carried:
+        moved[:, :, k] = turning(standing, points, k, carried)
+    for first, k in enumerate(seats):
+        if k not in carried:
+            continue
+        parent, j = chain.parent[k], axes + 6 * first
+        link = standing.rotation[parent] @ link_axes(chain, parent)
+        moved[:, :3, j : j + 3] = link
+        for i in range(3):
+            moved[:, :, j + 3 + i] = twist(link[:, :, i], points - standing.origin[k])
+    return moved
 
 
 def twist(
     about: Float[np.ndarray, "rows 3"], arm: Float[np.ndarray, "rows 3"]
 ) -> Float[np.ndarray, "rows 6"]:
     """Return the velocity of a point at an arm from a rotation, and the rotation."""
-    return np.hstack([np.cross(about, arm), about])
+    return np.hstack([cross(about, arm), about])
 
 
 def turning(
@@ -408,6 +408,9 @@ class Geometry:
 class CalibrationState:
     """The arm in the postures of all rows: predictions, residuals and Jacobians.
 
+    A slide stands where gravity and the model's spring put it, since its compliance is
+    not fitted: what it carries weighs about the same wherever it is.
+
     Attributes:
         point: Predicted target positions, in the base's frame, in m.
         turn: Predicted rotations from the targets' axes to the base's; None where none
@@ -429,7 +432,12 @@ class CalibrationState:
         axes = len(arm.axes)
         chain = corrected_chain(arm.chain, model_geometry.values)
         drawn_arm = replace(arm, chain=chain)
-        standing = drawn_arm.at(readings.posture + model_geometry.values[:axes])
+        posture = readings.posture + model_geometry.values[:axes]
+        standing = drawn_arm.at(posture)
+        if sprung := [k for k in range(axes) if arm.slides[k] and arm.stiffness[k] > 0]:
+            torque = standing.gravity_torque(readings.tool)[:, sprung]
+            posture[:, sprung] += torque / arm.stiffness[sprung]
+            standing = drawn_arm.at(posture)
         point = np.zeros_like(readings.seen)
         mounts = model_geometry.mounts
         turn = None if mounts is None else np.empty((*point.shape, 3))
@@ -544,17 +552,19 @@ class CalibrationState:
 
         The mounts of 6D targets follow; those that are stated stay as they are.
         """
-        entries, count = columns, len(self.readings.bodies)
+        count = len(self.readings.bodies)
         drawing = np.zeros((len(self.point), 6, len(self.geometry.values)))
         places = np.zeros((len(self.point), 6, 3 * count))
         mounts = np.zeros((len(self.point), 6, 0 if self.turn is None else 3 * count))
         for m, body in enumerate(self.readings.bodies):
-            own, axes = self.readings.marker == m, slice(3 * m, 3 * m + 3)
-            drawing[own] = entries(self.standing, self.point, self.carried[m])[own]
-            places[own, :3, axes] = self.standing.turn(body)[own]
+            own = np.flatnonzero(self.readings.marker == m)
+            standing, axes = self.standing.take(own), slice(3 * m, 3 * m + 3)
+            turn = standing.turn(body)
+            drawing[own] = columns(standing, self.point[own], self.carried[m])
+            places[own, :3, axes] = turn
             turns = self.readings.orientations
             if turns is not None and mounts.size and not turns.stated[m]:
-                mounts[own, 3:, axes] = self.standing.turn(body)[own]
+                mounts[own, 3:, axes] = turn
         twists = [self.as_read(part) for part in (drawing, places, mounts)]
         return np.concatenate([twists[0], self.frame_jacobian, *twists[1:]], axis=2)
 

@@ -89,6 +89,11 @@ class ArmState:
             origin[k] = start
         return cls(chain, attachment, rotation, origin)
 
+    def take(self, cases: np.ndarray) -> "ArmState":
+        """Return the chain in some of the postures (indices or a mask)."""
+        rotation, origin = self.rotation[:, cases], self.origin[:, cases]
+        return ArmState(self.chain, self.attachment, rotation, origin)
+
     def placement(self, body: str) -> Float[np.ndarray, "cases 4 4"]:
         """Return a body's transforms to the base's frame, in m."""
         place = self.attachment(body)
@@ -136,7 +141,7 @@ class ArmState:
             if self.chain.slides[k]:
                 columns[:, :3, k] = along
             else:
-                columns[:, :3, k] = _cross(along, point - self.origin[k])
+                columns[:, :3, k] = cross(along, point - self.origin[k])
                 columns[:, 3:, k] = along
         return columns
 
@@ -203,7 +208,7 @@ def _times(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     return np.cross(np.eye(3), vector)
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return the cross products of rows; three times as fast as numpy's own."""
     product = np.empty_like(b)
     product[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]

@@ -1,6 +1,7 @@
 import os
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -106,8 +107,9 @@ def recorded(
     effects: tuple[str, ...] = (),
     poses: int = 8,
     path="0,40,0",
+    targets: Literal["all", "flange"] = "flange",
 ) -> Recording:
-    watch = Watching(targets="flange", state_frame=True)
+    watch = Watching(targets=targets, state_frame=True)
     out = torso.parent / hands[0]
     return record.main(
         record.Settings(
@@ -202,3 +204,29 @@ def test_of_several_arms_record_asks_which_one_is_pulled(torso):
 def test_an_axis_that_no_load_turns_has_no_loop():
     situation, _ = loaded("left")
     assert np.all(stop(situation, 4, 0.0) == 0.0)
+
+
+def test_a_slide_that_sags_is_proved_by_marks_below_it_too(tmp_path):
+    """Fit and simulator hold the same: the column's own spring under its load."""
+    sprung = TORSO.replace("<joint ", '<joint stiffness="2e4" range="-1.5 1.5" ')
+    column = (
+        '<body name="column"><inertial pos="0 0 0.1" mass="30" diaginertia="1 1 1"/>'
+        '<joint name="lift" type="slide" axis="0 0 1" range="0 0.4" stiffness="2e5"/>'
+    )
+    file = tmp_path / "column.xml"
+    file.write_text(
+        sprung.replace("<mujoco>", '<mujoco><compiler angle="radian"/>')
+        .replace('<body name="torso">', f'{column}<body name="torso">')
+        .replace("</body></worldbody>", "</body></body></worldbody>")
+    )
+    recorded(
+        file, "left_hand", effects=("encoder_offset@a3,offset_rad=8e-4",), poses=40,
+        path="0", targets="all",
+    )  # fmt: skip
+    recording, arm, _ = read_for(tmp_path / "left_hand", arm_of(file))
+    assert {m.body for m in recording.markers} >= {"base", "flange"}
+    outcome = calibrate_and_prove(recording, arm, file)
+    assert outcome.answer.verdict == "explained"
+    proof = outcome.answer.proof
+    assert proof is not None
+    assert proof.after_rms_mm < 1.2 * proof.noise_rms_mm
