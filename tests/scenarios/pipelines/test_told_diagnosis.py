@@ -279,6 +279,28 @@ def test_what_is_left_is_what_the_patched_arm_leaves_where_there_is_one(found):
         assert told.unexplained.residual_rms_mm == pytest.approx(left_mm)
 
 
+@pytest.mark.parametrize(("after", "verdict"), [(2.5e-5, "explained"), (6e-5, "part")])
+def test_what_only_few_poses_show_is_left_open(found, recording, after, verdict):
+    """Its signs make no test; the line is 1.5 times what noise leaves."""
+    marked, _ = folder.read(recording)
+    of_poses = np.array([7, 9, 12]), np.full(3, 3e-4), np.array([2e-5, 1e-4, 2e-5])
+    channel = Channel(3e-4, after, 1.7e-5, 2e-4, 1e-4, 3e-4, *of_poses)
+    proof: Any = SimpleNamespace(
+        markers=channel,
+        angles=None,
+        held_out=(7, 9, 12),
+        absolute=True,
+        folds=1,
+        rotations=None,
+    )
+    named = replace(found, verdict="explained", unexplained=None)
+    told = answer_of(named, proof, "", (), 1.0)
+    assert told.verdict.startswith(verdict)
+    assert (told.unexplained is None) == (verdict == "explained")
+    story = " ".join(summary.sentences(Result(marked, named, proof, "", None, told)))
+    assert ("misses pose 9 by 100 µm, where noise" in story) == (verdict == "part")
+
+
 def test_a_proof_has_the_same_sentence_in_the_terminal_and_in_print(found, recording):
     marked, _ = folder.read(recording)
     of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
