@@ -411,17 +411,25 @@ def span(name: str, interval: Interval) -> str:
     return f"{told[0]}{text[len(text.split(' ')[0]) :]} ({told[1]} to {told[2]})"
 
 
+DECADES = 100.0
+"""Upper over lower end of an interval from which only its order of magnitude counts;
+chosen."""
+
+
 def rounded(interval: Interval, factor: float, value: float) -> str:
     """Return a number with the digits that its interval allows.
 
     Half the interval's width keeps one digit, two where they are below 36, as the
-    Particle Data Group rounds; without both ends the number has three digits. The
-    interval is in SI, `factor` leads to the unit that is shown; `value` is what is
-    shown, such as the estimate or an end.
+    Particle Data Group rounds; without both ends the number has three digits, and two
+    where its ends are decades apart. The interval is in SI, `factor` leads to the unit
+    that is shown; `value` is what is shown, such as the estimate or an end.
     """
     low, high, shown = interval.low, interval.high, factor * value
     if not isinstance(low, float) or not isinstance(high, float) or high <= low:
         return _digits(shown)
+    if low > 0.0 and high > DECADES * low:
+        two = float(f"{shown:.2g}")
+        return f"{two:.0f}" if abs(two) >= 10.0 else f"{two:g}"
     half = abs(factor) * (high - low) / 2.0
     digits = -math.floor(math.log10(half))
     digits += half * 10.0**digits < PDG

@@ -471,6 +471,9 @@ def test_an_interval_is_said_with_its_number():
     assert span("with", Said("a4", "a4", "a4")) == "a4"
     assert span("delay_s", Said(3e-3, 2.9e-3, None)) == "3 ms (2.9 to ?)"
     assert span("phase_rad", Said(0.5, 0.25, 1.0)) == "29 ° (14 to 57)"
+    assert span("time_s", Said(4.4e6, 84239.0, 2.3e8)) == (
+        "4400000 s (84000 to 230000000)"
+    )
 
 
 @pytest.mark.parametrize(
