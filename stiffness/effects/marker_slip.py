@@ -5,7 +5,8 @@ Equation    place on the body = place before + (x, y, z) from `time_s` on, along
             body's axes
 Source      a step in time; no source for its size
 Valid       one step per marker
-Ignores     slow creep of the glue; further steps of the same marker
+Ignores     slow creep of the glue, its variants: 1 - exp(-(t - time_s)/T), and t;
+            further steps of the same marker
 ==========  ==========================================================================
 """
 
@@ -23,6 +24,9 @@ from stiffness.experiment.static_state import StaticState
 PREFIX = "marker:"
 TIMES = 7
 """Number of times of a slip that are tried at first; chosen."""
+SAGS = (0.03, 0.1, 0.3)
+"""Time constants of a mark that sags instead of slipping, over the time that is left
+from its slip on; chosen."""
 EDGE = 0.05
 """Share of the visits at either end without tried times: a slip visible in a few visits
 only is their own error; chosen."""
@@ -62,6 +66,22 @@ class MarkerSlip(Hypothesis):
         later = situation.recording.time >= shape[0]
         axes = axes_of(situation, situation.recording.markers[m].body)
         return EffectJacobian(3, (MarkerDisplacement(m, later[:, None, None] * axes),))
+
+    @override
+    def variants(
+        self, situation: StaticState, where: str, shape: Shape
+    ) -> EffectJacobian:
+        names = [PREFIX + marker.name for marker in situation.recording.markers]
+        m = names.index(where)
+        time = situation.recording.time
+        since, left = np.maximum(time - shape[0], 0.0), np.max(time) - shape[0]
+        sags = [1.0 - np.exp(-since / (share * left)) for share in SAGS]
+        axes = axes_of(situation, situation.recording.markers[m].body)
+        laws = np.stack([*sags, time / np.max(time)], axis=1)
+        moved = laws[:, None, :, None] * axes[:, :, None, :]
+        columns = 3 * laws.shape[1]
+        moved = moved.reshape(len(time), 3, columns)
+        return EffectJacobian(columns, (MarkerDisplacement(m, moved),))
 
     @override
     def grain(self, situation: StaticState) -> Mapping[str, float]:
