@@ -126,7 +126,10 @@ KNOTS = 7
 """Knots of torque; chosen: three segments a side."""
 TIMES = 5
 COURSE = 7
-"""Knots of the course of a drift; chosen: a day's wave over a day's work."""
+"""Knots of a slow course of the base; chosen: a day's wave over a day's work."""
+WANDER, VISITS_A_KNOT = 25, 6
+"""Knots of its quick course, which shifts alone, and visits that each knot has at
+least; chosen: half an hour of a day's work."""
 HARMONICS = (1, 2, 3)
 DIRECTIONS = 4
 """Directions of a moment, half a turn together; chosen: one is never far."""
@@ -337,16 +340,17 @@ def _of_base(situation: StaticState) -> list[MapBlock]:
         return values / max(float(np.max(np.abs(values))), 1e-9)
 
     moment, force = scaled(situation.moment[:, 0]), scaled(situation.force[:, 0])
-    course = hats(situation.recording.time, COURSE)[:, 1:]
+    time = situation.recording.time
+    slow = hats(time, COURSE)[:, 1:]
+    quick = hats(time, min(WANDER, len(situation.steps) // VISITS_A_KNOT))[:, 1:]
     eye = np.broadcast_to(np.eye(3), (situation.rows, 3, 3))
     origin = situation.origin[:, 0]
 
-    def block(depends_on: str, parts: list[BodyTwist]) -> MapBlock:
+    def block(kind: str, depends_on: str, parts: list[BodyTwist]) -> MapBlock:
         twist = np.concatenate([part.twist for part in parts], axis=2)
         joined: tuple[JacobianBlock, ...] = (BodyTwist(0, twist),)
-        return MapBlock(
-            "base", depends_on, depends_on, EffectJacobian(twist.shape[2], joined)
-        )
+        jacobian = EffectJacobian(twist.shape[2], joined)
+        return MapBlock("base", kind, depends_on, jacobian)
 
     loads = [
         rotate(0, eye * law[:, None, :], origin)
@@ -354,13 +358,18 @@ def _of_base(situation: StaticState) -> list[MapBlock]:
     ]
     loads.append(rotate(0, _one_sided(eye[:, :, :2], moment[:, :2]), origin))
     shifts = [translate(0, eye * force[:, None, :])]
-    wander = [
+    drift = [
         law(0, eye * t[:, None, None])
-        for t in course.T
+        for t in slow.T
         for law in (translate, lambda p, r: rotate(p, r, origin))
     ]
-    of_load = block("load", loads + shifts)
-    return [of_load, block("time", wander)] if wander else [of_load]
+    found = [block("load", "load", loads + shifts)]
+    if drift:
+        found.append(block("time", "time", drift))
+    if quick.shape[1] > slow.shape[1]:
+        wander = [translate(0, eye * t[:, None, None]) for t in quick.T]
+        found.append(block("wander", "time", wander))
+    return found
 
 
 # --- Library --------------------------------------------------------------------------
@@ -406,6 +415,11 @@ class Mapped:
     def hypothesis(self) -> GenericTerm:
         """It as a term without a name."""
         return GenericTerm(f"generic_{self.kind}", self.kind, self.depends_on)
+
+    @property
+    def is_course(self) -> bool:
+        """Whether it is a course of the base in time, whatever pulls at the arm."""
+        return self.where == "base" and self.depends_on == "time"
 
 
 @dataclass(frozen=True)

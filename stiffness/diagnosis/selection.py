@@ -243,12 +243,16 @@ def select_model(
     stays unexplained, the search runs again under loads in the place of such names, and
     its set is kept where it surely predicts poses left out better.
 
+    Courses of the base in time compete from the first, as many slips and drifts would
+    share out what no single one of them does.
+
     Args:
         case: As laid out where nothing is named.
         prepared: The recording against its nominal model.
         hypotheses: What may be named.
     """
-    layout, search = _Layout(prepared, hypotheses), Search.of(case)
+    courses = [block for block in case.library.map if block.is_course]
+    layout, search = _Layout(prepared, hypotheses), Search.of(case, generic=courses)
     model = _selected_under(layout, search, first_search(search.problem))
     if model.share > 1.0 - MUCH_OPEN:
         return model

@@ -18,7 +18,7 @@ Ignores     exchanges of two names at once
 ==========  ==========================================================================
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -230,14 +230,20 @@ def _unexplained_places(
             beyond.library, fitted, fitted.score, beyond.known, model.case.seed + 2
         )
     total = model.statistics.whole
+    return _joined(
+        UnexplainedPlace(where, p, float(captured) / total, depends_on)
+        for where, p, captured, depends_on in found
+    )
+
+
+def _joined(places: Iterable[UnexplainedPlace]) -> tuple[UnexplainedPlace, ...]:
+    """Put what is left at each place together, largest share first."""
     joined: dict[str, UnexplainedPlace] = {}
-    for where, p, captured, depends_on in found:
-        share = float(captured) / total
-        old = joined.get(where, UnexplainedPlace(where, p, 0.0, ()))
-        words = tuple(dict.fromkeys((*old.depends_on, *depends_on)))
-        joined[where] = UnexplainedPlace(
-            where, min(p, old.p_value), old.share + share, words
-        )
+    for one in places:
+        old = joined.get(one.where, replace(one, share=0.0))
+        words = tuple(dict.fromkeys((*old.depends_on, *one.depends_on)))
+        p, share = min(one.p_value, old.p_value), min(old.share + one.share, 1.0)
+        joined[one.where] = UnexplainedPlace(one.where, p, share, words)
     return tuple(sorted(joined.values(), key=lambda place: -place.share))
 
 
@@ -354,6 +360,14 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
                 budget_share=parts[k],
             )
         )
+    withheld = (
+        UnexplainedPlace(
+            m.where, found.p_value, gain / model.statistics.whole, m.depends_on
+        )
+        for m, gain, stood in zip(members, model.drop_one_gains, stands, strict=True)
+        if not stood and not m.is_generic
+    )
+    open_places = _joined([*judged.unexplained_places, *withheld]) if effects else ()
     complete = bool(effects) and len(effects) == len(members)
     explained = complete and not judged.unexplained
     verdict = "explained" if explained else "partly_explained"
@@ -372,9 +386,11 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     if not explained:
         loose = loose_marker(case, found, last if effects else found)
         known = [m for m in members if not m.is_generic] if effects else []
-        places = judged.unexplained_places if effects else ()
         shown = (
-            *(Located(x.where, x.p_value, x.share, x.depends_on, "") for x in places),
+            *(
+                Located(x.where, x.p_value, x.share, x.depends_on, "")
+                for x in open_places
+            ),
             *located,
         )
         last = last if effects else found
@@ -397,7 +413,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         "unexplained": unexplained,
         "confounded": confounded_with(case.library, white, named),
         "nominal": _nominal_beside(case, prepared, model.fit),
-        "unexplained_places": judged.unexplained_places if effects else (),
+        "unexplained_places": open_places,
         "decisions": tuple(decisions),
     }
 

@@ -10,6 +10,7 @@ from small_bench import arm, prepared, recording
 
 from scenarios.pipelines.diagnosis import answer_of
 from scenarios.report.data_files import DECISIONS, read_table, write_decisions
+from stiffness.diagnosis import verdict
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import (
     gate_terms,
@@ -25,8 +26,9 @@ from stiffness.diagnosis.model_fit import (
     fit_shapes,
 )
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.result import Decision, Diagnosis
+from stiffness.diagnosis.result import Decision, Diagnosis, Name
 from stiffness.diagnosis.selection import SelectedModel, budget_shares, select_model
+from stiffness.diagnosis.verdict import judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.hardening import Hardening
 
@@ -125,6 +127,17 @@ def test_a_rival_exchanges_one_of_the_names_given_or_adds_one_that_is_not_sure()
     for rival in found.rivals:
         assert len(set(rival.effects) - given) == 1
         assert len(given - set(rival.effects)) <= 1
+
+
+def test_place_of_a_name_that_is_withheld_is_left_open():
+    judged = judge(selected(*EIGHT))
+    member = judged.model.fit.members[0]
+    alone = replace(judged, withheld=(True, *judged.withheld[1:]))
+    told = verdict.answer_of(alone, prepared(*EIGHT), judged.residual)
+    assert Name(*member.name) not in {one.name for one in told["named"]}
+    (place,) = (p for p in told["unexplained_places"] if p.where == member.where)
+    assert set(member.depends_on) <= set(place.depends_on)
+    assert 0.0 < place.share <= 1.0
 
 
 def test_every_gate_of_a_whole_arm_leaves_its_decisions():
