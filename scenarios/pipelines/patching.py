@@ -58,6 +58,7 @@ from bench.user_model import ASSETS
 from scenarios.pipelines.recording_check import static_torque
 from stiffness.diagnosis.result import Diagnosis, Interval, NamedEffect
 from stiffness.effects.angle_dependent_stiffness import MOST_UNEVEN
+from stiffness.effects.transmission_error import TransmissionError, harmonics
 from stiffness.experiment.visits import BEFORE
 from stiffness.robot.arm import Arm
 
@@ -119,9 +120,10 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
     return Patch(
         stiffness_nm_per_rad=springs,
         effects=tuple(
-            patch_entry(effect, springs)
+            entry
             for effect in diagnosis.named
             if can_build(effect.name.effect)
+            for entry in (patch_entry(effect, springs), *_further_harmonics(effect))
         ),
         laws=laws_of(diagnosis),
         base_from_tracker=tuple((r[0], r[1], r[2], r[3]) for r in frame.tolist()),
@@ -194,6 +196,15 @@ def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> PatchE
     if effect.name.effect == "lost_motion" and effect.shape:
         settings["closing_nm"] = max(float(effect.shape[0]), 1e-6)
     return PatchEffect(effect.name.effect, where, parameters, settings)
+
+
+def _further_harmonics(effect: NamedEffect) -> list[PatchEffect]:
+    """Return what a transmission error has beside the wave that is reported."""
+    if effect.name.effect != TransmissionError.effect or len(effect.shape) < 2:
+        return []
+    every = harmonics(np.array(effect.shape), np.array(effect.coefficients))
+    at = (effect.name.effect, effect.name.where)
+    return [PatchEffect(*at, {k: float(v) for k, v in w.items()}) for w in every[1:]]
 
 
 def neutral_sizes(effect: NamedEffect) -> dict[str, Value]:

@@ -113,6 +113,17 @@ class ModelTerm:
         """How many shape parameters there are."""
         return len(self.shape)
 
+    @property
+    def shape_names(self) -> tuple[str, ...]:
+        """Names of its shape parameters; a law that is a sum repeats them."""
+        names = self.hypothesis.shape_names
+        return tuple(names[j % len(names)] for j in range(len(self.shape)))
+
+    def grid(self, situation: StaticState, j: int) -> Float[np.ndarray, " values"]:
+        """Return the coarse values of a shape parameter, in order."""
+        shapes = self.hypothesis.shapes(situation, self.where)
+        return np.unique(shapes[:, j % max(shapes.shape[1], 1)])
+
 
 @dataclass(frozen=True)
 class ModelFit:
@@ -287,13 +298,13 @@ def shape_columns(
     """
     sets = coefficients.reshape(len(coefficients), -1)
     slopes = []
-    for j in range(member.degrees_of_freedom):
-        if member.hypothesis.shape_names[j] in WHOLE:
+    for j, name in enumerate(member.shape_names):
+        if name in WHOLE:
             slopes.append(EffectJacobian(sets.shape[1]))
             continue
-        span = np.ptp(member.hypothesis.shapes(situation, member.where)[:, j])
+        span = np.ptp(member.grid(situation, j))
         step = 1e-3 * (span if span > 0 else max(1.0, abs(member.shape[j])))
-        if member.hypothesis.shape_names[j] in member.hypothesis.logarithmic:
+        if name in member.hypothesis.logarithmic:
             step = min(step, 0.5 * float(member.shape[j]))  # never below zero
         sides = []
         for sign in (1.0, -1.0):
@@ -455,11 +466,9 @@ def _free_shapes(case: SelectionProblem, terms: Sequence[ModelTerm]) -> list[_Sh
     """Return the shape parameters that may move."""
     found = []
     for t, term in enumerate(terms):
-        law = term.hypothesis
-        grid = law.shapes(case.situation, term.where)
-        for j, name in enumerate(law.shape_names[: term.degrees_of_freedom]):
-            factor = name in law.logarithmic
-            own = np.unique(grid[:, j])
+        for j, name in enumerate(term.shape_names):
+            factor = name in term.hypothesis.logarithmic
+            own = term.grid(case.situation, j)
             at = np.log(own) if factor and own[0] > 0.0 else own
             if name in WHOLE or len(at) < 2 or (factor and own[0] <= 0.0):
                 continue

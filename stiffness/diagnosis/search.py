@@ -222,13 +222,11 @@ def _fine_shapes(
     case: SelectionProblem, term: ModelTerm, points: int
 ) -> list[ModelTerm]:
     """Return a term at shapes between the coarse grid's neighbours of its own."""
-    law = term.hypothesis
-    grid = law.shapes(case.situation, term.where)
-    for j, name in enumerate(law.shape_names[: term.degrees_of_freedom]):
-        own = np.unique(grid[:, j])
+    for j, name in enumerate(term.shape_names):
+        own = term.grid(case.situation, j)
         if name in WHOLE or len(own) < 2:
             continue
-        factor = name in law.logarithmic
+        factor = name in term.hypothesis.logarithmic
         found = []
         for value in tried(float(term.shape[j]), own, factor, points):
             shape = term.shape.copy()
@@ -242,17 +240,23 @@ def one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
     """Return one term of each name: of several shapes the one that explains most.
 
     Reported parameters are of one law; what a second shape mends is left to the other
-    forms of the law, which the residual test allows.
+    forms of the law, which the residual test allows. Shapes of a law that is a sum are
+    joined.
     """
     several: dict[Name, list[int]] = {}
     for k in groups:
         several.setdefault(search.terms[k].name, []).append(k)
     best = {name: own[0] for name, own in several.items()}
+    found = {}
     for name, own in several.items():
         others = [k for n, k in best.items() if n != name]
         gain = [FactorisedSet.of(search.problem, [*others, k]).gain for k in own]
-        best[name] = own[int(np.argmax(gain))]
-    return tuple(search.terms[k] for k in best.values())
+        order = [own[i] for i in np.argsort(-np.array(gain), kind="stable")]
+        best[name] = order[0]
+        term, shapes = search.terms[order[0]], [search.terms[k].shape for k in order]
+        shape = term.hypothesis.joined(shapes) if len(own) > 1 else None
+        found[name] = term if shape is None else replace(term, shape=shape)
+    return tuple(found.values())
 
 
 def with_generic_terms(

@@ -237,7 +237,7 @@ def _unexplained_places(
 
 
 def _joined(places: Iterable[UnexplainedPlace]) -> tuple[UnexplainedPlace, ...]:
-    """Put what is left at each place together, largest share first."""
+    """Add up the shares of each place, the largest first."""
     joined: dict[str, UnexplainedPlace] = {}
     for one in places:
         old = joined.get(one.where, replace(one, share=0.0))

@@ -12,7 +12,7 @@ visible; `axes_of`, `point_of` and the like return where bodies and markers are.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -94,6 +94,19 @@ class Hypothesis(ABC):
         unless overridden: the law has no shape parameters.
         """
         return np.zeros((1, 0))
+
+    def joined(
+        self, shapes: Sequence[Float[np.ndarray, " _"]]
+    ) -> Float[np.ndarray, " joined"] | None:
+        """Return the shape of one law that does what several of its shapes do.
+
+        None, unless overridden: the law has one shape. A law that is a sum repeats its
+        shape parameters.
+
+        Args:
+            shapes: What explains most comes first.
+        """
+        return None
 
     @abstractmethod
     def jacobian(

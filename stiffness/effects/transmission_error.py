@@ -1,8 +1,9 @@
 """Transmission error of a gear: harmonics of the angle, with or without a load.
 
 ==========  ==========================================================================
-Equation    angle of the link = reported angle q + s sin nq + c cos nq + wind-up;
-            amplitude = √(s² + c²), phase = atan2(c, s)
+Equation    angle of the link = reported angle q + sum over up to three orders n of
+            (s_n sin nq + c_n cos nq) + wind-up; amplitude = √(s² + c²), phase =
+            atan2(c, s), of the wave whose amplitude is largest
 Source      Ghorbel, Gandhi, Alpeter 2001, "On the kinematic error in harmonic drive
             gears"; eccentric encoder discs have n = 1 and 2
 Valid       orders n up to 6, q the reported angle
@@ -12,11 +13,12 @@ Ignores     the share that grows with load; rotation of a sensor beyond, a thous
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import (
@@ -36,14 +38,18 @@ from stiffness.experiment.static_state import StaticState
 HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 """Harmonics of a turn: an error of the angle recurs with it, in whatever form; up to
 the highest of `orders`."""
+MOST_WAVES, APART = 3, 0.75
+"""Waves of one error, and how far apart their orders are at least; chosen: postures a
+radian or two apart show no more."""
 
 
 @dataclass(frozen=True)
 class TransmissionError(Hypothesis):
     """Axis whose angle has an error with a few periods per turn.
 
-    For an axis that hardly turns only one value of the error is visible, as an
-    encoder offset; the smallest amplitude with that value is reported.
+    Its shape holds the order of each wave; the strongest one is reported. For an axis
+    that hardly turns only one value of the error is visible, as an encoder offset; the
+    smallest amplitude with that value is reported.
     """
 
     effect: ClassVar[str] = "transmission_error"
@@ -74,8 +80,18 @@ class TransmissionError(Hypothesis):
         k = situation.axis(where)
         if still(situation, k):
             return encoder_offset_response(situation, k)
-        phase = shape[0] * situation.recording.posture[:, k]
-        return turn(k, np.sin(phase), np.cos(phase))
+        angle = situation.recording.posture[:, k]
+        return turn(k, *(f(n * angle) for n in shape for f in (np.sin, np.cos)))
+
+    @override
+    def joined(
+        self, shapes: Sequence[Float[np.ndarray, " _"]]
+    ) -> Float[np.ndarray, " joined"]:
+        kept: list[float] = []
+        for order in np.concatenate([*shapes]):
+            if all(abs(order - other) >= APART for other in kept):
+                kept.append(float(order))
+        return np.array(kept[:MOST_WAVES])
 
     @override
     def variants(
@@ -84,27 +100,33 @@ class TransmissionError(Hypothesis):
         k = situation.axis(where)
         if still(situation, k):
             return NOTHING
-        phase = [n * situation.recording.posture[:, k] for n in others(shape[0])]
+        phase = [n * situation.recording.posture[:, k] for n in others(shape)]
         return turn(k, *(f(x) for x in phase for f in (np.sin, np.cos)))
 
     @override
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
-        s, c = coefficients[0], coefficients[-1]
         if len(coefficients) == 1:  # all of a sine at its crest where the axis stands
             at = shape[0] * middle_angle(situation, situation.axis(where))
-            s, c = c * np.sin(at), c * np.cos(at)
-        return {
-            "amplitude_rad": np.hypot(s, c),
-            "order": shape[0],
-            "phase_rad": np.arctan2(c, s),
-        }
+            coefficients = coefficients[0] * np.array([np.sin(at), np.cos(at)])
+        return harmonics(shape, coefficients)[0]
 
 
-def others(order: float) -> list[float]:
-    """Return the harmonics of a turn other than an order, and twice that order."""
-    near = 0.5 * HARMONICS[0]
-    found = [n for n in HARMONICS if abs(n - order) > near]
-    own = 2.0 * order
-    return found if min(abs(n - own) for n in found) < near else [*found, own]
+def harmonics(shape: Shape, coefficients: Coeffs) -> list[dict[str, float]]:
+    """Return the parameters of each wave of an error, the strongest first."""
+    of_wave = coefficients.reshape(-1, 2)
+    found = [
+        {"amplitude_rad": np.hypot(s, c), "order": n, "phase_rad": np.arctan2(c, s)}
+        for n, (s, c) in zip(shape, of_wave, strict=True)
+    ]
+    return sorted(found, key=lambda wave: -wave["amplitude_rad"])
+
+
+def others(orders: Shape) -> list[float]:
+    """Return the harmonics of a turn other than some orders, and twice these."""
+    near, found = 0.5 * HARMONICS[0], list[float]()
+    for n in (*HARMONICS, *(2.0 * order for order in orders)):
+        if all(abs(n - other) > near for other in (*orders, *found)):
+            found.append(n)
+    return found

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from small_bench import FEW, arm, moved_by, prepared, recording
 
 from bench.shared.recording import Recording
+from scenarios.pipelines.patching import patch_of_diagnosis
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_evaluation import (
     ModelEvaluation,
@@ -22,6 +23,7 @@ from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.creep import Creep
+from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
@@ -214,3 +216,33 @@ def test_constants_of_a_law_without_a_size_widen_nothing(gear):
     own = np.linalg.inv(gram[np.ix_(told, told)])
     more = np.diag(_covariance_of_the_unknown(nothing))[told] / np.diag(own)
     assert_allclose(more, 0.0, atol=1e-6)
+
+
+def test_gear_that_errs_in_several_orders_has_one_name_and_all_waves_in_the_patch():
+    """A Fourier series is one law: what one wave leaves is no offset and no spring."""
+    sizes = {2.0: (1e-4, 0.0), 4.0: (4e-5, 0.0), 6.0: (2e-5, 1.0)}
+    errors = tuple(
+        f"transmission_error@a3,amplitude_rad={a},order={n},phase_rad={phase}"
+        for n, (a, phase) in sizes.items()
+    )
+    made = recording("hysteresis@a2", *errors, poses=60)
+    laws = (*FEW, TransmissionError(), GravityCompensator(), MassScale())
+    found = diagnose(made, arm(), laws)
+    assert {(e.name.effect, e.name.where) for e in found.named} == {
+        ("hysteresis", "a2"),
+        ("transmission_error", "a3"),
+    }
+    amplitude = found["transmission_error", "a3"].parameters["amplitude_rad"]
+    assert amplitude.low <= sizes[2.0][0] <= amplitude.high
+    patch = patch_of_diagnosis(found, made, arm())
+    waves = [e for e in patch.effects if e.effect == "transmission_error"]
+    assert len(waves) > 1
+    angle = made.posture[:, 2]
+    seen = [
+        e.parameters["amplitude_rad"]
+        * np.sin(e.parameters["order"] * angle + e.parameters["phase_rad"])
+        for e in waves
+    ]
+    true = [a * np.sin(n * angle + phase) for n, (a, phase) in sizes.items()]
+    left = np.sum(seen, axis=0) - np.sum(true, axis=0)  # but for a_3's zero
+    assert np.std(left) < 0.2 * np.std(np.sum(true, axis=0))
