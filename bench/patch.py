@@ -117,9 +117,9 @@ def _possible(kind: type[Effect], name: str, value: float, usual: object) -> obj
     """Return the nearest value that the mechanism can have."""
     if isinstance(usual, int):
         value = round(value)
-    least = kind.at_least.get(name, -math.inf)
+    least, most = kind.bounds()[name]
     if value >= least:
-        return type(value)(min(value, kind.at_most.get(name, math.inf)))
+        return type(value)(min(value, most))
     # a beam of less than no stiffness is one whose compliance came out below zero
     return math.inf if is_stiffness(kind.name, name) else type(value)(least)
 

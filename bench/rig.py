@@ -147,7 +147,7 @@ class Rig:
             spec.joint(axis).springref = 0.0  # else springs beside it are off centre
         mount(spec, self.anatomy, self.mounted)
         for effect in self._sorted:
-            if isinstance(effect, ModelEffect):
+            if isinstance(effect, ModelEffect) and effect != effect.off():
                 effect.build(spec, self.anatomy)
         return spec
 

@@ -8,7 +8,6 @@ Ignores     the energy that a turn of the axis under load would exchange
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.effects.effect import Command, CommandEffect
+from bench.effects.effect import Command, CommandEffect, form, size
 from bench.kinematic_chain import Anatomy
 
 
@@ -32,12 +31,9 @@ class AngleDependentStiffness(CommandEffect):
 
     name: ClassVar[str] = "angle_dependent_stiffness"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
-    at_least: ClassVar[Mapping[str, float]] = {"ratio": -0.9}
-    at_most: ClassVar[Mapping[str, float]] = {"ratio": 0.9}
-    ratio: float = 0.05
-    order: float = 2.0
-    phase_rad: float = 0.0
+    ratio: float = size(0.05, -0.9, 0.9)
+    order: float = form(2.0)
+    phase_rad: float = form(0.0)
 
     @override
     def command(

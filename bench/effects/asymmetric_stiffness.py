@@ -9,14 +9,13 @@ Ignores     hardening of either side, hysteresis
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, size
 from bench.effects.springs import add_parallel
 from bench.kinematic_chain import Anatomy
 
@@ -34,15 +33,10 @@ class AsymmetricStiffness(ModelEffect):
 
     name: ClassVar[str] = "asymmetric_stiffness"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
-    at_least: ClassVar[Mapping[str, float]] = {"ratio": 1e-2}
-    at_most: ClassVar[Mapping[str, float]] = {"ratio": 100.0}
-    ratio: float = 1.3
+    ratio: float = size(1.3, 1e-2, 100.0, off=1.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.ratio == 1.0:
-            return
         axis = arm.axis(self.where)
         own = float(spec.joint(axis).stiffness[0])
         stiffer = max(self.ratio, 1.0 / self.ratio)

@@ -10,14 +10,13 @@ Ignores     coupling of tilt and shift: the pedestal bends about its top
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, size
 from bench.effects.springs import add_spring
 from bench.kinematic_chain import Anatomy, pose_in
 
@@ -34,20 +33,12 @@ class BaseCompliance(ModelEffect):
 
     name: ClassVar[str] = "base_compliance"
     places: ClassVar[tuple[str, ...]] = ("base",)
-    at_least: ClassVar[Mapping[str, float]] = {
-        "rx_rad_per_nm": 0.0,
-        "ry_rad_per_nm": 0.0,
-        "rz_rad_per_nm": 0.0,
-        "x_m_per_n": 0.0,
-        "y_m_per_n": 0.0,
-        "z_m_per_n": 0.0,
-    }
-    rx_rad_per_nm: float = 5e-7
-    ry_rad_per_nm: float = 5e-7
-    rz_rad_per_nm: float = 0.0
-    x_m_per_n: float = 0.0
-    y_m_per_n: float = 0.0
-    z_m_per_n: float = 0.0
+    rx_rad_per_nm: float = size(5e-7, 0.0)
+    ry_rad_per_nm: float = size(5e-7, 0.0)
+    rz_rad_per_nm: float = size(0.0, 0.0)
+    x_m_per_n: float = size(0.0, 0.0)
+    y_m_per_n: float = size(0.0, 0.0)
+    z_m_per_n: float = size(0.0, 0.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

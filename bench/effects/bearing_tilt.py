@@ -13,7 +13,6 @@ The directions u and v are those of `bench.effects.springs.frame_along`: for an 
 along z they are x and y of the seat, which does not turn with the axis.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -21,7 +20,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, form, size
 from bench.effects.springs import add_spring, frame_along
 from bench.kinematic_chain import Anatomy
 
@@ -38,14 +37,9 @@ class BearingTilt(ModelEffect):
 
     name: ClassVar[str] = "bearing_tilt"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"u_rad_per_nm": 0.0, "v_rad_per_nm": 0.0}
-    at_least: ClassVar[Mapping[str, float]] = {
-        "u_rad_per_nm": 0.0,
-        "v_rad_per_nm": 0.0,
-    }
-    u_rad_per_nm: float = 1 / 480e3
-    v_rad_per_nm: float = 1 / 480e3
-    centre_m: float = 0.0
+    u_rad_per_nm: float = size(1 / 480e3, 0.0)
+    v_rad_per_nm: float = size(1 / 480e3, 0.0)
+    centre_m: float = form(0.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

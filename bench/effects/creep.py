@@ -8,14 +8,14 @@ Ignores     recovery of different speed, temperature
 ==========  ==========================================================================
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 from typing_extensions import override
 
-from bench.effects.effect import Effect, ModelEffect
+from bench.effects.effect import Effect, ModelEffect, form, size
 from bench.effects.springs import add_series, own_name
 from bench.kinematic_chain import Anatomy
 
@@ -31,16 +31,11 @@ class Creep(ModelEffect):
 
     name: ClassVar[str] = "creep"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
-    at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.0, "time_s": 1e-3}
-    at_most: ClassVar[Mapping[str, float]] = {"ratio": 10.0, "time_s": 10000000.0}
-    ratio: float = 0.03
-    time_s: float = 20.0
+    ratio: float = size(0.03, 0.0, 10.0)
+    time_s: float = form(20.0, 1e-3, 10000000.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.ratio == 0.0:
-            return
         own = float(spec.joint(arm.axis(self.where)).stiffness[0])
         stiffness = own / self.ratio
         joint = add_series(spec, arm, self.where, "creep", stiffness)

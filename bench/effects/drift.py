@@ -11,12 +11,12 @@ Ignores     the changed direction of gravity and rope relative to a base that tu
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from typing_extensions import override
 
+from bench.effects.effect import form
 from bench.effects.instrument_effect import InstrumentEffect
 from bench.instruments import Instruments
 from bench.instruments.tracker import STEADY, DriftCourse
@@ -38,15 +38,13 @@ class Drift(InstrumentEffect):
 
     name: ClassVar[str] = "drift"
     places: ClassVar[tuple[str, ...]] = ("tracker", "base")
-    at_least: ClassVar[Mapping[str, float]] = {"time_s": 1e-3}
-    absent: ClassVar[Mapping[str, float]] = {f"{name}_per_h": 0.0 for name in AXES}
     x_m_per_h: float = 3e-5
     y_m_per_h: float = 0.0
     z_m_per_h: float = 0.0
     rx_rad_per_h: float = 0.0
     ry_rad_per_h: float = 0.0
     rz_rad_per_h: float = 0.0
-    time_s: float = STEADY
+    time_s: float = form(STEADY, 1e-3)
 
     @override
     def fault(self, instruments: Instruments) -> Instruments:

@@ -11,8 +11,8 @@ The kind of an effect is where its physics happens:
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, ClassVar, TypeVar
 
 import mujoco
 import numpy as np
@@ -21,6 +21,36 @@ from jaxtyping import Float
 from bench.kinematic_chain import Anatomy
 from bench.shared.errors import refuse
 from bench.shared.recording import LastMoves
+
+# --- Fields of an effect --------------------------------------------------------------
+
+T = TypeVar("T")
+UNBOUNDED = (-math.inf, math.inf)
+
+
+def size(
+    usual: T, least: float = -math.inf, most: float = math.inf, off: float = 0.0
+) -> T:
+    """Return a field that switches the effect off: a size, as a plain number is.
+
+    Beyond its bounds the model breaks down or memory runs out; upper bounds are chosen,
+    far beyond all catalogues.
+    """
+    return field(default=usual, metadata={"bounds": (least, most), "off": off})
+
+
+def form(usual: T, least: float = -math.inf, most: float = math.inf) -> T:
+    """Return a field that keeps its value when the effect is switched off."""
+    return field(default=usual, metadata={"bounds": (least, most), "off": None})
+
+
+def assumed(usual: T, least: float = -math.inf, most: float = math.inf) -> T:
+    """Return a field of the mechanism that the vocabulary does not have."""
+    kept = {"bounds": (least, most), "off": None, "assumed": True}
+    return field(default=usual, metadata=kept)
+
+
+# --- Effects --------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -34,11 +64,6 @@ class Effect(ABC):
     Attributes:
         name: Its name in the diagnosis' vocabulary.
         places: Kinds of parts it can sit in, see `bench.effects.places`.
-        at_least: Lower bound of each parameter that has one.
-        at_most: Upper bound of each parameter beyond which the model breaks down or
-            memory runs out; chosen, far beyond all catalogues.
-        absent: Parameters at which it is switched off; empty: all of them at zero.
-        assumed: Fields of its mechanism that the vocabulary does not have.
         where: The part it sits in: an axis `a1` …, a link `link_k` (between axes k
             and k+1), `arm`, `base`, `flange`, `tool`, `rig`, `tracker`,
             `wrench_sensor` or `marker:<name>`.
@@ -46,36 +71,37 @@ class Effect(ABC):
 
     name: ClassVar[str]
     places: ClassVar[tuple[str, ...]]
-    at_least: ClassVar[Mapping[str, float]] = {}
-    at_most: ClassVar[Mapping[str, float]] = {}
-    absent: ClassVar[Mapping[str, float]] = {}
-    assumed: ClassVar[tuple[str, ...]] = ()
     where: str
 
     def __post_init__(self):
         """Check the sizes, naming every fault."""
         faults = []
-        for name in {**self.at_least, **self.at_most}:
+        for name, (least, most) in self.bounds().items():
             value = getattr(self, name)
-            least = self.at_least.get(name, -math.inf)
-            most = self.at_most.get(name, math.inf)
-            if not least <= value <= most:
+            if (least, most) != UNBOUNDED and not least <= value <= most:
                 most_of_all = "" if math.isinf(most) else f" and at most {most}"
                 faults.append(
                     f"{name} is {value}, expected at least {least}{most_of_all}."
                 )
         refuse(f"Effect {self.name!r} at {self.where!r}", faults)
 
+    @classmethod
+    def bounds(cls) -> Mapping[str, tuple[float, float]]:
+        """Return the least and the most that each of its numbers may be."""
+        own = fields(cls)[1:]
+        return {f.name: f.metadata.get("bounds", UNBOUNDED) for f in own}
+
     def off(self) -> "Effect":
         """Return the same effect with size zero."""
-        return replace(self, **(self.absent or dict.fromkeys(self.parameters(), 0.0)))
+        sizes = {f.name: f.metadata.get("off", 0.0) for f in fields(self)[1:]}
+        return replace(self, **{n: v for n, v in sizes.items() if v is not None})
 
     def parameters(self) -> Mapping[str, Any]:
         """Return its parameters in SI under the names of the diagnosis' vocabulary.
 
         Numbers, and names of other parts.
         """
-        shown = (f.name for f in fields(self)[1:] if f.name not in self.assumed)
+        shown = (f.name for f in fields(self)[1:] if not f.metadata.get("assumed"))
         return {name: getattr(self, name) for name in shown}
 
 
@@ -84,7 +110,7 @@ class ModelEffect(Effect):
 
     @abstractmethod
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        """Change the model, once, before it is compiled.
+        """Change the model, once, before it is compiled, where it is not switched off.
 
         Lengths are in m, angles in rad; the arm has its seats.
         """

@@ -44,8 +44,6 @@ class GeometryError(ModelEffect):
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if not any(self.parameters().values()):
-            return
         end, link = spec.body(end_of(arm, self.where)), spec.body(arm.body(self.where))
         below = pose_in(end.parent, link)[0]  # what the end hangs on may be turned
         shift, turn = np.reshape(list(self.parameters().values()), (2, 3)) @ below

@@ -10,7 +10,6 @@ Ignores     free length (with it: k (1 - s₀/s) a b sin α), a gas spring's tem
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,7 +17,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, form
 from bench.effects.springs import add_tendon, frame_along
 from bench.kinematic_chain import Anatomy
 
@@ -38,14 +37,11 @@ class GravityCompensator(ModelEffect):
 
     name: ClassVar[str] = "gravity_compensator"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"torque_nm": 0.0}
     torque_nm: float = 50.0
-    phase_rad: float = 0.0
+    phase_rad: float = form(0.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.torque_nm == 0.0:
-            return
         axis = arm.axis(self.where)
         own = spec.joint(axis)
         u, v, _ = frame_along(np.asarray(own.axis, float)).T

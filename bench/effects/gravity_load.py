@@ -10,7 +10,6 @@ Ignores     the moment of inertia, which has no effect at rest
 A centre of mass alone is shifted by two of these effects, one with a negative mass.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,7 +17,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, form
 from bench.kinematic_chain import Anatomy
 from bench.shared.errors import Unusable
 
@@ -34,16 +33,13 @@ class GravityLoad(ModelEffect):
 
     name: ClassVar[str] = "gravity_load"
     places: ClassVar[tuple[str, ...]] = ("link", "tool")
-    absent: ClassVar[Mapping[str, float]] = {"mass_kg": 0.0}
     mass_kg: float = 1.0
-    com_x_m: float = 0.1
-    com_y_m: float = 0.0
-    com_z_m: float = 0.0
+    com_x_m: float = form(0.1)
+    com_y_m: float = form(0.0)
+    com_z_m: float = form(0.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.mass_kg == 0.0:
-            return
         name = arm.body(self.where)
         if name == "tool" and name not in [b.name for b in spec.bodies]:
             name = arm.flange  # what hangs there, where the model has no such body

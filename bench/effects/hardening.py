@@ -8,14 +8,13 @@ Ignores     hysteresis, the gear's own lost motion
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, assumed, form, size
 from bench.effects.springs import add_parallel
 from bench.kinematic_chain import Anatomy
 
@@ -33,29 +32,13 @@ class Hardening(ModelEffect):
 
     name: ClassVar[str] = "hardening"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"stiffness_ratio": 1.0}
-    assumed: ClassVar[tuple[str, ...]] = ("middle_share", "second_torque")
-    at_least: ClassVar[Mapping[str, float]] = {
-        "stiffness_ratio": 1.0,
-        "torque_nm": 0.0,
-        "middle_share": 0.0,
-        "second_torque": 1.0,
-    }
-    at_most: ClassVar[Mapping[str, float]] = {
-        "stiffness_ratio": 100.0,
-        "torque_nm": 1000000.0,
-        "middle_share": 1.0,
-        "second_torque": 100.0,
-    }
-    stiffness_ratio: float = 1.79
-    torque_nm: float = 29.0
-    middle_share: float = 0.81
-    second_torque: float = 3.72
+    stiffness_ratio: float = size(1.79, 1.0, 100.0, off=1.0)
+    torque_nm: float = form(29.0, 0.0, 1000000.0)
+    middle_share: float = assumed(0.81, 0.0, 1.0)
+    second_torque: float = assumed(3.72, 1.0, 100.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.stiffness_ratio == 1.0:
-            return
         axis = arm.axis(self.where)
         k1 = float(spec.joint(axis).stiffness[0])
         k3 = k1 * self.stiffness_ratio

@@ -10,7 +10,6 @@ Ignores     hysteresis, the gear's own lost motion
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,7 +17,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, form, size
 from bench.effects.springs import add_parallel
 from bench.kinematic_chain import Anatomy
 
@@ -38,18 +37,11 @@ class SmoothHardening(ModelEffect):
 
     name: ClassVar[str] = "hardening"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"stiffness_ratio": 1.0}
-    at_least: ClassVar[Mapping[str, float]] = {
-        "stiffness_ratio": 1.0,
-        "torque_nm": 1e-3,
-    }
-    stiffness_ratio: float = 1.79
-    torque_nm: float = 29.0
+    stiffness_ratio: float = size(1.79, 1.0, off=1.0)
+    torque_nm: float = form(29.0, 1e-3)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.stiffness_ratio == 1.0:
-            return
         axis = arm.axis(self.where)
         k1 = float(spec.joint(axis).stiffness[0])
         unit = 1.2 * self.torque_nm / k1

@@ -10,7 +10,6 @@ Ignores     Stribeck effect, ageing of the contact
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,7 +17,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, assumed, size
 from bench.effects.springs import add_parallel
 from bench.kinematic_chain import Anatomy
 
@@ -35,25 +34,12 @@ class Hysteresis(ModelEffect):
 
     name: ClassVar[str] = "hysteresis"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    assumed: ClassVar[tuple[str, ...]] = ("elements", "stiffening")
-    at_least: ClassVar[Mapping[str, float]] = {
-        "width_rad": 0.0,
-        "elements": 1,
-        "stiffening": 1e-3,
-    }
-    at_most: ClassVar[Mapping[str, float]] = {
-        "width_rad": 0.1,
-        "elements": 100,
-        "stiffening": 100.0,
-    }
-    width_rad: float = 1.5e-4
-    elements: int = 4
-    stiffening: float = 0.6
+    width_rad: float = size(1.5e-4, 0.0, 0.1)
+    elements: int = assumed(4, 1, 100)
+    stiffening: float = assumed(0.6, 1e-3, 100.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.width_rad == 0.0:
-            return
         axis = arm.axis(self.where)
         own = float(spec.joint(axis).stiffness[0])
         each = self.stiffening * own / self.elements

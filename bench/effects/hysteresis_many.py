@@ -16,6 +16,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
+from bench.effects.effect import assumed
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.springs import add_parallel
 from bench.kinematic_chain import Anatomy
@@ -29,13 +30,11 @@ class ManyContacts(Hysteresis):
         stiffening: Fc/θ₀, about the sum of their stiffness, over the axis' own; chosen.
     """
 
-    elements: int = 12
-    stiffening: float = 1.0
+    elements: int = assumed(12, 1, 100)
+    stiffening: float = assumed(1.0, 1e-3, 100.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.width_rad == 0.0:
-            return
         axis = arm.axis(self.where)
         own = float(spec.joint(axis).stiffness[0])
         step = np.arange(1, self.elements + 1) / (self.elements + 1)

@@ -9,14 +9,13 @@ Ignores     hardening, hysteresis, compliance of the bearing and the links
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, size
 from bench.effects.springs import add_series
 from bench.kinematic_chain import Anatomy
 
@@ -31,12 +30,9 @@ class JointCompliance(ModelEffect):
 
     name: ClassVar[str] = "joint_compliance"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    at_least: ClassVar[Mapping[str, float]] = {"compliance_rad_per_nm": 0.0}
-    compliance_rad_per_nm: float = 2e-5
+    compliance_rad_per_nm: float = size(2e-5, 0.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.compliance_rad_per_nm == 0.0:
-            return
         stiffness = 1.0 / self.compliance_rad_per_nm
         add_series(spec, arm, self.where, "compliance", stiffness)

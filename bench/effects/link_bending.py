@@ -14,7 +14,6 @@ Ignores     shear, stretch, the bend under the link's own distributed weight; wh
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,7 +21,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, size
 from bench.effects.links import end_of
 from bench.effects.springs import add_spring, frame_along
 from bench.kinematic_chain import Anatomy, pose_in
@@ -40,13 +39,8 @@ class LinkBending(ModelEffect):
 
     name: ClassVar[str] = "link_bending"
     places: ClassVar[tuple[str, ...]] = ("link",)
-    absent: ClassVar[Mapping[str, float]] = {
-        "bending_nm2": math.inf,
-        "torsion_nm2": math.inf,
-    }
-    at_least: ClassVar[Mapping[str, float]] = {"bending_nm2": 1.0, "torsion_nm2": 1.0}
-    bending_nm2: float = 6.3e5
-    torsion_nm2: float = 4.7e5
+    bending_nm2: float = size(6.3e5, 1.0, off=math.inf)
+    torsion_nm2: float = size(4.7e5, 1.0, off=math.inf)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:

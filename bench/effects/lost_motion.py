@@ -11,7 +11,6 @@ Ignores     friction inside the play (that is hysteresis)
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -19,7 +18,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, assumed, size
 from bench.effects.springs import add_parallel, add_series, add_spring, frame_along
 from bench.kinematic_chain import Anatomy
 
@@ -43,25 +42,12 @@ class LostMotion(ModelEffect):
 
     name: ClassVar[str] = "lost_motion"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    assumed: ClassVar[tuple[str, ...]] = ("closing_nm", "across")
-    at_least: ClassVar[Mapping[str, float]] = {
-        "width_rad": 0.0,
-        "closing_nm": 1e-6,
-        "across": 0,
-    }
-    at_most: ClassVar[Mapping[str, float]] = {
-        "width_rad": 0.1,
-        "closing_nm": 10000.0,
-        "across": 1,
-    }
-    width_rad: float = 1.5e-4
-    closing_nm: float = 0.3
-    across: int = 0
+    width_rad: float = size(1.5e-4, 0.0, 0.1)
+    closing_nm: float = assumed(0.3, 1e-6, 10000.0)
+    across: int = assumed(0, 0, 1)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.width_rad == 0.0:
-            return
         half = self.width_rad / 2
         centring = self.closing_nm / half
         if self.across:

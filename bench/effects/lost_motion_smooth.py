@@ -9,7 +9,6 @@ Ignores     friction inside the play (that is hysteresis)
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,7 +16,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, assumed, size
 from bench.effects.lost_motion import CONTACT
 from bench.effects.springs import add_parallel, add_series
 from bench.kinematic_chain import Anatomy
@@ -37,16 +36,11 @@ class SmoothLostMotion(ModelEffect):
 
     name: ClassVar[str] = "lost_motion"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    assumed: ClassVar[tuple[str, ...]] = ("closing_nm",)
-    at_least: ClassVar[Mapping[str, float]] = {"width_rad": 0.0, "closing_nm": 1e-6}
-    at_most: ClassVar[Mapping[str, float]] = {"width_rad": 0.1, "closing_nm": 10000.0}
-    width_rad: float = 1.5e-4
-    closing_nm: float = 1.5
+    width_rad: float = size(1.5e-4, 0.0, 0.1)
+    closing_nm: float = assumed(1.5, 1e-6, 10000.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.width_rad == 0.0:
-            return
         own = float(spec.joint(arm.axis(self.where)).stiffness[0])
         turned = self.width_rad / 2 * np.tanh(KNOTS)
         pieces = np.diff(KNOTS, prepend=0.0) * self.closing_nm

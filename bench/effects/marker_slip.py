@@ -8,12 +8,12 @@ Ignores     slow creep of the glue
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from typing_extensions import override
 
+from bench.effects.effect import form
 from bench.effects.instrument_effect import InstrumentEffect
 from bench.instruments import Instruments, Slip
 
@@ -29,12 +29,10 @@ class MarkerSlip(InstrumentEffect):
 
     name: ClassVar[str] = "marker_slip"
     places: ClassVar[tuple[str, ...]] = ("marker",)
-    absent: ClassVar[Mapping[str, float]] = {"x_m": 0.0, "y_m": 0.0, "z_m": 0.0}
-    at_least: ClassVar[Mapping[str, float]] = {"time_s": 0.0}
     x_m: float = 5e-5
     y_m: float = 0.0
     z_m: float = 0.0
-    time_s: float = 1800.0
+    time_s: float = form(1800.0, 0.0)
 
     @override
     def fault(self, instruments: Instruments) -> Instruments:

@@ -9,7 +9,7 @@ Ignores     that a tool, its sensor and what hangs on them were weighed: they st
 ==========  ==========================================================================
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, size
 from bench.kinematic_chain import Anatomy
 
 MOUNTED = ("sensor_near_side", "sensor_far_side")
@@ -34,14 +34,10 @@ class MassScale(ModelEffect):
 
     name: ClassVar[str] = "mass_scale"
     places: ClassVar[tuple[str, ...]] = ("arm",)
-    absent: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
-    at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.01}
-    ratio: float = 1.3
+    ratio: float = size(1.3, 0.01, off=1.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.ratio == 1.0:
-            return
         roots = [arm.links[k] for k, parent in enumerate(arm.parents) if parent < 0]
         for body in _carried([spec.body(name) for name in roots]):
             if body.explicitinertial:

@@ -10,7 +10,6 @@ Ignores     angle of wrap, stiffness of the rope, load
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.effects.effect import RopeEffect
+from bench.effects.effect import RopeEffect, size
 
 
 @dataclass(frozen=True)
@@ -31,9 +30,7 @@ class PulleyFriction(RopeEffect):
 
     name: ClassVar[str] = "pulley_friction"
     places: ClassVar[tuple[str, ...]] = ("rig",)
-    at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
-    at_most: ClassVar[Mapping[str, float]] = {"ratio": 0.5}
-    ratio: float = 0.02
+    ratio: float = size(0.02, 0.0, 0.5)
 
     @override
     def tension(

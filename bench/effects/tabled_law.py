@@ -13,7 +13,6 @@ A spring that engages where a piece ends changes the slope there by the differen
 stiffness to the next piece, negative where that is softer.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -22,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, assumed, size
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.springs import add_parallel
 from bench.kinematic_chain import Anatomy
@@ -46,11 +45,9 @@ class TabledLaw(ModelEffect):
 
     name: ClassVar[str] = "tabled_law"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    assumed: ClassVar[tuple[str, ...]] = ("torque_nm", "wind_up_rad")
-    at_least: ClassVar[Mapping[str, float]] = {"width_rad": 0.0}
-    torque_nm: tuple[float, ...] = (-10.0, 0.0, 10.0)
-    wind_up_rad: tuple[float, ...] = (0.0, 0.0, 0.0)
-    width_rad: float = 0.0
+    torque_nm: tuple[float, ...] = assumed((-10.0, 0.0, 10.0))
+    wind_up_rad: tuple[float, ...] = assumed((0.0, 0.0, 0.0))
+    width_rad: float = size(0.0, 0.0)
 
     def __post_init__(self):
         """Check the table."""

@@ -9,12 +9,12 @@ Ignores     scale that differs along the axes
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from typing_extensions import override
 
+from bench.effects.effect import size
 from bench.effects.instrument_effect import InstrumentEffect
 from bench.instruments import Instruments
 
@@ -29,8 +29,7 @@ class TrackerScale(InstrumentEffect):
 
     name: ClassVar[str] = "tracker_scale"
     places: ClassVar[tuple[str, ...]] = ("tracker",)
-    at_least: ClassVar[Mapping[str, float]] = {"ratio": -0.5}
-    ratio: float = 5e-5
+    ratio: float = size(5e-5, -0.5)
 
     @override
     def fault(self, instruments: Instruments) -> Instruments:

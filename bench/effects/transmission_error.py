@@ -9,7 +9,6 @@ Ignores     the share that grows with load (Ghorbel 2001)
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.effects.effect import Command, CommandEffect
+from bench.effects.effect import Command, CommandEffect, form
 from bench.kinematic_chain import Anatomy
 
 
@@ -34,10 +33,9 @@ class TransmissionError(CommandEffect):
 
     name: ClassVar[str] = "transmission_error"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"amplitude_rad": 0.0}
     amplitude_rad: float = 1.45e-4
-    order: float = 2.0
-    phase_rad: float = 0.0
+    order: float = form(2.0)
+    phase_rad: float = form(0.0)
 
     @override
     def command(

@@ -23,7 +23,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, form
 from bench.effects.springs import add_tendon
 from bench.kinematic_chain import Anatomy
 from bench.shared.errors import Unusable
@@ -43,8 +43,7 @@ class WristCoupling(ModelEffect):
 
     name: ClassVar[str] = "wrist_coupling"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"compliance_rad_per_nm": 0.0}
-    with_axis: str = "a4"
+    with_axis: str = form("a4")
     compliance_rad_per_nm: float = 5e-6
 
     @override
@@ -56,8 +55,6 @@ class WristCoupling(ModelEffect):
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.compliance_rad_per_nm == 0.0:
-            return
         pair = [arm.axis(self.with_axis), arm.axis(self.where)]
         root = np.sqrt([float(spec.joint(axis).stiffness[0]) for axis in pair])
         share = abs(self.compliance_rad_per_nm) * root[0] * root[1]

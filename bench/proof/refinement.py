@@ -260,8 +260,8 @@ def with_changed_parameters(
     changed = list(effects)
     for knob, share in zip(parameters, step, strict=True):
         effect = changed[knob.effect]
-        value, least = getattr(effect, knob.name), effect.at_least.get(knob.name)
-        if least is not None and least >= 0.0:
+        value, (least, _) = getattr(effect, knob.name), effect.bounds()[knob.name]
+        if least >= 0.0:
             value = max(value * float(np.exp(share)), least)
         else:
             value += float(share) * knob.size

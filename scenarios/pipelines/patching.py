@@ -31,6 +31,7 @@ from jaxtyping import Float
 
 from bench import controller_table
 from bench.effects import EFFECTS
+from bench.effects.effect import UNBOUNDED
 from bench.mechanisms import offsets_of
 from bench.patch import (
     FILE,
@@ -226,11 +227,10 @@ def within_bounds(effect: NamedEffect) -> dict[str, Interval]:
     That takes nothing from their coverage, for the truth lies within. A size that the
     readings do not hold and that no mechanism can have is the one that does nothing.
     """
-    bounds = {kind.name: (kind.at_least, kind.at_most) for kind in EFFECTS}
-    least, most = bounds.get(effect.name.effect, ({}, {}))
+    bounds = {kind.name: kind.bounds() for kind in EFFECTS}.get(effect.name.effect, {})
     neutral, found = neutral_sizes(effect), dict(effect.parameters)
     for name, p in effect.parameters.items():
-        low, high = least.get(name, -math.inf), most.get(name, math.inf)
+        low, high = bounds.get(name, UNBOUNDED)
         if math.isfinite(p.low) and p.low <= high and low <= p.high < math.inf:
             found[name] = replace(p, low=max(p.low, low), high=min(p.high, high))
         elif name in neutral and not low <= p.estimate <= high:

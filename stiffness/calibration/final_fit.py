@@ -242,7 +242,7 @@ class FinalFit:
             for axis in dict.fromkeys(where[waves])
         }
 
-    def tables(self) -> dict[str, Table]:
+    def error_tables(self) -> dict[str, Table]:
         """Return the tables of transmission error among the coefficients, by axis."""
         x, order = self.fit.x, self.order.astype(float)
         return {

@@ -385,7 +385,7 @@ def calibrated(
         corrected_geometry=after.corrected_geometry,
         springs=tuple(f.springs(readings.arm.stiffness) for f in (before, after)),
         estimates=estimates,
-        error_tables=after.tables(),
+        error_tables=after.error_tables(),
         harmonics=clearest,
         selected=chosen,
         named=tuple(named(chosen, estimates, clearest, count)),

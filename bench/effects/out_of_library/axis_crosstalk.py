@@ -12,6 +12,7 @@ Ignores     friction
 from dataclasses import dataclass
 from typing import ClassVar
 
+from bench.effects.effect import form
 from bench.effects.wrist_coupling import WristCoupling
 
 
@@ -20,5 +21,5 @@ class AxisCrosstalk(WristCoupling):
     """A spring across the drives of two axes near the base."""
 
     name: ClassVar[str] = "axis_crosstalk"
-    with_axis: str = "a2"
+    with_axis: str = form("a2")
     compliance_rad_per_nm: float = 1e-6

@@ -10,7 +10,6 @@ Ignores     the foot's rotation about its edge, which moves as the gap opens
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,7 +17,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, form, size
 from bench.effects.springs import add_parallel, add_spring
 from bench.kinematic_chain import Anatomy
 
@@ -40,16 +39,12 @@ class FootLiftOff(ModelEffect):
 
     name: ClassVar[str] = "foot_lift_off"
     places: ClassVar[tuple[str, ...]] = ("base",)
-    absent: ClassVar[Mapping[str, float]] = {"edge_rad_per_nm": 0.0}
-    at_least: ClassVar[Mapping[str, float]] = {"edge_rad_per_nm": 0.0}
-    edge_rad_per_nm: float = 1e-6
-    angle_rad: float = 0.0
-    preload_nm: float = 5.0
+    edge_rad_per_nm: float = size(1e-6, 0.0)
+    angle_rad: float = form(0.0)
+    preload_nm: float = form(5.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.edge_rad_per_nm == 0.0:
-            return
         foot = arm.end(arm.axes[0]) if arm.base == "world" else arm.base
         edge = np.array([np.cos(self.angle_rad), np.sin(self.angle_rad), 0.0])
         stiffness = 1.0 / self.edge_rad_per_nm

@@ -10,7 +10,6 @@ Ignores     growth of the contact's stiffness with its load
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -18,7 +17,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, form, size
 from bench.effects.springs import add_parallel, add_spring, frame_along
 from bench.kinematic_chain import Anatomy
 
@@ -39,15 +38,11 @@ class LooseBearing(ModelEffect):
 
     name: ClassVar[str] = "loose_bearing"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"u_rad_per_nm": 0.0}
-    at_least: ClassVar[Mapping[str, float]] = {"u_rad_per_nm": 0.0}
-    u_rad_per_nm: float = 4e-6
-    angle_rad: float = 0.0
+    u_rad_per_nm: float = size(4e-6, 0.0)
+    angle_rad: float = form(0.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.u_rad_per_nm == 0.0:
-            return
         axis = arm.axis(self.where)
         own, seat = spec.joint(axis), spec.body(arm.seat(axis))
         u, v, _ = frame_along(np.asarray(own.axis, float)).T

@@ -9,14 +9,13 @@ Ignores     friction between the parts
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, form, size
 from bench.effects.springs import add_parallel
 from bench.kinematic_chain import Anatomy
 
@@ -32,15 +31,11 @@ class Softening(ModelEffect):
 
     name: ClassVar[str] = "softening"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
-    at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.2, "torque_nm": 0.0}
-    ratio: float = 0.8
-    torque_nm: float = 20.0
+    ratio: float = size(0.8, 0.2, off=1.0)
+    torque_nm: float = form(20.0, 0.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        if self.ratio == 1.0:
-            return
         axis = arm.axis(self.where)
         own = float(spec.joint(axis).stiffness[0])
         wound = self.torque_nm / own

@@ -11,7 +11,6 @@ Ignores     friction of the teeth
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -19,7 +18,7 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect
+from bench.effects.effect import ModelEffect, form, size
 from bench.effects.springs import HINGE, add_series, add_spring, add_tendon
 from bench.kinematic_chain import Anatomy
 
@@ -38,19 +37,14 @@ class ThrustTurn(ModelEffect):
 
     name: ClassVar[str] = "thrust_turn"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"compliance_rad_per_nm": 0.0}
-    at_least: ClassVar[Mapping[str, float]] = {
-        "compliance_rad_per_nm": 0.0,
-        "lead_m": 1e-3,
-    }
-    compliance_rad_per_nm: float = 4e-6
-    lead_m: float = 0.1
+    compliance_rad_per_nm: float = size(4e-6, 0.0)
+    lead_m: float = form(0.1, 1e-3)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
         axis = arm.axis(self.where)
         own = spec.joint(axis)
-        if self.compliance_rad_per_nm == 0.0 or own.type != HINGE:
+        if own.type != HINGE:
             return
         stiffness = 1.0 / self.compliance_rad_per_nm
         nut = add_series(spec, arm, self.where, "thrust", stiffness)

@@ -9,7 +9,6 @@ Ignores     cooling while the arm rests
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -17,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.effects.effect import Command, CommandEffect
+from bench.effects.effect import Command, CommandEffect, form, size
 from bench.kinematic_chain import Anatomy
 
 
@@ -32,10 +31,8 @@ class WarmingGear(CommandEffect):
 
     name: ClassVar[str] = "warming_gear"
     places: ClassVar[tuple[str, ...]] = ("axis",)
-    absent: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
-    at_least: ClassVar[Mapping[str, float]] = {"ratio": 0.0, "visits": 1.0}
-    ratio: float = 0.05
-    visits: float = 50.0
+    ratio: float = size(0.05, 0.0)
+    visits: float = form(50.0, 1.0)
 
     @override
     def command(
