@@ -125,7 +125,7 @@ class Remark(msgspec.Struct, frozen=True):
 
 
 class OutlierEntry(msgspec.Struct, frozen=True):
-    """A outlier, which was left out, and how far off it is."""
+    """An outlier, which was left out, and how far off it is."""
 
     pose: int
     marker: str
