@@ -47,11 +47,16 @@ def main(settings: Settings) -> Recording:
     from bench.proof.setup import why_not_simulated
     from scenarios.pipelines.diagnosis import setup_errors_of, springs_warning_of
     from scenarios.pipelines.inputs import arm_of, read_for
-    from scenarios.pipelines.recording_check import abilities, axis_views, contents_of
+    from scenarios.pipelines.recording_check import (
+        SMALL_LEVER,
+        abilities,
+        axis_views,
+        contents_of,
+    )
     from stiffness.experiment.outliers import outlier_text, outliers_of
 
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
-    views = axis_views(recording, arm)
+    views, markers = axis_views(recording, arm), recording.markers
     console = Console()
     slips = setup_errors_of(recording, arm)
     springs = None if slips else springs_warning_of(recording, arm)
@@ -65,6 +70,8 @@ def main(settings: Settings) -> Recording:
     for view, slides in zip(views, arm.slides, strict=True):
         travel = f"{1e3 * view.travel:.1f} mm" if slides else _degrees(view.travel)
         lever = "no marker" if np.isnan(view.lever) else f"{view.lever:.3f}"
+        if view.lever < SMALL_LEVER and any(m.position is None for m in markers):
+            lever = "places not stated"
         torque = f"{view.torque:.2f}{' N' * bool(slides)}"
         axes.add_row(escape(view.name), travel, torque, lever)
     can = _table("What it can show", "can it show", "", "because", "what to add")

@@ -69,8 +69,11 @@ def main(settings: Settings) -> Recording:
     s = settings
     if s.suggest is not None:
         mapping = write_suggestion(s.suggest, s.mapping)
-        print(f"{mapping}: a mapping to correct. Then: python -m")
-        print(f"  scenarios.import_recording {s.suggest} --mapping {mapping} --out DIR")
+        print(f"{mapping}: a mapping to correct. Then:")
+        files = f"{s.suggest} --mapping {mapping}"
+        print(
+            f"python -m scenarios.import_recording {files} --robot MODEL.xml --out DIR"
+        )
         raise SystemExit(0)
     if s.source is None or s.mapping is None or s.out is None:
         say = "give FILE, --mapping MAPPING.toml and --out DIR; or --suggest FILE.csv."

@@ -54,7 +54,8 @@ def bare_rig(robot: Path, hands: Sequence[str]) -> Rig:
     if len(ends := tuple(rig.anatomy.hands.values())) > 1:
         fault = (
             f"it carries several arms, which end at {', '.join(ends)}: say by --hand "
-            "which one ropes pull; repeat --hand for others that move and are watched."
+            "which one ropes pull; repeat --hand for others that move and are watched. "
+            "Where these are a gripper's fingers, give the body that carries them."
         )
         raise Unusable(f"Model {str(robot)!r}", [fault])
     return rig

@@ -119,10 +119,17 @@ _FORCE = re.compile(r"(?:f|force|kraft)[ _.-]*([xyz])")
 _TORQUE = re.compile(r"(?:m|t|mom|moment|torque)[ _.-]*([xyz])")
 _SPREAD = re.compile(r"(?:(.*?)[ _.-]*(?:std|sigma|sd|rms)|s)[ _.-]*([xyz])")
 _POINT = re.compile(r"(.*?)[ _.-]*([xyz])")
+_NUMBERED = re.compile(r"[ _.-]+(?:no|nr|num|number|nummer|#)\.?$")
 _WORDS = {
     "time_s": ("time", "t", "zeit", "timestamp", "elapsed"),
-    "pose": ("pose", "posture", "pose id", "pose no", "posenr", "config"),
-    "load_kg": ("mass", "load", "payload", "weight", "masse", "last"),
+    "pose": (
+        *("pose", "posture", "pose id", "posenr", "config", "point", "position"),
+        *("messpunkt", "punkt", "stellung", "haltung"),
+    ),
+    "load_kg": (
+        *("mass", "load", "payload", "weight"),
+        *("masse", "last", "zusatzlast", "gewicht"),
+    ),
     "temperature_c": ("temperature", "temp", "temperatur"),
     "frames": ("frames", "samples averaged"),
 }
@@ -184,7 +191,7 @@ def _known(name: str) -> str | None:
 def _by_word(plain: str) -> str | None:
     """Return the column that a name says in so many words."""
     for said, words in _WORDS.items():
-        if plain in words:
+        if plain in words or _NUMBERED.sub("", plain) in words:
             return said
     if match := _AXIS.fullmatch(plain):
         return f"a{match[1]}_deg"
@@ -287,6 +294,11 @@ def _sensors(guess: Guess) -> Iterator[str]:
             yield "accuracy_nm = 0.05"
         yield 'body = "flange"  # what the sensor is mounted on'
         yield "position_mm = [0, 0, 0]  # its origin in that body"
+        yield from [
+            "",
+            "# [tool]  # what the flange carries beside the model, sensor too",
+        ]
+        yield from ["# mass_kg = 0.5", "# com_mm = [0, 0, 25]  # in the flange's frame"]
     for marker in guess.markers:
         yield from ["", f"[markers.{_quoted(marker)}]"]
         yield 'body = "flange"  # which body is it stuck to?'
