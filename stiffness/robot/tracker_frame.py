@@ -293,8 +293,8 @@ class TrackerObservations:
         seen = np.isfinite(self.y).all(axis=2)
         if not seen.any():
             return seen.astype(float)
-        off = np.abs(self.y - _quantile(self.y[seen], 0.5)).max(axis=2)
-        most = _quantile(off[seen], 0.95)
+        off = np.abs(self.y - np.median(self.y[seen], axis=0)).max(axis=2)
+        most = np.quantile(off[seen], 0.95)
         return (seen & (np.nan_to_num(off) <= FAR * most)).astype(float)
 
 
@@ -443,21 +443,14 @@ def _judged(
         size = np.sqrt(np.einsum("vmi,vmi->vm", off, off))
         kept = weight
         if weight.any():
-            usual = np.maximum(_quantile(size, 0.75), _quantile(size[weight > 0], 0.5))
+            usual = np.maximum(
+                np.quantile(size, 0.75, axis=0), np.median(size[weight > 0])
+            )
             odd = (size > ODD * usual) & (weight > 0)
             if odd.sum() <= RARE * weight.sum():
                 kept = weight * ~odd
     rms = np.sqrt(np.sum(kept * size**2) / max(kept.sum(), 1.0))
     return TrackerFit(turn, shift, positions), float(rms), kept
-
-
-def _quantile(values: np.ndarray, share: float) -> np.ndarray | np.floating:
-    """Return np.quantile(values, share, axis=0), which takes several times as long."""
-    place = share * (len(values) - 1)
-    below = int(place)
-    above = min(below + 1, len(values) - 1)
-    ordered = np.partition(values, (below, above), axis=0)
-    return ordered[below] + (place - below) * (ordered[above] - ordered[below])
 
 
 def _less_places(
