@@ -17,6 +17,7 @@ from jaxtyping import Float
 
 from bench.patch import Patch
 from bench.proof.comparison import residual_of
+from bench.proof.explained_share import Channel
 from bench.proof.nominal_fit import joint_rotation_estimates, torques_of
 from bench.proof.proof import Channel as ProofChannel
 from bench.proof.proof import Fold, Proof, prove

@@ -238,11 +238,9 @@ def test_gear_that_errs_in_several_orders_has_one_name_and_all_waves_in_the_patc
     waves = [e for e in patch.effects if e.effect == "transmission_error"]
     assert len(waves) > 1
     angle = made.posture[:, 2]
-    seen = [
-        e.parameters["amplitude_rad"]
-        * np.sin(e.parameters["order"] * angle + e.parameters["phase_rad"])
-        for e in waves
-    ]
+    names = ("amplitude_rad", "order", "phase_rad")
+    table = np.array([[e.parameters[name] for name in names] for e in waves], float)
+    seen = [a * np.sin(n * angle + phase) for a, n, phase in table]
     true = [a * np.sin(n * angle + phase) for n, (a, phase) in sizes.items()]
     left = np.sum(seen, axis=0) - np.sum(true, axis=0)  # but for a_3's zero
     assert np.std(left) < 0.2 * np.std(np.sum(true, axis=0))
