@@ -84,7 +84,7 @@ def test_a_linear_mechanism_without_a_name_takes_no_names_of_its_neighbours(
     rig = Rig(MODEL)
     known = parse_all(("hysteresis@a2", "bearing_tilt@a5"), rig.nominal)
     rig = replace(rig, effects=(*known, unknown))
-    made = record(rig, table_one_plan(poses=60), Instruments(), seed=4)
+    made = record(rig, table_one_plan(poses=40), Instruments(), seed=4)
     found = diagnose(made, arm(), HYPOTHESES)
     assert set(names(found)) <= {("hysteresis", "a2"), ("bearing_tilt", "a5")}
     assert ("hysteresis", "a2") in names(found)
