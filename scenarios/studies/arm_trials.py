@@ -223,13 +223,23 @@ def _origin(position: np.ndarray, quaternion: np.ndarray) -> ElementTree.Element
 
 
 def _stiffness(model: mujoco.MjModel) -> dict[str, float]:
-    """Return springs that the arm's own weight winds up by `WOUND_UP` at most."""
+    """Return springs that the arm's own weight winds up by `WOUND_UP` at most.
+
+    However its base is turned: gravity counts along the direction that loads an axis
+    most, else the first axis of an upright arm would be as soft as a wrist.
+    """
     data, random = mujoco.MjData(model), np.random.default_rng(0)
+    size, gravity = np.linalg.norm(model.opt.gravity), model.opt.gravity.copy()
     torque = np.zeros(model.nv)
     for _ in range(50):
         data.qpos[:] = random.uniform(-np.pi, np.pi, model.nq)
-        mujoco.mj_forward(model, data)
-        torque = np.maximum(torque, np.abs(data.qfrc_bias))
+        square = np.zeros(model.nv)
+        for along in np.eye(3):
+            model.opt.gravity[:] = size * along
+            mujoco.mj_forward(model, data)
+            square += data.qfrc_bias**2
+        torque = np.maximum(torque, np.sqrt(square))
+    model.opt.gravity[:] = gravity
     known = np.maximum(torque / WOUND_UP, SOFTEST)
     names = [model.joint(j).name for j in range(model.njnt)]
     return dict(zip(names, known.tolist(), strict=True))

@@ -108,3 +108,20 @@ def test_of_several_arms_the_longest_chain_is_taken(tmp_path):
     assert load(file).njnt == 3
     arm = Arm.from_mjcf_text(with_springs(file, "turned", np.random.default_rng(0)))
     assert arm.axes == ("r1", "r2")
+
+
+def test_the_first_axis_of_an_upright_arm_is_no_softer_than_the_next(tmp_path):
+    """Turned, it carries as much: its spring is that of a shoulder, not of a wrist."""
+    upright = (
+        '<mujoco><worldbody><body><joint name="a1" axis="0 0 1"/>'
+        '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+        '<body><joint name="a2" axis="0 1 0"/>'
+        '<inertial pos="0.5 0 0" mass="20" diaginertia="1 1 1"/>'
+        "</body></body></worldbody></mujoco>"
+    )
+    file = tmp_path / "upright.xml"
+    file.write_text(upright)
+    text = with_springs(file, "as shipped", np.random.default_rng(0))
+    first, second = Arm.from_mjcf_text(text).stiffness
+    assert first == pytest.approx(second, rel=0.05)
+    assert second == pytest.approx(20 * 9.81 * 0.5 / WOUND_UP, rel=0.05)
