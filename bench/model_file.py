@@ -61,6 +61,8 @@ def faults_of(main: Path) -> list[str]:
         root = _parsed(path, faults)
         if root is None:
             continue
+        if root.tag == "robot":
+            faults += _faults_of_urdf(root)
         for compiler in root.iter("compiler"):
             given = (compiler.get(name, "") for name in FOLDERS)
             folders |= {main.parent / name for name in given if name}
@@ -96,6 +98,36 @@ def _parsed(path: Path, faults: list[str]) -> ElementTree.Element | None:
         except (ElementTree.ParseError, ValueError, LookupError) as error:
             faults.append(f"{quoted(path.name)} is no XML: {error}.")
     return None
+
+
+XACRO = "{http://www.ros.org/wiki/xacro}", "{http://wiki.ros.org/xacro}"
+"""What elements of URDF that xacro has to expand are called by; old and new."""
+
+
+def _faults_of_urdf(robot: ElementTree.Element) -> list[str]:
+    """Name what MuJoCo passes over in silence: masses, leaders and macros."""
+    if any(element.tag.startswith(XACRO) for element in robot.iter()):
+        return ["it has macros; expand them first: xacro FILE > model.urdf."]
+    faults = []
+    for link in robot.iter("link"):
+        for mass in link.iterfind("inertial/mass"):
+            if not _is_mass(text := mass.get("value", "")):
+                name = quoted(link.get("name", ""))
+                faults.append(f"link {name} has the mass {quoted(text)}.")
+    joints = {joint.get("name") for joint in robot.iterfind("joint")}
+    for joint in robot.iterfind("joint"):
+        for mimic in joint.iterfind("mimic"):
+            if (leader := mimic.get("joint", "")) not in joints:
+                name = quoted(joint.get("name", ""))
+                faults.append(f"joint {name} follows {quoted(leader)}, which is none.")
+    return faults
+
+
+def _is_mass(text: str) -> bool:
+    try:
+        return 0.0 <= float(text) < np.inf
+    except ValueError:
+        return False
 
 
 def _unfolded(
@@ -373,6 +405,10 @@ def _left_out(model: mujoco.MjModel) -> str:
         ),
         "tendons": model.ntendon,
         "springs that are not linear": np.any(model.jnt_stiffnesspoly),
+        "angles at which springs are slack": np.any(
+            (model.qpos_spring != model.qpos0)[model.jnt_qposadr]
+            & (model.jnt_stiffness > 0.0)
+        ),
         "friction of joints": np.any(model.dof_frictionloss),
         "gravity compensation": np.any(model.body_gravcomp),
     }

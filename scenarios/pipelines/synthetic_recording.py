@@ -99,7 +99,7 @@ def concealing_rig(
     try:
         _ = rig.model  # compiled here: what cannot be built is a fault of the settings
     except Unusable as error:
-        if not (rigid := rigid_axes(rig)):
+        if not parsed or not (rigid := rigid_axes(rig)):
             raise
         why = f"{', '.join(rigid)} have no joint stiffness in the model, and {SPRINGS}."
         raise Unusable(error.what, [*error.faults, why]) from None

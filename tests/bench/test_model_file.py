@@ -283,3 +283,43 @@ def test_joint_that_neither_turns_nor_slides_is_refused_by_name(kind):
         <geom size="1"/></body></worldbody></mujoco>"""
     with pytest.raises(Unusable, match="'odd' is neither a hinge nor a slide"):
         plain_mjcf(mujoco.MjModel.from_xml_string(text))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (
+            '<mass value="1.7"/>',
+            '<mass value="-4"/>',
+            "link 'link_2' has the mass '-4'",
+        ),
+        ('<mass value="1.7"/>', '<mass value="x"/>', "link 'link_2' has the mass 'x'"),
+        (
+            '</joint>\n  <joint name="slide"',
+            '<mimic joint="gone"/></joint>\n  <joint name="slide"',
+            "joint 'turn' follows 'gone', which is none",
+        ),
+        ("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" ', ""),
+        (
+            '<robot name="two">',
+            '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" name="two">'
+            '<xacro:property name="x" value="1"/>',
+            "expand them first",
+        ),
+    ],
+)
+def test_what_mujoco_passes_over_in_a_urdf_is_refused(tmp_path, old, new, says):
+    file = tmp_path / "two.urdf"
+    file.write_text(URDF.replace(old, new))
+    assert file.read_text() != URDF
+    if not says:
+        assert load(file).njnt == 2
+        return
+    with pytest.raises(Unusable, match=says):
+        load(file)
+
+
+def test_a_spring_that_is_slack_elsewhere_is_said_to_be_left_out(tmp_path):
+    (tmp_path / "arm.xml").write_text(MJCF)
+    with pytest.warns(LeftOut, match="angles at which springs are slack left out"):
+        load(tmp_path / "arm.xml")

@@ -214,11 +214,16 @@ class Layout:
 
 
 def layout_of(
-    header: Sequence[str], manifest: Manifest, file: str, axes: int | None
+    header: Sequence[str],
+    manifest: Manifest,
+    file: str,
+    axes: int | None,
+    joints: Sequence[str] = (),
 ) -> Layout:
     """Find every column of the format in a file.
 
-    The number of axes is None where unknown.
+    The number of axes is None where unknown; `joints` are the model's axes where nobody
+    said which of them were recorded.
     """
     held, faults = _mapped(header, manifest, file)
     read = {source for h in held.values() for source in h.sources}
@@ -243,6 +248,9 @@ def layout_of(
     unread = [n for n in header if n not in held and n not in read]
     there = {*held, *made, *unclear}
     there |= {f"{marker}{c}" for marker in meant.values() for c in COORDINATES}
+    if joints and _is_of_another_arm(numbers, count, unread):
+        count = max(numbers)
+        faults.append(_of_another_arm(count, joints, manifest, file))
     faults += _missing(there, manifest, file, max(count, 1), unread)
     if extra := sorted(n for n in numbers if n > count):
         faults.append(
@@ -257,6 +265,39 @@ def layout_of(
     ]
     unknown = tuple(n or "(no name)" for n in unread if column_of(n, ()) is None)
     return Layout(held, count, slides, unknown, tuple(faults))
+
+
+def _is_of_another_arm(
+    numbers: Collection[int], count: int, unread: Sequence[str]
+) -> bool:
+    """Return whether all axes up to another number are there, and none misspelt."""
+    last = max(numbers, default=0)
+    if last in (0, count) or set(numbers) != set(range(1, last + 1)):
+        return False
+    missing = (
+        f"a{k}_{end}" for k in range(last + 1, count + 1) for end in TURN_OR_SLIDE
+    )
+    return not any(nearest(name, unread) for name in missing)
+
+
+TURN_OR_SLIDE = ("deg", "mm")
+
+
+def _of_another_arm(
+    count: int, joints: Sequence[str], manifest: Manifest, file: str
+) -> str:
+    """Say that a recording has more or fewer axes than the model."""
+    name = manifest.model_names.name
+    whose = f" of {name!r}" if name else ""
+    rest = f", which has a{len(joints) + 1} too"
+    if count < len(joints):
+        missing = " to ".join(f"'a{k}_deg'" for k in sorted({count + 1, len(joints)}))
+        rest = f", so {missing} is missing; or say which of these were recorded: "
+        rest += "[robot] axes = [...]"
+    return (
+        f"{file}: recorded on {count} axes{whose}, but this model has {len(joints)} "
+        f"axes: {', '.join(joints)}. Give the model of that arm{rest}."
+    )
 
 
 def made_by_rule(manifest: Manifest) -> tuple[str, ...]:

@@ -89,7 +89,8 @@ def read_as_far_as_possible(folder: Path, model: ModelFacts | None) -> FolderRea
     axes = len(manifest.model_names.axes or joints or ()) or None
     if header is None:
         return FolderRead(None, [], faults + faults_of(manifest, axes, model))
-    layout = layout_of(header.names, manifest, header.location.file, axes)
+    unsaid = () if model is None or manifest.model_names.axes else model.axes
+    layout = layout_of(header.names, manifest, header.location.file, axes, unsaid)
     found = faults_of(manifest, layout.axes or None, model)
     if header.separator != manifest.csv.separator:
         found = [f for f in found if not f.endswith(SAME_MARK)]  # that is said
@@ -99,6 +100,7 @@ def read_as_far_as_possible(folder: Path, model: ModelFacts | None) -> FolderRea
     file = header.location.file
     notes = [f"{file}: column {n!r} {LEFT_ALONE}" for n in layout.unknown]
     known = (model, joints) if model is not None and joints is not None else None
+    known = None if axes not in (None, layout.axes) else known  # of another arm
     values, cells, more, found = _values(header, layout, manifest, known)
     faults += found
     if faults:

@@ -162,7 +162,7 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("a column misspelt", renamed("a2_deg", "A2_deg"), ("'a2_deg' is missing", "Did you mean 'A2_deg'?")),
     ("a column twice", renamed("a3_deg", "a2_deg"), ("'a2_deg' is there twice", "'a3_deg' is missing")),
     ("a marker of nobody", added("q7_x_mm", "1"), ("'q7_x_mm'", "no marker is called 'q7'", "p1, p2")),
-    ("an axis too many", added("a7_deg", "1"), ("a7", "6 axes")),
+    ("an axis too many", added("a7_deg", "1"), ("a7", "6 axes", "recorded on 7 axes", "1 fault")),
     ("slide and turn at once", added("a2_mm", "1"), ("'a2_deg' and 'a2_mm'",)),
     ("a row with more cells", row_with_more_cells, ("line 5 (row 4 below the header): 22 cells", "21 columns", "line 10 (row 9 ", "'text'")),
     ("header alone", lambda f: save(f, table(f)[:1]), (CSV, "no rows")),
@@ -326,3 +326,15 @@ def test_the_command_line_ends_with_2_and_one_message(
     assert ended.value.code == 2
     assert capsys.readouterr().err.count("cannot be used") == 1
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_model_of_another_arm_is_said_in_one_sentence(tmp_path):
+    """Not by its missing columns and by each angle beyond another joint's limits."""
+    folder = write_good(tmp_path / "recording")
+    for name in ("a5_deg", "a6_deg"):
+        without(name)(folder)
+    every("a2_deg", lambda _: "-250")(folder)
+    with pytest.raises(Unusable, match="recorded on 4 axes, but this model has 6 axes"):
+        read(folder, ARM)
+    with pytest.raises(Unusable, match=r"1 fault[^s](.|\n)*'a5_deg' to 'a6_deg' is"):
+        read(folder, ARM)

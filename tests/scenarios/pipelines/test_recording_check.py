@@ -294,7 +294,7 @@ def test_another_arm_s_model_ends_with_2_and_the_joints_it_knows(
     with pytest.raises(SystemExit) as ended:
         command(folder, "--robot", model)
     assert ended.value.code == 2
-    assert "there are 2 axes" in capsys.readouterr().err
+    assert "this model has 2 axes: j1, j2" in capsys.readouterr().err
 
 
 def test_an_interrupted_command_says_that_it_can_go_on(monkeypatch, folder):
