@@ -25,11 +25,12 @@ from bench.shared.recording import LastMoves
 # --- Fields of an effect --------------------------------------------------------------
 
 T = TypeVar("T")
+Number = int | float
 UNBOUNDED = (-math.inf, math.inf)
 
 
 def size(
-    usual: T, least: float = -math.inf, most: float = math.inf, off: float = 0.0
+    usual: T, least: Number = -math.inf, most: Number = math.inf, off: float = 0.0
 ) -> T:
     """Return a field that switches the effect off: a size, as a plain number is.
 
@@ -39,12 +40,12 @@ def size(
     return field(default=usual, metadata={"bounds": (least, most), "off": off})
 
 
-def form(usual: T, least: float = -math.inf, most: float = math.inf) -> T:
+def form(usual: T, least: Number = -math.inf, most: Number = math.inf) -> T:
     """Return a field that keeps its value when the effect is switched off."""
     return field(default=usual, metadata={"bounds": (least, most), "off": None})
 
 
-def assumed(usual: T, least: float = -math.inf, most: float = math.inf) -> T:
+def assumed(usual: T, least: Number = -math.inf, most: Number = math.inf) -> T:
     """Return a field of the mechanism that the vocabulary does not have."""
     kept = {"bounds": (least, most), "off": None, "assumed": True}
     return field(default=usual, metadata=kept)
@@ -86,7 +87,7 @@ class Effect(ABC):
         refuse(f"Effect {self.name!r} at {self.where!r}", faults)
 
     @classmethod
-    def bounds(cls) -> Mapping[str, tuple[float, float]]:
+    def bounds(cls) -> Mapping[str, tuple[Number, Number]]:
         """Return the least and the most that each of its numbers may be."""
         own = fields(cls)[1:]
         return {f.name: f.metadata.get("bounds", UNBOUNDED) for f in own}
