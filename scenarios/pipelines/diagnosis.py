@@ -295,7 +295,7 @@ def answer_of(
         rivals=tuple(
             Other(float(r.probability), tuple(map(_at, r.effects))) for r in d.rivals
         ),
-        unexplained=_left(open_ or Unexplained("", few, {}), best, missed)
+        unexplained=_residual_entry(open_ or Unexplained("", few, {}), best, missed)
         if open_ or few
         else None,
         confounded=tuple((_at(a), _at(b)) for a, b in d.confounded),
@@ -320,7 +320,7 @@ def answer_of(
     )
 
 
-def _left(open_: Unexplained, best: Channel | None, missed: Number) -> Left:
+def _residual_entry(open_: Unexplained, best: Channel | None, missed: Number) -> Left:
     law = {k: tuple(map(float, v)) for k, v in open_.law.items()}
     left = missed if best is None else number(best.after, MM)
     return Left(open_.where, open_.signature, law, left)
