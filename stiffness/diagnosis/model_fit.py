@@ -119,6 +119,12 @@ class ModelTerm:
         names = self.hypothesis.shape_names
         return tuple(names[j % len(names)] for j in range(len(self.shape)))
 
+    @property
+    def is_first_form(self) -> bool:
+        """Whether its law has no other form, or this is its first."""
+        forms = zip(self.shape_names, self.shape, strict=True)
+        return all(round(value) == 0 for name, value in forms if name == "law")
+
     def grid(self, situation: StaticState, j: int) -> Float[np.ndarray, " values"]:
         """Return the coarse values of a shape parameter, in order."""
         shapes = self.hypothesis.shapes(situation, self.where)

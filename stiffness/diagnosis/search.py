@@ -69,6 +69,7 @@ class Search:
         first: Sequence[ModelTerm] = (),
         refused: Collection[Name] = (),
         generic: Sequence[Mapped] = (),
+        every_form: bool = True,
     ) -> "Search":
         """Lay out a few terms with shapes of their own beside the library.
 
@@ -77,6 +78,7 @@ class Search:
             first: Terms that come before those of the library.
             refused: Names of the library that are left out.
             generic: Blocks of the residual map that may be selected too.
+            every_form: Whether forms of a law other than its first may be selected.
         """
         given, found = case.normal_equations, tuple(first)
         gram, score, raw = given.gram[1], given.score, given.raw
@@ -93,7 +95,9 @@ class Search:
             ends = np.cumsum([0, *(law.columns for law in own)])
             owned = [np.arange(a, b) for a, b in pairwise(ends)]
         of_library = [
-            one for one in _terms_of(case.library) if one[0].name not in refused
+            one
+            for one in _terms_of(case.library)
+            if one[0].name not in refused and (every_form or one[0].is_first_form)
         ]
         of_library += [(_generic_term(block), block.columns) for block in generic]
         owned += [columns + width for _, columns in of_library]
