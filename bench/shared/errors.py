@@ -46,6 +46,12 @@ class LeftOut(UserWarning):
     """Content of a model that neither the bench nor a claim uses."""
 
 
+def refuse(what: str, faults: list[str]) -> None:
+    """Raise all faults at once, where there are any."""
+    if faults:
+        raise Unusable(what, faults)
+
+
 def collect(*makers: Callable[[], Any]) -> tuple[Any, ...]:
     """Return the results of some functions, or raise the faults of all of them.
 
@@ -60,18 +66,11 @@ def collect(*makers: Callable[[], Any]) -> tuple[Any, ...]:
             faults += [f"{error.what}: {fault}" for fault in error.faults]
         except BenchError as error:
             faults.append(str(error))
-    if faults:
-        raise Unusable("This command", faults)
+    refuse("This command", faults)
     return tuple(made)
 
 
 # --- Sizes of settings ----------------------------------------------------------------
-
-
-def refuse(what: str, faults: list[str]) -> None:
-    """Raise all faults at once, where there are any."""
-    if faults:
-        raise Unusable(what, faults)
 
 
 MAX_SIZE = 1e6

@@ -69,6 +69,11 @@ class PoseStatistics:
         """What the nominal columns alone gain on poses left out."""
         return float(left_out_gain(self.units, self.nominal, []).sum())
 
+    def owned_by(self, members: Sequence[ModelTerm]) -> list[Int[np.ndarray, " _"]]:
+        """Return the columns of each of some of the terms, by name."""
+        place = dict(zip((term.name for term in self.terms), self.owned, strict=True))
+        return [place[member.name] for member in members]
+
     @property
     def whole(self) -> float:
         """Whitened square of the mismatch that nominal columns do not explain."""

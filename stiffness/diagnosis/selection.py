@@ -141,8 +141,7 @@ def _drop_one_gains(
         found: What poses say of these terms, or of more.
         members: The terms.
     """
-    place = {term.name: own for term, own in zip(found.terms, found.owned, strict=True)}
-    blocks = [place[member.name] for member in members]
+    blocks = found.owned_by(members)
     used = np.concatenate([found.nominal, *blocks]).astype(int)
     some = found.units.fold >= 0
     gram = found.units.gram[some].sum(axis=0)[np.ix_(used, used)]
@@ -177,8 +176,7 @@ def budget_shares(model: SelectedModel) -> tuple[float, ...]:
         model: The set.
     """
     found = model.statistics
-    place = {term.name: own for term, own in zip(found.terms, found.owned, strict=True)}
-    owned = [place[member.name] for member in model.fit.members]
+    owned = found.owned_by(model.fit.members)
     used = np.concatenate([np.zeros(0, dtype=int), *owned])
     gram = found.units.gram[found.units.fold >= 0].sum(axis=0)
     share = projection_coefficients(gram, found.nominal)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, absolute, axes_of
@@ -61,27 +62,19 @@ class MarkerSlip(Hypothesis):
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        names = [PREFIX + marker.name for marker in situation.recording.markers]
-        m = names.index(where)
         later = situation.recording.time >= shape[0]
-        axes = axes_of(situation, situation.recording.markers[m].body)
-        return EffectJacobian(3, (MarkerDisplacement(m, later[:, None, None] * axes),))
+        return _displacement(situation, where, later[:, None].astype(float))
 
     @override
     def variants(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        names = [PREFIX + marker.name for marker in situation.recording.markers]
-        m = names.index(where)
         time = situation.recording.time
         since, left = np.maximum(time - shape[0], 0.0), np.max(time) - shape[0]
         sags = [1.0 - np.exp(-since / (share * left)) for share in SAGS]
-        axes = axes_of(situation, situation.recording.markers[m].body)
-        laws = np.stack([*sags, time / np.max(time)], axis=1)
-        moved = laws[:, None, :, None] * axes[:, :, None, :]
-        columns = 3 * laws.shape[1]
-        moved = moved.reshape(len(time), 3, columns)
-        return EffectJacobian(columns, (MarkerDisplacement(m, moved),))
+        return _displacement(
+            situation, where, np.stack([*sags, time / np.max(time)], axis=1)
+        )
 
     @override
     def grain(self, situation: StaticState) -> Mapping[str, float]:
@@ -94,3 +87,16 @@ class MarkerSlip(Hypothesis):
     ) -> Mapping[str, float]:
         x, y, z = coefficients
         return {"x_m": x, "y_m": y, "z_m": z, "time_s": shape[0]}
+
+
+def _displacement(
+    situation: StaticState, where: str, laws: Float[np.ndarray, "rows laws"]
+) -> EffectJacobian:
+    """Return a marker's displacement along its body's axes, by each law in turn."""
+    names = [PREFIX + marker.name for marker in situation.recording.markers]
+    m = names.index(where)
+    axes = axes_of(situation, situation.recording.markers[m].body)
+    columns = 3 * laws.shape[1]
+    moved = laws[:, None, :, None] * axes[:, :, None, :]
+    moved = moved.reshape(len(laws), 3, columns)
+    return EffectJacobian(columns, (MarkerDisplacement(m, moved),))
