@@ -385,8 +385,7 @@ def _of_member(situation, springs, member, fitted, errors, quantile):
     )
     fixed = np.sqrt(np.maximum(fixed, 0.0))
     moved = slope @ errors.shift
-    nothing = {name: 0.0 for name in member.hypothesis.magnitudes}
-    nothing |= dict(member.hypothesis.neutral)
+    nothing = _nothing(member.hypothesis)
     law, found = member.hypothesis, {}
     grain = law.grain(situation)
     for name, s, by, own in zip(names, spread, moved, fixed, strict=True):
@@ -476,6 +475,33 @@ def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Interval]) -
     A stiffness whose interval holds zero may be without end; a ratio is nothing at its
     neutral value.
     """
-    nothing = {name: 0.0 for name in hypothesis.magnitudes} | dict(hypothesis.neutral)
+    nothing = _nothing(hypothesis)
     sizes = [(p, nothing[name]) for name, p in parameters.items() if name in nothing]
     return bool(sizes) and all(p.low <= value <= p.high for p, value in sizes)
+
+
+def is_beyond_nothing(
+    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
+) -> bool:
+    """Return whether a size has the sign that its limits leave no room for.
+
+    Args:
+        situation: Where the arm stood.
+        member: The term.
+        parameters: With their intervals.
+    """
+    limits = member.hypothesis.limits_at(situation, member.where)
+    sizes = [
+        (parameters[name].estimate, value, limits[name])
+        for name, value in _nothing(member.hypothesis).items()
+        if name in parameters and name in limits
+    ]
+    return any(
+        (size < value and low >= value) or (size > value and high <= value)
+        for size, value, (low, high) in sizes
+    )
+
+
+def _nothing(hypothesis: Hypothesis) -> dict[str, float]:
+    """Return the value of each size at which there is no effect."""
+    return {name: 0.0 for name in hypothesis.magnitudes} | dict(hypothesis.neutral)

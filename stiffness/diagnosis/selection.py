@@ -34,6 +34,7 @@ from stiffness.diagnosis.model_evaluation import (
     ModelEvaluation,
     cost_of_limits,
     evaluate_model,
+    is_beyond_nothing,
     jackknife_covariance,
     may_be_nothing,
     parameters_of,
@@ -449,7 +450,7 @@ def _withheld(
 ) -> list[Decision]:
     """Return the names that hold nothing, or more than any arm has.
 
-    A law of one size has no other part that could be within its limits.
+    A law of one size that has the wrong sign has no other part that could be right.
     """
     found = []
     every = zip(terms, parameters, gains, columns, strict=True)
@@ -459,7 +460,8 @@ def _withheld(
             found.append(Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own))
             continue
         share = cost_of_limits(case.situation, term, own) / max(gain, 1e-12)
-        if share > BEYOND or (share > 0.0 and count == 1):
+        against = count == 1 and is_beyond_nothing(case.situation, term, own)
+        if share > BEYOND or (share > 0.0 and against):
             reason = "within its physical limits it explains much less"
             one = Decision(term.name, "physical", False, share, BEYOND, reason, own)
             found.append(one)

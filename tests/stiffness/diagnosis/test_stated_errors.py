@@ -30,6 +30,7 @@ from stiffness.diagnosis.selection import _withheld
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.gravity_load import GravityLoad, carried
+from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.experiment.residuals import weight_of
@@ -371,3 +372,17 @@ def test_law_of_one_size_beyond_its_limit_is_none_whatever_its_interval(plain, a
     springs["z_m_per_n"] = Interval(-3e-9, -5e-9, -1e-9)
     told = _withheld(case, [play, foot], [width, springs], [1e4, 1e4], [1, 6])
     assert [(d.candidate, d.gate) for d in told] == [(play.name, "physical")]
+
+
+@pytest.mark.parametrize(("gain", "refused"), [(5e2, True), (1e5, False)])
+def test_law_of_one_size_a_little_beyond_its_far_limit_stands(
+    plain, arm, gain, refused
+):
+    """A gear that hardens 10.5 times, of 10 at most, loses what the limit costs."""
+    case = build_problem(prepare(plain, arm), (Hardening(),))
+    gear = ModelTerm(Hardening(), "a2", np.array([20.0, 0.0]))
+    own = {
+        "stiffness_ratio": Interval(10.5, 10.4, 10.6),
+        "torque_nm": Interval(20.0, 19.0, 21.0),
+    }
+    assert bool(_withheld(case, [gear], [own], [gain], [1])) == refused
