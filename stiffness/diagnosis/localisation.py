@@ -34,7 +34,7 @@ Ignores     what the law does beyond the torques seen
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +42,6 @@ from jaxtyping import Float, Int
 
 from stiffness.diagnosis.candidates import KNOTS, Library, hats
 from stiffness.diagnosis.model_fit import (
-    ModelFit,
     ModelTerm,
     SelectionProblem,
     held_out_gain,
@@ -116,39 +115,27 @@ def places_of_map(
 
 
 def places_of_names(
-    fit: ModelFit, gains: list[float], p_value: float, situation: StaticState
+    members: Sequence[ModelTerm],
+    gains: Mapping[str, float],
+    p_value: float,
+    situation: StaticState,
 ) -> tuple[Located, ...]:
     """Return where the named effects sit, strongest first.
 
     Args:
-        fit: The set.
-        gains: What each member explains that the others do not.
+        members: The set, the strongest first.
+        gains: What the terms at each place explain that those elsewhere do not.
         p_value: Of the mismatch.
         situation: For the zone in words.
     """
-    total = max(sum(gains), 1e-12)
-    order = np.argsort(gains)[::-1]
-    joined: dict[str, Located] = {}
-    for k in order:
-        member = fit.members[k]
-        if member.where in joined:
-            old = joined[member.where]
-            joined[member.where] = Located(
-                old.where,
-                old.p_value,
-                old.share + gains[k] / total,
-                tuple(dict.fromkeys((*old.depends_on, *member.depends_on))),
-                old.zone,
-            )
-            continue
-        joined[member.where] = Located(
-            member.where,
-            p_value,
-            gains[k] / total,
-            member.depends_on,
-            zone_of(situation, member),
-        )
-    return tuple(sorted(joined.values(), key=lambda place: -place.share))
+    total = max(sum(gains.values()), 1e-12)
+    found = []
+    for where, gain in gains.items():
+        own = [member for member in members if member.where == where]
+        words = tuple(dict.fromkeys(w for member in own for w in member.depends_on))
+        zone = zone_of(situation, own[0])
+        found.append(Located(where, p_value, gain / total, words, zone))
+    return tuple(sorted(found, key=lambda place: -place.share))
 
 
 def zone_of(situation: StaticState, member: ModelTerm) -> str:

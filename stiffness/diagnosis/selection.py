@@ -133,16 +133,16 @@ class SelectedModel:
         return self.statistics.share_of(self.lost[k])
 
 
-def _drop_one_gains(
-    found: PoseStatistics, members: Sequence[ModelTerm]
+def _own_gains(
+    found: PoseStatistics, groups: Sequence[Sequence[ModelTerm]]
 ) -> tuple[float, ...]:
-    """Return what each of some terms explains that others do not, springs adapting.
+    """Return what each group of terms explains that others do not, springs adapting.
 
     Args:
         found: What poses say of these terms, or of more.
-        members: The terms.
+        groups: The set, in groups.
     """
-    blocks = found.owned_by(members)
+    blocks = [np.concatenate(found.owned_by(group)) for group in groups]
     used = np.concatenate([found.nominal, *blocks]).astype(int)
     some = found.units.fold >= 0
     gram = found.units.gram[some].sum(axis=0)[np.ix_(used, used)]
@@ -157,6 +157,19 @@ def _drop_one_gains(
         step = np.linalg.lstsq(inverse[np.ix_(own, own)], fitted[own], rcond=None)
         gains.append(max(float(fitted[own] @ step[0]), 0.0))
     return tuple(gains)
+
+
+def gains_of_places(model: SelectedModel) -> dict[str, float]:
+    """Return what the terms at each place explain that those elsewhere do not.
+
+    Terms at one place may take each other's part, so that each explains little alone.
+
+    Args:
+        model: The set.
+    """
+    at = dict.fromkeys(term.where for term in model.fit.members)
+    groups = [[t for t in model.fit.members if t.where == where] for where in at]
+    return dict(zip(at, _own_gains(model.statistics, groups), strict=True))
 
 
 def budget_shares(model: SelectedModel) -> tuple[float, ...]:
@@ -383,7 +396,7 @@ def _judged(
             case.data, case.situation, case.nominal, terms, case.split
         )
         parameters = parameters_of(case.situation, case.springs, look, case.split)
-        gains = _drop_one_gains(statistics, terms)
+        gains = _own_gains(statistics, [[term] for term in terms])
         columns = [len(own) for own in look.fit.coefficients]
         withheld = _withheld(case, terms, parameters, gains, columns)
         if not withheld:

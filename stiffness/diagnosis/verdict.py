@@ -66,6 +66,7 @@ from stiffness.diagnosis.selection import (
     SelectedModel,
     budget_shares,
     exchange_search,
+    gains_of_places,
     last_of_each,
 )
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
@@ -99,7 +100,6 @@ class JudgedModel:
 
     Attributes:
         model: The selected set.
-        chi_square_gains: What each member explains that the others do not.
         residual: Test of the residual.
         unexplained_places: Where the residual is significant.
         withheld: Of each member, whether it is contradicted.
@@ -108,7 +108,6 @@ class JudgedModel:
     """
 
     model: SelectedModel
-    chi_square_gains: tuple[float, ...]
     residual: DetectionTest
     unexplained_places: tuple[UnexplainedPlace, ...]
     withheld: tuple[bool, ...]
@@ -166,7 +165,6 @@ def judge(model: SelectedModel) -> JudgedModel:
     ]
     return JudgedModel(
         model,
-        gains,
         left,
         places,
         tuple(member.name in found for member in members),
@@ -373,14 +371,14 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     verdict = "explained" if explained else "partly_explained"
     verdict = verdict if effects else "unexplained"
     named = {(e.name.effect, e.name.where) for e in effects}
-    located = places_of_names(
-        model.fit, list(judged.chi_square_gains), found.p_value, case.situation
-    )
-    own = float(sum(judged.chi_square_gains))
-    by_name = zip(members, judged.chi_square_gains, strict=True)
+    gains, of_places = model.drop_one_gains, gains_of_places(model)
+    by_gain = [members[k] for k in np.argsort(gains)[::-1]]
+    located = places_of_names(by_gain, of_places, found.p_value, case.situation)
+    by_name = zip(members, gains, strict=True)
     told = sum(gain for m, gain in by_name if m.name in named)
-    if told <= MAJORITY * own:
+    if told <= MAJORITY * sum(gains):
         sure_places = {where for _, where in named}
+        own = sum(of_places.values())
         located = _with_places_of_map(case, located, sure_places, own)
     unexplained = None
     if not explained:
@@ -449,7 +447,7 @@ def _with_places_of_map(
         case: What was looked at.
         located: Places of all members, with shares of what they explain.
         sure: Places of the names that were given.
-        explained: What all members explain each by itself, as a whitened square.
+        explained: What places of members explain, each by itself, whitened and squared.
     """
     of_map = places_of_map(
         case.library,

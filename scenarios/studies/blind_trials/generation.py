@@ -324,8 +324,11 @@ def whole_arm(
     if trial.stratum.known:
         recording = bench.seen(effects, trial.instruments)
         oracle = arm_oracle(recording, clean, model, effects)
-        facts = {"own_chi2": oracle.own, "oracle_share": oracle.share}
-        return effects, recording, facts
+        return effects, recording, {
+            "own_chi2": oracle.own,
+            "place_chi2": dict(oracle.places),
+            "oracle_share": oracle.share,
+        }  # fmt: skip
     key = (*trial.chance.spawn_key, 1, attempt)
     more = np.random.SeedSequence(trial.chance.entropy, spawn_key=key)
     draw, weigh, fault = np.random.default_rng(more), bench.weighing(), ""
@@ -341,7 +344,7 @@ def whole_arm(
             if weigh(unknown).poses < FEWEST:
                 continue  # at no size more of them show it
             unknown, weight = as_large_as(unknown, asked, weigh)
-            every = (*effects, unknown)
+            every, where = (*effects, unknown), unknown.where
             quiet, recording = bench.quiet(every), bench.seen(every, trial.instruments)
         except BenchError as error:
             fault = str(error).partition("\n")[0]
@@ -350,10 +353,12 @@ def whole_arm(
         without = without or arm_oracle(recording, clean, model, effects)
         left = oracle.residual - without.residual
         if left >= LEAST_LEFT:
+            places = dict(without.places)
             return every, recording, {
                 "own_chi2": (*without.own, left),
+                "place_chi2": places | {where: places.get(where, 0.0) + left},
                 "oracle_share": oracle.share,
-                "outside": {"where": unknown.where, "chi2": weight.chi2, "left": left},
+                "outside": {"where": where, "chi2": weight.chi2, "left": left},
             }  # fmt: skip
         fault = f"The names explain {unknown.name} at {unknown.where}."
     raise OutOfReach(fault or "Too few poses show a mechanism outside.")

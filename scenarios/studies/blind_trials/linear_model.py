@@ -15,7 +15,7 @@ Ignores     noise that is not stated: the share errs with it
 ==========  ==========================================================================
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -160,13 +160,25 @@ def whitened_square(model: LinearModel) -> float:
     return square
 
 
-def losses_of(model: LinearModel) -> tuple[Float[np.ndarray, " names"], float]:
-    """Return what leaving each name costs while all others move, and the residual.
+@dataclass(frozen=True, eq=False)
+class Losses:
+    """Whitened squares that are lost without some names, and that all leave.
+
+    Attributes:
+        names: Without each name.
+        places: Without all names at each place, which may take each other's part.
+        residual: What all names leave.
+    """
+
+    names: Float[np.ndarray, " names"]
+    places: Mapping[str, float]
+    residual: float
+
+
+def losses_of(model: LinearModel) -> Losses:
+    """Return what leaving names out costs while all others move, and the residual.
 
     Each name has the slopes of its shapes beside its own columns; all poses count.
-
-    Returns:
-        The whitened square that is lost without each name, and what all leave.
     """
     case, blocks = model.case, []
     for term, size in zip(model.fit.members, model.fit.coefficients, strict=True):
@@ -182,8 +194,16 @@ def losses_of(model: LinearModel) -> tuple[Float[np.ndarray, " names"], float]:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     inverse = np.linalg.inv(gram * scale * scale[:, None] + RIDGE * np.eye(len(gram)))
     beta = inverse @ (scale * score)
-    lost = [
-        float(beta[a:b] @ np.linalg.solve(inverse[a:b, a:b], beta[a:b]))
-        for a, b in pairwise(ends)
-    ]
-    return np.array(lost), whitened_square(model) - float(scale * score @ beta)
+    owned = [np.arange(a, b) for a, b in pairwise(ends)]
+
+    def lost(own: np.ndarray) -> float:
+        return float(beta[own] @ np.linalg.solve(inverse[np.ix_(own, own)], beta[own]))
+
+    at: dict[str, list[np.ndarray]] = {}
+    for term, own in zip(model.fit.members, owned, strict=True):
+        at.setdefault(term.where, []).append(own)
+    return Losses(
+        np.array([lost(own) for own in owned]),
+        {where: lost(np.concatenate(own)) for where, own in at.items()},
+        whitened_square(model) - float(scale * score @ beta),
+    )

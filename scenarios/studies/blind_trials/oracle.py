@@ -24,7 +24,7 @@ Ignores     that laws of the library are not those of the simulator: what they l
 ==========  ==========================================================================
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -443,11 +443,13 @@ class ArmOracle:
 
     Attributes:
         own: χ² of each effect on its own; 0 where the library has no law at its place.
+        places: χ² of all effects at each place together.
         share: Of the mismatch on poses kept back that the true names explain.
         residual: χ² of noise-free readings that the true names do not explain.
     """
 
     own: tuple[float, ...]
+    places: Mapping[str, float]
     share: float
     residual: float
 
@@ -465,10 +467,10 @@ def arm_oracle(
     known = [own for own in choices if own]
     share = explained_share(linear_model_of(prepared, known, with_shapes=True))
     clean = linear_model_of(noise_free(prepared, quiet), known, with_shapes=True)
-    lost, left = losses_of(clean)
-    each = iter(lost)
+    lost = losses_of(clean)
+    each = iter(lost.names)
     own = tuple(float(next(each)) if choice else 0.0 for choice in choices)
-    return ArmOracle(own, share, left)
+    return ArmOracle(own, lost.places, share, lost.residual)
 
 
 def log_bayes_factor(
@@ -486,7 +488,7 @@ def log_bayes_factor(
     for one in (effect, replace(effect, where=twin)):
         terms = true_terms(one, clean.situation)
         model_of_one = linear_model_of(clean, [terms] if terms else [], True)
-        left.append(losses_of(model_of_one)[1])
+        left.append(losses_of(model_of_one).residual)
     return 0.5 * (left[1] - left[0])
 
 

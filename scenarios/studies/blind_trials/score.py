@@ -286,8 +286,9 @@ class ArmScore:
         share: Of the mismatch on poses kept back that the names explain; in the linear
             model, or by the proof where there is one. None without an answer.
         oracle: The same of the true names, in the linear model.
-        place_first: Whether the place with the largest true share, by own χ², is the
-            first that was said, or that of an equivalent of a name there.
+        place_first: Whether the place with the largest true share, by χ² of all its
+            effects together, is the first that was said, or that of an equivalent of a
+            name there.
         outside: Whether the place of the mechanism outside the vocabulary is among
             those that were said to be unexplained; None where there is none.
     """
@@ -305,10 +306,7 @@ def _arm_score(answer: Mapping, truth: Mapping, effects: Sequence[Mapping]) -> A
     given = answer.get("named", [])
     true = {_name(effect) for effect in effects}
     declared = [_declared(one) for one in given]
-    by_place: dict[str, float] = {}
-    for effect, own in zip(truth["effects"], truth["own_chi2"], strict=True):
-        where = effect["where"]
-        by_place[where] = by_place.get(where, 0.0) + own
+    places = truth["place_chi2"]
     located = [place["where"] for place in answer.get("located", [])]
     outside = truth.get("outside", {}).get("where")
     left = [place["where"] for place in answer.get("unexplained_places", [])]
@@ -325,7 +323,7 @@ def _arm_score(answer: Mapping, truth: Mapping, effects: Sequence[Mapping]) -> A
         ),
         share=proved["estimate"] if proved else answer.get("linear_share"),
         oracle=truth["oracle_share"],
-        place_first=max(by_place, key=lambda w: by_place[w])
+        place_first=max(places, key=lambda where: places[where])
         in _places_said(located[:1], given),
         outside=None if outside is None else outside in left,
     )

@@ -10,6 +10,7 @@ import pytest
 
 from bench import standard_plans
 from bench.effects.bearing_tilt import BearingTilt
+from bench.effects.creep import Creep
 from bench.effects.effect import Effect
 from bench.effects.encoder_offset import EncoderOffset
 from bench.effects.hysteresis import Hysteresis
@@ -167,6 +168,14 @@ def test_own_chi2_is_small_where_others_take_the_place_of_an_effect(
     assert oracle.own[1] > 1000.0
 
 
+def test_effects_of_one_place_are_lost_together_though_each_takes_the_others_part(
+    kr10, recorded: Recorder
+):
+    effects = [Hysteresis("a2", 2e-4), Creep("a2", 0.05, 120.0)]
+    oracle = arm_oracle(*recorded(*effects), kr10, effects)
+    assert oracle.places["a2"] > 1.2 * sum(oracle.own)
+
+
 def test_readings_speak_for_an_effect_against_its_twin(kr10, recorded: Recorder):
     tilt = BearingTilt("a3", 2e-6, 1e-6)
     assert log_bayes_factor(*recorded(tilt), kr10, tilt, "a5") > 100.0
@@ -207,7 +216,8 @@ def test_mechanism_is_drawn_again_until_the_names_leave_enough_of_it(
     left = iter([0.0, LEAST_LEFT / 2, 0.0, LEAST_LEFT])  # alone, tried, alone, tried
 
     def oracle(recording, quiet, model, effects):
-        return ArmOracle(tuple(1.0 for _ in effects), 0.9, next(left))
+        at = dict.fromkeys((effect.where for effect in effects), 1.0)
+        return ArmOracle(tuple(1.0 for _ in effects), at, 0.9, next(left))
 
     monkeypatch.setattr(generation, "arm_oracle", oracle)
     monkeypatch.setattr(generation, "FEWEST", 5.0)
@@ -236,6 +246,8 @@ def truth_of(own, stratum="arm_6", outside="", names=TRUE):
     effects = [at(n) | {"parameters": {}, "mechanism": "X"} for n in names]
     truth = {"stratum": stratum, "effects": effects, "chi2": own, "own_chi2": own}
     truth["oracle_share"] = 0.99
+    where = [one["where"] for one in effects]
+    truth["place_chi2"] = dict(zip(where, own, strict=True))
     if outside:
         truth["outside"] = {"where": outside}
     return truth
@@ -279,7 +291,7 @@ def test_names_count_with_their_equivalents_and_effects_by_their_own_chi2():
     assert (arm.share, arm.oracle, arm.outside) == (0.98, 0.99, None)
 
 
-def test_first_place_is_that_with_the_largest_share_of_own_chi2():
+def test_first_place_is_that_whose_effects_lose_most_chi2():
     assert marked(GIVEN, truth_of(OWN)).arm.place_first
     assert not marked(GIVEN, truth_of([40.0, 50.0, 2000.0])).arm.place_first
 

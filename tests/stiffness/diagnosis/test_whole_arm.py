@@ -27,7 +27,12 @@ from stiffness.diagnosis.model_fit import (
 )
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Decision, Diagnosis, Name
-from stiffness.diagnosis.selection import SelectedModel, budget_shares, select_model
+from stiffness.diagnosis.selection import (
+    SelectedModel,
+    budget_shares,
+    gains_of_places,
+    select_model,
+)
 from stiffness.diagnosis.verdict import judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.hardening import Hardening
@@ -192,6 +197,14 @@ def test_members_explain_beside_each_other_what_fits_without_them_lose():
     members = found.fit.members
     for k, gain in enumerate(found.drop_one_gains):
         rest = [m for i, m in enumerate(members) if i != k]
+        less = fit_model(case, rest)
+        assert_allclose(gain, found.fit.gain - less.gain, rtol=1e-3)
+
+
+def test_place_explains_what_a_fit_without_all_its_members_loses():
+    found, case = selected(*TWO), selected(*TWO).case
+    for where, gain in gains_of_places(found).items():
+        rest = [m for m in found.fit.members if m.where != where]
         less = fit_model(case, rest)
         assert_allclose(gain, found.fit.gain - less.gain, rtol=1e-3)
 
