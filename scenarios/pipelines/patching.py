@@ -58,8 +58,8 @@ from bench.shared.recording import Recording
 from bench.user_model import ASSETS
 from scenarios.pipelines.recording_check import static_torque
 from stiffness.diagnosis.result import Diagnosis, Interval, NamedEffect
+from stiffness.effects import HYPOTHESES
 from stiffness.effects.angle_dependent_stiffness import MOST_UNEVEN
-from stiffness.effects.transmission_error import TransmissionError, harmonics
 from stiffness.experiment.visits import BEFORE
 from stiffness.robot.arm import Arm
 
@@ -97,6 +97,7 @@ def ranges_of(
 
 SOFTEST, STIFFEST = 0.05, 10.0
 """Bounds of a stiffening's first guess; chosen."""
+LAWS = {law.effect: law for law in HYPOTHESES}
 
 
 def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> Patch:
@@ -124,7 +125,7 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
             entry
             for effect in diagnosis.named
             if can_build(effect.name.effect)
-            for entry in (patch_entry(effect, springs), *_further_harmonics(effect))
+            for entry in (patch_entry(effect, springs), *_further_parts(effect))
         ),
         laws=laws_of(diagnosis),
         base_from_tracker=tuple((r[0], r[1], r[2], r[3]) for r in frame.tolist()),
@@ -199,13 +200,15 @@ def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> PatchE
     return PatchEffect(effect.name.effect, where, parameters, settings)
 
 
-def _further_harmonics(effect: NamedEffect) -> list[PatchEffect]:
-    """Return what a transmission error has beside the wave that is reported."""
-    if effect.name.effect != TransmissionError.effect or len(effect.shape) < 2:
-        return []
-    every = harmonics(np.array(effect.shape), np.array(effect.coefficients))
-    at = (effect.name.effect, effect.name.where)
-    return [PatchEffect(*at, {k: float(v) for k, v in w.items()}) for w in every[1:]]
+def _further_parts(effect: NamedEffect) -> list[PatchEffect]:
+    """Return what a law that is a sum has beside the part that is reported."""
+    name, found = effect.name, {k: p.estimate for k, p in effect.parameters.items()}
+    size = np.array(effect.coefficients)
+    every = LAWS[name.effect].further(found, np.array(effect.shape), size)
+    sizes: list[dict[str, Value]] = [
+        {k: float(v) for k, v in one.items()} for one in every
+    ]
+    return [PatchEffect(name.effect, name.where, own) for own in sizes]
 
 
 def neutral_sizes(effect: NamedEffect) -> dict[str, Value]:

@@ -1,26 +1,37 @@
 """Angle-dependent stiffness of a gear: compliance varies with harmonics of the angle.
 
 ==========  ==========================================================================
-Equation    θ = C τ + s u (a cos nq + b sin nq), u and s = du/dτ as in `hysteresis`, τ
-            and 1 for a linear spring; K(q) = K (1 + r), r = ratio cos(nq + φ), K at no
-            torque, with ρ = √(a² + b²) K/2, ratio = 2ρ/(1 + ρ²), φ = atan2(b, -a);
-            of its gear's torque it carries u r/(1 + r)
+Equation    θ = C τ + s u sum over up to three orders n of (a_n cos nq + b_n sin nq), u
+            and s = du/dτ as in `hysteresis`, τ and 1 for a linear spring; K(q) = K (1 +
+            r), r = ratio cos(nq + φ), K at no torque, with ρ = √(a² + b²) K/2, ratio =
+            2ρ/(1 + ρ²), φ = atan2(b, -a), of the wave that is largest; of its gear's
+            torque it carries u r/(1 + r), r of all waves
 Source      Fourier series of 1/(1 + e cos x): Gradshteyn, Ryzhik, "Table of integrals,
             series and products", 3.613
 Valid       orders n up to 6, q the reported angle, wind-ups small against a period
 Ignores     the hundreds of orders of a gear's teeth; second and third harmonics of
-            other forms of the law
+            other forms of the law; products of two waves
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, orders, sprung
+from stiffness.effects.base import (
+    APART,
+    Coeffs,
+    Hypothesis,
+    Shape,
+    Shapes,
+    joined_orders,
+    orders,
+    sprung,
+)
 from stiffness.effects.jacobian import EffectJacobian, hstack, turn
 from stiffness.experiment.static_state import StaticState
 
@@ -52,23 +63,43 @@ class AngleDependentStiffness(Hypothesis):
         return orders(situation, situation.axis(where))[:, None]
 
     @override
+    def joined(
+        self, shapes: Sequence[Float[np.ndarray, " _"]]
+    ) -> Float[np.ndarray, " joined"]:
+        return joined_orders(shapes)
+
+    @override
+    def further(
+        self, found: Mapping[str, float], shape: Shape, coefficients: Coeffs
+    ) -> list[dict[str, float]]:
+        ratio = min(found["ratio"], 1.0)
+        rho = ratio / (1.0 + np.sqrt(1.0 - ratio**2))
+        largest = np.max(np.hypot(*coefficients.reshape(-1, 2).T))
+        return _waves(shape, coefficients, largest / (2.0 * max(rho, 1e-12)))[1:]
+
+    @override
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
-        phase = shape[0] * situation.recording.posture[:, k]
         torque = situation.spring_torque(k, (self.effect, where))
         felt = situation.softness_of(k) * situation.wound(k, torque)
-        return turn(k, felt * np.cos(phase), felt * np.sin(phase))
+        return turn(k, *_columns(situation, k, shape, felt))
 
     @override
     def parallel_torque(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[int, np.ndarray]:
         k = situation.axis(where)
-        own = self.parameters(situation, where, shape, coefficients)
-        phase = shape[0] * situation.recording.posture[:, k] + own["phase_rad"]
-        wave = min(own["ratio"], MOST_UNEVEN) * np.cos(phase)
+        angle, mean = (
+            situation.recording.posture[:, k],
+            situation.unloaded_compliance(k),
+        )
+        every = _waves(shape, coefficients, mean)
+        wave = sum(
+            w["ratio"] * np.cos(w["order"] * angle + w["phase_rad"]) for w in every
+        )
+        wave = np.clip(wave, -MOST_UNEVEN, MOST_UNEVEN)
         torque = situation.spring_torque(k, (self.effect, where))
         return {k: wave / (1.0 + wave) * situation.wound(k, torque)}
 
@@ -76,25 +107,40 @@ class AngleDependentStiffness(Hypothesis):
     def variants(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        others = [self.jacobian(situation, where, n * shape) for n in (2.0, 3.0)]
+        own, found = [float(n) for n in shape], list[float]()
+        for n in (m * order for order in own for m in (2.0, 3.0)):
+            if all(abs(n - other) >= APART for other in (*own, *found)):
+                found.append(n)
+        others = [self.jacobian(situation, where, np.array([n])) for n in found]
         k = situation.axis(where)
         if situation.is_curved(
             k
         ):  # all of the spring varies, not its slope at no torque
             wound = situation.wound(k, situation.spring_torque(k, (self.effect, where)))
-            phase = shape[0] * situation.recording.posture[:, k]
-            others.append(turn(k, wound * np.cos(phase), wound * np.sin(phase)))
+            others.append(turn(k, *_columns(situation, k, shape, wound)))
         return hstack(others)
 
     @override
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
-        a, b = coefficients
         mean = situation.unloaded_compliance(situation.axis(where))
+        return _waves(shape, coefficients, mean)[0]
+
+
+def _columns(
+    situation: StaticState, k: int, shape: Shape, felt: Float[np.ndarray, " rows"]
+) -> list[Float[np.ndarray, " rows"]]:
+    """Return a turn that an axis feels times the waves of its angle."""
+    phases = [n * situation.recording.posture[:, k] for n in shape]
+    return [felt * f(phase) for phase in phases for f in (np.cos, np.sin)]
+
+
+def _waves(shape: Shape, coefficients: Coeffs, mean: float) -> list[dict[str, float]]:
+    """Return the parameters of each wave, the largest first."""
+    found = []
+    for n, (a, b) in zip(shape, coefficients.reshape(-1, 2), strict=True):
         rho = np.hypot(a, b) / (2.0 * mean)
-        return {
-            "ratio": 2.0 * rho / (1.0 + rho**2),
-            "order": shape[0],
-            "phase_rad": np.arctan2(b, -a),
-        }
+        ratio, phase = 2.0 * rho / (1.0 + rho**2), np.arctan2(b, -a)
+        found.append({"ratio": ratio, "order": n, "phase_rad": phase})
+    return sorted(found, key=lambda wave: -wave["ratio"])

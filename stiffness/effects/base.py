@@ -108,6 +108,20 @@ class Hypothesis(ABC):
         """
         return None
 
+    def further(
+        self, found: Mapping[str, float], shape: Shape, coefficients: Coeffs
+    ) -> list[dict[str, float]]:
+        """Return the parameters of what a law that is a sum has beside what it reports.
+
+        Nothing, unless overridden: the law is no sum.
+
+        Args:
+            found: The parameters that are reported.
+            shape: Of all its parts.
+            coefficients: The same.
+        """
+        return []
+
     @abstractmethod
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
@@ -225,6 +239,22 @@ def orders(situation: StaticState, axis: int) -> Float[np.ndarray, " orders"]:
         return ORDERS[:0]
     span = np.ptp(situation.recording.posture[:, axis])
     return ORDERS[ORDERS * span >= LEAST_PHASE]
+
+
+MOST_WAVES, APART = 3, 0.75
+"""Waves of one law, and how far apart their orders are at least; chosen: postures a
+radian or two apart show no more."""
+
+
+def joined_orders(
+    shapes: Sequence[Float[np.ndarray, " _"]],
+) -> Float[np.ndarray, " joined"]:
+    """Return the orders of a law that does what waves of several orders do."""
+    kept: list[float] = []
+    for order in np.concatenate([*shapes]):
+        if all(abs(order - other) >= APART for other in kept):
+            kept.append(float(order))
+    return np.array(kept[:MOST_WAVES])
 
 
 def still(situation: StaticState, axis: int) -> bool:

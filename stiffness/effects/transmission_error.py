@@ -27,6 +27,7 @@ from stiffness.effects.base import (
     Shape,
     Shapes,
     absolute,
+    joined_orders,
     middle_angle,
     orders,
     still,
@@ -38,9 +39,6 @@ from stiffness.experiment.static_state import StaticState
 HARMONICS = (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 """Harmonics of a turn: an error of the angle recurs with it, in whatever form; up to
 the highest of `orders`."""
-MOST_WAVES, APART = 3, 0.75
-"""Waves of one error, and how far apart their orders are at least; chosen: postures a
-radian or two apart show no more."""
 
 
 @dataclass(frozen=True)
@@ -87,11 +85,13 @@ class TransmissionError(Hypothesis):
     def joined(
         self, shapes: Sequence[Float[np.ndarray, " _"]]
     ) -> Float[np.ndarray, " joined"]:
-        kept: list[float] = []
-        for order in np.concatenate([*shapes]):
-            if all(abs(order - other) >= APART for other in kept):
-                kept.append(float(order))
-        return np.array(kept[:MOST_WAVES])
+        return joined_orders(shapes)
+
+    @override
+    def further(
+        self, found: Mapping[str, float], shape: Shape, coefficients: Coeffs
+    ) -> list[dict[str, float]]:
+        return harmonics(shape, coefficients)[1:] if len(shape) > 1 else []
 
     @override
     def variants(

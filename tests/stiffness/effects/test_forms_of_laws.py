@@ -244,3 +244,26 @@ def test_gear_that_errs_in_several_orders_has_one_name_and_all_waves_in_the_patc
     true = [a * np.sin(n * angle + phase) for n, (a, phase) in sizes.items()]
     left = np.sum(seen, axis=0) - np.sum(true, axis=0)  # but for a_3's zero
     assert np.std(left) < 0.2 * np.std(np.sum(true, axis=0))
+
+
+def test_spring_that_varies_in_two_orders_has_one_name_and_both_waves_in_the_patch():
+    sizes = {2.0: (0.1, 0.0), 5.0: (0.06, 1.0)}
+    waves = tuple(
+        f"angle_dependent_stiffness@a2,ratio={r},order={n},phase_rad={phase}"
+        for n, (r, phase) in sizes.items()
+    )
+    made = recording("hysteresis@a3", *waves, poses=60)
+    found = diagnose(made, arm(), (*FEW, AngleDependentStiffness(), MassScale()))
+    assert {(e.name.effect, e.name.where) for e in found.named} == {
+        ("hysteresis", "a3"),
+        ("angle_dependent_stiffness", "a2"),
+    }
+    patch = patch_of_diagnosis(found, made, arm())
+    told = [e.parameters for e in patch.effects if e.where == "a2"]
+    names = ("ratio", "order", "phase_rad")
+    table = np.array([[one[name] for name in names] for one in told], float)
+    angle = made.posture[:, 1]
+    seen = np.sum([r * np.cos(n * angle + phase) for r, n, phase in table], axis=0)
+    true = [r * np.cos(n * angle + phase) for n, (r, phase) in sizes.items()]
+    assert len(table) > 1
+    assert np.std(seen - np.sum(true, axis=0)) < 0.2 * np.std(np.sum(true, axis=0))
