@@ -7,10 +7,11 @@ residual of less than `SMALL_RESIDUAL` of the mismatch withholds no name that ex
 ten times as much.
 
 ==========  ==========================================================================
-Equation    P(name) = sum of exp(w_j / phi) over the name and its first three
-            equivalents, over the same of all candidates and of none; w_j the worth of
-            the set with j in the name's place, grown by one name where that is worth
-            more; phi the dispersion of poses, or what forms of laws leave uncertain
+Equation    P(name) = sum of exp(g_j / phi - c_j) over the name and its first three
+            equivalents, over the same of all candidates and of none; g_j - c_j the
+            worth of the set with j in the name's place, grown by one name where that is
+            worth more, c_j what j's numbers and its prior cost; phi the dispersion of
+            poses, or what forms of laws leave uncertain
 Source      exchange probabilities of a sampler over sets (George and McCulloch 1997),
             the others held; tempered by the dispersion: Cameron and Miller 2015
 Valid       a set that no single exchange makes worth more
@@ -292,11 +293,14 @@ def exchange_posteriors(model: SelectedModel) -> tuple[ExchangePosterior, ...]:
         names = list(exchanged.worth)
         own = names.index(member.name)
         accuracy = LAW_ACCURACY * gain / (2.0 * ALIKE)
-        log = np.array([*exchanged.worth.values(), exchanged.none])
-        tempered = max(model.dispersion, 1.0 + accuracy)
-        evidence = log[:-1] + np.array([*exchanged.price.values()])
-        behind = (evidence[own] - evidence) / tempered
-        log /= tempered
+        phi = max(model.dispersion, 1.0 + accuracy)
+        worth, price, size = (
+            np.array([*part.values()])
+            for part in (exchanged.worth, exchanged.price, exchanged.size)
+        )
+        evidence = (worth + price + size) / phi - size
+        behind = evidence[own] - evidence
+        log = np.array([*(evidence - price), exchanged.none / phi])
         weight = np.exp(log - log.max())
         weight /= weight.sum()
         order = [int(k) for k in np.argsort(-weight[:-1], kind="stable") if k != own]

@@ -170,14 +170,20 @@ def _chi_square_gains(
 def _additions(problem: GroupProblem, left: Residual) -> Float[np.ndarray, " groups"]:
     """Return by how much the worth rises with each group; less than 0: it falls."""
     gain, rank = _chi_square_gains(problem, left)
-    paid = 0.5 * (rank + problem.shape_parameters) * np.log(problem.units)
-    rise = np.where(rank > 0, 0.5 * gain - paid, -np.inf)
+    rise = np.where(rank > 0, 0.5 * gain - _size_costs(problem, rank), -np.inf)
     own = problem.number_of_name[list(left.groups)]
     shapes = np.bincount(own, minlength=len(problem.names))[problem.number_of_name]
     rise -= np.where(shapes > 0, 0.0, problem.prices(left.groups))
     rise[shapes >= MOST_SHAPES] = -np.inf
     rise[list(left.groups)] = -np.inf
     return rise
+
+
+def _size_costs(
+    problem: GroupProblem, rank: Int[np.ndarray, " groups"]
+) -> Float[np.ndarray, " groups"]:
+    """Return what the numbers of each group cost: its directions and its shapes."""
+    return 0.5 * (rank + problem.shape_parameters) * np.log(problem.units)
 
 
 def _grown(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
@@ -266,11 +272,13 @@ class Exchanges:
         worth: With each name.
         none: With none.
         price: Part of it that is prior: what each name costs beside the rest.
+        size: Part of it that each name's numbers cost.
     """
 
     worth: dict[Name, float]
     none: float
     price: dict[Name, float]
+    size: dict[Name, float]
 
 
 def exchange_worths(
@@ -286,7 +294,8 @@ def exchange_worths(
         groups: The set.
         name: Which of its names gives way.
         live: By how much a name may trail and grow by one more: two names may do
-            together what one imitates.
+            together what one imitates. What that one does beside the whole set is
+            taken off, too.
 
     Returns:
         With the best group of each name that the rest has not, the name itself among
@@ -297,6 +306,7 @@ def exchange_worths(
     places = _places_of_names(problem, here.groups)
     rest = _residual_without(problem, here, whole, places[name])
     beside = _best_of_names(problem, _additions(problem, whole))
+    anyway = np.array([max(beside[other], 0.0) for other in problem.names])
     rise = _additions(problem, rest)
     instead = _best_of_names(problem, rise)
     found = {
@@ -309,15 +319,17 @@ def exchange_worths(
     close = [n for n, w in found.items() if n != name and w > found[name] - live]
     of_name = problem.number_of_name == problem.names.index(name)
     for other in close:
-        own = problem.number_of_name == problem.names.index(other)
-        best = int(np.argmax(np.where(own, rise, -np.inf)))
+        best = _best_group(problem, rise, other)
         with_it = FactorisedSet.of(problem, [best], without)
-        more = np.where(
-            of_name, -np.inf, _additions(problem, _residual(problem, with_it))
-        )
+        more = _additions(problem, _residual(problem, with_it))
+        more = np.where(of_name, -np.inf, more - anyway[problem.number_of_name])
         found[other] += max(float(more.max()), 0.0)
     price = _best_of_names(problem, problem.prices(rest.groups))
-    return Exchanges(found, rest.worth, {other: price[other] for other in found})
+    size = _size_costs(problem, _chi_square_gains(problem, rest)[1])
+    of_best = {other: float(size[_best_group(problem, rise, other)]) for other in found}
+    return Exchanges(
+        found, rest.worth, {other: price[other] for other in found}, of_best
+    )
 
 
 def best_groups_beside(problem: GroupProblem, groups: Sequence[int]) -> dict[Name, int]:
@@ -332,6 +344,14 @@ def best_groups_beside(problem: GroupProblem, groups: Sequence[int]) -> dict[Nam
         if k not in here.groups and problem.groups[k].name not in held:
             best.setdefault(problem.groups[k].name, int(k))
     return best
+
+
+def _best_group(
+    problem: GroupProblem, rise: Float[np.ndarray, " groups"], name: Name
+) -> int:
+    """Return the number of a name's group of the largest value."""
+    own = problem.number_of_name == problem.names.index(name)
+    return int(np.argmax(np.where(own, rise, -np.inf)))
 
 
 def _best_of_names(

@@ -29,7 +29,7 @@ Ignores     a direction of which others have less than `SURVIVES`
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -124,7 +124,7 @@ class GroupProblem:
         asked = score[columns] - score[nominal] @ share[:, columns]
         ends = np.cumsum([0, *(len(c) for c in used)])
         own = tuple(
-            ColumnGroup(g.name, np.arange(a, b), g.shape_parameters, g.log_prior)
+            replace(g, columns=np.arange(a, b))
             for g, a, b in zip(groups, ends[:-1], ends[1:], strict=True)
         )
         return cls(0.5 * (inner + inner.T), asked, own, units)

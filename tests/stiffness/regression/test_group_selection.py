@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 from stiffness.regression.group_selection import (
     MOST_SHAPES,
     GroupSelection,
+    exchange_worths,
     select_groups,
 )
 from stiffness.regression.group_sets import (
@@ -229,3 +230,22 @@ def test_effect_that_one_site_has_is_likelier_at_the_others():
     numbers = 0.5 * np.log(UNITS)  # of a shape
     assert_allclose(one, none[0] + numbers)
     assert_allclose(two - one, first[SHAPES] + numbers)
+
+
+def test_rival_gains_nothing_by_what_would_come_beside_the_set_anyway():
+    """A name that is missing helps with every other: it speaks for no exchange."""
+    case = problem(readings(2, *TRUE))
+    found = select_groups(case)
+    missing, asked = TRUE[0], TRUE[5]
+    short = [k for k in found.groups if case.groups[k].name != missing]
+    exchanges = exchange_worths(case, short, asked, live=np.inf)
+    rivals = {n: w for n, w in exchanges.worth.items() if n not in (missing, asked)}
+    assert max(rivals.values()) < exchanges.worth[asked] - 50.0
+
+
+def test_numbers_of_a_name_cost_half_a_logarithm_of_the_units_each():
+    case = problem(readings(2, *TRUE))
+    found = select_groups(case)
+    exchanges = exchange_worths(case, found.groups, TRUE[3])
+    costs = np.array([*exchanges.size.values()])  # two columns and one shape
+    assert_allclose(costs, 1.5 * np.log(UNITS))
