@@ -216,6 +216,15 @@ def hats(values: np.ndarray, knots: int) -> Float[np.ndarray, "rows knots"]:
     return np.stack([np.interp(values, at, row) for row in np.eye(len(at))], axis=1)
 
 
+def _from_zero(torque: np.ndarray, knots: int) -> Float[np.ndarray, "rows knots"]:
+    """Return piecewise linear functions that are nothing where there is least torque.
+
+    A constant turn is an offset, and no law of torque.
+    """
+    found = hats(torque, knots)
+    return found - found[np.argmin(np.abs(torque))]
+
+
 def _of_axis(situation: StaticState, k: int) -> list[MapBlock]:
     where = situation.axes[k]
     torque, angle = situation.torque[:, k], situation.recording.posture[:, k]
@@ -238,11 +247,11 @@ def _of_axis(situation: StaticState, k: int) -> list[MapBlock]:
     time = hats(situation.recording.time, TIMES)
     blocks = []
     laws = {
-        "torque": np.concatenate([up + down], axis=1),
+        "torque": _from_zero(torque, KNOTS),
         "direction": up - down,
         "history": np.column_stack([before / unit, t * (stood - stood.mean())]),
         "angle": np.concatenate([waves, waves * t[:, None]], axis=1),
-        "time": np.concatenate([time * t[:, None], time], axis=1),
+        "time": np.concatenate([time * t[:, None], time[:, 1:]], axis=1),
         "load": np.column_stack([t * along, along**2, _loads_on(situation, k + 1)]),
     }
     for depends_on, law in laws.items():

@@ -104,7 +104,10 @@ class Search:
         terms = (*found, *(term for term, _ in of_library))
         groups = [
             ColumnGroup(
-                term.name, columns, term.degrees_of_freedom, term.hypothesis.log_prior
+                term.name,
+                columns,
+                term.degrees_of_freedom,
+                term.hypothesis.log_prior,
             )
             for term, columns in zip(terms, owned, strict=True)
         ]
@@ -290,5 +293,40 @@ def with_generic_terms(
     if not blocks:
         return terms, ()
     search = Search.of(case, [*terms, *fine], refused, blocks)
+    search = _without_slight_terms(search, len(terms))
     selected = select_groups(search.problem, range(len(terms)))
     return fit_shapes(case, one_each(search, selected.groups)), selected.decisions
+
+
+LAW_SHARE = 0.01
+"""Share of what laws at a place explain from which on a generic term there competes
+with them. Chosen: a tenth of their size, squared; laws are no truer than that."""
+LOADS = frozenset({"torque", "load", "direction", "history"})
+"""What laws depend on that may take each other's part at one place."""
+
+
+def _without_slight_terms(search: Search, held: int) -> Search:
+    """Leave out generic terms that do less than what laws at their place may err by.
+
+    Args:
+        search: With a set first.
+        held: Terms of the set.
+    """
+    problem, terms = search.problem, search.terms
+    here, gains = (
+        FactorisedSet.of(problem, range(held)),
+        gains_beside(problem, range(held)),
+    )
+    laws: dict[str, list[int]] = {}
+    for p, term in enumerate(terms[:held]):
+        if not term.is_generic and not LOADS.isdisjoint(term.depends_on):
+            laws.setdefault(term.where, []).append(p)
+    most = {where: LAW_SHARE * here.own_gain(own) for where, own in laws.items()}
+    keep = [
+        k
+        for k, term in enumerate(terms)
+        if k < held or not term.is_generic or gains[k] > most.get(term.where, 0.0)
+    ]
+    groups = tuple(problem.groups[k] for k in keep)
+    kept = tuple(terms[k] for k in keep)
+    return Search(search.case, kept, replace(problem, groups=groups))

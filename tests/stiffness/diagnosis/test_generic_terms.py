@@ -16,15 +16,20 @@ from bench.rig import Rig
 from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.candidates import residual_map
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.model_fit import ModelTerm, fit_shapes
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis
+from stiffness.diagnosis.search import Search, _without_slight_terms
 from stiffness.diagnosis.selection import select_model
 from stiffness.diagnosis.verdict import judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.drift import Drift
-from stiffness.effects.jacobian import BodyTwist
+from stiffness.effects.hardening import Hardening
+from stiffness.effects.jacobian import BodyTwist, JointRotation
 from stiffness.effects.marker_slip import MarkerSlip
+
+OFFERED = {("a2", "torque"), ("a4", "direction")}
 
 
 def names(found: Diagnosis) -> list[tuple[str, str]]:
@@ -146,3 +151,31 @@ def test_a_mark_that_sags_is_named_as_one_that_slips():
     found = diagnose(replace(made, points=points), arm(), (*FEW, MarkerSlip()))
     slip = ("marker_slip", f"marker:{made.markers[5].name}")
     assert set(names(found)) == {("hysteresis", "a3"), slip}
+
+
+def test_generic_law_of_torque_is_nothing_where_there_is_least():
+    """A constant turn is an offset, which has a name."""
+    here = prepared().situation
+    for axis in here.axes:
+        blocks = [
+            b for b in residual_map(here) if (b.where, b.kind) == (axis, "torque")
+        ]
+        for block in blocks:
+            (part,) = block.jacobian.parts
+            assert isinstance(part, JointRotation)
+            least = np.argmin(np.abs(here.torque[:, here.axis(axis)]))
+            assert_allclose(part.law[least], 0.0)
+            assert np.linalg.matrix_rank(part.law) == block.jacobian.columns - 1
+
+
+def test_generic_term_competes_only_with_more_than_laws_at_its_place_may_err_by():
+    """A hardened gear leaves nothing of torque at its axis; another place is asked."""
+    case = build_problem(prepared("hardening@a2", "hysteresis@a4"), FEW)
+    coarse = Hardening().shapes(case.situation, "a2")[3]
+    (gear,) = fit_shapes(case, [ModelTerm(Hardening(), "a2", coarse)])
+    blocks = [b for b in case.library.map if (b.where, b.kind) in OFFERED]
+    search = Search.of(case, [gear], generic=blocks)
+    kept = _without_slight_terms(search, 1)
+    assert {t.where for t in search.terms if t.is_generic} == {"a2", "a4"}
+    assert {t.where for t in kept.terms if t.is_generic} == {"a4"}
+    assert len(kept.terms) == len(kept.problem.groups) == len(search.terms) - 1
