@@ -72,7 +72,11 @@ from stiffness.diagnosis.selection import (
 )
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.regression.group_selection import LIVE, exchange_worths
-from stiffness.regression.normal_equations import NormalEquations
+from stiffness.regression.normal_equations import (
+    NormalEquations,
+    projection_coefficients,
+    schur_complement,
+)
 from stiffness.regression.testing import SIGNIFICANCE
 
 # --- Rejection ------------------------------------------------------------------------
@@ -138,10 +142,12 @@ def judge(model: SelectedModel) -> JudgedModel:
     share = excess / max(excess + model.fit.gain, 1e-12)
     large = left.p_value < SIGNIFICANCE and share > SMALL_RESIDUAL
     found: dict[tuple[str, str], Decision] = {}
-    for member, gain, differs in zip(members, gains, uneven, strict=True):
+    every = zip(members, gains, uneven, strict=True)
+    for k, (member, gain, differs) in enumerate(every):
         if member.is_generic:
             continue
-        near = _residual_near(member, left) / max(gain, 1e-12) if large else 0.0
+        near = _residual_near(k, model, left, beyond) if large else 0.0
+        near /= max(gain, 1e-12)
         second_order = LAW_ACCURACY * max(
             g
             for other, g in zip(members, gains, strict=True)
@@ -186,17 +192,56 @@ def _largest_excess(left: DetectionTest) -> float:
     return max(left.excess, float(some.max(initial=0.0)), 0.0)
 
 
-def _residual_near(member: ModelTerm, left: DetectionTest) -> float:
-    """Return the largest significant excess that may be a member's own."""
+def _residual_near(
+    k: int, model: SelectedModel, left: DetectionTest, beyond: ResidualEquations
+) -> float:
+    """Return the largest significant excess that may be a member's own.
+
+    At a neighbouring place only the part counts that columns of that place can do of
+    what the member displaces: so much of the name may be what is unknown there.
+    """
+    member = model.fit.members[k]
     excess = left.tested.captured - left.tested.degrees_of_freedom
     most = 0.0
     for at in np.flatnonzero(left.tested.together < SIGNIFICANCE):
-        where = left.where[at] or largest_residual_site(left)
-        if may_show_at(member, where):
-            most = max(most, float(excess[at]))
+        where, here = left.where[at] or largest_residual_site(left), float(excess[at])
+        if here <= most or not may_show_at(member, where):
+            continue
+        if not acts_at(member, where):
+            here *= _imitated_share(k, model, where, beyond)
+        most = max(most, here)
     if left.tested.p_value >= SIGNIFICANCE:  # poses differ, but not along any law
         most = max(most, left.excess)
     return most
+
+
+def _imitated_share(
+    k: int, model: SelectedModel, where: str, beyond: ResidualEquations
+) -> float:
+    """Return the share of what a member displaces that columns of a place may do.
+
+    ==========  ======================================================================
+    Equation    1 - b' G_P b / b' G b, b the member's sizes, G the Gram matrix of its
+                columns beside nominal columns and other members, G_P that beside the
+                place's columns of the map too
+    Source      share of a projected square
+    Valid       at the shapes that were found
+    Ignores     the error of sizes
+    ==========  ======================================================================
+    """
+    size = [np.zeros(model.case.library.nominal), *model.fit.coefficients]
+    ends = np.cumsum([0, *map(len, size)])
+    own = np.arange(ends[k + 1], ends[k + 2])
+    others = np.setdiff1d(np.arange(ends[-1]), own)
+    place = [m.columns for m in beyond.library.map if m.where == where]
+    if not place:  # an instrument or a marker: it has no columns there
+        return 1.0
+    gram, unexplained = beyond.normal_equations.gram[1], []
+    for known in (others, np.concatenate([others, *place])):
+        share = projection_coefficients(gram, known)
+        inner = schur_complement(gram, known, share, own)
+        unexplained.append(float(size[k + 1] @ inner @ size[k + 1]))
+    return 1.0 - min(unexplained[1] / max(unexplained[0], 1e-300), 1.0)
 
 
 def _beside_generic(member: ModelTerm, model: SelectedModel) -> float:
@@ -382,7 +427,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     told = sum(gain for m, gain in by_name if m.name in named)
     if told <= MAJORITY * sum(gains):
         sure_places = {where for _, where in named}
-        own = sum(of_places.values())
+        own = sum(of_places.values(), 0.0)
         located = _with_places_of_map(case, located, sure_places, own)
     unexplained = None
     if not explained:
