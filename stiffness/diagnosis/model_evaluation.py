@@ -187,7 +187,12 @@ def parameters_of(
     grow = np.sqrt(
         np.maximum(np.diag(spread) / np.maximum(np.diag(inverse), 1e-300), 1.0)
     )
-    cov = inverse * grow * grow[:, None] * scale * scale[:, None]
+    wider = grow * scale
+    cov = inverse * wider * wider[:, None]
+    sizes = len(fit.springs) + sum(map(len, fit.coefficients))
+    inner = (gram * scale * scale[:, None])[:sizes, :sizes]
+    held = np.linalg.pinv(inner, rcond=1e-10, hermitian=True)
+    held = held * wider[:sizes] * wider[:sizes, None]
     unsure = _covariance_of_the_unknown(look)
     shift = shift_by_forms(look, split) - fitted
     quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, len(score) - 1)))
@@ -195,14 +200,19 @@ def parameters_of(
     every = zip(fit.members, fit.coefficients, _columns_of_members(look), strict=True)
     for member, coefficients, own in every:
         index = np.concatenate([np.arange(len(fit.springs)), own])
-        some = np.ix_(index, index)
+        some, of_sizes = np.ix_(index, index), index[: len(index) - len(member.shape)]
         answers.append(
             _of_member(
                 situation,
                 springs,
                 member,
                 (fit.springs, coefficients),
-                _Errors(cov[some], unsure[some], shift[index]),
+                _Errors(
+                    cov[some],
+                    held[np.ix_(of_sizes, of_sizes)],
+                    unsure[some],
+                    shift[index],
+                ),
                 quantile,
             )
         )
@@ -339,11 +349,13 @@ class _Errors:
 
     Attributes:
         covariance: By how the fit moves as poses are left out.
+        held: The same of springs and coefficients, the shapes of all members held.
         unsure: What terms that were not selected add to it.
         shift: How far the fit moves beside other forms of the laws.
     """
 
     covariance: Float[np.ndarray, "n n"]
+    held: Float[np.ndarray, "sizes sizes"]
     unsure: Float[np.ndarray, "n n"]
     shift: Float[np.ndarray, " n"]
 
@@ -379,10 +391,8 @@ def _of_member(situation, springs, member, fitted, errors, quantile):
         slope[:, i] = [(up[k] - down[k]) / (2 * step) for k in names]
     total = np.einsum("ki,ij,kj->k", slope, cov + errors.unsure, slope)
     spread = np.sqrt(np.maximum(total, 0.0))
-    given = _given_shapes(cov, len(member.shape))
-    fixed = np.einsum(
-        "ki,ij,kj->k", slope[:, : len(given)], given, slope[:, : len(given)]
-    )
+    of_sizes = slope[:, : len(errors.held)]
+    fixed = np.einsum("ki,ij,kj->k", of_sizes, errors.held, of_sizes)
     fixed = np.sqrt(np.maximum(fixed, 0.0))
     moved = slope @ errors.shift
     nothing = _nothing(member.hypothesis)
@@ -403,24 +413,25 @@ def _of_member(situation, springs, member, fitted, errors, quantile):
     return found
 
 
-def _given_shapes(cov: np.ndarray, shapes: int) -> np.ndarray:
-    """Return the covariance of all but the last parameters, these held."""
-    count = len(cov) - shapes
-    side = cov[:count, count:]
-    inner = np.linalg.pinv(cov[count:, count:], hermitian=True)
-    return cov[:count, :count] - side @ inner @ side.T
-
-
 def as_held(
     situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
 ) -> dict[str, Interval]:
     """Return parameters within their limits, without ends where no data hold them."""
     limits = member.hypothesis.limits_at(situation, member.where)
+    loose = unheld(situation, member, parameters)
+    held = {name: _within(limits.get(name), p) for name, p in parameters.items()}
+    return held | loose
+
+
+def unheld(
+    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
+) -> dict[str, Interval]:
+    """Return the parameters that no data hold, with intervals without ends."""
+    limits = member.hypothesis.limits_at(situation, member.where)
     return {
-        name: _within(limits.get(name), p)
-        if is_held(limits.get(name), p.estimate, (p.high - p.low) / 2.0)
-        else Interval(p.estimate, -np.inf, np.inf)
+        name: Interval(p.estimate, -np.inf, np.inf)
         for name, p in parameters.items()
+        if not is_held(limits.get(name), p.estimate, (p.high - p.low) / 2.0)
     }
 
 
@@ -473,7 +484,7 @@ def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Interval]) -
     """Return whether all that an effect could be may be nothing, by the intervals.
 
     A stiffness whose interval holds zero may be without end; a ratio is nothing at its
-    neutral value.
+    neutral value; a size that the readings do not hold has an interval without ends.
     """
     nothing = _nothing(hypothesis)
     sizes = [(p, nothing[name]) for name, p in parameters.items() if name in nothing]
@@ -481,24 +492,21 @@ def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Interval]) -
 
 
 def is_beyond_nothing(
-    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
+    situation: StaticState, member: ModelTerm, sizes: Mapping[str, float]
 ) -> bool:
     """Return whether a size has the sign that its limits leave no room for.
 
     Args:
         situation: Where the arm stood.
         member: The term.
-        parameters: With their intervals.
+        sizes: Its parameters.
     """
     limits = member.hypothesis.limits_at(situation, member.where)
-    sizes = [
-        (parameters[name].estimate, value, limits[name])
-        for name, value in _nothing(member.hypothesis).items()
-        if name in parameters and name in limits
-    ]
     return any(
-        (size < value and low >= value) or (size > value and high <= value)
-        for size, value, (low, high) in sizes
+        (sizes[name] < value and limits[name][0] >= value)
+        or (sizes[name] > value and limits[name][1] <= value)
+        for name, value in _nothing(member.hypothesis).items()
+        if name in sizes and name in limits
     )
 
 

@@ -219,10 +219,14 @@ def fit_of(
     return ModelFit(tuple(members), gain, solved[:n], parts, freedom)
 
 
+RIDGE = 1e-9
+"""Added to the diagonal of scaled normal equations: columns may be multiples."""
+
+
 def solve(gram: np.ndarray, score: np.ndarray) -> np.ndarray:
     """Solve normal equations whose columns have very different units."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    scaled = gram * scale * scale[:, None] + 1e-9 * np.eye(len(gram))
+    scaled = gram * scale * scale[:, None] + RIDGE * np.eye(len(gram))
     return scale * np.linalg.solve(scaled, scale * score)
 
 

@@ -38,8 +38,10 @@ from stiffness.diagnosis.model_evaluation import (
     jackknife_covariance,
     may_be_nothing,
     parameters_of,
+    unheld,
 )
 from stiffness.diagnosis.model_fit import (
+    RIDGE,
     ModelFit,
     ModelTerm,
     SelectionProblem,
@@ -148,15 +150,14 @@ def _own_gains(
     gram = found.units.gram[some].sum(axis=0)[np.ix_(used, used)]
     score = found.units.score[some].sum(axis=0)[used]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
+    ridge = RIDGE * np.eye(len(gram))
+    inverse = np.linalg.inv(gram * scale * scale[:, None] + ridge)
     fitted = inverse @ (score * scale)
-    gains, at = [], len(found.nominal)
-    for block in blocks:
-        own = np.arange(at, at + len(block))
-        at += len(block)
-        step = np.linalg.lstsq(inverse[np.ix_(own, own)], fitted[own], rcond=None)
-        gains.append(max(float(fitted[own] @ step[0]), 0.0))
-    return tuple(gains)
+    ends = np.cumsum([len(found.nominal), *map(len, blocks)])
+    return tuple(
+        float(fitted[a:b] @ np.linalg.solve(inverse[a:b, a:b], fitted[a:b]))
+        for a, b in pairwise(ends)
+    )
 
 
 def gains_of_places(model: SelectedModel) -> dict[str, float]:
@@ -273,7 +274,11 @@ def select_model(
     loads = _loads_in_place_of_names(model)
     if not loads:
         return model
-    swapped = [loads.get(member.name, member) for member in model.fit.members]
+    at = {
+        where for _, where in loads
+    }  # what had no name there may have been the load's
+    kept = (m for m in model.fit.members if not (m.is_generic and m.where in at))
+    swapped = [loads.get(member.name, member) for member in kept]
     members = list({member.name: member for member in swapped}.values())
     fit = fit_model(model.case, members)
     search = Search.of(layout.under(model.case, fit), members, loads)
@@ -411,6 +416,8 @@ def _judged(
             break
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
+        if weakest.gate == "physical":
+            weakest = _needed_least(case, terms, weakest)
         decisions.append(weakest)
         terms = tuple(term for term in terms if term.name != weakest.candidate)
         if weakest.gate == "physical":
@@ -431,6 +438,42 @@ def _judged(
         statistics.share(gated.gain),
         last_of_each(decisions),
     )
+
+
+def _needed_least(
+    case: SelectionProblem, terms: Sequence[ModelTerm], wrong: Decision
+) -> Decision:
+    """Return which law goes where one at its place would be physically impossible.
+
+    Two laws of one gear may take each other's part, the true one with the wrong sign:
+    of those whose leaving gives all others their sign back, the one goes that costs
+    least.
+    """
+    where, found = wrong.candidate[1], dict[Name, float]()
+    for term in terms:
+        if term.where != where or term.is_generic:
+            continue
+        rest = fit_shapes(case, [other for other in terms if other is not term])
+        fit = fit_model(case, rest)
+        every = zip(fit.members, fit.coefficients, strict=True)
+        if not any(_has_wrong_sign(case, m, c) for m, c in every if m.where == where):
+            found[term.name] = fit.gain - fit.degrees_of_freedom * np.log(case.poses)
+    least = max(found, key=found.__getitem__, default=wrong.candidate)
+    if least == wrong.candidate:
+        return wrong
+    reason = f"beside it {wrong.candidate[0]} there would be physically impossible"
+    return replace(wrong, candidate=least, reason=reason, parameters={})
+
+
+def _has_wrong_sign(
+    case: SelectionProblem, term: ModelTerm, size: Float[np.ndarray, " columns"]
+) -> bool:
+    """Return whether a law of one size has a sign that it cannot have."""
+    here, law = case.situation, term.hypothesis
+    if len(size) > 1 or term.is_generic:
+        return False
+    sizes = dict(law.parameters(here, term.where, term.shape, size))
+    return is_beyond_nothing(here, term, sizes)
 
 
 def _of_the_same_kinds(
@@ -465,20 +508,24 @@ def _withheld(
 
     A law of one size that has the wrong sign has no other part that could be right.
     """
-    found = []
+    decisions = []
     every = zip(terms, parameters, gains, columns, strict=True)
     for term, own, gain, count in every:
-        if may_be_nothing(term.hypothesis, own):
+        loose = unheld(case.situation, term, own)
+        if may_be_nothing(term.hypothesis, own | loose):
             reason = "the intervals of all its magnitudes contain zero"
-            found.append(Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own))
+            decisions.append(
+                Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
+            )
             continue
         share = cost_of_limits(case.situation, term, own) / max(gain, 1e-12)
-        against = count == 1 and is_beyond_nothing(case.situation, term, own)
+        sizes = {name: found.estimate for name, found in own.items()}
+        against = count == 1 and is_beyond_nothing(case.situation, term, sizes)
         if share > BEYOND or (share > 0.0 and against):
             reason = "within its physical limits it explains much less"
             one = Decision(term.name, "physical", False, share, BEYOND, reason, own)
-            found.append(one)
-    return found
+            decisions.append(one)
+    return decisions
 
 
 def _dispersion(case: SelectionProblem, look: ModelEvaluation) -> float:

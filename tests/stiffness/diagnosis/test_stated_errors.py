@@ -32,6 +32,7 @@ from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.gravity_load import GravityLoad, carried
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
+from stiffness.effects.link_bending import LinkBending
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.experiment.residuals import weight_of
 from stiffness.experiment.sensor_noise import (
@@ -386,3 +387,15 @@ def test_law_of_one_size_a_little_beyond_its_far_limit_stands(
         "torque_nm": Interval(20.0, 19.0, 21.0),
     }
     assert bool(_withheld(case, [gear], [own], [gain], [1])) == refused
+
+
+def test_effect_none_of_whose_sizes_the_readings_hold_has_no_name(plain, arm):
+    """Both stiffnesses of a link would be below nothing."""
+    case = build_problem(prepare(plain, arm), (LinkBending(),))
+    link = ModelTerm(LinkBending(), "link_2", np.zeros(0))
+    own = {
+        "bending_nm2": Interval(-1.9e8, -4e8, 2e7),
+        "torsion_nm2": Interval(-1.7e4, -3e4, -4e3),
+    }
+    told = _withheld(case, [link], [own], [1e4], [2])
+    assert [d.gate for d in told] == ["magnitude"]

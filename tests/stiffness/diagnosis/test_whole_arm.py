@@ -6,11 +6,12 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import arm, prepared, recording
+from small_bench import FEW, arm, prepared, recording
 
 from scenarios.pipelines.diagnosis import answer_of
 from scenarios.report.data_files import DECISIONS, read_table, write_decisions
 from stiffness.diagnosis import verdict
+from stiffness.diagnosis.detection import residual_equations
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import (
     gate_terms,
@@ -29,13 +30,19 @@ from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Decision, Diagnosis, Name
 from stiffness.diagnosis.selection import (
     SelectedModel,
+    _needed_least,
     budget_shares,
     gains_of_places,
     select_model,
 )
-from stiffness.diagnosis.verdict import judge
+from stiffness.diagnosis.verdict import _imitated_share, judge
 from stiffness.effects import HYPOTHESES
+from stiffness.effects.geometry_error import GeometryError
+from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.hardening import Hardening
+from stiffness.effects.hysteresis import Hysteresis
+from stiffness.effects.lost_motion import LostMotion
+from stiffness.effects.transmission_error import TransmissionError
 
 EIGHT = (
     "hysteresis@a1",
@@ -207,6 +214,41 @@ def test_place_explains_what_a_fit_without_all_its_members_loses():
         rest = [m for m in found.fit.members if m.where != where]
         less = fit_model(case, rest)
         assert_allclose(gain, found.fit.gain - less.gain, rtol=1e-3)
+
+
+def test_of_two_laws_at_a_place_the_one_goes_that_costs_least():
+    """Whichever of them came out physically impossible beside the other."""
+    play = problem("lost_motion@a2")
+    terms = (
+        ModelTerm(LostMotion(), "a2", np.array([2.0])),
+        ModelTerm(Hysteresis(), "a2", np.array([40.0, 0.0])),
+    )
+    for term in terms:
+        wrong = Decision(term.name, "physical", False, 1.0, 0.1, "too small")
+        least = _needed_least(play, terms, wrong)
+        assert least.candidate == ("hysteresis", "a2")
+        assert not least.accepted
+
+
+@pytest.mark.parametrize("offset", [9e-4, 3e-3])
+def test_offset_far_above_noise_is_named_though_six_columns_do_as_well(offset):
+    """The more it explains the less its form is certain; its one number stays one."""
+    laws = (*FEW, GeometryError(), TransmissionError(), GravityCompensator())
+    made = recording(f"encoder_offset@a4,offset_rad={offset}", poses=60)
+    found = diagnose(made, arm(), laws)
+    (only,) = found.named
+    assert only.name == Name("encoder_offset", "a4")
+    assert "geometry_error" not in {one.effect for one in only.equivalents}
+
+
+def test_columns_of_a_name_s_own_place_may_do_more_of_it_than_those_of_another():
+    model = selected(*TWO)
+    beyond = residual_equations(model.case, model.fit)
+    every = enumerate(model.fit.members)
+    loop = next(k for k, m in every if m.name == ("hysteresis", "a2"))
+    near, far = (_imitated_share(loop, model, where, beyond) for where in ("a2", "a6"))
+    assert 0.5 < near <= 1.0
+    assert 0.0 <= far < 0.3
 
 
 @pytest.mark.parametrize("load", [True, False])
