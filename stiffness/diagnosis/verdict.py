@@ -2,7 +2,7 @@
 
 Generic terms of the selected set are unexplained places. A name is withheld where the
 residual at its place is large beside what it explains, where a generic term of its
-place explains ten times as much, or where its law differs between groups of rows. A
+place explains twice as much, or where its law differs between groups of rows. A
 residual of less than `SMALL_RESIDUAL` of the mismatch withholds no name that explains
 ten times as much.
 
@@ -87,10 +87,10 @@ RESIDUAL_SHARE_LIMIT = 0.1
 """Residual near a name over what the name explains from which it is withheld. Chosen: a
 name may stand beside an unknown effect that is ten times weaker; one that is not may be
 what imitates it."""
-GENERIC_ACCURACY = 0.01
-"""Share of what a generic term explains that its mechanism may leave beside it. Chosen:
-a tenth of its amplitude, squared, as no mechanism without a name follows the generic
-term's law exactly; a name at its place may imitate that."""
+GENERIC_ACCURACY = 0.05
+"""Share of what a generic term explains that its mechanism may leave beside it, so that
+a name there that explains half as much may imitate that. Chosen: more than a fifth of
+its amplitude, squared, for a mechanism that nobody knows follows no generic law."""
 MAJORITY = 0.5
 """Share of what is explained or left that withheld names and the residual have, above
 which weaker names go too."""
