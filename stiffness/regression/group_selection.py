@@ -294,8 +294,8 @@ def exchange_worths(
         groups: The set.
         name: Which of its names gives way.
         live: By how much a name may trail and grow by one more: two names may do
-            together what one imitates. What that one does beside the whole set is
-            taken off, too.
+            together what one imitates. What the two do beside the whole set is taken
+            off, too.
 
     Returns:
         With the best group of each name that the rest has not, the name itself among
@@ -320,10 +320,12 @@ def exchange_worths(
     of_name = problem.number_of_name == problem.names.index(name)
     for other in close:
         best = _best_group(problem, rise, other)
-        with_it = FactorisedSet.of(problem, [best], without)
-        more = _additions(problem, _residual(problem, with_it))
-        more = np.where(of_name, -np.inf, more - anyway[problem.number_of_name])
-        found[other] += max(float(more.max()), 0.0)
+        pair = _residual(problem, FactorisedSet.of(problem, [best], without))
+        both = _residual(problem, FactorisedSet.of(problem, [best], here))
+        own = both.worth - whole.worth + _additions(problem, both)
+        own = np.maximum(own, np.maximum(anyway[problem.number_of_name], beside[other]))
+        grown = pair.worth + _additions(problem, pair) - own
+        found[other] = max(found[other], float(np.where(of_name, -np.inf, grown).max()))
     price = _best_of_names(problem, problem.prices(rest.groups))
     size = _size_costs(problem, _chi_square_gains(problem, rest)[1])
     of_best = {other: float(size[_best_group(problem, rise, other)]) for other in found}
