@@ -57,7 +57,12 @@ from stiffness.diagnosis.sufficient_statistics import (
 )
 from stiffness.effects.jacobian import EffectJacobian, values, with_values
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.normal_equations import NormalEquations, minimum_norm_fit
+from stiffness.regression.normal_equations import (
+    NormalEquations,
+    minimum_norm_fit,
+    projection_coefficients,
+    schur_complement,
+)
 from stiffness.regression.splits import k_means
 from stiffness.regression.testing import (
     SIGNIFICANCE,
@@ -398,6 +403,41 @@ def _with_offset_columns(
         ),
         map=tuple(replace(m, columns=m.columns + by) for m in library.map),
     )
+
+
+def imitated_share(
+    beyond: ResidualEquations, fit: ModelFit, k: int, where: str
+) -> float:
+    """Return the share of what a member displaces that columns of a place may do.
+
+    ==========  ======================================================================
+    Equation    1 - b' G_P b / b' G b, b the member's sizes, G the Gram matrix of its
+                columns beside nominal columns and other members, G_P that beside the
+                place's columns of the map too
+    Source      share of a projected square
+    Valid       at the shapes that were found
+    Ignores     the error of sizes
+    ==========  ======================================================================
+
+    Args:
+        beyond: Normal equations once the set is named.
+        fit: The set.
+        k: Number of the member.
+        where: The place.
+    """
+    size = [np.zeros(beyond.library.nominal), *fit.coefficients]
+    ends = np.cumsum([0, *map(len, size)])
+    own = np.arange(ends[k + 1], ends[k + 2])
+    others = np.setdiff1d(np.arange(ends[-1]), own)
+    place = [m.columns for m in beyond.library.map if m.where == where]
+    if not place:  # an instrument or a marker: it has no columns there
+        return 1.0
+    gram, unexplained = beyond.normal_equations.gram[1], []
+    for known in (others, np.concatenate([others, *place])):
+        share = projection_coefficients(gram, known)
+        inner = schur_complement(gram, known, share, own)
+        unexplained.append(float(size[k + 1] @ inner @ size[k + 1]))
+    return 1.0 - min(unexplained[1] / max(unexplained[0], 1e-300), 1.0)
 
 
 def residual_test(case: SelectionProblem, beyond: ResidualEquations) -> DetectionTest:

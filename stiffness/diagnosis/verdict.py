@@ -30,6 +30,7 @@ from stiffness.diagnosis.detection import (
     HomogeneityTest,
     ResidualEquations,
     homogeneity_tests,
+    imitated_share,
     residual_equations,
     residual_test,
 )
@@ -72,11 +73,7 @@ from stiffness.diagnosis.selection import (
 )
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.regression.group_selection import LIVE, exchange_worths
-from stiffness.regression.normal_equations import (
-    NormalEquations,
-    projection_coefficients,
-    schur_complement,
-)
+from stiffness.regression.normal_equations import NormalEquations
 from stiffness.regression.testing import SIGNIFICANCE
 
 # --- Rejection ------------------------------------------------------------------------
@@ -208,40 +205,11 @@ def _residual_near(
         if here <= most or not may_show_at(member, where):
             continue
         if not acts_at(member, where):
-            here *= _imitated_share(k, model, where, beyond)
+            here *= imitated_share(beyond, model.fit, k, where)
         most = max(most, here)
     if left.tested.p_value >= SIGNIFICANCE:  # poses differ, but not along any law
         most = max(most, left.excess)
     return most
-
-
-def _imitated_share(
-    k: int, model: SelectedModel, where: str, beyond: ResidualEquations
-) -> float:
-    """Return the share of what a member displaces that columns of a place may do.
-
-    ==========  ======================================================================
-    Equation    1 - b' G_P b / b' G b, b the member's sizes, G the Gram matrix of its
-                columns beside nominal columns and other members, G_P that beside the
-                place's columns of the map too
-    Source      share of a projected square
-    Valid       at the shapes that were found
-    Ignores     the error of sizes
-    ==========  ======================================================================
-    """
-    size = [np.zeros(model.case.library.nominal), *model.fit.coefficients]
-    ends = np.cumsum([0, *map(len, size)])
-    own = np.arange(ends[k + 1], ends[k + 2])
-    others = np.setdiff1d(np.arange(ends[-1]), own)
-    place = [m.columns for m in beyond.library.map if m.where == where]
-    if not place:  # an instrument or a marker: it has no columns there
-        return 1.0
-    gram, unexplained = beyond.normal_equations.gram[1], []
-    for known in (others, np.concatenate([others, *place])):
-        share = projection_coefficients(gram, known)
-        inner = schur_complement(gram, known, share, own)
-        unexplained.append(float(size[k + 1] @ inner @ size[k + 1]))
-    return 1.0 - min(unexplained[1] / max(unexplained[0], 1e-300), 1.0)
 
 
 def _beside_generic(member: ModelTerm, model: SelectedModel) -> float:

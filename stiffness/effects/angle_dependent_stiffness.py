@@ -75,7 +75,7 @@ class AngleDependentStiffness(Hypothesis):
         ratio = min(found["ratio"], 1.0)
         rho = ratio / (1.0 + np.sqrt(1.0 - ratio**2))
         largest = np.max(np.hypot(*coefficients.reshape(-1, 2).T))
-        return _waves(shape, coefficients, largest / (2.0 * max(rho, 1e-12)))[1:]
+        return _harmonics(shape, coefficients, largest / (2.0 * max(rho, 1e-12)))[1:]
 
     @override
     def jacobian(
@@ -95,7 +95,7 @@ class AngleDependentStiffness(Hypothesis):
             situation.recording.posture[:, k],
             situation.unloaded_compliance(k),
         )
-        every = _waves(shape, coefficients, mean)
+        every = _harmonics(shape, coefficients, mean)
         wave = sum(
             w["ratio"] * np.cos(w["order"] * angle + w["phase_rad"]) for w in every
         )
@@ -125,7 +125,7 @@ class AngleDependentStiffness(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         mean = situation.unloaded_compliance(situation.axis(where))
-        return _waves(shape, coefficients, mean)[0]
+        return _harmonics(shape, coefficients, mean)[0]
 
 
 def _columns(
@@ -136,7 +136,9 @@ def _columns(
     return [felt * f(phase) for phase in phases for f in (np.cos, np.sin)]
 
 
-def _waves(shape: Shape, coefficients: Coeffs, mean: float) -> list[dict[str, float]]:
+def _harmonics(
+    shape: Shape, coefficients: Coeffs, mean: float
+) -> list[dict[str, float]]:
     """Return the parameters of each wave, the largest first."""
     found = []
     for n, (a, b) in zip(shape, coefficients.reshape(-1, 2), strict=True):

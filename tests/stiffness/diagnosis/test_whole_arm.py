@@ -11,7 +11,7 @@ from small_bench import FEW, arm, prepared, recording
 from scenarios.pipelines.diagnosis import answer_of
 from scenarios.report.data_files import DECISIONS, read_table, write_decisions
 from stiffness.diagnosis import verdict
-from stiffness.diagnosis.detection import residual_equations
+from stiffness.diagnosis.detection import imitated_share, residual_equations
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import (
     gate_terms,
@@ -35,7 +35,7 @@ from stiffness.diagnosis.selection import (
     gains_of_places,
     select_model,
 )
-from stiffness.diagnosis.verdict import _imitated_share, judge
+from stiffness.diagnosis.verdict import judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
@@ -246,7 +246,9 @@ def test_columns_of_a_name_s_own_place_may_do_more_of_it_than_those_of_another()
     beyond = residual_equations(model.case, model.fit)
     every = enumerate(model.fit.members)
     loop = next(k for k, m in every if m.name == ("hysteresis", "a2"))
-    near, far = (_imitated_share(loop, model, where, beyond) for where in ("a2", "a6"))
+    near, far = (
+        imitated_share(beyond, model.fit, loop, where) for where in ("a2", "a6")
+    )
     assert 0.5 < near <= 1.0
     assert 0.0 <= far < 0.3
 
