@@ -1,7 +1,7 @@
 """Gates on a set of effects: predictions of poses left out, and strong laws near by.
 
 What explains poses that were fitted must predict poses that were not. A name also goes
-where another accepted form of a stronger law at its place does as well, or where it is
+where another accepted form of a stronger law near it does as well, or where it is
 less than what a found load may be wrong by.
 
 ==========  ==========================================================================
@@ -253,7 +253,7 @@ def acts_at(member: ModelTerm, place: str) -> bool:
 def _weak_beside_forms(
     statistics: PoseStatistics, kept: Sequence[int], gated: GatedNames
 ) -> Decision | None:
-    """Return the weakest name that other forms of a strong law at its place replace."""
+    """Return the weakest name that other forms of a strong law near it replace."""
     terms = statistics.terms
     lost = dict(zip(gated.names, (float(x.sum()) for x in gated.lost), strict=True))
     found = []
@@ -262,7 +262,7 @@ def _weak_beside_forms(
         stronger = [
             o
             for o in kept
-            if terms[o].where == terms[t].where
+            if are_near(terms[o].where, terms[t].where)
             and lost[name] < OTHER_FORMS * lost[terms[o].name]
             and len(statistics.forms[o])
         ]
@@ -274,6 +274,6 @@ def _weak_beside_forms(
             statistics.units, statistics.nominal, own, beside, name
         )
         if not decision.accepted:
-            reason = "another form of a stronger law at its place does as well"
+            reason = "another form of a stronger law near it does as well"
             found.append(replace(decision, gate="other_forms", reason=reason))
     return max(found, key=lambda d: d.statistic, default=None)

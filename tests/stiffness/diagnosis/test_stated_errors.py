@@ -392,7 +392,7 @@ def test_law_of_one_size_a_little_beyond_its_far_limit_stands(
 def test_effect_none_of_whose_sizes_the_readings_hold_has_no_name(plain, arm):
     """Both stiffnesses of a link would be below nothing."""
     case = build_problem(prepare(plain, arm), (LinkBending(),))
-    link = ModelTerm(LinkBending(), "link_2", np.zeros(0))
+    link = ModelTerm(LinkBending(), "link_2", np.zeros(1))
     own = {
         "bending_nm2": Interval(-1.9e8, -4e8, 2e7),
         "torsion_nm2": Interval(-1.7e4, -3e4, -4e3),

@@ -11,6 +11,7 @@ from small_bench import FEW, arm, moved_by, prepared, recording
 from bench.shared.recording import Recording
 from scenarios.pipelines.patching import patch_of_diagnosis
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.gate import gate_terms, pose_statistics
 from stiffness.diagnosis.model_evaluation import (
     ModelEvaluation,
     _covariance_of_the_unknown,
@@ -18,16 +19,19 @@ from stiffness.diagnosis.model_evaluation import (
     shift_by_forms,
 )
 from stiffness.diagnosis.model_fit import ModelTerm, fit_shapes
+from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.base_tilt import BaseTilt
+from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.creep import Creep
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
-from stiffness.effects.jacobian import EffectJacobian, rotate, turn, values
+from stiffness.effects.jacobian import EffectJacobian, hstack, rotate, turn, values
+from stiffness.effects.link_bending import LinkBending
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.mass_scale import MassScale
 from stiffness.effects.transmission_error import TransmissionError
@@ -267,3 +271,22 @@ def test_spring_that_varies_in_two_orders_has_one_name_and_both_waves_in_the_pat
     true = [r * np.cos(n * angle + phase) for n, (r, phase) in sizes.items()]
     assert len(table) > 1
     assert np.std(seen - np.sum(true, axis=0)) < 0.2 * np.std(np.sum(true, axis=0))
+
+
+@pytest.mark.parametrize(
+    "weak",
+    [
+        ModelTerm(BearingTilt(), "a5", np.zeros(1)),
+        ModelTerm(LinkBending(), "link_4", np.zeros(1)),
+    ],
+)
+def test_what_a_strong_tilt_s_other_form_does_has_no_name_beside_it(weak):
+    """A bearing that tilts askew of the moment is one bearing, and no other bends."""
+    tilt = ModelTerm(BearingTilt(), "a4", np.zeros(1))
+    here, at = prepared().situation, ("a4", np.zeros(1))
+    law = [tilt.hypothesis.jacobian(here, *at), tilt.hypothesis.variants(here, *at)]
+    askew = moved_by(hstack(law), np.array([1.6e-5, 1.2e-5, 4e-6]))
+    case = build_problem(prepare(askew, arm()), FEW)
+    gated, slight = gate_terms(pose_statistics(case, (tilt, weak)))
+    assert gated.names == (tilt.name,)
+    assert [(d.candidate, d.gate) for d in slight] == [(weak.name, "other_forms")]
