@@ -175,8 +175,10 @@ def springs_of_mechanisms(
             ratio = max(own["ratio"].estimate, 1.0 / STIFFEST)
             stiffness *= (1.0 + min(ratio, 1.0 / ratio)) / 2.0
         elif effect.name.effect == "angle_dependent_stiffness":
-            ratio = float(np.clip(own["ratio"].estimate, 0.0, MOST_UNEVEN))
-            stiffness /= math.sqrt(1.0 - ratio**2)
+            others = [part.parameters["ratio"] for part in _further_parts(effect)]
+            for size in (own["ratio"].estimate, *others):
+                ratio = float(np.clip(float(size or 0.0), 0.0, MOST_UNEVEN))
+                stiffness /= math.sqrt(1.0 - ratio**2)
         found[where] = stiffness
     return found
 
@@ -204,6 +206,8 @@ def _further_parts(effect: NamedEffect) -> list[PatchEffect]:
     """Return what a law that is a sum has beside the part that is reported."""
     name, found = effect.name, {k: p.estimate for k, p in effect.parameters.items()}
     size = np.array(effect.coefficients)
+    if len(effect.shape) < 2:
+        return []
     every = LAWS[name.effect].further(found, np.array(effect.shape), size)
     sizes: list[dict[str, Value]] = [
         {k: float(v) for k, v in one.items()} for one in every

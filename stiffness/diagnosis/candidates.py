@@ -210,19 +210,34 @@ def hats(values: np.ndarray, knots: int) -> Float[np.ndarray, "rows knots"]:
 
     They add up to one; knots are where equal shares of the values lie.
     """
+    at = _knots(values, knots)
+    found = [np.interp(values, at, row) for row in np.eye(len(at))]
+    return np.stack(found, axis=1) if found else np.zeros((len(values), 0))
+
+
+def _knots(values: np.ndarray, knots: int) -> Float[np.ndarray, " knots"]:
+    """Return where equal shares of values lie; none where all are the same."""
     at = np.unique(np.quantile(values, np.linspace(0.0, 1.0, knots)))
-    if len(at) < 2 or at[-1] - at[0] < 1e-12:
-        return np.zeros((len(values), 0))
-    return np.stack([np.interp(values, at, row) for row in np.eye(len(at))], axis=1)
+    return at if len(at) > 1 and at[-1] - at[0] >= 1e-12 else at[:0]
 
 
-def _from_zero(torque: np.ndarray, knots: int) -> Float[np.ndarray, "rows knots"]:
-    """Return piecewise linear functions that are nothing where there is least torque.
+def _from_zero(
+    torque: Float[np.ndarray, " rows"], knots: int
+) -> Float[np.ndarray, "rows columns"]:
+    """Return piecewise linear functions that are nothing at no torque.
 
-    A constant turn is an offset, and no law of torque.
+    A constant turn is an offset, and no law of torque. Where no row is without torque
+    the outer pieces go on to there.
     """
-    found = hats(torque, knots)
-    return found - found[np.argmin(np.abs(torque))]
+    at = _knots(torque, knots)
+    if not len(at):
+        return np.zeros((len(torque), 0))
+    within = np.clip(0.0, at[0], at[-1])
+    first = int(np.clip(np.searchsorted(at, 0.0) - 1, 0, len(at) - 2))
+    at_zero = np.array([np.interp(within, at, row) for row in np.eye(len(at))])
+    beyond = (0.0 - within) / (at[first + 1] - at[first])
+    at_zero[[first, first + 1]] += [-beyond, beyond]
+    return (hats(torque, knots) - at_zero)[:, :-1]  # all of them add up to nothing
 
 
 def _of_axis(situation: StaticState, k: int) -> list[MapBlock]:

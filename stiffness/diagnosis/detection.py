@@ -437,7 +437,8 @@ def imitated_share(
         share = projection_coefficients(gram, known)
         inner = schur_complement(gram, known, share, own)
         unexplained.append(float(size[k + 1] @ inner @ size[k + 1]))
-    return 1.0 - min(unexplained[1] / max(unexplained[0], 1e-300), 1.0)
+    left = unexplained[1] / max(unexplained[0], 1e-300)
+    return float(1.0 - np.clip(left, 0.0, 1.0))
 
 
 def residual_test(case: SelectionProblem, beyond: ResidualEquations) -> DetectionTest:

@@ -206,8 +206,18 @@ def _changes_loads(here: StaticState, term: ModelTerm) -> bool:
     return acting.moment is not here.moment
 
 
+OFF_THE_ARM = 99
+"""Number of a site that is no axis, link or base; beyond any axis."""
+
+
+def are_neighbours(one: str, other: str) -> bool:
+    """Return whether two sites are the same, or neighbours along the arm."""
+    on_arm = max(*_axes_at(one), *_axes_at(other)) < OFF_THE_ARM
+    return one == other or (on_arm and are_near(one, other))
+
+
 def are_near(one: str, other: str) -> bool:
-    """Return whether two sites are the same or neighbours."""
+    """Return whether two sites are neighbours, or both are no axis, link or base."""
     pairs = ((a, b) for a in _axes_at(one) for b in _axes_at(other))
     return min(abs(a - b) for a, b in pairs) <= 1
 
@@ -224,7 +234,7 @@ def site_number(where: str) -> int:
     0 for the base, far for a tool and for instruments.
     """
     digits = where.removeprefix("link_").removeprefix("a")
-    number = int(digits) if digits.isdigit() else 0 if where == "base" else 99
+    number = int(digits) if digits.isdigit() else 0 if where == "base" else OFF_THE_ARM
     return number + where.startswith("link_")
 
 
@@ -262,7 +272,7 @@ def _weak_beside_forms(
         stronger = [
             o
             for o in kept
-            if are_near(terms[o].where, terms[t].where)
+            if are_neighbours(terms[o].where, terms[t].where)
             and lost[name] < OTHER_FORMS * lost[terms[o].name]
             and len(statistics.forms[o])
         ]

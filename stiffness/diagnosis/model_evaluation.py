@@ -149,8 +149,9 @@ def evaluate_model(
 
 LEVEL = SETTINGS.confidence
 FORM = 0.9
-"""Share of the way from the interval's end to nothing by which another shape or form of
-its law may widen the interval of a size that is not nothing; chosen."""
+"""Share of the way from the interval's end to nothing by which other shapes of any law
+or another form of its own may widen the interval of a size that is not nothing while
+shapes are held; chosen."""
 SLIGHT = 0.01
 """Share of an interval that an estimate is nothing beside, and share of what is
 physical from which on an interval is wide; chosen."""
@@ -418,20 +419,11 @@ def as_held(
 ) -> dict[str, Interval]:
     """Return parameters within their limits, without ends where no data hold them."""
     limits = member.hypothesis.limits_at(situation, member.where)
-    loose = unheld(situation, member, parameters)
-    held = {name: _within(limits.get(name), p) for name, p in parameters.items()}
-    return held | loose
-
-
-def unheld(
-    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
-) -> dict[str, Interval]:
-    """Return the parameters that no data hold, with intervals without ends."""
-    limits = member.hypothesis.limits_at(situation, member.where)
     return {
-        name: Interval(p.estimate, -np.inf, np.inf)
+        name: _within(limits.get(name), p)
+        if is_held(limits.get(name), p.estimate, (p.high - p.low) / 2.0)
+        else Interval(p.estimate, -np.inf, np.inf)
         for name, p in parameters.items()
-        if not is_held(limits.get(name), p.estimate, (p.high - p.low) / 2.0)
     }
 
 
@@ -484,11 +476,33 @@ def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Interval]) -
     """Return whether all that an effect could be may be nothing, by the intervals.
 
     A stiffness whose interval holds zero may be without end; a ratio is nothing at its
-    neutral value; a size that the readings do not hold has an interval without ends.
+    neutral value.
     """
     nothing = _nothing(hypothesis)
     sizes = [(p, nothing[name]) for name, p in parameters.items() if name in nothing]
     return bool(sizes) and all(p.low <= value <= p.high for p, value in sizes)
+
+
+def up_to_nothing(
+    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
+) -> dict[str, Interval]:
+    """Return parameters, sizes that are impossible with intervals that end at nothing.
+
+    Args:
+        situation: Where the arm stood.
+        member: The term.
+        parameters: With their intervals.
+    """
+    limits, found = member.hypothesis.limits_at(situation, member.where), {}
+    for name, value in _nothing(member.hypothesis).items():
+        if name not in parameters or name not in limits:
+            continue
+        own, (low, high) = parameters[name], limits[name]
+        if own.high < value <= low:
+            found[name] = replace(own, high=value)
+        elif own.low > value >= high:
+            found[name] = replace(own, low=value)
+    return dict(parameters) | found
 
 
 def is_beyond_nothing(

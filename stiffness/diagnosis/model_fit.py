@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bench.shared.effect_catalogue import CATALOGUE
 from stiffness.diagnosis.candidates import GenericTerm, Library, springs_of
@@ -228,6 +228,30 @@ def solve(gram: np.ndarray, score: np.ndarray) -> np.ndarray:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
     scaled = gram * scale * scale[:, None] + RIDGE * np.eye(len(gram))
     return scale * np.linalg.solve(scaled, scale * score)
+
+
+def losses_without(
+    gram: Float[np.ndarray, "columns columns"],
+    score: Float[np.ndarray, " columns"],
+    blocks: Sequence[Int[np.ndarray, " _"]],
+) -> tuple[float, ...]:
+    """Return the whitened square that is lost without each block, all others adapting.
+
+    ==========  ======================================================================
+    Equation    b_B' (G^-1)_BB^-1 b_B, b = G^-1 s
+    Source      Wald 1943, the statistic of a linear hypothesis
+    Valid       columns of which none is a multiple of others beyond `RIDGE`
+    Ignores     nothing else
+    ==========  ======================================================================
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scaled = gram * scale * scale[:, None] + RIDGE * np.eye(len(gram))
+    inverse = np.linalg.inv(scaled)
+    fitted = inverse @ (scale * score)
+    return tuple(
+        float(fitted[own] @ np.linalg.solve(inverse[np.ix_(own, own)], fitted[own]))
+        for own in blocks
+    )
 
 
 def held_out_gain(

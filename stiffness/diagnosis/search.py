@@ -325,7 +325,10 @@ def _without_slight_terms(search: Search, held: int) -> Search:
     keep = [
         k
         for k, term in enumerate(terms)
-        if k < held or not term.is_generic or gains[k] > most.get(term.where, 0.0)
+        if k < held
+        or not term.is_generic
+        or LOADS.isdisjoint(term.depends_on)
+        or gains[k] > most.get(term.where, 0.0)
     ]
     groups = tuple(problem.groups[k] for k in keep)
     kept = tuple(terms[k] for k in keep)

@@ -38,15 +38,15 @@ from stiffness.diagnosis.model_evaluation import (
     jackknife_covariance,
     may_be_nothing,
     parameters_of,
-    unheld,
+    up_to_nothing,
 )
 from stiffness.diagnosis.model_fit import (
-    RIDGE,
     ModelFit,
     ModelTerm,
     SelectionProblem,
     fit_model,
     fit_shapes,
+    losses_without,
     training,
     with_priors,
 )
@@ -102,7 +102,8 @@ class SelectedModel:
         case: As laid out under everything that was found.
         fit: The set.
         fine: Fine shapes of its names and of what could stand in their place.
-        refused: Names that would be physically impossible here.
+        refused: Names that would be physically impossible here, or beside which others
+            would be.
         parameters: Of each term, with 95 % intervals.
         drop_one_gains: What each term explains that the others do not.
         lost: What each term's leaving costs each training pose, left out.
@@ -149,15 +150,8 @@ def _own_gains(
     some = found.units.fold >= 0
     gram = found.units.gram[some].sum(axis=0)[np.ix_(used, used)]
     score = found.units.score[some].sum(axis=0)[used]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    ridge = RIDGE * np.eye(len(gram))
-    inverse = np.linalg.inv(gram * scale * scale[:, None] + ridge)
-    fitted = inverse @ (score * scale)
     ends = np.cumsum([len(found.nominal), *map(len, blocks)])
-    return tuple(
-        float(fitted[a:b] @ np.linalg.solve(inverse[a:b, a:b], fitted[a:b]))
-        for a, b in pairwise(ends)
-    )
+    return losses_without(gram, score, [np.arange(a, b) for a, b in pairwise(ends)])
 
 
 def gains_of_places(model: SelectedModel) -> dict[str, float]:
@@ -417,7 +411,7 @@ def _judged(
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
         if weakest.gate == "physical":
-            weakest = _needed_least(case, terms, weakest)
+            weakest = _needed_least(case, look.fit, weakest)
         decisions.append(weakest)
         terms = tuple(term for term in terms if term.name != weakest.candidate)
         if weakest.gate == "physical":
@@ -440,24 +434,26 @@ def _judged(
     )
 
 
-def _needed_least(
-    case: SelectionProblem, terms: Sequence[ModelTerm], wrong: Decision
-) -> Decision:
+def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Decision:
     """Return which law goes where one at its place would be physically impossible.
 
     Two laws of one gear may take each other's part, the true one with the wrong sign:
     of those whose leaving gives all others their sign back, the one goes that costs
     least.
     """
-    where, found = wrong.candidate[1], dict[Name, float]()
-    for term in terms:
-        if term.where != where or term.is_generic:
-            continue
-        rest = fit_shapes(case, [other for other in terms if other is not term])
-        fit = fit_model(case, rest)
-        every = zip(fit.members, fit.coefficients, strict=True)
+    where, found = wrong.candidate[1], dict[tuple[str, str], float]()
+    signed = {
+        m.name: _has_wrong_sign(case, m, size)
+        for m, size in zip(fit.members, fit.coefficients, strict=True)
+    }
+    at = [m for m in fit.members if m.where == where and not m.is_generic]
+    for term in at if signed[wrong.candidate] else ():
+        rest = fit_shapes(case, [other for other in fit.members if other is not term])
+        less = fit_model(case, rest)
+        every = zip(less.members, less.coefficients, strict=True)
         if not any(_has_wrong_sign(case, m, c) for m, c in every if m.where == where):
-            found[term.name] = fit.gain - fit.degrees_of_freedom * np.log(case.poses)
+            price = less.degrees_of_freedom * np.log(case.poses)
+            found[term.name] = less.gain - price
     least = max(found, key=found.__getitem__, default=wrong.candidate)
     if least == wrong.candidate:
         return wrong
@@ -511,8 +507,7 @@ def _withheld(
     decisions = []
     every = zip(terms, parameters, gains, columns, strict=True)
     for term, own, gain, count in every:
-        loose = unheld(case.situation, term, own)
-        if may_be_nothing(term.hypothesis, own | loose):
+        if may_be_nothing(term.hypothesis, own):
             reason = "the intervals of all its magnitudes contain zero"
             decisions.append(
                 Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
@@ -525,6 +520,11 @@ def _withheld(
             reason = "within its physical limits it explains much less"
             one = Decision(term.name, "physical", False, share, BEYOND, reason, own)
             decisions.append(one)
+        elif may_be_nothing(term.hypothesis, up_to_nothing(case.situation, term, own)):
+            reason = "none of its magnitudes is surely one that it can have"
+            decisions.append(
+                Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
+            )
     return decisions
 
 

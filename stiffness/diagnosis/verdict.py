@@ -199,14 +199,17 @@ def _residual_near(
     """
     member = model.fit.members[k]
     excess = left.tested.captured - left.tested.degrees_of_freedom
-    most = 0.0
+    largest: dict[str, float] = {}
     for at in np.flatnonzero(left.tested.together < SIGNIFICANCE):
-        where, here = left.where[at] or largest_residual_site(left), float(excess[at])
+        where = left.where[at] or largest_residual_site(left)
+        largest[where] = max(largest.get(where, 0.0), float(excess[at]))
+    most = 0.0
+    for where, here in largest.items():
         if here <= most or not may_show_at(member, where):
             continue
-        if not acts_at(member, where):
-            here *= imitated_share(beyond, model.fit, k, where)
-        most = max(most, here)
+        whole = acts_at(member, where)
+        share = 1.0 if whole else imitated_share(beyond, model.fit, k, where)
+        most = max(most, here * share)
     if left.tested.p_value >= SIGNIFICANCE:  # poses differ, but not along any law
         most = max(most, left.excess)
     return most

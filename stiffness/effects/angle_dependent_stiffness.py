@@ -41,7 +41,10 @@ MOST_UNEVEN = 0.9
 
 @dataclass(frozen=True)
 class AngleDependentStiffness(Hypothesis):
-    """Compliance of an axis that varies with a few periods per turn."""
+    """Compliance of an axis that varies with a few periods per turn.
+
+    Its shape holds the order of each wave; the largest one is reported.
+    """
 
     effect: ClassVar[str] = "angle_dependent_stiffness"
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 0.0}

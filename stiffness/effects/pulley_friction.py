@@ -33,6 +33,7 @@ class PulleyFriction(Hypothesis):
     """Rope whose tension is below the weight as it rises, and above it as it falls."""
 
     effect: ClassVar[str] = "pulley_friction"
+    neutral: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.0, 0.5),
     }

@@ -272,7 +272,7 @@ class Exchanges:
         worth: With each name.
         none: With none.
         price: Part of it that is prior: what each name costs beside the rest.
-        size: Part of it that each name's numbers cost.
+        size: Part of it that each name's numbers cost, without what it grows by.
     """
 
     worth: dict[Name, float]
@@ -317,21 +317,22 @@ def exchange_worths(
     found[name] = max(whole.worth, rest.worth + instead[name])
     without = FactorisedSet.of(problem, rest.groups)
     close = [n for n, w in found.items() if n != name and w > found[name] - live]
-    of_name = problem.number_of_name == problem.names.index(name)
+    number, asked = problem.number_of_name, problem.names.index(name)
+    prices = _best_of_names(problem, problem.prices(rest.groups))
+    price = {other: prices[other] for other in found}
+    costs = _size_costs(problem, _chi_square_gains(problem, rest)[1])
+    size = {n: float(costs[_best_group(problem, rise, n)]) for n in found}
     for other in close:
         best = _best_group(problem, rise, other)
         pair = _residual(problem, FactorisedSet.of(problem, [best], without))
         both = _residual(problem, FactorisedSet.of(problem, [best], here))
-        own = both.worth - whole.worth + _additions(problem, both)
-        own = np.maximum(own, np.maximum(anyway[problem.number_of_name], beside[other]))
-        grown = pair.worth + _additions(problem, pair) - own
-        found[other] = max(found[other], float(np.where(of_name, -np.inf, grown).max()))
-    price = _best_of_names(problem, problem.prices(rest.groups))
-    size = _size_costs(problem, _chi_square_gains(problem, rest)[1])
-    of_best = {other: float(size[_best_group(problem, rise, other)]) for other in found}
-    return Exchanges(
-        found, rest.worth, {other: price[other] for other in found}, of_best
-    )
+        own = _best_of_names(problem, _additions(problem, both))
+        alone = both.worth - whole.worth + np.array([own[n] for n in problem.names])
+        off = np.maximum(np.maximum(alone, anyway), beside[other])[number]
+        grown = pair.worth + _additions(problem, pair) - off
+        grown = np.where(number == asked, -np.inf, grown)
+        found[other] = max(found[other], float(grown.max()))
+    return Exchanges(found, rest.worth, price, size)
 
 
 def best_groups_beside(problem: GroupProblem, groups: Sequence[int]) -> dict[Name, int]:

@@ -15,7 +15,7 @@ Ignores     noise that is not stated: the share errs with it
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -32,6 +32,7 @@ from stiffness.diagnosis.model_fit import (
     fit_model,
     fit_of,
     fit_shapes,
+    losses_without,
     shape_columns,
     solve,
     training,
@@ -44,8 +45,6 @@ from stiffness.regression.splits import seed_of, split_of
 SWEEPS = 2
 """How often the shape of each name is chosen beside the others; chosen: the second time
 changes next to nothing."""
-RIDGE = 1e-9
-"""Added to the diagonal of scaled normal equations: columns may be multiples."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +170,7 @@ class Losses:
     """
 
     names: Float[np.ndarray, " names"]
-    places: Mapping[str, float]
+    places: dict[str, float]
     residual: float
 
 
@@ -191,19 +190,13 @@ def losses_of(model: LinearModel) -> Losses:
     gram, score = found.gram[0], found.score.sum(axis=0)
     widths = [sum(part.columns for part in block) for block in blocks]
     ends = np.cumsum([case.library.nominal, *widths])
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    inverse = np.linalg.inv(gram * scale * scale[:, None] + RIDGE * np.eye(len(gram)))
-    beta = inverse @ (scale * score)
     owned = [np.arange(a, b) for a, b in pairwise(ends)]
-
-    def lost(own: np.ndarray) -> float:
-        return float(beta[own] @ np.linalg.solve(inverse[np.ix_(own, own)], beta[own]))
-
     at: dict[str, list[np.ndarray]] = {}
     for term, own in zip(model.fit.members, owned, strict=True):
         at.setdefault(term.where, []).append(own)
+    of_places = [np.concatenate(own) for own in at.values()]
     return Losses(
-        np.array([lost(own) for own in owned]),
-        {where: lost(np.concatenate(own)) for where, own in at.items()},
-        whitened_square(model) - float(scale * score @ beta),
+        np.array(losses_without(gram, score, owned)),
+        dict(zip(at, losses_without(gram, score, of_places), strict=True)),
+        whitened_square(model) - float(score @ solve(gram, score)),
     )

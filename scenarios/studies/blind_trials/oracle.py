@@ -470,7 +470,8 @@ def arm_oracle(
     lost = losses_of(clean)
     each = iter(lost.names)
     own = tuple(float(next(each)) if choice else 0.0 for choice in choices)
-    return ArmOracle(own, lost.places, share, lost.residual)
+    places = dict.fromkeys((effect.where for effect in effects), 0.0) | lost.places
+    return ArmOracle(own, places, share, lost.residual)
 
 
 def log_bayes_factor(

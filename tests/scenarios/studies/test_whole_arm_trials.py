@@ -229,6 +229,9 @@ def test_mechanism_is_drawn_again_until_the_names_leave_enough_of_it(
     assert outside["effects"][:-1] == without["effects"]
     assert outside["effects"][-1]["where"] == outside["outside"]["where"]
     assert outside["own_chi2"] == (*without["own_chi2"], LEAST_LEFT)
+    at, places = outside["outside"]["where"], dict(without["place_chi2"])
+    places[at] = places.get(at, 0.0) + LEAST_LEFT
+    assert outside["place_chi2"] == places
     assert next(left, None) is None
 
 
@@ -294,6 +297,8 @@ def test_names_count_with_their_equivalents_and_effects_by_their_own_chi2():
 def test_first_place_is_that_whose_effects_lose_most_chi2():
     assert marked(GIVEN, truth_of(OWN)).arm.place_first
     assert not marked(GIVEN, truth_of([40.0, 50.0, 2000.0])).arm.place_first
+    together = truth_of(OWN) | {"place_chi2": {"a2": 5e3, "a3": 4e2, "a4": 9e3}}
+    assert not marked(GIVEN, together).arm.place_first
 
 
 def test_first_place_may_be_that_of_an_equivalent_of_a_name_there():

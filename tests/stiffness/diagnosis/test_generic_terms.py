@@ -14,7 +14,7 @@ from bench.experiment import record
 from bench.instruments import Instruments
 from bench.rig import Rig
 from bench.standard_plans import table_one_plan
-from stiffness.diagnosis.candidates import residual_map
+from stiffness.diagnosis.candidates import KNOTS, _from_zero, residual_map
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm, fit_shapes
 from stiffness.diagnosis.nominal_fit import prepare
@@ -26,7 +26,7 @@ from stiffness.diagnosis.verdict import judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.drift import Drift
 from stiffness.effects.hardening import Hardening
-from stiffness.effects.jacobian import BodyTwist, JointRotation
+from stiffness.effects.jacobian import BodyTwist
 from stiffness.effects.marker_slip import MarkerSlip
 
 OFFERED = {("a2", "torque"), ("a4", "direction")}
@@ -153,19 +153,19 @@ def test_a_mark_that_sags_is_named_as_one_that_slips():
     assert set(names(found)) == {("hysteresis", "a3"), slip}
 
 
-def test_generic_law_of_torque_is_nothing_where_there_is_least():
-    """A constant turn is an offset, which has a name."""
-    here = prepared().situation
-    for axis in here.axes:
-        blocks = [
-            b for b in residual_map(here) if (b.where, b.kind) == (axis, "torque")
-        ]
-        for block in blocks:
-            (part,) = block.jacobian.parts
-            assert isinstance(part, JointRotation)
-            least = np.argmin(np.abs(here.torque[:, here.axis(axis)]))
-            assert_allclose(part.law[least], 0.0)
-            assert np.linalg.matrix_rank(part.law) == block.jacobian.columns - 1
+@pytest.mark.parametrize("low", [-60.0, 20.0, -90.0])
+def test_generic_law_of_torque_holds_the_spring_and_no_constant_turn(low):
+    """A constant turn is an offset, which has a name; also where no torque is small."""
+    torque = np.random.default_rng(0).uniform(low, low + 80.0, 300)
+    law = _from_zero(torque, KNOTS)
+
+    def left(of: np.ndarray, by: np.ndarray) -> float:
+        rest = of - by @ np.linalg.lstsq(by, of)[0]
+        return float(np.linalg.norm(rest) / np.linalg.norm(of))
+
+    assert np.linalg.matrix_rank(law) == law.shape[1]
+    assert left(torque, law) < 1e-9
+    assert left(np.ones(300), law) > 0.01
 
 
 def test_generic_term_competes_only_with_more_than_laws_at_its_place_may_err_by():

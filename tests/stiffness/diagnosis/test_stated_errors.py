@@ -363,7 +363,7 @@ def test_what_shows_between_visits_alone_is_missed_all_the_same(kr10, arm):
 # --- Physical limits ------------------------------------------------------------------
 
 
-def test_law_of_one_size_beyond_its_limit_is_none_whatever_its_interval(plain, arm):
+def test_law_of_one_size_with_a_wrong_sign_is_none_whatever_its_interval(plain, arm):
     """A play has a width; of a foot's six springs one may come out below zero."""
     case = build_problem(prepare(plain, arm), (LostMotion(),))
     play = ModelTerm(LostMotion(), "a2", np.array([1.0]))
@@ -389,8 +389,8 @@ def test_law_of_one_size_a_little_beyond_its_far_limit_stands(
     assert bool(_withheld(case, [gear], [own], [gain], [1])) == refused
 
 
-def test_effect_none_of_whose_sizes_the_readings_hold_has_no_name(plain, arm):
-    """Both stiffnesses of a link would be below nothing."""
+def test_effect_none_of_whose_sizes_is_surely_possible_has_no_name(plain, arm):
+    """One stiffness of a link may be nothing, the other lies below."""
     case = build_problem(prepare(plain, arm), (LinkBending(),))
     link = ModelTerm(LinkBending(), "link_2", np.zeros(1))
     own = {

@@ -37,6 +37,7 @@ from stiffness.diagnosis.selection import (
 )
 from stiffness.diagnosis.verdict import judge
 from stiffness.effects import HYPOTHESES
+from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.hardening import Hardening
@@ -209,25 +210,35 @@ def test_members_explain_beside_each_other_what_fits_without_them_lose():
 
 
 def test_place_explains_what_a_fit_without_all_its_members_loses():
-    found, case = selected(*TWO), selected(*TWO).case
+    gear = ("hysteresis@a2", "hardening@a2", "bearing_tilt@a3")
+    found, case = selected(*gear), selected(*gear).case
+    assert len(gains_of_places(found)) < len(found.fit.members)
     for where, gain in gains_of_places(found).items():
         rest = [m for m in found.fit.members if m.where != where]
         less = fit_model(case, rest)
         assert_allclose(gain, found.fit.gain - less.gain, rtol=1e-3)
 
 
-def test_of_two_laws_at_a_place_the_one_goes_that_costs_least():
-    """Whichever of them came out physically impossible beside the other."""
-    play = problem("lost_motion@a2")
+@pytest.mark.parametrize(
+    ("size", "least"),
+    [
+        ((-1e-4, 1e-4), "hysteresis"),  # the true law has the wrong sign
+        ((1e-4, -1e-4), "hysteresis"),
+        ((1e-4, 1e-4), "bearing_tilt"),  # no law of one size is impossible
+    ],
+)
+def test_of_two_laws_at_a_place_the_one_goes_that_costs_least(size, least):
+    case = problem("lost_motion@a2")
     terms = (
         ModelTerm(LostMotion(), "a2", np.array([2.0])),
         ModelTerm(Hysteresis(), "a2", np.array([40.0, 0.0])),
+        ModelTerm(BearingTilt(), "a2", np.zeros(1)),
     )
-    for term in terms:
-        wrong = Decision(term.name, "physical", False, 1.0, 0.1, "too small")
-        least = _needed_least(play, terms, wrong)
-        assert least.candidate == ("hysteresis", "a2")
-        assert not least.accepted
+    sizes = (*(np.array([s]) for s in size), np.array([-1e-6, -1e-6]))
+    fit = replace(fit_model(case, terms), coefficients=sizes)
+    wrong = next((k for k in (0, 1) if size[k] < 0.0), 2)
+    asked = Decision(terms[wrong].name, "physical", False, 1.0, 0.1, "too small")
+    assert _needed_least(case, fit, asked).candidate == (least, "a2")
 
 
 @pytest.mark.parametrize("offset", [9e-4, 3e-3])
