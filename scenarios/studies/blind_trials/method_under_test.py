@@ -108,9 +108,14 @@ def linear_share_of(found: Diagnosis, recording: Recording, arm: Arm) -> float:
     """Return the share that an answer's names explain on the poses kept back."""
     choices = []
     for one in found.named:
-        laws = [h for h in HYPOTHESES if h.effect == one.name.effect]
-        choices.append([ModelTerm(h, one.name.where, np.array(one.shape)) for h in laws
-                        if len(h.shape_names) == len(one.shape)])  # fmt: skip
+        shape = np.array(one.shape)
+        laws = [
+            law
+            for law in HYPOTHESES
+            if law.effect == one.name.effect
+            and (len(law.shape_names) == len(shape) or law.joined([shape]) is not None)
+        ]
+        choices.append([ModelTerm(law, one.name.where, shape) for law in laws])
     arm = arm.for_recording(recording)
     prepared = prepare(average_encoders(recording), arm)
     return explained_share(linear_model_of(prepared, choices, with_shapes=False))

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from bench import standard_plans
 from bench.effects.bearing_tilt import BearingTilt
@@ -199,6 +200,10 @@ def test_share_of_an_answer_is_that_of_its_names_on_poses_kept_back(
     assert shares[0] == 0.0
     assert abs(shares[1]) < 0.1
     assert 0.6 < shares[2] < 1.1  # the loop's shape is a guess
+    waves = ("angle_dependent_stiffness", "a2", (2.0, 4.0))
+    assert_allclose(
+        share(("hysteresis", "a2", (14.0, 1.0)), waves), shares[2], rtol=0.1
+    )
 
 
 def test_true_names_leave_what_a_mechanism_outside_does(kr10, recorded: Recorder):
