@@ -125,7 +125,13 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
             entry
             for effect in diagnosis.named
             if can_build(effect.name.effect)
-            for entry in (patch_entry(effect, springs), *_further_parts(effect))
+            for entry in (
+                patch_entry(effect, springs),
+                *(
+                    PatchEffect(effect.name.effect, effect.name.where, dict(part))
+                    for part in _further(effect)
+                ),
+            )
         ),
         laws=laws_of(diagnosis),
         base_from_tracker=tuple((r[0], r[1], r[2], r[3]) for r in frame.tolist()),
@@ -175,9 +181,9 @@ def springs_of_mechanisms(
             ratio = max(own["ratio"].estimate, 1.0 / STIFFEST)
             stiffness *= (1.0 + min(ratio, 1.0 / ratio)) / 2.0
         elif effect.name.effect == "angle_dependent_stiffness":
-            others = [part.parameters["ratio"] for part in _further_parts(effect)]
+            others = [part["ratio"] for part in _further(effect)]
             for size in (own["ratio"].estimate, *others):
-                ratio = float(np.clip(float(size or 0.0), 0.0, MOST_UNEVEN))
+                ratio = float(np.clip(size, 0.0, MOST_UNEVEN))
                 stiffness /= math.sqrt(1.0 - ratio**2)
         found[where] = stiffness
     return found
@@ -202,17 +208,14 @@ def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> PatchE
     return PatchEffect(effect.name.effect, where, parameters, settings)
 
 
-def _further_parts(effect: NamedEffect) -> list[PatchEffect]:
-    """Return what a law that is a sum has beside the part that is reported."""
-    name, found = effect.name, {k: p.estimate for k, p in effect.parameters.items()}
-    size = np.array(effect.coefficients)
+def _further(effect: NamedEffect) -> list[dict[str, float]]:
+    """Return the parameters of what a law that is a sum has beside what is reported."""
     if len(effect.shape) < 2:
         return []
-    every = LAWS[name.effect].further(found, np.array(effect.shape), size)
-    sizes: list[dict[str, Value]] = [
-        {k: float(v) for k, v in one.items()} for one in every
-    ]
-    return [PatchEffect(name.effect, name.where, own) for own in sizes]
+    found = {name: p.estimate for name, p in effect.parameters.items()}
+    parts = np.array(effect.shape), np.array(effect.coefficients)
+    every = LAWS[effect.name.effect].further(found, *parts)
+    return [{name: float(v) for name, v in one.items()} for one in every]
 
 
 def neutral_sizes(effect: NamedEffect) -> dict[str, Value]:

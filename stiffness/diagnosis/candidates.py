@@ -257,13 +257,12 @@ def _of_axis(situation: StaticState, k: int) -> list[MapBlock]:
     )
     along = along / max(float(np.max(np.abs(along))), 1e-9)
     knots = hats(torque, KNOTS)
-    up, down = knots * grows[:, None], knots * (1.0 - grows)[:, None]
     waves = _harmonics(situation, k, angle)
     time = hats(situation.recording.time, TIMES)
     blocks = []
     laws = {
         "torque": _from_zero(torque, KNOTS),
-        "direction": up - down,
+        "direction": knots * (2.0 * grows - 1.0)[:, None],
         "history": np.column_stack([before / unit, t * (stood - stood.mean())]),
         "angle": np.concatenate([waves, waves * t[:, None]], axis=1),
         "time": np.concatenate([time * t[:, None], time[:, 1:]], axis=1),

@@ -425,20 +425,21 @@ def imitated_share(
         k: Number of the member.
         where: The place.
     """
-    size = [np.zeros(beyond.library.nominal), *fit.coefficients]
-    ends = np.cumsum([0, *map(len, size)])
-    own = np.arange(ends[k + 1], ends[k + 2])
+    size = fit.coefficients[k]
+    ends = beyond.library.nominal + np.cumsum([0, *map(len, fit.coefficients)])
+    own = np.arange(ends[k], ends[k + 1])
     others = np.setdiff1d(np.arange(ends[-1]), own)
     place = [m.columns for m in beyond.library.map if m.where == where]
     if not place:  # an instrument or a marker: it has no columns there
         return 1.0
-    gram, unexplained = beyond.normal_equations.gram[1], []
-    for known in (others, np.concatenate([others, *place])):
+    used = np.concatenate([own, others, *place])
+    gram, unexplained = beyond.normal_equations.gram[1][np.ix_(used, used)], []
+    for end in (len(own) + len(others), len(used)):
+        known = np.arange(len(own), end)
         share = projection_coefficients(gram, known)
-        inner = schur_complement(gram, known, share, own)
-        unexplained.append(float(size[k + 1] @ inner @ size[k + 1]))
-    left = unexplained[1] / max(unexplained[0], 1e-300)
-    return float(1.0 - np.clip(left, 0.0, 1.0))
+        inner = schur_complement(gram, known, share, np.arange(len(own)))
+        unexplained.append(float(size @ inner @ size))
+    return float(1.0 - np.clip(unexplained[1] / max(unexplained[0], 1e-300), 0.0, 1.0))
 
 
 def residual_test(case: SelectionProblem, beyond: ResidualEquations) -> DetectionTest:

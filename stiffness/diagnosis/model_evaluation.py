@@ -493,15 +493,11 @@ def up_to_nothing(
         member: The term.
         parameters: With their intervals.
     """
-    limits, found = member.hypothesis.limits_at(situation, member.where), {}
-    for name, value in _nothing(member.hypothesis).items():
-        if name not in parameters or name not in limits:
-            continue
-        own, (low, high) = parameters[name], limits[name]
-        if own.high < value <= low:
-            found[name] = replace(own, high=value)
-        elif own.low > value >= high:
-            found[name] = replace(own, low=value)
+    found = {
+        name: replace(p, low=min(p.low, value), high=max(p.high, value))
+        for name, value in _impossible(situation, member, parameters).items()
+        for p in (parameters[name],)
+    }
     return dict(parameters) | found
 
 
@@ -515,13 +511,25 @@ def is_beyond_nothing(
         member: The term.
         sizes: Its parameters.
     """
+    points = {name: Interval(size, size, size) for name, size in sizes.items()}
+    return bool(_impossible(situation, member, points))
+
+
+def _impossible(
+    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
+) -> dict[str, float]:
+    """Return the sizes wholly on the side of nothing where limits leave no room.
+
+    Each with the value at which it is nothing.
+    """
     limits = member.hypothesis.limits_at(situation, member.where)
-    return any(
-        (sizes[name] < value and limits[name][0] >= value)
-        or (sizes[name] > value and limits[name][1] <= value)
+    return {
+        name: value
         for name, value in _nothing(member.hypothesis).items()
-        if name in sizes and name in limits
-    )
+        if name in parameters and name in limits
+        if parameters[name].high < value <= limits[name][0]
+        or parameters[name].low > value >= limits[name][1]
+    }
 
 
 def _nothing(hypothesis: Hypothesis) -> dict[str, float]:

@@ -104,10 +104,7 @@ class Search:
         terms = (*found, *(term for term, _ in of_library))
         groups = [
             ColumnGroup(
-                term.name,
-                columns,
-                term.degrees_of_freedom,
-                term.hypothesis.log_prior,
+                term.name, columns, term.degrees_of_freedom, term.hypothesis.log_prior
             )
             for term, columns in zip(terms, owned, strict=True)
         ]
@@ -313,10 +310,8 @@ def _without_slight_terms(search: Search, held: int) -> Search:
         held: Terms of the set.
     """
     problem, terms = search.problem, search.terms
-    here, gains = (
-        FactorisedSet.of(problem, range(held)),
-        gains_beside(problem, range(held)),
-    )
+    here = FactorisedSet.of(problem, range(held))
+    gains = gains_beside(problem, range(held))
     laws: dict[str, list[int]] = {}
     for p, term in enumerate(terms[:held]):
         if not term.is_generic and not LOADS.isdisjoint(term.depends_on):

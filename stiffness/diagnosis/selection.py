@@ -268,9 +268,8 @@ def select_model(
     loads = _loads_in_place_of_names(model)
     if not loads:
         return model
-    at = {
-        where for _, where in loads
-    }  # what had no name there may have been the load's
+    # what had no name there may have been the load's
+    at = {where for _, where in loads}
     kept = (m for m in model.fit.members if not (m.is_generic and m.where in at))
     swapped = [loads.get(member.name, member) for member in kept]
     members = list({member.name: member for member in swapped}.values())
@@ -442,12 +441,12 @@ def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Dec
     least.
     """
     where, found = wrong.candidate[1], dict[tuple[str, str], float]()
-    signed = {
-        m.name: _has_wrong_sign(case, m, size)
-        for m, size in zip(fit.members, fit.coefficients, strict=True)
-    }
-    at = [m for m in fit.members if m.where == where and not m.is_generic]
-    for term in at if signed[wrong.candidate] else ():
+    k = [m.name for m in fit.members].index(wrong.candidate)
+    if not _has_wrong_sign(case, fit.members[k], fit.coefficients[k]):
+        return wrong
+    for term in fit.members:
+        if term.where != where or term.is_generic:
+            continue
         rest = fit_shapes(case, [other for other in fit.members if other is not term])
         less = fit_model(case, rest)
         every = zip(less.members, less.coefficients, strict=True)

@@ -14,7 +14,7 @@ Ignores     the hundreds of orders of a gear's teeth; second and third harmonics
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -23,13 +23,12 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import (
-    APART,
     Coeffs,
     Hypothesis,
     Shape,
     Shapes,
-    joined_orders,
     orders,
+    orders_apart,
     sprung,
 )
 from stiffness.effects.jacobian import EffectJacobian, hstack, turn
@@ -49,6 +48,7 @@ class AngleDependentStiffness(Hypothesis):
     effect: ClassVar[str] = "angle_dependent_stiffness"
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
     shape_names: ClassVar[tuple[str, ...]] = ("order",)
+    has_waves: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.0, 1.0),
         "order": (0.0, 1e3),
@@ -64,12 +64,6 @@ class AngleDependentStiffness(Hypothesis):
     @override
     def shapes(self, situation: StaticState, where: str) -> Shapes:
         return orders(situation, situation.axis(where))[:, None]
-
-    @override
-    def joined(
-        self, shapes: Sequence[Float[np.ndarray, " _"]]
-    ) -> Float[np.ndarray, " joined"]:
-        return joined_orders(shapes)
 
     @override
     def further(
@@ -94,11 +88,8 @@ class AngleDependentStiffness(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[int, np.ndarray]:
         k = situation.axis(where)
-        angle, mean = (
-            situation.recording.posture[:, k],
-            situation.unloaded_compliance(k),
-        )
-        every = _harmonics(shape, coefficients, mean)
+        angle = situation.recording.posture[:, k]
+        every = _harmonics(shape, coefficients, situation.unloaded_compliance(k))
         wave = sum(
             w["ratio"] * np.cos(w["order"] * angle + w["phase_rad"]) for w in every
         )
@@ -110,10 +101,8 @@ class AngleDependentStiffness(Hypothesis):
     def variants(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        own, found = [float(n) for n in shape], list[float]()
-        for n in (m * order for order in own for m in (2.0, 3.0)):
-            if all(abs(n - other) >= APART for other in (*own, *found)):
-                found.append(n)
+        multiples = (m * order for order in shape for m in (2.0, 3.0))
+        found = orders_apart(multiples, shape)
         others = [self.jacobian(situation, where, np.array([n])) for n in found]
         k = situation.axis(where)
         if situation.is_curved(

@@ -12,7 +12,7 @@ visible; `axes_of`, `point_of` and the like return where bodies and markers are.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -64,6 +64,8 @@ class Hypothesis(ABC):
             the sensor.
         size_of_variants: What a unit of any of its `variants` adds to the coefficient
             of a law of one column; None: a variant is no other form of the same size.
+        has_waves: Whether it is a sum of waves of an angle; its shape is their orders,
+            `MOST_WAVES` at most.
         log_prior: Log of its prior odds against others; 0 where nothing is known.
     """
 
@@ -76,6 +78,7 @@ class Hypothesis(ABC):
     linear: ClassVar[bool] = False
     turns_load: ClassVar[bool] = False
     size_of_variants: ClassVar[float | None] = None
+    has_waves: ClassVar[bool] = False
     log_prior: ClassVar[float] = 0.0
 
     @abstractmethod
@@ -100,13 +103,14 @@ class Hypothesis(ABC):
     ) -> Float[np.ndarray, " joined"] | None:
         """Return the shape of one law that does what several of its shapes do.
 
-        None, unless overridden: the law has one shape. A law that is a sum repeats its
-        shape parameters.
+        None: the law has one shape. A law that is a sum repeats its shape parameters.
 
         Args:
             shapes: What explains most comes first.
         """
-        return None
+        if not self.has_waves:
+            return None
+        return np.array(orders_apart(np.concatenate([*shapes]))[:MOST_WAVES])
 
     def further(
         self, found: Mapping[str, float], shape: Shape, coefficients: Coeffs
@@ -246,15 +250,14 @@ MOST_WAVES, APART = 3, 0.75
 radian or two apart show no more."""
 
 
-def joined_orders(
-    shapes: Sequence[Float[np.ndarray, " _"]],
-) -> Float[np.ndarray, " joined"]:
-    """Return the orders of a law that does what waves of several orders do."""
-    kept: list[float] = []
-    for order in np.concatenate([*shapes]):
-        if all(abs(order - other) >= APART for other in kept):
-            kept.append(float(order))
-    return np.array(kept[:MOST_WAVES])
+def orders_apart(some: Iterable[float], given: Iterable[float] = ()) -> list[float]:
+    """Return orders of waves that are apart from given ones and from each other."""
+    first = [*given]
+    found = [*first]
+    for order in some:
+        if all(abs(order - other) >= APART for other in found):
+            found.append(float(order))
+    return found[len(first) :]
 
 
 def still(situation: StaticState, axis: int) -> bool:

@@ -13,12 +13,11 @@ Ignores     the share that grows with load; rotation of a sensor beyond, a thous
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import (
@@ -27,7 +26,6 @@ from stiffness.effects.base import (
     Shape,
     Shapes,
     absolute,
-    joined_orders,
     middle_angle,
     orders,
     still,
@@ -52,6 +50,7 @@ class TransmissionError(Hypothesis):
 
     effect: ClassVar[str] = "transmission_error"
     shape_names: ClassVar[tuple[str, ...]] = ("order",)
+    has_waves: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "amplitude_rad": (0.0, 1e-2),
         "order": (0.0, 1e3),
@@ -82,16 +81,10 @@ class TransmissionError(Hypothesis):
         return turn(k, *(f(n * angle) for n in shape for f in (np.sin, np.cos)))
 
     @override
-    def joined(
-        self, shapes: Sequence[Float[np.ndarray, " _"]]
-    ) -> Float[np.ndarray, " joined"]:
-        return joined_orders(shapes)
-
-    @override
     def further(
         self, found: Mapping[str, float], shape: Shape, coefficients: Coeffs
     ) -> list[dict[str, float]]:
-        return harmonics(shape, coefficients)[1:] if len(shape) > 1 else []
+        return harmonics(shape, coefficients)[1:]
 
     @override
     def variants(

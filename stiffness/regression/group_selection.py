@@ -169,7 +169,16 @@ def _chi_square_gains(
 
 def _additions(problem: GroupProblem, left: Residual) -> Float[np.ndarray, " groups"]:
     """Return by how much the worth rises with each group; less than 0: it falls."""
-    gain, rank = _chi_square_gains(problem, left)
+    return _rises(problem, left, *_chi_square_gains(problem, left))
+
+
+def _rises(
+    problem: GroupProblem,
+    left: Residual,
+    gain: Float[np.ndarray, " groups"],
+    rank: Int[np.ndarray, " groups"],
+) -> Float[np.ndarray, " groups"]:
+    """Return the same from what each group explains, and along how many directions."""
     rise = np.where(rank > 0, 0.5 * gain - _size_costs(problem, rank), -np.inf)
     own = problem.number_of_name[list(left.groups)]
     shapes = np.bincount(own, minlength=len(problem.names))[problem.number_of_name]
@@ -307,7 +316,8 @@ def exchange_worths(
     rest = _residual_without(problem, here, whole, places[name])
     beside = _best_of_names(problem, _additions(problem, whole))
     anyway = np.array([max(beside[other], 0.0) for other in problem.names])
-    rise = _additions(problem, rest)
+    gain, rank = _chi_square_gains(problem, rest)
+    rise = _rises(problem, rest, gain, rank)
     instead = _best_of_names(problem, rise)
     found = {
         other: rest.worth + more - max(beside[other], 0.0)
@@ -320,7 +330,7 @@ def exchange_worths(
     number, asked = problem.number_of_name, problem.names.index(name)
     prices = _best_of_names(problem, problem.prices(rest.groups))
     price = {other: prices[other] for other in found}
-    costs = _size_costs(problem, _chi_square_gains(problem, rest)[1])
+    costs = _size_costs(problem, rank)
     size = {n: float(costs[_best_group(problem, rise, n)]) for n in found}
     for other in close:
         best = _best_group(problem, rise, other)

@@ -326,7 +326,7 @@ def whole_arm(
         oracle = arm_oracle(recording, clean, model, effects)
         return effects, recording, {
             "own_chi2": oracle.own,
-            "place_chi2": dict(oracle.places),
+            "place_chi2": oracle.places,
             "oracle_share": oracle.share,
         }  # fmt: skip
     key = (*trial.chance.spawn_key, 1, attempt)
@@ -353,7 +353,7 @@ def whole_arm(
         without = without or arm_oracle(recording, clean, model, effects)
         left = oracle.residual - without.residual
         if left >= LEAST_LEFT:
-            places = dict(without.places)
+            places = without.places
             return every, recording, {
                 "own_chi2": (*without.own, left),
                 "place_chi2": places | {where: places.get(where, 0.0) + left},

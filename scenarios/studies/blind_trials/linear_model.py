@@ -195,8 +195,9 @@ def losses_of(model: LinearModel) -> Losses:
     for term, own in zip(model.fit.members, owned, strict=True):
         at.setdefault(term.where, []).append(own)
     of_places = [np.concatenate(own) for own in at.values()]
+    lost = losses_without(gram, score, [*owned, *of_places])
     return Losses(
-        np.array(losses_without(gram, score, owned)),
-        dict(zip(at, losses_without(gram, score, of_places), strict=True)),
+        np.array(lost[: len(owned)]),
+        dict(zip(at, lost[len(owned) :], strict=True)),
         whitened_square(model) - float(score @ solve(gram, score)),
     )

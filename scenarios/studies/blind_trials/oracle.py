@@ -24,7 +24,7 @@ Ignores     that laws of the library are not those of the simulator: what they l
 ==========  ==========================================================================
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -449,7 +449,7 @@ class ArmOracle:
     """
 
     own: tuple[float, ...]
-    places: Mapping[str, float]
+    places: dict[str, float]
     share: float
     residual: float
 

@@ -233,7 +233,7 @@ def test_effect_that_one_site_has_is_likelier_at_the_others():
 
 
 def test_rival_gains_nothing_by_what_would_come_beside_the_set_anyway():
-    """A name that is missing helps with every other: it speaks for no exchange."""
+    """A name that is missing helps with every other: it is no reason to exchange."""
     case = problem(readings(2, *TRUE))
     found = select_groups(case)
     missing, asked = TRUE[0], TRUE[5]
