@@ -293,10 +293,6 @@ def _covariance_of_the_unknown(
     return total * scale[:known] * scale[:known, None]
 
 
-ALIKE = {"encoder_offset": "geometry_error"}
-"""Effects that count as another kind: an axis' zero is a turn of the link before it."""
-
-
 def _square_of(
     term: ModelTerm, fit: ModelFit, columns: int
 ) -> Float[np.ndarray, " columns"] | None:
@@ -306,7 +302,8 @@ def _square_of(
     """
     every = list(zip(fit.members, fit.coefficients, strict=True))
     alike = [c for m, c in every if m.name[0] == term.name[0] and len(c) == columns]
-    turns = [c[3:] for m, c in every if m.name[0] == ALIKE.get(term.name[0])]
+    other = term.hypothesis.shares_rate_with
+    turns = [c[3:] for m, c in every if m.name[0] == other]
     if alike or not turns:
         return np.mean(np.square(alike), axis=0) if alike else None
     return np.full(columns, np.mean(np.square(turns)))

@@ -104,7 +104,11 @@ class Search:
         terms = (*found, *(term for term, _ in of_library))
         groups = [
             ColumnGroup(
-                term.name, columns, term.degrees_of_freedom, term.hypothesis.log_prior
+                term.name,
+                columns,
+                term.degrees_of_freedom,
+                term.hypothesis.log_prior,
+                term.hypothesis.counted_as,
             )
             for term, columns in zip(terms, owned, strict=True)
         ]
@@ -113,10 +117,9 @@ class Search:
             sigma = term.hypothesis.prior_sigma(case.situation, term.where)
             if sigma is not None:
                 prior[columns] = sigma**-2.0
-        gram = gram + np.diag(prior)
         nominal = width + np.arange(case.library.nominal)
         asked = score[~case.split.held_out].sum(axis=0)
-        problem = GroupProblem.of(gram, asked, raw, nominal, groups, case.poses)
+        problem = GroupProblem.of(gram, asked, raw, nominal, groups, case.poses, prior)
         return cls(case, terms, problem)
 
 

@@ -30,7 +30,6 @@ from stiffness.diagnosis.gate import (
     second_order_name,
 )
 from stiffness.diagnosis.model_evaluation import (
-    ALIKE,
     ModelEvaluation,
     cost_of_limits,
     evaluate_model,
@@ -480,16 +479,14 @@ def _of_the_same_kinds(
     intervals of what was named allow for it, and for the zeros of all axes beside a
     geometry error that was named.
     """
-    named = [term.name[0] for term in terms if not term.is_generic]
-    count = Counter(ALIKE.get(name, name) for name in named)
-    if not count.keys() & ALIKE.values() and max(count.values(), default=0) < 2:
+    count = Counter(term.hypothesis.counted_as for term in terms if not term.is_generic)
+    every = (candidate.hypothesis for candidate in case.library.candidates)
+    alike = {h.effect for h in every if count[h.counted_as] > (not h.shares_rate_with)}
+    if not alike:
         return []
     search = Search.of(case, terms, refused)
-    return [
-        search.terms[k]
-        for name, k in best_groups_beside(search.problem, range(len(terms))).items()
-        if count[ALIKE.get(name[0], name[0])] > (name[0] not in ALIKE)
-    ]
+    best = best_groups_beside(search.problem, range(len(terms)))
+    return [search.terms[k] for name, k in best.items() if name[0] in alike]
 
 
 def _withheld(

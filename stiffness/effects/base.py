@@ -67,6 +67,8 @@ class Hypothesis(ABC):
         has_waves: Whether it is a sum of waves of an angle; its shape is their orders,
             `MOST_WAVES` at most.
         log_prior: Log of its prior odds against others; 0 where nothing is known.
+        shares_rate_with: Another effect that is of one kind with it, if any: where one
+            is, the other is as likely elsewhere on the arm, and about as large.
     """
 
     effect: ClassVar[str]
@@ -80,6 +82,12 @@ class Hypothesis(ABC):
     size_of_variants: ClassVar[float | None] = None
     has_waves: ClassVar[bool] = False
     log_prior: ClassVar[float] = 0.0
+    shares_rate_with: ClassVar[str] = ""
+
+    @property
+    def counted_as(self) -> str:
+        """The effect that stands for all that share its rate."""
+        return self.shares_rate_with or self.effect
 
     @abstractmethod
     def places(self, situation: StaticState) -> tuple[str, ...]:

@@ -40,6 +40,7 @@ class EncoderOffset(Hypothesis):
     turns_load: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"offset_rad": (-0.1, 0.1)}
     magnitudes: ClassVar[tuple[str, ...]] = ("offset_rad",)
+    shares_rate_with: ClassVar[str] = "geometry_error"  # a turn of the link before it
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from stiffness.regression.group_sets import (
     SURVIVES,
     FactorisedSet,
     GroupProblem,
+    ReducedSet,
 )
 from stiffness.regression.predictive_gate import Decision, Name
 
@@ -100,13 +101,8 @@ def select_groups(problem: GroupProblem, start: Sequence[int] = ()) -> GroupSele
         if groups == before:
             break
     here = FactorisedSet.of(problem, groups)
-    worth = _worth(problem, here)
-    decisions = _decisions(problem, here, worth)
-    return GroupSelection(groups, here.gain, worth, decisions)
-
-
-def _worth(problem: GroupProblem, here: FactorisedSet) -> float:
-    return 0.5 * here.gain - problem.price(here.groups, len(here.aim))
+    decisions = _decisions(problem, here)
+    return GroupSelection(groups, here.gain, here.worth, decisions)
 
 
 def _residual(problem: GroupProblem, here: FactorisedSet) -> Residual:
@@ -117,32 +113,20 @@ def _residual(problem: GroupProblem, here: FactorisedSet) -> Residual:
         inner = problem.gram[index[:, :, None], index[:, None, :]]
         known = np.moveaxis(here.rows[:, index], 0, 1)  # (groups, rank, width)
         blocks.append(inner - known.swapaxes(1, 2) @ known)
-    return Residual(here.groups, _worth(problem, here), score, tuple(blocks))
+    return Residual(here.groups, here.worth, score, tuple(blocks))
 
 
 def _residual_without(
-    problem: GroupProblem, here: FactorisedSet, whole: Residual, places: Sequence[int]
+    problem: GroupProblem, here: FactorisedSet, whole: Residual, less: ReducedSet
 ) -> Residual:
     """Return what a set leaves once some of its groups have gone."""
-    rest = tuple(k for p, k in enumerate(here.groups) if p not in places)
-    own = here.own_directions(places)
-    rows, aim = own.T @ here.rows, own.T @ here.aim
+    rows, aim = less.directions.T @ here.rows, less.directions.T @ here.aim
     blocks = []
     for (_, index), block in zip(problem.by_width, whole.blocks, strict=True):
         back = np.moveaxis(rows[:, index], 0, 1)
         blocks.append(block + back.swapaxes(1, 2) @ back)
-    gain, rank = here.gain - float(aim @ aim), len(here.aim) - len(aim)
-    worth = 0.5 * gain - problem.price(rest, rank)
-    return Residual(rest, worth, whole.score + aim @ rows, tuple(blocks))
-
-
-def _worth_without(
-    problem: GroupProblem, here: FactorisedSet, places: Sequence[int]
-) -> float:
-    """Return what a set is worth once some of its groups have gone."""
-    rest = [k for p, k in enumerate(here.groups) if p not in places]
-    rank = len(here.aim) - here.own_directions(places).shape[1]
-    return 0.5 * (here.gain - here.own_gain(places)) - problem.price(rest, rank)
+    score = whole.score + aim @ rows
+    return Residual(less.groups, less.worth, score, tuple(blocks))
 
 
 def gains_beside(
@@ -159,11 +143,14 @@ def _chi_square_gains(
     """Return what each group explains beside a set, and along how many directions."""
     gain, rank = np.zeros(len(problem.groups)), np.zeros(len(problem.groups), dtype=int)
     for (some, index), block in zip(problem.by_width, left.blocks, strict=True):
-        value, vector = np.linalg.eigh(block)
+        unit = problem.unit[index]
+        value, vector = np.linalg.eigh(block * unit[:, None] * unit[:, :, None])
         keep = value > SURVIVES * index.shape[1]
-        asked = (vector.swapaxes(1, 2) @ left.score[index][..., None])[..., 0]
+        aimed = (unit * left.score[index])[..., None]
+        asked = (vector.swapaxes(1, 2) @ aimed)[..., 0]
         own = np.where(keep, asked**2 / np.where(keep, value, 1.0), 0.0)
-        gain[some], rank[some] = own.sum(axis=1), keep.sum(axis=1)
+        gain[some] = own.sum(axis=1)
+        rank[some] = problem.counts(value, index).sum(axis=1)
     return gain, rank
 
 
@@ -211,12 +198,11 @@ def _pruned(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
     """Drop whole names, then single groups, the least worth first."""
     while groups:
         here = FactorisedSet.of(problem, groups)
-        worth = _worth(problem, here)
         ways = [*_places_of_names(problem, groups).values()]
         ways += [[p] for p in range(len(groups)) if [p] not in ways]
-        after = [_worth_without(problem, here, places) for places in ways]
+        after = [here.reduced(places).worth for places in ways]
         best = int(np.argmax(after))
-        if after[best] <= worth + RISES:
+        if after[best] <= here.worth + RISES:
             break
         groups = tuple(k for p, k in enumerate(groups) if p not in ways[best])
     return groups
@@ -230,7 +216,7 @@ def _with_exchanges(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int
     whole = _residual(problem, here)
     for k in groups:
         place = here.groups.index(k)
-        rest = _residual_without(problem, here, whole, [place])
+        rest = _residual_without(problem, here, whole, here.reduced([place]))
         rise = _additions(problem, rest)
         best = int(np.argmax(rise))
         if best != k and rest.worth + max(rise[best], 0.0) > whole.worth + RISES:
@@ -256,7 +242,7 @@ def _with_several_for_one(
         if k not in here.groups or not wide[k]:
             continue
         own = _places_of_names(problem, here.groups)[problem.groups[k].name]
-        left, tried = _residual_without(problem, here, whole, own), None
+        left, tried = _residual_without(problem, here, whole, here.reduced(own)), None
         for _ in range(AT_MOST_FOR_ONE):
             rise = np.where(wide, -np.inf, _additions(problem, left))
             best = int(np.argmax(rise))
@@ -313,7 +299,7 @@ def exchange_worths(
     here = FactorisedSet.of(problem, groups)
     whole = _residual(problem, here)
     places = _places_of_names(problem, here.groups)
-    rest = _residual_without(problem, here, whole, places[name])
+    rest = _residual_without(problem, here, whole, here.reduced(places[name]))
     beside = _best_of_names(problem, _additions(problem, whole))
     anyway = np.array([max(beside[other], 0.0) for other in problem.names])
     gain, rank = _chi_square_gains(problem, rest)
@@ -386,14 +372,12 @@ def _places_of_names(
     return places
 
 
-def _decisions(
-    problem: GroupProblem, here: FactorisedSet, worth: float
-) -> tuple[Decision, ...]:
+def _decisions(problem: GroupProblem, here: FactorisedSet) -> tuple[Decision, ...]:
     """State of every name what the set is worth with it, over without it."""
     found = {}
     places = _places_of_names(problem, here.groups)
     for name, own in places.items():
-        found[name] = worth - _worth_without(problem, here, own)
+        found[name] = here.worth - here.reduced(own).worth
     rise = _additions(problem, _residual(problem, here))
     for name, best in _best_of_names(problem, rise).items():
         found.setdefault(name, best)

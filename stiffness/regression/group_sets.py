@@ -4,13 +4,14 @@ Columns come in groups; groups that share a name are shapes of one law.
 
 ==========  ==========================================================================
 Equation    price(S) = (rank + shapes) ln(n) / 2 - sum over names of log prior - sum
-            over effects of ln [B(c + m, c N + M - m) / B(c, c N + M)]; n the units of
-            information, N names, of an effect m named of M sites, c = `COMMON`
+            over kinds of ln [B(c + m, c N + M - m) / B(c, c N + M)]; n the units of
+            information, N names, of a kind m named of M sites, c = `COMMON`
 Source      unit-information prior: Kass and Wasserman 1995; names: Scott and Berger
             2010, "Bayes and empirical-Bayes multiplicity adjustment", an inclusion rate
-            for each effect
+            for each kind of effect
 Valid       a set of less rank than its units of information
-Ignores     priors of shapes beyond their count; that errors may be misstated
+Ignores     priors of shapes beyond their count; that errors may be misstated; the cost
+            of a direction of which the units say less than its prior
 ==========  ==========================================================================
 
 Adding a group is a step of block Gram-Schmidt on the Gram matrix. Leaving one out gives
@@ -33,7 +34,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import qr, solve_triangular
 from scipy.special import betaln
 
@@ -50,6 +51,10 @@ COMMON = 0.05
 """First parameter of the Beta prior of how often an effect occurs at its sites; its
 mean is one in all names. Chosen: one name of an effect makes it ten times as likely at
 its other sites, as gears of one arm are alike."""
+BEYOND_PRIOR = 3.0
+"""Information of a new direction over that of its prior from which it counts. Chosen:
+of two columns that the units cannot tell apart, the second has twice its prior's, so
+that the rank of a set does not depend on the order of its groups."""
 NOTHING = np.zeros(1, dtype=int)
 """Where the rows of an empty set begin and end."""
 
@@ -66,12 +71,15 @@ class ColumnGroup:
         columns: Their numbers.
         shape_parameters: How many numbers the shape has that were searched.
         log_prior: How much rarer than others the name is, as a log.
+        kind: What is as frequent at its sites as at others of one arm; the effect
+            where it is empty.
     """
 
     name: Name
     columns: Int[np.ndarray, " columns"]
     shape_parameters: int = 0
     log_prior: float = 0.0
+    kind: str = ""
 
 
 # --- Normal equations beyond the nominal columns --------------------------------------
@@ -86,12 +94,15 @@ class GroupProblem:
         score: The same.
         groups: With numbers of columns as they stand here.
         units: How many units of information there are.
+        prior: Prior information of each column, which is part of its Gram matrix; of a
+            group all or none have one.
     """
 
     gram: Float[np.ndarray, "columns columns"]
     score: Float[np.ndarray, " columns"]
     groups: tuple[ColumnGroup, ...]
     units: int
+    prior: Float[np.ndarray, " columns"]
 
     @classmethod
     def of(
@@ -102,6 +113,7 @@ class GroupProblem:
         nominal: Int[np.ndarray, " nominal"],
         groups: Sequence[ColumnGroup],
         units: int,
+        prior: Float[np.ndarray, " all"] | None = None,
     ) -> "GroupProblem":
         """Project nominal columns out and scale the others.
 
@@ -112,12 +124,15 @@ class GroupProblem:
             nominal: Columns that explain for free.
             groups: What may be selected.
             units: Independent observations, such as poses.
+            prior: Information of each column beyond `gram`; None: of no column.
         """
+        prior = np.zeros(len(gram)) if prior is None else prior
         used = [group.columns for group in groups]
         columns = np.concatenate([np.zeros(0, dtype=int), *used])
         live = raw > 0.0
         scale = np.where(live, 1.0 / np.sqrt(np.where(live, raw, 1.0)), 0.0)
-        gram = gram * scale * scale[:, None]
+        prior = prior * scale**2
+        gram = gram * scale * scale[:, None] + np.diag(prior)
         score = score * scale
         share = projection_coefficients(gram, nominal)
         inner = schur_complement(gram, nominal, share, columns)
@@ -127,7 +142,7 @@ class GroupProblem:
             replace(g, columns=np.arange(a, b))
             for g, a, b in zip(groups, ends[:-1], ends[1:], strict=True)
         )
-        return cls(0.5 * (inner + inner.T), asked, own, units)
+        return cls(0.5 * (inner + inner.T), asked, own, units, prior[columns])
 
     @cached_property
     def names(self) -> tuple[Name, ...]:
@@ -151,20 +166,39 @@ class GroupProblem:
         return tuple(found)
 
     @cached_property
+    def unit(self) -> Float[np.ndarray, " columns"]:
+        """Size of each column's coefficient at which its prior information is one."""
+        known = self.prior > 0.0
+        return np.where(known, 1.0 / np.sqrt(np.where(known, self.prior, 1.0)), 1.0)
+
+    def counts(
+        self,
+        information: Float[np.ndarray, "*some directions"],
+        columns: Int[np.ndarray, "*some width"],
+    ) -> Bool[np.ndarray, "*some directions"]:
+        """Return which directions of groups count, by their information beyond a set.
+
+        Args:
+            information: Of each direction, with coefficients in units.
+            columns: Of each group.
+        """
+        known = self.prior[columns[..., :1]] > 0.0
+        return information > np.where(known, BEYOND_PRIOR, SURVIVES * columns.shape[-1])
+
+    @cached_property
     def kind_of_name(self) -> Int[np.ndarray, " names"]:
-        """Number of the effect of each name, wherever it is."""
-        number = {
-            kind: k for k, kind in enumerate(dict.fromkeys(n[0] for n in self.names))
-        }
-        return np.array([number[name[0]] for name in self.names], dtype=int)
+        """Number of the kind of each name, wherever it is."""
+        kinds = {group.name: group.kind or group.name[0] for group in self.groups}
+        number = {kind: k for k, kind in enumerate(dict.fromkeys(kinds.values()))}
+        return np.array([number[kinds[name]] for name in self.names], dtype=int)
 
     @cached_property
     def sites_of_kind(self) -> Int[np.ndarray, " kinds"]:
-        """How many names each effect has."""
+        """How many names each kind has."""
         return np.bincount(self.kind_of_name)
 
     def named_of_kind(self, groups: Sequence[int]) -> Int[np.ndarray, " kinds"]:
-        """Return how many names of each effect a set has."""
+        """Return how many names of each kind a set has."""
         named = np.unique(self.number_of_name[list(groups)])
         return np.bincount(self.kind_of_name[named], minlength=len(self.sites_of_kind))
 
@@ -206,16 +240,20 @@ class FactorisedSet:
     """A set of groups with an orthonormal basis Q of its span.
 
     Attributes:
+        problem: Where its groups are from.
         groups: In the order of the basis.
         rows: Q'X of every column.
         aim: Q'y.
+        rank: Directions that count.
         columns: Of the groups, in their order.
         widths: Where each group's columns begin among these, and the end.
     """
 
+    problem: GroupProblem
     groups: tuple[int, ...]
-    rows: Float[np.ndarray, "rank columns"]
-    aim: Float[np.ndarray, " rank"]
+    rows: Float[np.ndarray, "basis columns"]
+    aim: Float[np.ndarray, " basis"]
+    rank: int
     columns: Int[np.ndarray, " own"]
     widths: Int[np.ndarray, " _"]
 
@@ -234,33 +272,37 @@ class FactorisedSet:
             start: A set that comes before them; None: nothing.
         """
         none = np.zeros(0, dtype=int)
-        before = start or cls((), problem.score[None][:0], np.zeros(0), none, NOTHING)
+        empty = problem.score[None][:0], np.zeros(0)
+        nothing = cls(problem, (), *empty, 0, none, NOTHING)
+        before = start or nothing
         own = [problem.groups[k].columns for k in groups]
         width = len(before.aim) + sum(map(len, own))
         rows, aim = np.zeros((width, len(problem.score))), np.zeros(width)
         rows[: len(before.aim)], aim[: len(before.aim)] = before.rows, before.aim
-        at = len(before.aim)
+        at, rank = len(before.aim), before.rank
         for columns in own:
-            known = rows[:at, columns]
+            known, unit = rows[:at, columns], problem.unit[columns]
             inner = problem.gram[np.ix_(columns, columns)] - known.T @ known
-            value, vector = np.linalg.eigh(inner)
+            value, vector = np.linalg.eigh(inner * unit * unit[:, None])
             keep = value > SURVIVES * len(columns)
-            turn = vector[:, keep] / np.sqrt(value[keep])
+            turn = unit[:, None] * vector[:, keep] / np.sqrt(value[keep])
             end = at + turn.shape[1]
             rows[at:end] = turn.T @ (problem.gram[columns] - known.T @ rows[:at])
             aim[at:end] = turn.T @ (problem.score[columns] - known.T @ aim[:at])
-            at = end
+            at, rank = end, rank + int(problem.counts(value, columns).sum())
         widths = np.cumsum([before.widths[-1], *map(len, own)])
         return cls(
+            problem,
             (*before.groups, *groups),
             rows[:at],
             aim[:at],
+            rank,
             np.concatenate([before.columns, *own]),
             np.concatenate([before.widths[:-1], widths]),
         )
 
     @property
-    def own(self) -> Float[np.ndarray, "rank own"]:
+    def own(self) -> Float[np.ndarray, "basis own"]:
         """Q'X of the groups' own columns."""
         return self.rows[:, self.columns]
 
@@ -269,26 +311,63 @@ class FactorisedSet:
         """Whitened square that the set explains."""
         return float(self.aim @ self.aim)
 
+    @property
+    def worth(self) -> float:
+        """What the set explains less its price."""
+        return 0.5 * self.gain - self.problem.price(self.groups, self.rank)
+
     @cached_property
     def leverage(self) -> "_Leverage":
         """QR factorisation of the groups' own columns in the basis."""
         return _Leverage(*np.linalg.qr(self.own.T))
 
-    def own_directions(self, places: Sequence[int]) -> Float[np.ndarray, "rank own"]:
-        """Return the directions of the basis that these groups alone explain.
+    def reduced(self, places: Sequence[int]) -> "ReducedSet":
+        """Return what the set is once some of its groups have gone.
 
         Args:
-            places: Places of the groups in the set.
+            places: Places of the groups in the set; groups of one name.
         """
-        rows = np.concatenate([np.arange(*self.widths[p : p + 2]) for p in places])
-        _, value, vector = np.linalg.svd(self.leverage.span[rows], full_matrices=False)
+        some = np.concatenate([np.arange(*self.widths[p : p + 2]) for p in places])
+        _, value, vector = np.linalg.svd(self.leverage.span[some], full_matrices=False)
         alone = vector[value**2 > 1.0 - SURVIVES]
         turned = solve_triangular(self.leverage.upper, alone.T)
-        return np.asarray(qr(turned, mode="economic")[0])
+        own = np.asarray(qr(turned, mode="economic")[0])
+        rank, columns = own.shape[1], self.columns[some]
+        if np.any(self.problem.prior[columns] > 0.0):
+            seen = self.problem.unit[columns, None] * (self.own[:, some].T @ own)
+            value = np.linalg.svd(seen, compute_uv=False) ** 2
+            rank = int(self.problem.counts(value, columns).sum())
+        rest = tuple(k for p, k in enumerate(self.groups) if p not in places)
+        lost = float(np.sum((own.T @ self.aim) ** 2))
+        return ReducedSet(self.problem, rest, own, self.gain - lost, self.rank - rank)
 
     def own_gain(self, places: Sequence[int]) -> float:
         """Return the whitened square that these groups explain and no others do."""
-        return float(np.sum((self.own_directions(places).T @ self.aim) ** 2))
+        return self.gain - self.reduced(places).gain
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedSet:
+    """What a set is once some of its groups have gone.
+
+    Attributes:
+        problem: Where its groups are from.
+        groups: That stay.
+        directions: Of the whole set's basis: what the others explain alone.
+        gain: Whitened square that the rest explains.
+        rank: Of the rest.
+    """
+
+    problem: GroupProblem
+    groups: tuple[int, ...]
+    directions: Float[np.ndarray, "basis own"]
+    gain: float
+    rank: int
+
+    @property
+    def worth(self) -> float:
+        """What the rest explains less its price."""
+        return 0.5 * self.gain - self.problem.price(self.groups, self.rank)
 
 
 @dataclass(frozen=True, eq=False)

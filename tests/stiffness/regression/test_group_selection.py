@@ -132,7 +132,52 @@ def test_column_that_others_make_up_adds_no_rank():
     for alone, rest in ((0, 1), (1, 0)):  # of either order, whatever its rank
         own = both.gain - FactorisedSet.of(case, (rest,)).gain
         assert_allclose(both.own_gain([alone]), own, rtol=1e-6)
-        assert both.own_directions([alone]).shape == (3, 1)
+        assert both.reduced([alone]).directions.shape == (3, 1)
+
+
+@pytest.mark.parametrize("seen", [0.0, 1e-9, 1e-5, 1e-2])
+def test_rank_and_own_parts_depend_on_no_order_where_only_priors_tell_columns_apart(
+    seen,
+):
+    """Shifts of two links along parallel axes, say: units tell them apart or do not."""
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((UNITS * ROWS, 8))
+    x[:, 5] = x[:, 2] + seen * x[:, 5]
+    y = x @ np.array([0.2, 0.3, 0.4, 0.1, 0.2, 0.5, 0.3, 0.2])
+    y = y + rng.standard_normal(len(y))
+    gram, none = x.T @ x, np.zeros(0, dtype=int)
+    own = [
+        ColumnGroup(("length", "1"), np.arange(3)),
+        ColumnGroup(("length", "2"), np.arange(3, 6)),
+        ColumnGroup(("law", ""), np.arange(6, 8)),
+    ]
+    prior = np.array([1e-3, 1e-2, 1e-6, 1e-2, 1e-3, 1e-6, 0.0, 0.0]) * gram[0, 0]
+    case = GroupProblem.of(gram, x.T @ y, np.diag(gram), none, own, UNITS, prior)
+    rank = 8 if seen > 1e-3 else 7
+    for order in ((0, 1, 2), (2, 1, 0), (1, 2, 0)):
+        every = FactorisedSet.of(case, order)
+        assert every.rank == rank
+        for place, group in enumerate(order):
+            rest = FactorisedSet.of(case, [k for k in order if k != group])
+            lost = every.gain - rest.gain
+            assert_allclose(every.own_gain([place]), lost, rtol=1e-6, atol=1e-6)
+            assert_allclose(every.reduced([place]).worth, rest.worth, rtol=1e-9)
+
+
+def test_effects_of_one_kind_share_their_rate():
+    """Beside an error of one link, zeros of axes are as likely as other links' are."""
+    own = [
+        ColumnGroup(("link", "1"), np.array([0])),
+        ColumnGroup(("link", "2"), np.array([1])),
+        ColumnGroup(("zero", "1"), np.array([2]), kind="link"),
+        ColumnGroup(("tilt", "1"), np.array([3])),
+        ColumnGroup(("tilt", "2"), np.array([4])),
+    ]
+    gram, none = np.eye(5), np.zeros(0, dtype=int)
+    case = GroupProblem.of(gram, np.zeros(5), np.ones(5), none, own, UNITS)
+    price = case.prices([0])
+    assert price[1] == price[2] < price[3] == price[4]
+    assert case.price([0, 1], 2) == case.price([0, 2], 2) < case.price([0, 3], 2)
 
 
 def test_a_name_has_few_shapes_at_most():
