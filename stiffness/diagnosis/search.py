@@ -298,9 +298,9 @@ def with_generic_terms(
     return fit_shapes(case, one_each(search, selected.groups)), selected.decisions
 
 
-LAW_SHARE = 0.01
+LAW_SHARE = 0.0025
 """Share of what laws at a place explain from which on a generic term there competes
-with them. Chosen: a tenth of their size, squared; laws are no truer than that."""
+with them. Chosen: a twentieth of their size, squared; laws are no truer than that."""
 LOADS = frozenset({"torque", "load", "direction", "history"})
 """What laws depend on that may take each other's part at one place."""
 

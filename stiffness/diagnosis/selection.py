@@ -166,13 +166,13 @@ def gains_of_places(model: SelectedModel) -> dict[str, float]:
     return dict(zip(at, _own_gains(model.statistics, groups), strict=True))
 
 
-def budget_shares(model: SelectedModel) -> tuple[float, ...]:
-    """Return each member's part of the share that the set explains; they add up.
+def budget_parts(model: SelectedModel) -> tuple[float, ...]:
+    """Return each member's part of what the set explains; they add up to one.
 
     A part is below zero where a member's displacement goes against that of the others.
 
     ==========  ======================================================================
-    Equation    part_k = share f_k' f / f' f; f_k what the member displaces at its
+    Equation    part_k = f_k' f / f' f; f_k what the member displaces at its
                 fitted size, whitened, nominal columns projected out; f their sum
     Source      Pratt 1987, "Dividing the indivisible: using simple symmetry to
                 partition variance explained"
@@ -193,9 +193,7 @@ def budget_shares(model: SelectedModel) -> tuple[float, ...]:
     along = size * (inner @ size)  # f_k' f of each column
     ends = np.cumsum([0, *map(len, owned)])
     total = max(float(along.sum()), 1e-300)
-    return tuple(
-        model.share * float(along[a:b].sum()) / total for a, b in pairwise(ends)
-    )
+    return tuple(float(along[a:b].sum()) / total for a, b in pairwise(ends))
 
 
 def exchange_search(model: SelectedModel) -> Search:

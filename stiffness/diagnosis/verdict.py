@@ -1,10 +1,10 @@
 """Verdict: rejects contradicted effects, gives posteriors, and states the residual.
 
 Generic terms of the selected set are unexplained places. A name is withheld where the
-residual at its place is large beside what it explains, where a generic term of its
-place explains twice as much, or where its law differs between groups of rows. A
-residual of less than `SMALL_RESIDUAL` of the mismatch withholds no name that explains
-ten times as much.
+residual near it is large beside what it explains, where a generic term near it explains
+twice as much, or where its law differs between groups of rows. A residual of less than
+`SMALL_RESIDUAL` of the mismatch withholds no name that explains ten times as much. No
+name stands where all together explain less than twice what has no name.
 
 ==========  ==========================================================================
 Equation    P(name) = sum of exp(g_j / phi - c_j) over the name and its first three
@@ -66,7 +66,7 @@ from stiffness.diagnosis.result import (
 )
 from stiffness.diagnosis.selection import (
     SelectedModel,
-    budget_shares,
+    budget_parts,
     exchange_search,
     gains_of_places,
     last_of_each,
@@ -88,9 +88,10 @@ GENERIC_ACCURACY = 0.05
 """Share of what a generic term explains that its mechanism may leave beside it, so that
 a name there that explains half as much may imitate that. Chosen: more than a fifth of
 its amplitude, squared, for a mechanism that nobody knows follows no generic law."""
-MAJORITY = 0.5
-"""Share of what is explained or left that withheld names and the residual have, above
-which weaker names go too."""
+NAMED_SHARE = 2.0 / 3.0
+"""Share of what is explained or left that names must have together. Chosen: a mechanism
+that nobody knows is seldom imitated by names to two thirds; where most has no name,
+what has one is part of the same."""
 INHOMOGENEITY_LIMIT = 0.01
 """Share of what a name explains by which its law may differ between groups of rows.
 Chosen: a tenth of its size, squared; laws are no truer than that."""
@@ -150,7 +151,7 @@ def judge(model: SelectedModel) -> JudgedModel:
             for other, g in zip(members, gains, strict=True)
             if are_near(member.where, other.where)
         )
-        beside = _beside_generic(member, model) / max(gain, 1e-12)
+        beside = _beside_generic(k, model, beyond) / max(gain, 1e-12)
         if max(near, beside) > RESIDUAL_SHARE_LIMIT:
             what = "unknown mechanism" if beside > near else "residual"
             reason = f"the {what} at its place is large beside what it explains"
@@ -192,34 +193,44 @@ def _largest_excess(left: DetectionTest) -> float:
 def _residual_near(
     k: int, model: SelectedModel, left: DetectionTest, beyond: ResidualEquations
 ) -> float:
-    """Return the largest significant excess that may be a member's own.
-
-    At a neighbouring place only the part counts that columns of that place can do of
-    what the member displaces: so much of the name may be what is unknown there.
-    """
-    member = model.fit.members[k]
+    """Return the largest significant excess that may be a member's own."""
     excess = left.tested.captured - left.tested.degrees_of_freedom
     largest: dict[str, float] = {}
     for at in np.flatnonzero(left.tested.together < SIGNIFICANCE):
         where = left.where[at] or largest_residual_site(left)
         largest[where] = max(largest.get(where, 0.0), float(excess[at]))
-    most = 0.0
-    for where, here in largest.items():
-        if here <= most or not may_show_at(member, where):
-            continue
-        whole = acts_at(member, where)
-        share = 1.0 if whole else imitated_share(beyond, model.fit, k, where)
-        most = max(most, here * share)
+    most = _largest_part(k, model, beyond, largest.items())
     if left.tested.p_value >= SIGNIFICANCE:  # poses differ, but not along any law
         most = max(most, left.excess)
     return most
 
 
-def _beside_generic(member: ModelTerm, model: SelectedModel) -> float:
-    """Return the most that a mechanism without a name may leave where a member acts."""
+def _beside_generic(k: int, model: SelectedModel, beyond: ResidualEquations) -> float:
+    """Return the most that a mechanism without a name may leave near a member."""
     every = zip(model.fit.members, model.drop_one_gains, strict=True)
-    own = [g for other, g in every if other.is_generic and acts_at(member, other.where)]
-    return GENERIC_ACCURACY * max(own, default=0.0)
+    generic = [(other.where, gain) for other, gain in every if other.is_generic]
+    return GENERIC_ACCURACY * _largest_part(k, model, beyond, generic)
+
+
+def _largest_part(
+    k: int,
+    model: SelectedModel,
+    beyond: ResidualEquations,
+    places: Iterable[tuple[str, float]],
+) -> float:
+    """Return the largest of some squares of places that may be a member's own.
+
+    At a neighbouring place only the part counts that columns of that place can do of
+    what the member displaces: so much of the name may be what is unknown there.
+    """
+    member, most = model.fit.members[k], 0.0
+    for where, here in places:
+        if here <= most or not may_show_at(member, where):
+            continue
+        whole = acts_at(member, where)
+        share = 1.0 if whole else imitated_share(beyond, model.fit, k, where)
+        most = max(most, here * share)
+    return most
 
 
 def _unexplained_places(
@@ -345,12 +356,15 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     model = judged.model
     case, members, last = model.case, model.fit.members, judged.residual
     effects, decisions = [], list(judged.decisions)
-    parts = budget_shares(model)
+    parts = budget_parts(model)
     posteriors = exchange_posteriors(model)
     stands = [
         one.probability >= SURE and not judged.withheld[k] and not members[k].is_generic
         for k, one in enumerate(posteriors)
     ]
+    slight = _of_slight_share(judged, stands)
+    if slight:
+        decisions, stands = decisions + slight, [False] * len(members)
     for k, (member, one) in enumerate(zip(members, posteriors, strict=True)):
         if member.is_generic:
             continue
@@ -375,7 +389,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
                 shape=tuple(float(v) for v in member.shape),
                 coefficients=tuple(float(v) for v in model.fit.coefficients[k]),
                 share=model.share_without(k),
-                budget_share=parts[k],
+                budget_share=model.share * parts[k],
             )
         )
     withheld = (
@@ -394,12 +408,8 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     gains, of_places = model.drop_one_gains, gains_of_places(model)
     by_gain = [members[k] for k in np.argsort(gains)[::-1]]
     located = places_of_names(by_gain, of_places, found.p_value, case.situation)
-    by_name = zip(members, gains, strict=True)
-    told = sum(gain for m, gain in by_name if m.name in named)
-    if told <= MAJORITY * sum(gains):
-        sure_places = {where for _, where in named}
-        own = sum(of_places.values(), 0.0)
-        located = _with_places_of_map(case, located, sure_places, own)
+    if not effects:
+        located = _located_by_map(case)
     unexplained = None
     if not explained:
         loose = loose_marker(case, found, last if effects else found)
@@ -436,6 +446,29 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     }
 
 
+def _of_slight_share(judged: JudgedModel, stands: Sequence[bool]) -> list[Decision]:
+    """Return the names, where all together explain less than twice what has none.
+
+    A course in time has no part in it: what depends on loads and angles is none.
+    """
+    model, left = judged.model, judged.residual
+    excess = _largest_excess(left) if left.p_value < SIGNIFICANCE else 0.0
+    members, parts = model.fit.members, budget_parts(model)
+    own = sum(part for part, stood in zip(parts, stands, strict=True) if stood)
+    every = sum(
+        part
+        for part, member in zip(parts, members, strict=True)
+        if not (member.is_generic and set(member.depends_on) == {"time"})
+    )
+    share = own / max(every + excess / max(model.fit.gain, 1e-12), 1e-12)
+    reason = "names together explain less than twice what has no name"
+    return [
+        Decision(m.name, "named_share", False, share, NAMED_SHARE, reason)
+        for m, stood in zip(members, stands, strict=True)
+        if stood and share < NAMED_SHARE
+    ]
+
+
 def _rivals(
     members: Sequence[ModelTerm],
     posteriors: Sequence[ExchangePosterior],
@@ -455,20 +488,8 @@ def _rivals(
     return tuple(sorted(found, key=lambda r: -r.probability)[:MOST_RIVALS])
 
 
-def _with_places_of_map(
-    case: SelectionProblem,
-    located: tuple[Located, ...],
-    sure: set[str],
-    explained: float,
-) -> tuple[Located, ...]:
-    """Return places of sure names and of the map together, strongest first.
-
-    Args:
-        case: What was looked at.
-        located: Places of all members, with shares of what they explain.
-        sure: Places of the names that were given.
-        explained: What places of members explain, each by itself, whitened and squared.
-    """
+def _located_by_map(case: SelectionProblem) -> tuple[Located, ...]:
+    """Return places of the map, strongest first, beside the nominal arm alone."""
     of_map = places_of_map(
         case.library,
         case.normal_equations,
@@ -476,11 +497,9 @@ def _with_places_of_map(
         np.arange(case.library.nominal),
         case.seed,
     )
-    kept = [replace(x, share=x.share * explained) for x in located if x.where in sure]
-    mapped = [Located(w, p, c, d, "") for w, p, c, d in of_map if w not in sure]
-    total = max(sum(x.share for x in (*kept, *mapped)), 1e-12)
-    both = (replace(x, share=x.share / total) for x in (*kept, *mapped))
-    return tuple(sorted(both, key=lambda x: -x.share))
+    total = max(sum(float(captured) for _, _, captured, _ in of_map), 1e-12)
+    found = (Located(w, p, float(c) / total, d, "") for w, p, c, d in of_map)
+    return tuple(sorted(found, key=lambda place: -place.share))
 
 
 def unexplained_of(

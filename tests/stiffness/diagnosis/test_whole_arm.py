@@ -31,7 +31,7 @@ from stiffness.diagnosis.result import Decision, Diagnosis, Name
 from stiffness.diagnosis.selection import (
     SelectedModel,
     _needed_least,
-    budget_shares,
+    budget_parts,
     gains_of_places,
     select_model,
 )
@@ -128,9 +128,9 @@ def test_part_of_the_budget_is_what_a_name_displaces_along_all_names_together():
     ]
     alone = [f - springs @ np.linalg.lstsq(springs, f, rcond=None)[0] for f in moved]
     f = np.sum(alone, axis=0)
-    expected = [model.share * (own @ f) / (f @ f) for own in alone]
-    assert_allclose(budget_shares(model), expected, rtol=1e-3, atol=1e-5)
-    assert_allclose(sum(budget_shares(model)), model.share)
+    expected = [(own @ f) / (f @ f) for own in alone]
+    assert_allclose(budget_parts(model), expected, rtol=1e-3, atol=1e-5)
+    assert_allclose(sum(budget_parts(model)), 1.0)
 
 
 def test_a_rival_exchanges_one_of_the_names_given_or_adds_one_that_is_not_sure():
