@@ -131,6 +131,9 @@ WANDER, VISITS_A_KNOT = 25, 6
 """Knots of its quick course, which shifts alone, and visits that each knot has at
 least; chosen: half an hour of a day's work."""
 HARMONICS = (1, 2, 3)
+TOLD_APART = 0.1
+"""Part of the largest displacement of a generic law that each of its columns makes at
+least; chosen: a tenth is lost among what laws beside it may err by."""
 DIRECTIONS = 4
 """Directions of a moment, half a turn together; chosen: one is never far."""
 
@@ -264,7 +267,10 @@ def _of_axis(situation: StaticState, k: int) -> list[MapBlock]:
         "torque": _from_zero(torque, KNOTS),
         "direction": knots * (2.0 * grows - 1.0)[:, None],
         "history": np.column_stack([before / unit, t * (stood - stood.mean())]),
-        "angle": np.concatenate([waves, waves * t[:, None]], axis=1),
+        "angle": _told_apart(
+            np.concatenate([waves, waves * t[:, None]], axis=1),
+            np.column_stack([np.ones(len(t)), t]),
+        ),
         "time": np.concatenate([time * t[:, None], time[:, 1:]], axis=1),
         "load": np.column_stack([t * along, along**2, _loads_on(situation, k + 1)]),
     }
@@ -341,6 +347,21 @@ def _one_sided(
     even = np.abs(moment @ np.stack([np.cos(about), np.sin(about)]))
     columns = across[:, :, :, None] * even[:, None, None, :]
     return columns.reshape(len(moment), 3, -1)
+
+
+def _told_apart(
+    law: Float[np.ndarray, "rows columns"], known: Float[np.ndarray, "rows _"]
+) -> Float[np.ndarray, "rows kept"]:
+    """Return what a law does that is told apart from what is known.
+
+    Waves over a small range of angles make up a constant, so that a stiffness with
+    waves would hold the spring and leave laws of torque nothing to refer to.
+    """
+    if not law.shape[1]:
+        return law
+    rest = law - known @ np.linalg.lstsq(known, law)[0]
+    _, size, turn = np.linalg.svd(rest, full_matrices=False)
+    return rest @ turn[size > TOLD_APART * np.max(size)].T
 
 
 def _harmonics(situation: StaticState, k: int, angle: np.ndarray) -> np.ndarray:

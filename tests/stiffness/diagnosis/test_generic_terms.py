@@ -14,7 +14,13 @@ from bench.experiment import record
 from bench.instruments import Instruments
 from bench.rig import Rig
 from bench.standard_plans import table_one_plan
-from stiffness.diagnosis.candidates import KNOTS, _from_zero, residual_map
+from stiffness.diagnosis.candidates import (
+    KNOTS,
+    TOLD_APART,
+    _from_zero,
+    _told_apart,
+    residual_map,
+)
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.nominal_fit import prepare
@@ -180,6 +186,21 @@ def test_generic_law_of_torque_holds_the_spring_and_no_constant_turn(low):
     assert np.linalg.matrix_rank(law) == law.shape[1]
     assert left(torque, law) < 1e-9
     assert left(np.ones(300), law) > 0.01
+
+
+@pytest.mark.parametrize("reach", [0.5, 1.5, 3.0])
+def test_generic_stiffness_with_waves_of_an_angle_does_not_hold_the_spring(reach):
+    """Over a small range of angles waves make up a constant: a spring."""
+    angle = np.linspace(-reach, reach, 200)
+    torque = np.cos(5.0 * angle) + 0.3
+    waves = np.column_stack([f(n * angle) for n in (1, 2, 3) for f in (np.cos, np.sin)])
+    known = np.column_stack([np.ones(200), torque])
+    law = _told_apart(np.concatenate([waves, waves * torque[:, None]], axis=1), known)
+    assert_allclose(known.T @ law, 0.0, atol=1e-9)
+    size = np.linalg.svd(law, compute_uv=False)
+    assert 0 < law.shape[1] <= 12
+    assert size[-1] > TOLD_APART * size[0]
+    assert (law.shape[1] == 12) == (reach == 3.0)
 
 
 def test_generic_term_competes_only_with_more_than_laws_at_its_place_may_err_by():
