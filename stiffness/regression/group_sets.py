@@ -353,7 +353,7 @@ class ReducedSet:
     Attributes:
         problem: Where its groups are from.
         groups: That stay.
-        directions: Of the whole set's basis: what the others explain alone.
+        directions: Of the whole set's basis: what only those that went explain.
         gain: Whitened square that the rest explains.
         rank: Of the rest.
     """
