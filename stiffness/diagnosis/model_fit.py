@@ -219,6 +219,10 @@ def fit_of(
     return ModelFit(tuple(members), gain, solved[:n], parts, freedom)
 
 
+LAW_ACCURACY = 0.0025
+"""Share of what a name explains by which the form of its law may be wrong: log Bayes
+factors are no more certain, and what explains less beside it may be its own. Chosen: a
+twentieth of its amplitude, squared."""
 RIDGE = 1e-9
 """Added to the diagonal of scaled normal equations: columns may be multiples."""
 

@@ -23,6 +23,7 @@ from jaxtyping import Int
 from stiffness.diagnosis.candidates import Library, Mapped
 from stiffness.diagnosis.detection import significant_blocks
 from stiffness.diagnosis.model_fit import (
+    LAW_ACCURACY,
     WHOLE,
     ModelTerm,
     SelectionProblem,
@@ -298,9 +299,6 @@ def with_generic_terms(
     return fit_shapes(case, one_each(search, selected.groups)), selected.decisions
 
 
-LAW_SHARE = 0.0025
-"""Share of what laws at a place explain from which on a generic term there competes
-with them. Chosen: a twentieth of their size, squared; laws are no truer than that."""
 LOADS = frozenset({"torque", "load", "direction", "history"})
 """What laws depend on that may take each other's part at one place."""
 
@@ -319,7 +317,7 @@ def _without_slight_terms(search: Search, held: int) -> Search:
     for p, term in enumerate(terms[:held]):
         if not term.is_generic and not LOADS.isdisjoint(term.depends_on):
             laws.setdefault(term.where, []).append(p)
-    most = {where: LAW_SHARE * here.own_gain(own) for where, own in laws.items()}
+    most = {where: LAW_ACCURACY * here.own_gain(own) for where, own in laws.items()}
     keep = [
         k
         for k, term in enumerate(terms)

@@ -48,6 +48,7 @@ from stiffness.diagnosis.localisation import (
 )
 from stiffness.diagnosis.model_evaluation import as_held
 from stiffness.diagnosis.model_fit import (
+    LAW_ACCURACY,
     ModelFit,
     ModelTerm,
     SelectionProblem,
@@ -282,9 +283,6 @@ def largest_residual_site(found: DetectionTest) -> str:
 # --- Posterior ------------------------------------------------------------------------
 
 ALIKE = SETTINGS.equivalent_log_bayes
-LAW_ACCURACY = 0.0025
-"""Share of what a name explains by which the form of a law may be wrong: log Bayes
-factors are no more certain. Chosen: a twentieth of its amplitude, squared."""
 MOST_EQUIVALENTS = 3
 """Equivalents that are counted with a name; the rule of the answer."""
 MOST_RIVALS = 5
@@ -362,7 +360,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         one.probability >= SURE and not judged.withheld[k] and not members[k].is_generic
         for k, one in enumerate(posteriors)
     ]
-    slight = _of_slight_share(judged, stands)
+    slight = _of_slight_share(judged, parts, stands)
     if slight:
         decisions, stands = decisions + slight, [False] * len(members)
     for k, (member, one) in enumerate(zip(members, posteriors, strict=True)):
@@ -446,14 +444,16 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     }
 
 
-def _of_slight_share(judged: JudgedModel, stands: Sequence[bool]) -> list[Decision]:
+def _of_slight_share(
+    judged: JudgedModel, parts: Sequence[float], stands: Sequence[bool]
+) -> list[Decision]:
     """Return the names, where all together explain less than twice what has none.
 
     A course in time has no part in it: what depends on loads and angles is none.
     """
     model, left = judged.model, judged.residual
     excess = _largest_excess(left) if left.p_value < SIGNIFICANCE else 0.0
-    members, parts = model.fit.members, budget_parts(model)
+    members = model.fit.members
     own = sum(part for part, stood in zip(parts, stands, strict=True) if stood)
     every = sum(
         part

@@ -101,12 +101,13 @@ def select_groups(problem: GroupProblem, start: Sequence[int] = ()) -> GroupSele
         if groups == before:
             break
     here = FactorisedSet.of(problem, groups)
-    decisions = _decisions(problem, here)
+    decisions = _decisions(here)
     return GroupSelection(groups, here.gain, here.worth, decisions)
 
 
-def _residual(problem: GroupProblem, here: FactorisedSet) -> Residual:
+def _residual(here: FactorisedSet) -> Residual:
     """Return what a set leaves of every group."""
+    problem = here.problem
     score = problem.score - here.aim @ here.rows
     blocks = []
     for _, index in problem.by_width:
@@ -117,12 +118,12 @@ def _residual(problem: GroupProblem, here: FactorisedSet) -> Residual:
 
 
 def _residual_without(
-    problem: GroupProblem, here: FactorisedSet, whole: Residual, less: ReducedSet
+    here: FactorisedSet, whole: Residual, less: ReducedSet
 ) -> Residual:
     """Return what a set leaves once some of its groups have gone."""
     rows, aim = less.directions.T @ here.rows, less.directions.T @ here.aim
     blocks = []
-    for (_, index), block in zip(problem.by_width, whole.blocks, strict=True):
+    for (_, index), block in zip(here.problem.by_width, whole.blocks, strict=True):
         back = np.moveaxis(rows[:, index], 0, 1)
         blocks.append(block + back.swapaxes(1, 2) @ back)
     score = whole.score + aim @ rows
@@ -133,7 +134,7 @@ def gains_beside(
     problem: GroupProblem, groups: Sequence[int]
 ) -> Float[np.ndarray, " groups"]:
     """Return the whitened square that each group explains beside a set."""
-    left = _residual(problem, FactorisedSet.of(problem, groups))
+    left = _residual(FactorisedSet.of(problem, groups))
     return _chi_square_gains(problem, left)[0]
 
 
@@ -186,7 +187,7 @@ def _grown(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
     """Add the group that is worth most, as long as one is worth anything."""
     here = FactorisedSet.of(problem, groups)
     while len(here.groups) < len(problem.groups):
-        rise = _additions(problem, _residual(problem, here))
+        rise = _additions(problem, _residual(here))
         best = int(np.argmax(rise))
         if rise[best] <= RISES:
             break
@@ -213,16 +214,16 @@ def _with_exchanges(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int
     if not groups:
         return groups
     here = FactorisedSet.of(problem, groups)
-    whole = _residual(problem, here)
+    whole = _residual(here)
     for k in groups:
         place = here.groups.index(k)
-        rest = _residual_without(problem, here, whole, here.reduced([place]))
+        rest = _residual_without(here, whole, here.reduced([place]))
         rise = _additions(problem, rest)
         best = int(np.argmax(rise))
         if best != k and rest.worth + max(rise[best], 0.0) > whole.worth + RISES:
             more = (best,) if rise[best] > 0.0 else ()
             here = FactorisedSet.of(problem, (*rest.groups, *more))
-            whole = _residual(problem, here)
+            whole = _residual(here)
             if not here.groups:
                 break
     return here.groups
@@ -236,13 +237,13 @@ def _with_several_for_one(
     What many columns imitate can be several names, none of which alone does as well.
     """
     here = FactorisedSet.of(problem, groups)
-    whole = _residual(problem, here)
+    whole = _residual(here)
     wide = np.array([len(g.columns) >= MANY_COLUMNS for g in problem.groups])
     for k in groups:
         if k not in here.groups or not wide[k]:
             continue
         own = _places_of_names(problem, here.groups)[problem.groups[k].name]
-        left, tried = _residual_without(problem, here, whole, here.reduced(own)), None
+        left, tried = _residual_without(here, whole, here.reduced(own)), None
         for _ in range(AT_MOST_FOR_ONE):
             rise = np.where(wide, -np.inf, _additions(problem, left))
             best = int(np.argmax(rise))
@@ -252,7 +253,7 @@ def _with_several_for_one(
                 break
             tried = tried or FactorisedSet.of(problem, left.groups)
             tried = FactorisedSet.of(problem, [best], tried)
-            left = _residual(problem, tried)
+            left = _residual(tried)
             if left.worth > whole.worth + RISES:
                 here, whole = tried, left
                 break
@@ -297,9 +298,9 @@ def exchange_worths(
         them.
     """
     here = FactorisedSet.of(problem, groups)
-    whole = _residual(problem, here)
+    whole = _residual(here)
     places = _places_of_names(problem, here.groups)
-    rest = _residual_without(problem, here, whole, here.reduced(places[name]))
+    rest = _residual_without(here, whole, here.reduced(places[name]))
     beside = _best_of_names(problem, _additions(problem, whole))
     anyway = np.array([max(beside[other], 0.0) for other in problem.names])
     gain, rank = _chi_square_gains(problem, rest)
@@ -320,8 +321,8 @@ def exchange_worths(
     size = {n: float(costs[_best_group(problem, rise, n)]) for n in found}
     for other in close:
         best = _best_group(problem, rise, other)
-        pair = _residual(problem, FactorisedSet.of(problem, [best], without))
-        both = _residual(problem, FactorisedSet.of(problem, [best], here))
+        pair = _residual(FactorisedSet.of(problem, [best], without))
+        both = _residual(FactorisedSet.of(problem, [best], here))
         own = _best_of_names(problem, _additions(problem, both))
         alone = both.worth - whole.worth + np.array([own[n] for n in problem.names])
         off = np.maximum(np.maximum(alone, anyway), beside[other])[number]
@@ -337,7 +338,7 @@ def best_groups_beside(problem: GroupProblem, groups: Sequence[int]) -> dict[Nam
     The first group of a name that adds no direction at all to the set's.
     """
     here = FactorisedSet.of(problem, groups)
-    rise = _additions(problem, _residual(problem, here))
+    rise = _additions(problem, _residual(here))
     held, best = _places_of_names(problem, groups), dict[Name, int]()
     for k in np.argsort(-rise, kind="stable"):
         if k not in here.groups and problem.groups[k].name not in held:
@@ -372,13 +373,13 @@ def _places_of_names(
     return places
 
 
-def _decisions(problem: GroupProblem, here: FactorisedSet) -> tuple[Decision, ...]:
+def _decisions(here: FactorisedSet) -> tuple[Decision, ...]:
     """State of every name what the set is worth with it, over without it."""
-    found = {}
+    problem, found = here.problem, {}
     places = _places_of_names(problem, here.groups)
     for name, own in places.items():
         found[name] = here.worth - here.reduced(own).worth
-    rise = _additions(problem, _residual(problem, here))
+    rise = _additions(problem, _residual(here))
     for name, best in _best_of_names(problem, rise).items():
         found.setdefault(name, best)
     return tuple(

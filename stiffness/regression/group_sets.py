@@ -234,6 +234,16 @@ class GroupProblem:
         numbers = rank + int(self.shape_parameters[list(groups)].sum())
         return 0.5 * numbers * np.log(self.units) + chosen - rarer
 
+    def worth(self, groups: Sequence[int], gain: float, rank: int) -> float:
+        """Return what a set explains less its price.
+
+        Args:
+            groups: The set.
+            gain: Whitened square that it explains.
+            rank: Of its columns together.
+        """
+        return 0.5 * gain - self.price(groups, rank)
+
 
 @dataclass(frozen=True, eq=False)
 class FactorisedSet:
@@ -314,7 +324,7 @@ class FactorisedSet:
     @property
     def worth(self) -> float:
         """What the set explains less its price."""
-        return 0.5 * self.gain - self.problem.price(self.groups, self.rank)
+        return self.problem.worth(self.groups, self.gain, self.rank)
 
     @cached_property
     def leverage(self) -> "_Leverage":
@@ -334,7 +344,7 @@ class FactorisedSet:
         own = np.asarray(qr(turned, mode="economic")[0])
         rank, columns = own.shape[1], self.columns[some]
         if np.any(self.problem.prior[columns] > 0.0):
-            seen = self.problem.unit[columns, None] * (self.own[:, some].T @ own)
+            seen = self.problem.unit[columns, None] * (self.rows[:, columns].T @ own)
             value = np.linalg.svd(seen, compute_uv=False) ** 2
             rank = int(self.problem.counts(value, columns).sum())
         rest = tuple(k for p, k in enumerate(self.groups) if p not in places)
@@ -367,7 +377,7 @@ class ReducedSet:
     @property
     def worth(self) -> float:
         """What the rest explains less its price."""
-        return 0.5 * self.gain - self.problem.price(self.groups, self.rank)
+        return self.problem.worth(self.groups, self.gain, self.rank)
 
 
 @dataclass(frozen=True, eq=False)
