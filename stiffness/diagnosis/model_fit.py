@@ -141,6 +141,7 @@ class ModelFit:
         springs: Change of each fitted compliance.
         coefficients: Of each member.
         degrees_of_freedom: Coefficients and shapes.
+        nominal_gain: Whitened square that the nominal columns explain alone.
     """
 
     members: tuple[ModelTerm, ...]
@@ -148,6 +149,7 @@ class ModelFit:
     springs: Float[np.ndarray, " springs"]
     coefficients: tuple[Float[np.ndarray, " _"], ...]
     degrees_of_freedom: int
+    nominal_gain: float = 0.0
 
 
 def training(split: Split) -> np.ndarray:
@@ -211,12 +213,12 @@ def fit_of(
     """
     solved = solve(gram, score)
     n = len(gram) - sum(s.columns for s in own)
-    before = score[:n] @ solve(gram[:n, :n], score[:n]) if n else 0.0
-    gain = float(score @ solved - before)
+    before = float(score[:n] @ solve(gram[:n, :n], score[:n])) if n else 0.0
+    gain = float(score @ solved) - before
     ends = np.cumsum([n, *(s.columns for s in own)])
     parts = tuple(solved[a:b] for a, b in pairwise(ends))
     freedom = sum(s.columns for s in own) + sum(m.degrees_of_freedom for m in members)
-    return ModelFit(tuple(members), gain, solved[:n], parts, freedom)
+    return ModelFit(tuple(members), gain, solved[:n], parts, freedom, before)
 
 
 LAW_ACCURACY = 0.0025

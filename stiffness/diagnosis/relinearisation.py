@@ -17,17 +17,20 @@ Ignores     what bearings, links and the base turn the sensor; what else changes
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from stiffness.diagnosis.candidates import library_of, springs_of
+from stiffness.diagnosis.candidates import Library, library_of, springs_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest
+from stiffness.diagnosis.gate import mismatch_of_poses
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
     SelectionProblem,
+    fit_model,
+    fit_shapes,
     solve,
     training,
 )
@@ -85,17 +88,28 @@ def build_problem(
             m); None: as the data say where nothing is named.
         named: What pulls at the arm beyond the model; None: nothing.
     """
+    case = nominal_problem(prepared, softer, named)
+    library = library_of(case.situation, case.springs, hypotheses)
+    evidence = normal_equations_of(case.data, library.jacobians, training(case.split))
+    return replace(case, library=library, normal_equations=evidence)
+
+
+def nominal_problem(
+    prepared: Prepared,
+    softer: Float[np.ndarray, " springs"] | None,
+    named: ModelFit | None,
+) -> SelectionProblem:
+    """Lay out the nominal columns alone, under what `build_problem` takes."""
     recording = prepared.situation.recording
     split = split_of(recording)
     data, situation = linearised(prepared, split, softer, named)
-    library = library_of(situation, prepared.springs, hypotheses)
-    evidence = normal_equations_of(data, library.jacobians, training(split))
+    springs = springs_of(situation, prepared.springs)
     return SelectionProblem(
         data,
         situation,
         prepared.springs,
-        library,
-        evidence,
+        Library(springs, len(springs), (), ()),
+        normal_equations_of(data, springs, training(split)),
         split,
         seed_of(recording),
         MEASURED if prepared.degrees_of_freedom else MISSTATED,
@@ -145,7 +159,7 @@ def changes(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> bool:
         prepared: The recording against its nominal model.
         fit: The set.
     """
-    return _softened(case, fit) or _change(case, prepared, fit) >= MOVED
+    return _change_by(case, prepared, fit) >= MOVED
 
 
 def _turned(situation: StaticState, fit: ModelFit) -> Float[np.ndarray, "rows axes"]:
@@ -251,17 +265,22 @@ def acts_on_others(situation: StaticState, term: ModelTerm) -> bool:
     return _acting(situation, term, size) is not situation
 
 
-def _softened(case: SelectionProblem, fit: ModelFit) -> bool:
-    """Return whether names leave springs so different that columns change with them."""
-    before = case.situation.compliance[list(case.springs)]
-    return bool(np.any(np.abs(fit.springs) > MOVED * before))
+def _change_by(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> float:
+    """Return the largest share by which a set changes springs, their slopes or loads.
 
-
-def _change(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> float:
-    """Return the largest share by which loads or slopes of springs have changed."""
-    now, then = state_under(prepared.situation, fit), case.situation
+    Args:
+        case: As laid out.
+        prepared: The recording against its nominal model.
+        fit: The set.
+    """
+    own = list(case.springs)
+    softer, before = _mean_softening(case, fit), case.situation.compliance
+    compliance = before.copy()
+    compliance[own] += _within_a_decade(softer, before[own])
+    now = state_under(prepared.situation.with_compliance(compliance), fit)
+    then = case.situation
     loads = [(now.moment, then.moment), (now.torque[..., None], then.torque[..., None])]
-    shares = [0.0]
+    shares = [0.0, *np.abs(softer / before[own])]
     for new, old in loads:
         change, size = (np.sqrt(np.mean(x**2, axis=(0, 2))) for x in (new - old, old))
         shares.extend(change / np.maximum(size, TINY))
@@ -293,16 +312,121 @@ def _shared_axes(situation: StaticState, fit: ModelFit) -> list[int]:
 def total_softening(
     case: SelectionProblem, prepared: Prepared, fit: ModelFit
 ) -> Float[np.ndarray, " springs"]:
-    """Return by how much compliances are other than prepared."""
+    """Return by how much compliances are other than prepared, on average over rows."""
     own = list(prepared.springs)
     moved = case.situation.compliance - prepared.situation.compliance
-    return moved[own] + fit.springs
+    return moved[own] + _mean_softening(case, fit)
+
+
+def _mean_softening(
+    case: SelectionProblem, fit: ModelFit
+) -> Float[np.ndarray, " springs"]:
+    """Return by how much compliances are other than laid out, on average over rows.
+
+    Waves over a small range of angles may hold most of a spring.
+    """
+    softer = dict(zip(case.springs, fit.springs, strict=True))
+    for member, size in zip(fit.members, fit.coefficients, strict=True):
+        own = (case.situation, member.where, member.shape, size)
+        for axis, more in member.hypothesis.mean_softening(*own).items():
+            softer[axis] = softer.get(axis, 0.0) + more
+    return np.array([softer[axis] for axis in case.springs])
 
 
 def _within_a_decade(
     change: Float[np.ndarray, " springs"], before: Float[np.ndarray, " springs"]
 ) -> Float[np.ndarray, " springs"]:
     return np.clip(change, -0.9 * before, 9.0 * before)
+
+
+# --- Where a set settles --------------------------------------------------------------
+
+SETTLES = 6
+"""How often a set is laid out and fitted in turn at most; chosen: each time halves what
+is wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """How columns are laid out under a set.
+
+    Attributes:
+        prepared: The recording against its nominal model.
+        hypotheses: What may be named.
+    """
+
+    prepared: Prepared
+    hypotheses: Sequence[Hypothesis]
+
+    def under(self, case: SelectionProblem, fit: ModelFit) -> SelectionProblem:
+        """Lay all columns out anew under a set that was fitted to others."""
+        return self.at(total_softening(case, self.prepared, fit), fit)
+
+    def at(
+        self, softer: Float[np.ndarray, " springs"], named: ModelFit
+    ) -> SelectionProblem:
+        """Lay all columns out, as `build_problem` does."""
+        return build_problem(self.prepared, self.hypotheses, softer, named)
+
+    def settled(self, case: SelectionProblem, fit: ModelFit) -> "Settled":
+        """Return where a set that is laid out and fitted in turn changes no more.
+
+        A load moves what others do, and they move it in turn: where a fit explains
+        less than the one before, the set is laid out midway between both.
+
+        Args:
+            case: As laid out.
+            fit: The set.
+        """
+        best: Settled | None = None
+        softer, named = total_softening(case, self.prepared, fit), fit
+        for _ in range(SETTLES):
+            case = nominal_problem(self.prepared, softer, named)
+            fit = fit_model(case, fit_shapes(case, named.members))
+            square = unexplained(case, fit)
+            if best is not None and square > best.square:
+                softer, named = 0.5 * (best.softer + softer), _midway(best.named, named)
+                continue
+            best = Settled(softer, named, fit, square)
+            if not changes(case, self.prepared, fit):
+                break
+            softer, named = total_softening(case, self.prepared, fit), fit
+        assert best is not None
+        return best
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Where columns are laid out under a set, and its fit there.
+
+    Attributes:
+        softer: By how much compliances are other than prepared, in rad/(N m).
+        named: The set that acts on all columns.
+        fit: The set as fitted to the columns there.
+        square: Whitened square of the training poses that this does not explain.
+    """
+
+    softer: Float[np.ndarray, " springs"]
+    named: ModelFit
+    fit: ModelFit
+    square: float
+
+
+def unexplained(case: SelectionProblem, fit: ModelFit) -> float:
+    """Return the whitened square of the training poses that a set does not explain."""
+    mismatch = mismatch_of_poses(case.data)[~case.split.held_out]
+    return float(mismatch.sum()) - fit.nominal_gain - fit.gain
+
+
+def _midway(one: ModelFit, other: ModelFit) -> ModelFit:
+    """Return a set with shapes and coefficients between those of two fits of it."""
+    members = tuple(
+        replace(a, shape=0.5 * (a.shape + b.shape))
+        for a, b in zip(one.members, other.members, strict=True)
+    )
+    every = zip(one.coefficients, other.coefficients, strict=True)
+    sizes = tuple(0.5 * (a + b) for a, b in every)
+    return replace(other, members=members, coefficients=sizes)
 
 
 # --- Noise as an unknown --------------------------------------------------------------

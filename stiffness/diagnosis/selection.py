@@ -51,11 +51,11 @@ from stiffness.diagnosis.model_fit import (
 )
 from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.relinearisation import (
+    Layout,
     acts_on_others,
-    build_problem,
     changes,
     loads_of,
-    total_softening,
+    unexplained,
 )
 from stiffness.diagnosis.search import (
     Search,
@@ -88,9 +88,9 @@ small part of an effect may be out of place beside what was not named."""
 
 # --- The selected model ---------------------------------------------------------------
 
-AGAIN = 2
-"""How often all columns are laid out anew; chosen: the second time moves a tenth of the
-first."""
+SEARCHES = (1, 0)
+"""Of each search, how often columns are laid out anew before its set is judged; chosen:
+a set that was not judged yet may mislead, the first one less than nothing does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,24 +220,6 @@ MUCH_OPEN = 0.03
 are tried in place of its names; chosen: what whole arms are asked to explain."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Layout:
-    """How columns are laid out under a set.
-
-    Attributes:
-        prepared: The recording against its nominal model.
-        hypotheses: What may be named.
-    """
-
-    prepared: Prepared
-    hypotheses: Sequence[Hypothesis]
-
-    def under(self, case: SelectionProblem, fit: ModelFit) -> SelectionProblem:
-        """Lay all columns out anew under a set that was fitted to others."""
-        softer = total_softening(case, self.prepared, fit)
-        return build_problem(self.prepared, self.hypotheses, softer, fit)
-
-
 def select_model(
     case: SelectionProblem, prepared: Prepared, hypotheses: Sequence[Hypothesis]
 ) -> SelectedModel:
@@ -257,7 +239,7 @@ def select_model(
         hypotheses: What may be named.
     """
     courses = [block for block in case.library.map if block.is_course]
-    layout = _Layout(prepared, hypotheses)
+    layout = Layout(prepared, hypotheses)
     search = Search.of(case, generic=courses, every_form=False)
     model = _selected_under(layout, search, first_search(search.problem))
     if model.share > 1.0 - MUCH_OPEN:
@@ -304,15 +286,18 @@ def _loads_in_place_of_names(model: SelectedModel) -> dict[Name, ModelTerm]:
 
 
 def _selected_under(
-    layout: _Layout,
+    layout: Layout,
     search: Search,
     selected: GroupSelection,
     loads: Collection[Name] = (),
     refused: Collection[Name] = (),
+    turns: Sequence[int] = SEARCHES,
 ) -> SelectedModel:
     """Search on from a set, lay columns out anew under it, and gate what comes out.
 
-    A load that is withheld once columns were laid out under it acts no more on them.
+    Where judging leaves out what misled the layout, the search goes on from where the
+    rest of the set settles; of the sets the one is kept that predicts poses left out
+    best. A load that is withheld once columns were laid out under it acts no more.
 
     Args:
         layout: How columns are laid out.
@@ -320,12 +305,47 @@ def _selected_under(
         selected: The set.
         loads: Names of the loads under which columns are laid out.
         refused: Names that are left out.
+        turns: Of each search, how often columns are laid out anew on the way.
+    """
+    model, loads = _judged_search(layout, search, selected, loads, refused, turns[0])
+    held = {member.name for member in model.fit.members}.issuperset(loads)
+    if held and not changes(model.case, layout.prepared, model.fit):
+        return model
+    settled = layout.settled(model.case, model.fit)
+    if held and settled.square > unexplained(model.case, model.fit):
+        return model
+    case = layout.at(settled.softer, settled.named)
+    terms = settled.fit.members
+    if len(turns) > 1:
+        search = Search.of(case, terms, refused)
+        selected = select_groups(search.problem, range(len(terms)))
+        loads = loads_of(case, settled.fit)
+        other = _selected_under(layout, search, selected, loads, refused, turns[1:])
+    else:
+        other = _judged(case, terms, model.fine, ())
+    kept = held and model.unexplained_square < other.unexplained_square
+    decisions = last_of_each([*model.decisions, *other.decisions])
+    return replace(model if kept else other, decisions=decisions)
+
+
+def _judged_search(
+    layout: Layout,
+    search: Search,
+    selected: GroupSelection,
+    loads: Collection[Name],
+    refused: Collection[Name],
+    turns: int,
+) -> tuple[SelectedModel, Collection[Name]]:
+    """Search among fine shapes, laying columns out anew, and gate what comes out.
+
+    Takes the same as `_selected_under`, the turns of one search; returns what is
+    selected, and the names of the loads under which columns are laid out now.
     """
     case = search.case
     own = [search.terms[k] for k in selected.groups]
     terms: tuple[ModelTerm, ...] = ()
     fine: list[ModelTerm] = []
-    for turn in range(AGAIN + 1):
+    for turn in range(turns + 1):
         fine = at_fine_shapes(search, selected.groups)
         search = Search.of(case, [*own, *fine], refused)
         selected = from_rivals(
@@ -333,17 +353,12 @@ def _selected_under(
         )
         terms = fit_shapes(case, one_each(search, selected.groups))
         fit = fit_model(case, terms)
-        if turn == AGAIN or not changes(case, layout.prepared, fit):
+        if turn == turns or not changes(case, layout.prepared, fit):
             break
         own, loads = list(terms), loads_of(case, fit)
         case = layout.under(case, fit)
     terms, searched = with_generic_terms(case, terms, fine, refused)
-    model = _judged(case, terms, fine, [*selected.decisions, *searched])
-    if {member.name for member in model.fit.members}.issuperset(loads):
-        return model
-    case = layout.under(case, model.fit)
-    terms = fit_shapes(case, model.fit.members)
-    return _judged(case, terms, fine, model.decisions)
+    return _judged(case, terms, fine, [*selected.decisions, *searched]), loads
 
 
 def select_again(model: SelectedModel, split: Split) -> SelectedModel:

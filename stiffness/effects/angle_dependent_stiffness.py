@@ -5,7 +5,7 @@ Equation    θ = C τ + s u sum over up to three orders n of (a_n cos nq + b_n s
             and s = du/dτ as in `hysteresis`, τ and 1 for a linear spring; K(q) = K (1 +
             r), r = ratio cos(nq + φ), K at no torque, with ρ = √(a² + b²) K/2, ratio =
             2ρ/(1 + ρ²), φ = atan2(b, -a), of the wave that is largest; of its gear's
-            torque it carries u r/(1 + r), r of all waves
+            torque it carries -u (w - mean of w)/C, w the compliance of all waves
 Source      Fourier series of 1/(1 + e cos x): Gradshteyn, Ryzhik, "Table of integrals,
             series and products", 3.613
 Valid       orders n up to 6, q the reported angle, wind-ups small against a period
@@ -35,7 +35,8 @@ from stiffness.effects.jacobian import EffectJacobian, hstack, turn
 from stiffness.experiment.static_state import StaticState
 
 MOST_UNEVEN = 0.9
-"""Largest ratio that springs and other laws are corrected for; chosen."""
+"""Largest share of a compliance that other laws are corrected for; chosen."""
+TINY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -79,8 +80,7 @@ class AngleDependentStiffness(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
-        torque = situation.spring_torque(k, (self.effect, where))
-        felt = situation.softness_of(k) * situation.wound(k, torque)
+        felt = situation.softness_of(k) * self._wound(situation, k)
         return turn(k, *_columns(situation, k, shape, felt))
 
     @override
@@ -88,14 +88,24 @@ class AngleDependentStiffness(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[int, np.ndarray]:
         k = situation.axis(where)
-        angle = situation.recording.posture[:, k]
-        every = _harmonics(shape, coefficients, situation.unloaded_compliance(k))
-        wave = sum(
-            w["ratio"] * np.cos(w["order"] * angle + w["phase_rad"]) for w in every
-        )
-        wave = np.clip(wave, -MOST_UNEVEN, MOST_UNEVEN)
-        torque = situation.spring_torque(k, (self.effect, where))
-        return {k: wave / (1.0 + wave) * situation.wound(k, torque)}
+        wound = self._wound(situation, k)
+        softer = _waves(situation, k, shape, coefficients)
+        uneven = softer - _mean(softer, wound)
+        share = uneven / situation.unloaded_compliance(k)
+        return {k: -np.clip(share, -MOST_UNEVEN, MOST_UNEVEN) * wound}
+
+    @override
+    def mean_softening(
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
+    ) -> Mapping[int, float]:
+        k = situation.axis(where)
+        softer = _waves(situation, k, shape, coefficients)
+        return {k: _mean(softer, self._wound(situation, k))}
+
+    def _wound(self, situation: StaticState, k: int) -> Float[np.ndarray, " rows"]:
+        """Return torques of an axis that would wind up its spring alike, if linear."""
+        own = (self.effect, situation.axes[k])
+        return situation.wound(k, situation.spring_torque(k, own))
 
     @override
     def variants(
@@ -108,7 +118,7 @@ class AngleDependentStiffness(Hypothesis):
         if situation.is_curved(
             k
         ):  # all of the spring varies, not its slope at no torque
-            wound = situation.wound(k, situation.spring_torque(k, (self.effect, where)))
+            wound = self._wound(situation, k)
             others.append(turn(k, *_columns(situation, k, shape, wound)))
         return hstack(others)
 
@@ -126,6 +136,21 @@ def _columns(
     """Return a turn that an axis feels times the waves of its angle."""
     phases = [n * situation.recording.posture[:, k] for n in shape]
     return [felt * f(phase) for phase in phases for f in (np.cos, np.sin)]
+
+
+def _waves(
+    situation: StaticState, k: int, shape: Shape, coefficients: Coeffs
+) -> Float[np.ndarray, " rows"]:
+    """Return the compliance that all waves add at an axis' angles, in rad/(N m)."""
+    columns = _columns(situation, k, shape, np.ones(situation.rows))
+    return np.stack(columns, axis=1) @ coefficients
+
+
+def _mean(
+    softer: Float[np.ndarray, " rows"], wound: Float[np.ndarray, " rows"]
+) -> float:
+    """Return the one compliance that turns an axis most like another in each row."""
+    return float(softer @ wound**2 / max(float(wound @ wound), TINY))
 
 
 def _harmonics(

@@ -195,6 +195,16 @@ class Hypothesis(ABC):
         """
         return {}
 
+    def mean_softening(
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
+    ) -> Mapping[int, float]:
+        """Return the compliance that the law adds to springs of axes on average.
+
+        In rad/(N m), over the rows. Other laws act through springs that are softer by
+        it. Nothing, unless overridden: the law leaves a spring's mean to the spring.
+        """
+        return {}
+
     def prior_sigma(
         self, situation: StaticState, where: str
     ) -> Float[np.ndarray, " columns"] | None:

@@ -20,20 +20,23 @@ from bench.shared.recording import Payload
 from bench.standard_plans import tour
 from stiffness.diagnosis import selection
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.diagnosis.model_fit import fit_model
+from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import (
+    Layout,
     beyond_linear,
     build_problem,
+    changes,
     loads_of,
+    total_softening,
 )
 from stiffness.diagnosis.search import Search
 from stiffness.diagnosis.selection import (
-    _Layout,
     _loads_in_place_of_names,
     _selected_under,
     select_model,
 )
+from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.geometry_error import GeometryError
@@ -45,6 +48,7 @@ from stiffness.effects.jacobian import (
     JointRotation,
     MarkerDisplacement,
 )
+from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.statics import given_way
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_misalignment import WrenchMisalignment as TurnedOrBeside
@@ -283,7 +287,7 @@ def test_a_load_that_is_withheld_acts_no_more_on_others(monkeypatch):
     """Where the search begins with it, as where one was found on the way."""
     some = (GravityCompensator(),)
     ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
-    layout, judged = _Layout(ready, some), selection._judged
+    layout, judged = Layout(ready, some), selection._judged
     bare = build_problem(ready, some)
     term = select_model(bare, ready, some).fit.members
     fit = fit_model(bare, term)
@@ -294,6 +298,42 @@ def test_a_load_that_is_withheld_acts_no_more_on_others(monkeypatch):
     assert not found.fit.members
     assert np.ptp(search.case.situation.torque - bare.situation.torque) > 1.0
     assert_allclose(found.case.situation.torque, bare.situation.torque, atol=0.1)
+
+
+def test_a_load_and_a_play_that_move_each_other_settle():
+    """Laid out where each was fitted, the load is wrong by as much each other time."""
+    some = (GravityCompensator(), LostMotion(), Hardening())
+    ready = prepared(
+        "gravity_compensator@a1,torque_nm=45,phase_rad=0.9",
+        "lost_motion@a1,width_rad=2e-4",
+    )
+    case = build_problem(ready, some)
+    load = ModelTerm(some[0], "a1", NONE)
+    play = ModelTerm(some[1], "a1", np.array([8.0]))
+    layout = Layout(ready, some)
+    settled = layout.settled(case, fit_model(case, [load, play]))
+    case, fit = layout.at(settled.softer, settled.named), settled.fit
+    assert not changes(case, ready, fit)
+    torque = some[0].parameters(case.situation, "a1", NONE, fit.coefficients[0])
+    assert torque["torque_nm"] == pytest.approx(45.0, rel=0.02)
+    assert fit.coefficients[1][0] == pytest.approx(2e-4, rel=0.1)
+
+
+def test_waves_over_few_angles_leave_the_mean_of_a_spring_to_it():
+    """A wave of a period over less than a radian holds most of the spring."""
+    ready = prepared("angle_dependent_stiffness@a2,ratio=0.3,order=1,phase_rad=0.2")
+    waves = AngleDependentStiffness()
+    case = build_problem(ready, [waves])
+    term = ModelTerm(waves, "a2", np.array([1.0]))
+    fit = fit_model(case, [term])
+    here, k = case.situation, case.springs.index(1)
+    torque, angle = here.torque[:, 1], here.recording.posture[:, 1]
+    wave = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ fit.coefficients[0]
+    total = here.compliance[1] + fit.springs[k] + wave
+    mean = float(np.average(total, weights=torque**2))
+    found = total_softening(case, ready, fit)[k]
+    assert found == pytest.approx(mean - ready.situation.compliance[1], rel=1e-6)
+    assert abs(found - fit.springs[k]) > 0.1 * abs(fit.springs[k])
 
 
 def test_the_arm_rests_under_its_fitted_springs_where_nothing_is_named():

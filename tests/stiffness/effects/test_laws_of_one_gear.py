@@ -120,15 +120,19 @@ def test_a_wave_of_stiffness_and_a_coupling_act_on_what_friction_leaves():
 
 
 def test_friction_feels_what_a_wave_and_a_coupling_leave():
-    """The wave carries r cos/(1 + r cos) of the torque, the coupling -c u / C."""
+    """The wave carries -u (w - mean of w)/C, the coupling -c u / C."""
     state, shape = truth.situation(), [2.0, 0.0]
     a, b = -0.1 * state.compliance[5], 0.05 * state.compliance[5]
     wave = ("angle_dependent_stiffness", "a6", [1.0], [a, b])
     loop = ("hysteresis", "a6", shape, [0.0])
     named = alone(state, wave, loop)
-    own = truth.BY_NAME[wave[0]].parameters(state, "a6", np.ones(1), np.array([a, b]))
-    swing = own["ratio"] * np.cos(state.recording.posture[:, 5] + own["phase_rad"])
-    left = state.torque[:, 5] / (1.0 + swing)
+    angle, felt = state.recording.posture[:, 5], state.torque[:, 5]
+    softer = a * np.cos(angle) + b * np.sin(angle)
+    mean = float(np.average(softer, weights=felt**2))
+    law = truth.BY_NAME[wave[0]]
+    found = law.mean_softening(state, "a6", np.ones(1), np.array([a, b]))
+    assert found == {5: pytest.approx(mean)}
+    left = felt * (1.0 + (softer - mean) / state.compliance[5])
     assert_allclose(named.spring_torque(5), left, atol=1e-9)
     torque = state.torque.copy()
     torque[:, 5] = left
