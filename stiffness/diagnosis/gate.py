@@ -25,7 +25,7 @@ from jaxtyping import Float, Int
 from bench.shared.effect_catalogue import INSTRUMENTS
 from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem, training
 from stiffness.diagnosis.sufficient_statistics import (
-    SufficientStatistics,
+    mismatch_of_poses,
     per_pose_scores,
 )
 from stiffness.effects.jacobian import EffectJacobian
@@ -117,19 +117,6 @@ def pose_statistics(
         blocks[2 * len(laws) :],
         mismatch_of_poses(case.data)[~held_out],
     )
-
-
-def mismatch_of_poses(data: SufficientStatistics) -> Float[np.ndarray, " poses"]:
-    """Return each pose's whitened square beyond its degrees of freedom."""
-    pose, within = data.visits.posture_index, data.within
-    excess = np.bincount(pose, within.square - within.degrees_of_freedom)
-    between = data.between
-    if between is None:
-        return excess
-    seen = np.any(between.whitening.half != 0.0, axis=(2, 3))  # (visits, markers)
-    square = np.sum(between.residual.reshape(*seen.shape, 3) ** 2, axis=(1, 2))
-    free = max(1.0 - data.nuisance_count / max(3.0 * seen.sum(), 1.0), 0.0)
-    return excess + np.bincount(pose, square - 3.0 * free * seen.sum(axis=1))
 
 
 # --- Gate on poses left out -----------------------------------------------------------

@@ -53,6 +53,7 @@ class SelectionProblem:
         split: Which poses may be looked at.
         seed: Of random signs.
         dispersion_limit: Dispersion of poses up to which errors may be misstated.
+        named: The set that acts on all columns; None: nothing does.
     """
 
     data: SufficientStatistics
@@ -63,6 +64,7 @@ class SelectionProblem:
     split: Split
     seed: int
     dispersion_limit: float
+    named: "ModelFit | None" = None
 
     @property
     def nominal(self) -> tuple[EffectJacobian, ...]:

@@ -24,7 +24,6 @@ from jaxtyping import Float
 
 from stiffness.diagnosis.candidates import Library, library_of, springs_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest
-from stiffness.diagnosis.gate import mismatch_of_poses
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -37,6 +36,7 @@ from stiffness.diagnosis.model_fit import (
 from stiffness.diagnosis.nominal_fit import Prepared, blocks
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
+    mismatch_of_poses,
     normal_equations_of,
 )
 from stiffness.effects.base import Hypothesis
@@ -96,8 +96,8 @@ def build_problem(
 
 def nominal_problem(
     prepared: Prepared,
-    softer: Float[np.ndarray, " springs"] | None,
-    named: ModelFit | None,
+    softer: Float[np.ndarray, " springs"] | None = None,
+    named: ModelFit | None = None,
 ) -> SelectionProblem:
     """Lay out the nominal columns alone, under what `build_problem` takes."""
     recording = prepared.situation.recording
@@ -113,6 +113,7 @@ def nominal_problem(
         split,
         seed_of(recording),
         MEASURED if prepared.degrees_of_freedom else MISSTATED,
+        named,
     )
 
 
@@ -339,11 +340,32 @@ def _within_a_decade(
     return np.clip(change, -0.9 * before, 9.0 * before)
 
 
-# --- Where a set settles --------------------------------------------------------------
+# --- Repeated relinearisation ---------------------------------------------------------
 
-SETTLES = 6
+RELINEARISED = 8
 """How often a set is laid out and fitted in turn at most; chosen: each time halves what
 is wrong."""
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingPoint:
+    """What columns are laid out under, and the fit of a set to them.
+
+    Attributes:
+        softer: By how much compliances are other than prepared, in rad/(N m).
+        named: What acts on the columns; None: nothing.
+        fit: The set.
+        fitted: By how much it says that compliances are other than prepared.
+        square: Whitened square of the training poses that it does not explain.
+        is_stable: Whether columns laid out under it would be the same.
+    """
+
+    softer: Float[np.ndarray, " springs"]
+    named: ModelFit | None
+    fit: ModelFit
+    fitted: Float[np.ndarray, " springs"]
+    square: float
+    is_stable: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,56 +382,57 @@ class Layout:
 
     def under(self, case: SelectionProblem, fit: ModelFit) -> SelectionProblem:
         """Lay all columns out anew under a set that was fitted to others."""
-        return self.at(total_softening(case, self.prepared, fit), fit)
+        softer = total_softening(case, self.prepared, fit)
+        return build_problem(self.prepared, self.hypotheses, softer, fit)
 
-    def at(
-        self, softer: Float[np.ndarray, " springs"], named: ModelFit
-    ) -> SelectionProblem:
-        """Lay all columns out, as `build_problem` does."""
-        return build_problem(self.prepared, self.hypotheses, softer, named)
+    def at(self, point: OperatingPoint) -> SelectionProblem:
+        """Lay all columns out at an operating point."""
+        return build_problem(self.prepared, self.hypotheses, point.softer, point.named)
 
-    def settled(self, case: SelectionProblem, fit: ModelFit) -> "Settled":
-        """Return where a set that is laid out and fitted in turn changes no more.
+    def relinearise_until_stable(
+        self, case: SelectionProblem, fit: ModelFit
+    ) -> OperatingPoint:
+        """Lay a set out and fit it in turn until that changes nothing.
 
         A load moves what others do, and they move it in turn: where a fit explains
-        less than the one before, the set is laid out midway between both.
+        less than the one before, the set is laid out midway between both. What acts on
+        the columns and is not in the set acts no more.
 
         Args:
             case: As laid out.
             fit: The set.
         """
-        best: Settled | None = None
-        softer, named = total_softening(case, self.prepared, fit), fit
-        for _ in range(SETTLES):
-            case = nominal_problem(self.prepared, softer, named)
-            fit = fit_model(case, fit_shapes(case, named.members))
-            square = unexplained(case, fit)
-            if best is not None and square > best.square:
-                softer, named = 0.5 * (best.softer + softer), _midway(best.named, named)
-                continue
-            best = Settled(softer, named, fit, square)
-            if not changes(case, self.prepared, fit):
+        own, before = list(case.springs), self.prepared.situation.compliance
+        softer = case.situation.compliance[own] - before[own]
+        here = self._point(softer, _part_of(case.named, fit), fit)
+        softer, named = here.fitted, here.fit
+        for _ in range(RELINEARISED):
+            if here.is_stable:
                 break
-            softer, named = total_softening(case, self.prepared, fit), fit
-        assert best is not None
-        return best
+            there = self._point(softer, named, here.fit)
+            if there.square > here.square:
+                softer, named = 0.5 * (here.softer + softer), _midway(here.named, named)
+            else:
+                here, softer, named = there, there.fitted, there.fit
+        return here
 
-
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """Where columns are laid out under a set, and its fit there.
-
-    Attributes:
-        softer: By how much compliances are other than prepared, in rad/(N m).
-        named: The set that acts on all columns.
-        fit: The set as fitted to the columns there.
-        square: Whitened square of the training poses that this does not explain.
-    """
-
-    softer: Float[np.ndarray, " springs"]
-    named: ModelFit
-    fit: ModelFit
-    square: float
+    def _point(
+        self,
+        softer: Float[np.ndarray, " springs"],
+        named: ModelFit | None,
+        fit: ModelFit,
+    ) -> OperatingPoint:
+        """Fit a set, from its shapes, where columns are laid out under another one."""
+        case = nominal_problem(self.prepared, softer, named)
+        fit = fit_model(case, fit_shapes(case, fit.members))
+        return OperatingPoint(
+            softer,
+            named,
+            fit,
+            total_softening(case, self.prepared, fit),
+            unexplained(case, fit),
+            not changes(case, self.prepared, fit),
+        )
 
 
 def unexplained(case: SelectionProblem, fit: ModelFit) -> float:
@@ -418,15 +441,31 @@ def unexplained(case: SelectionProblem, fit: ModelFit) -> float:
     return float(mismatch.sum()) - fit.nominal_gain - fit.gain
 
 
-def _midway(one: ModelFit, other: ModelFit) -> ModelFit:
-    """Return a set with shapes and coefficients between those of two fits of it."""
-    members = tuple(
-        replace(a, shape=0.5 * (a.shape + b.shape))
-        for a, b in zip(one.members, other.members, strict=True)
-    )
-    every = zip(one.coefficients, other.coefficients, strict=True)
-    sizes = tuple(0.5 * (a + b) for a, b in every)
-    return replace(other, members=members, coefficients=sizes)
+def _part_of(named: ModelFit | None, fit: ModelFit) -> ModelFit | None:
+    """Return what a set holds of another one, as it is in that."""
+    if named is None:
+        return None
+    held = {member.name for member in fit.members}
+    every = zip(named.members, named.coefficients, strict=True)
+    kept = [(m, c) for m, c in every if m.name in held]
+    members, sizes = tuple(m for m, _ in kept), tuple(c for _, c in kept)
+    return replace(named, members=members, coefficients=sizes)
+
+
+def _midway(one: ModelFit | None, other: ModelFit) -> ModelFit:
+    """Return a set with shapes and sizes midway; what one alone holds is halved."""
+    before: dict[tuple[str, str], tuple[ModelTerm, np.ndarray]] = {}
+    if one is not None:
+        every = zip(one.members, one.coefficients, strict=True)
+        before = {m.name: (m, c) for m, c in every}
+    members, sizes = [], []
+    for member, size in zip(other.members, other.coefficients, strict=True):
+        old, less = before.get(member.name, (member, 0.0 * size))
+        same = old.shape.shape == member.shape.shape
+        shape = 0.5 * (old.shape + member.shape) if same else member.shape
+        members.append(replace(member, shape=shape))
+        sizes.append(0.5 * (less + size) if len(less) == len(size) else size)
+    return replace(other, members=tuple(members), coefficients=tuple(sizes))
 
 
 # --- Noise as an unknown --------------------------------------------------------------

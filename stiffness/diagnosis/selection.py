@@ -55,7 +55,6 @@ from stiffness.diagnosis.relinearisation import (
     acts_on_others,
     changes,
     loads_of,
-    unexplained,
 )
 from stiffness.diagnosis.search import (
     Search,
@@ -88,9 +87,9 @@ small part of an effect may be out of place beside what was not named."""
 
 # --- The selected model ---------------------------------------------------------------
 
-SEARCHES = (1, 0)
-"""Of each search, how often columns are laid out anew before its set is judged; chosen:
-a set that was not judged yet may mislead, the first one less than nothing does."""
+AGAIN = 1
+"""How often the search goes on where columns were laid out anew under a set; chosen:
+the second time finds what the first one misled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,8 +254,7 @@ def select_model(
     fit = fit_model(model.case, members)
     search = Search.of(layout.under(model.case, fit), members, loads)
     start = select_groups(search.problem, range(len(members)))
-    acting = loads_of(model.case, fit)
-    other = _selected_under(layout, search, start, acting, loads)
+    other = _selected_under(layout, search, start, loads)
     gained = 0.5 * (model.unexplained_square - other.unexplained_square)
     return other if gained > SETTINGS.equivalent_log_bayes else model
 
@@ -289,76 +287,46 @@ def _selected_under(
     layout: Layout,
     search: Search,
     selected: GroupSelection,
-    loads: Collection[Name] = (),
     refused: Collection[Name] = (),
-    turns: Sequence[int] = SEARCHES,
+    again: int = AGAIN,
 ) -> SelectedModel:
-    """Search on from a set, lay columns out anew under it, and gate what comes out.
+    """Search on from a set, gate what comes out, and lay columns out under that.
 
-    Where judging leaves out what misled the layout, the search goes on from where the
-    rest of the set settles; of the sets the one is kept that predicts poses left out
-    best. A load that is withheld once columns were laid out under it acts no more.
+    The search goes on from there; of the sets the one is kept that predicts poses left
+    out best. A load that is withheld once columns were laid out under it acts no more.
 
     Args:
         layout: How columns are laid out.
         search: What the set was selected from.
         selected: The set.
-        loads: Names of the loads under which columns are laid out.
         refused: Names that are left out.
-        turns: Of each search, how often columns are laid out anew on the way.
-    """
-    model, loads = _judged_search(layout, search, selected, loads, refused, turns[0])
-    held = {member.name for member in model.fit.members}.issuperset(loads)
-    if held and not changes(model.case, layout.prepared, model.fit):
-        return model
-    settled = layout.settled(model.case, model.fit)
-    if held and settled.square > unexplained(model.case, model.fit):
-        return model
-    case = layout.at(settled.softer, settled.named)
-    terms = settled.fit.members
-    if len(turns) > 1:
-        search = Search.of(case, terms, refused)
-        selected = select_groups(search.problem, range(len(terms)))
-        loads = loads_of(case, settled.fit)
-        other = _selected_under(layout, search, selected, loads, refused, turns[1:])
-    else:
-        other = _judged(case, terms, model.fine, ())
-    kept = held and model.unexplained_square < other.unexplained_square
-    decisions = last_of_each([*model.decisions, *other.decisions])
-    return replace(model if kept else other, decisions=decisions)
-
-
-def _judged_search(
-    layout: Layout,
-    search: Search,
-    selected: GroupSelection,
-    loads: Collection[Name],
-    refused: Collection[Name],
-    turns: int,
-) -> tuple[SelectedModel, Collection[Name]]:
-    """Search among fine shapes, laying columns out anew, and gate what comes out.
-
-    Takes the same as `_selected_under`, the turns of one search; returns what is
-    selected, and the names of the loads under which columns are laid out now.
+        again: How often the search goes on.
     """
     case = search.case
     own = [search.terms[k] for k in selected.groups]
-    terms: tuple[ModelTerm, ...] = ()
-    fine: list[ModelTerm] = []
-    for turn in range(turns + 1):
-        fine = at_fine_shapes(search, selected.groups)
-        search = Search.of(case, [*own, *fine], refused)
-        selected = from_rivals(
-            search, select_groups(search.problem, range(len(own))), len(own) + len(fine)
-        )
-        terms = fit_shapes(case, one_each(search, selected.groups))
-        fit = fit_model(case, terms)
-        if turn == turns or not changes(case, layout.prepared, fit):
-            break
-        own, loads = list(terms), loads_of(case, fit)
-        case = layout.under(case, fit)
+    fine = at_fine_shapes(search, selected.groups)
+    search = Search.of(case, [*own, *fine], refused)
+    selected = from_rivals(
+        search, select_groups(search.problem, range(len(own))), len(own) + len(fine)
+    )
+    terms = fit_shapes(case, one_each(search, selected.groups))
     terms, searched = with_generic_terms(case, terms, fine, refused)
-    return _judged(case, terms, fine, [*selected.decisions, *searched]), loads
+    model = _judged(case, terms, fine, [*selected.decisions, *searched])
+    acting = frozenset[Name]() if case.named is None else loads_of(case, case.named)
+    held = acting.issubset(member.name for member in model.fit.members)
+    if held and not changes(model.case, layout.prepared, model.fit):
+        return model
+    point = layout.relinearise_until_stable(case, model.fit)
+    case, terms = layout.at(point), point.fit.members
+    if again:
+        search = Search.of(case, terms, refused)
+        selected = select_groups(search.problem, range(len(terms)))
+        other = _selected_under(layout, search, selected, refused, again - 1)
+    else:
+        other = _judged(case, terms, fine, ())
+    kept = held and model.unexplained_square < other.unexplained_square
+    decisions = last_of_each([*model.decisions, *other.decisions])
+    return replace(model if kept else other, decisions=decisions)
 
 
 def select_again(model: SelectedModel, split: Split) -> SelectedModel:

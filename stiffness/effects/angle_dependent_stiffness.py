@@ -89,7 +89,7 @@ class AngleDependentStiffness(Hypothesis):
     ) -> Mapping[int, np.ndarray]:
         k = situation.axis(where)
         wound = self._wound(situation, k)
-        softer = _waves(situation, k, shape, coefficients)
+        softer = _softening(situation, k, shape, coefficients)
         uneven = softer - _mean(softer, wound)
         share = uneven / situation.unloaded_compliance(k)
         return {k: -np.clip(share, -MOST_UNEVEN, MOST_UNEVEN) * wound}
@@ -99,7 +99,7 @@ class AngleDependentStiffness(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[int, float]:
         k = situation.axis(where)
-        softer = _waves(situation, k, shape, coefficients)
+        softer = _softening(situation, k, shape, coefficients)
         return {k: _mean(softer, self._wound(situation, k))}
 
     def _wound(self, situation: StaticState, k: int) -> Float[np.ndarray, " rows"]:
@@ -138,7 +138,7 @@ def _columns(
     return [felt * f(phase) for phase in phases for f in (np.cos, np.sin)]
 
 
-def _waves(
+def _softening(
     situation: StaticState, k: int, shape: Shape, coefficients: Coeffs
 ) -> Float[np.ndarray, " rows"]:
     """Return the compliance that all waves add at an axis' angles, in rad/(N m)."""

@@ -22,9 +22,6 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from stiffness.diagnosis.candidates import Library, springs_of
-from stiffness.diagnosis.detection import MISSTATED
-from stiffness.diagnosis.gate import mismatch_of_poses
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -38,9 +35,11 @@ from stiffness.diagnosis.model_fit import (
     training,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
-from stiffness.diagnosis.relinearisation import linearised, total_softening
-from stiffness.diagnosis.sufficient_statistics import normal_equations_of
-from stiffness.regression.splits import seed_of, split_of
+from stiffness.diagnosis.relinearisation import nominal_problem, total_softening
+from stiffness.diagnosis.sufficient_statistics import (
+    mismatch_of_poses,
+    normal_equations_of,
+)
 
 SWEEPS = 2
 """How often the shape of each name is chosen beside the others; chosen: the second time
@@ -67,38 +66,16 @@ def linear_model_of(
 
     With shapes, these are fitted too, from those that were chosen.
     """
-    case = _columns_of_terms(prepared)
+    case = nominal_problem(prepared)
     fit = _chosen(case, choices)
     if fit.members:
         softer = total_softening(case, prepared, fit)
-        case = _columns_of_terms(prepared, softer, fit)
+        case = nominal_problem(prepared, softer, fit)
         fit = _chosen(case, choices)
     if with_shapes:
         terms = fit_shapes(case, fit.members)
         fit = fit_model(case, terms)
     return LinearModel(case, fit)
-
-
-def _columns_of_terms(
-    prepared: Prepared,
-    softer: Float[np.ndarray, " springs"] | None = None,
-    fit: ModelFit | None = None,
-) -> SelectionProblem:
-    """Lay out the nominal columns under what was found, as `build_problem` does."""
-    recording = prepared.situation.recording
-    split = split_of(recording)
-    data, situation = linearised(prepared, split, softer, fit)
-    nominal = springs_of(situation, prepared.springs)
-    return SelectionProblem(
-        data,
-        situation,
-        prepared.springs,
-        Library(nominal, len(nominal), (), ()),
-        normal_equations_of(data, nominal, training(split)),
-        split,
-        seed_of(recording),
-        MISSTATED,
-    )
 
 
 def _chosen(case: SelectionProblem, choices: Sequence[Sequence[ModelTerm]]) -> ModelFit:

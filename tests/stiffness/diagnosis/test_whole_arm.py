@@ -15,7 +15,6 @@ from stiffness.diagnosis.detection import imitated_share, residual_equations
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import (
     gate_terms,
-    mismatch_of_poses,
     pose_statistics,
     second_order_name,
 )
@@ -35,6 +34,7 @@ from stiffness.diagnosis.selection import (
     gains_of_places,
     select_model,
 )
+from stiffness.diagnosis.sufficient_statistics import mismatch_of_poses
 from stiffness.diagnosis.verdict import judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.bearing_tilt import BearingTilt
