@@ -449,16 +449,18 @@ def _of_slight_share(
 ) -> list[Decision]:
     """Return the names, where all together explain less than twice what has none.
 
-    A course in time has no part in it: what depends on loads and angles is none.
+    What has none are generic terms and the residual: a name that is withheld is not
+    sure, but no unknown mechanism. A course in time has no part in it: what depends on
+    loads and angles is none.
     """
     model, left = judged.model, judged.residual
     excess = _largest_excess(left) if left.p_value < SIGNIFICANCE else 0.0
     members = model.fit.members
     own = sum(part for part, stood in zip(parts, stands, strict=True) if stood)
-    every = sum(
+    every = own + sum(
         part
         for part, member in zip(parts, members, strict=True)
-        if not (member.is_generic and set(member.depends_on) == {"time"})
+        if member.is_generic and set(member.depends_on) != {"time"}
     )
     share = own / max(every + excess / max(model.fit.gain, 1e-12), 1e-12)
     reason = "names together explain less than twice what has no name"
