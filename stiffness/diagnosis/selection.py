@@ -325,8 +325,9 @@ def _selected_under(
     else:
         other = _judged(case, terms, fine, ())
     kept = held and model.unexplained_square < other.unexplained_square
-    decisions = last_of_each([*model.decisions, *other.decisions])
-    return replace(model if kept else other, decisions=decisions)
+    best, beaten = (model, other) if kept else (other, model)
+    decisions = last_of_each([*beaten.decisions, *best.decisions])
+    return replace(best, decisions=decisions)
 
 
 def select_again(model: SelectedModel, split: Split) -> SelectedModel:

@@ -115,9 +115,8 @@ class AngleDependentStiffness(Hypothesis):
         found = orders_apart(multiples, shape)
         others = [self.jacobian(situation, where, np.array([n])) for n in found]
         k = situation.axis(where)
-        if situation.is_curved(
-            k
-        ):  # all of the spring varies, not its slope at no torque
+        if situation.is_curved(k):
+            # all of the spring varies, not its slope at no torque
             wound = self._wound(situation, k)
             others.append(turn(k, *_columns(situation, k, shape, wound)))
         return hstack(others)
