@@ -29,6 +29,7 @@ from stiffness.effects.jacobian import (
     EffectJacobian,
     JointRotation,
     MarkerDisplacement,
+    site_number,
     values,
 )
 from stiffness.experiment.static_state import StaticState
@@ -157,6 +158,19 @@ class DesignMatrix:
         """Add up the slots of rows and of columns."""
         return self._sums @ slots @ self._sums.T
 
+    def each_joined(
+        self, slots: Float[np.ndarray, "visits slots slots"]
+    ) -> Float[np.ndarray, "visits columns columns"]:
+        """Add up the slots of rows and of columns, visit by visit."""
+        visits, many, _ = slots.shape
+        rows = np.zeros((visits, self.count, many))
+        total = np.zeros((visits, self.count, self.count))
+        for slot, to in enumerate(self.column):
+            rows[:, to] += slots[:, slot]
+        for slot, to in enumerate(self.column):
+            total[..., to] += rows[..., slot]
+        return total
+
 
 def design_matrix_of(
     signatures: Sequence[EffectJacobian | Deferred],
@@ -182,7 +196,7 @@ def design_matrix_of(
             at, own = local, own.of(some)
         for part in own.parts:
             if isinstance(part, kinds):
-                where = (kinds.index(type(part)), _site_number(part))
+                where = (kinds.index(type(part)), site_number(part))
                 found.setdefault(where, []).append((values(part)[at], numbers))
         count += signature.columns
     groups: tuple[list[Group], ...] = ([], [], [])
@@ -199,18 +213,19 @@ def design_matrix_of(
     return DesignMatrix(count, of_slot, turns, motions, shifts)
 
 
-def _site_number(part: JointRotation | BodyTwist | MarkerDisplacement) -> int:
-    if isinstance(part, JointRotation):
-        return part.axis
-    return part.site if isinstance(part, BodyTwist) else part.marker
-
-
 def contract(
     one: Float[np.ndarray, "visits n a"], other: Float[np.ndarray, "visits n b"]
 ) -> Float[np.ndarray, "a b"]:
     """Sum the products of two stacks of columns over visits."""
     visits, n, a = one.shape
     return one.reshape(visits * n, a).T @ other.reshape(visits * n, -1)
+
+
+def contract_each(
+    one: Float[np.ndarray, "visits n a"], other: Float[np.ndarray, "visits n b"]
+) -> Float[np.ndarray, "visits a b"]:
+    """Return the products of two stacks of columns, visit by visit."""
+    return one.swapaxes(1, 2) @ other
 
 
 # --- Columns that act on a single body ------------------------------------------------

@@ -526,13 +526,13 @@ def homogeneity_tests(
     flat = [piece for of_member in pieces for piece in of_member]
     mask = ~case.split.held_out
     every = [*after.known, *flat]
-    gram, score = cross_gram(after.data, every, every, case.normal_equations.fold)
-    total = gram[1]
+    given = normal_equations_of(after.data, every, case.normal_equations.fold)
+    total = given.gram[1]
     start = after.normal_equations.gram.shape[1]
     ends = start + np.cumsum([0, *(piece.columns for piece in flat)])
     blocks = [np.arange(a, b) for a, b in pairwise(ends)]
     raw = np.maximum(np.diag(total), 0.0)
-    white = white_scores(total, score[mask], np.arange(start), blocks, raw)
+    white = white_scores(total, given.score[mask], np.arange(start), blocks, raw)
     tested = sign_flip_test(white, case.seed + 2)
     found = []
     for k in range(len(pieces)):

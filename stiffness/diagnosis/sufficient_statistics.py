@@ -182,7 +182,7 @@ def cross_gram(
         few_here = design_matrix_of(few, visits.row[some])
         many_here = design_matrix_of(many, visits.row[some])
         within = data.within.some(some)
-        gram[f] += within.products(many_here, within.scores(few_here))
+        gram[f] += within.products(few_here, many_here)
         own = within.of_each(many_here, within.weighted_residual)
         if between is not None:
             means = between.some(some)
@@ -266,13 +266,15 @@ def per_pose_scores(
         f, pose = of_visit[some[0]], visits.posture_index[some]
         columns = design_matrix_of(signatures, visits.row[some])
         within = data.within.some(some)
-        moved = within.displacement(columns)
-        pull = within.centred_scores(within.raw_scores(moved))
-        each = np.sum(moved.swapaxes(2, 3) @ pull, axis=0)
-        asks = np.sum(moved.swapaxes(2, 3) @ within.weighted_residual, axis=0)[..., 0]
+        slots = len(columns.column)
+        of_slots = np.zeros((len(some), slots, slots))
+        within.add_gram(columns, of_slots)
+        each = columns.each_joined(of_slots)
+        asks = within.of_each(columns, within.weighted_residual)
         gram[f] += each.sum(axis=0)
-        np.add.at(own, pose, each)
-        np.add.at(score, pose, asks)
+        for p, one in zip(pose, each, strict=True):
+            own[p] += one
+        np.add.at(score, pose, columns.joined(asks[:, 0]))
         if between is not None:
             means = between.some(some)
             white = means.whitening.white(means.displacement(columns))
@@ -289,6 +291,7 @@ def per_pose_scores(
         pose = visits.posture_index[some]
         means = between.some(some)
         left = white - means.whitening.white(means.nuisance @ taken)
-        np.add.at(own, pose, left.swapaxes(1, 2) @ left)
+        for p, one in zip(pose, left.swapaxes(1, 2) @ left, strict=True):
+            own[p] += one
         np.add.at(score, pose, (left.swapaxes(1, 2) @ between.residual[some])[..., 0])
     return PerPoseScores(gram, own, score)

@@ -38,14 +38,19 @@ Ignores     as `FisherInformation`
 ==========  ==========================================================================
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from stiffness.diagnosis.design_matrix import DesignMatrix, Group, contract
+from stiffness.diagnosis.design_matrix import (
+    DesignMatrix,
+    Group,
+    contract,
+    contract_each,
+)
 from stiffness.experiment.visits import Kept, stretches
 from stiffness.robot.kinematics import point_jacobian
 
@@ -175,27 +180,28 @@ class WithinVisitContrasts:
     weighted_residual: Float[np.ndarray, "bodies visits n 1"]
 
     def add_gram(
-        self, columns: DesignMatrix, total: Float[np.ndarray, "slots slots"]
+        self, columns: DesignMatrix, total: Float[np.ndarray, "*visits slots slots"]
     ) -> None:
-        """Add the products of all slots, summed over visits; shifts have none."""
+        """Add the products of all slots; shifts have none.
+
+        Args:
+            columns: In these visits.
+            total: What they are added to: of all visits, or of each.
+        """
         self._of_rotations(columns, total)
         if columns.twists:
             self._of_twists(columns, total)
 
-    def scores(
-        self, columns: DesignMatrix
-    ) -> Float[np.ndarray, "bodies visits n columns"]:
-        """Return the pull of each column; for few columns."""
-        return self.centred_scores(self.raw_scores(self.displacement(columns)))
-
-    def products(self, columns: DesignMatrix, weighted: np.ndarray) -> np.ndarray:
-        """Return the products of pulls with slots, added up: (pulls, slots)."""
-        total = np.zeros((weighted.shape[3], len(columns.column)))
-        for group, at in self._sites(columns, weighted):
-            visits, n, k = at.shape
-            laid = group.values.reshape(visits * n, -1)
-            total[:, group.slots] = at.reshape(visits * n, k).T @ laid
-        return total
+    def products(
+        self, few: DesignMatrix, many: DesignMatrix
+    ) -> Float[np.ndarray, "few slots"]:
+        """Return the products of columns with the slots of others, over all visits."""
+        total = np.zeros((len(few.column), len(many.column)))
+        for group, pulled in self._pulls(few, [*many.rotations, *many.twists]):
+            visits, n, own = pulled.shape
+            laid = group.values.reshape(visits, n, -1)
+            total[:own, group.slots] = contract(pulled, laid)
+        return few.joined(total.T).T
 
     def of_each(self, columns: DesignMatrix, weighted: np.ndarray) -> np.ndarray:
         """Return the products of pulls with slots: (visits, pulls, slots)."""
@@ -263,6 +269,7 @@ class WithinVisitContrasts:
         """Add the products of turns with turns."""
         visits, rows = self.information.screw.shape[:2]
         end = columns.rotations[-1].slots.stop if columns.rotations else 0
+        product = contract if gram.ndim == 2 else contract_each
         for i, near in enumerate(columns.rotations):
             one = slice(near.site * rows, near.site * rows + rows)
             pulled = np.empty((visits, rows, end - near.slots.start))
@@ -273,40 +280,78 @@ class WithinVisitContrasts:
                     far.slots.stop - near.slots.start,
                 )
                 pulled[..., at] = self.rotation_information[:, one, other] @ far.values
-            block = contract(near.values, pulled)
+            block = product(near.values, pulled)
             after = slice(near.slots.stop, end)
-            gram[near.slots, near.slots.start : end] += block
-            gram[after, near.slots] += block[:, near.values.shape[2] :].T
+            gram[..., near.slots, near.slots.start : end] += block
+            own = block[..., near.values.shape[2] :]
+            gram[..., after, near.slots] += own.swapaxes(-1, -2)
 
     def _of_twists(self, columns: DesignMatrix, gram: np.ndarray) -> None:
         """Add the products of motions with turns and with motions."""
         info = self.information
+        product = contract if gram.ndim == 2 else contract_each
         visits, rows = info.screw.shape[:2]
-        start, end = columns.twists[0].slots.start, columns.twists[-1].slots.stop
+        own = slice(columns.twists[0].slots.start, columns.twists[-1].slots.stop)
         laid = [g.values.reshape(visits, rows * 6, -1) for g in columns.twists]
         through = [info.through(g.site) for g in columns.twists]
         along = np.concatenate(
             [t @ x for t, x in zip(through, laid, strict=True)], axis=2
         )
         induced = self.kernel @ along
-        own = slice(start, end)
         left = along - self.raw @ induced
         for near in columns.rotations:
             one = slice(near.site * rows, near.site * rows + rows)
-            block = contract(near.values, left[:, one])
-            gram[near.slots, own] += block
-            gram[own, near.slots] += block.T
-        gram[own, own] -= contract(along, induced)
+            block = product(near.values, left[:, one])
+            gram[..., near.slots, own] += block
+            gram[..., own, near.slots] += block.swapaxes(-1, -2)
+        gram[..., own, own] -= product(along, induced)
         for j, (far, y) in enumerate(zip(columns.twists, laid, strict=True)):
             pulled: dict[tuple[int, ...], np.ndarray] = {}
             for near, x in zip(columns.twists[: j + 1], laid, strict=False):
                 bodies = info.both(near.site, far.site)
                 if bodies not in pulled:
                     pulled[bodies] = info.of(bodies) @ y
-                block = contract(x, pulled[bodies])
-                gram[near.slots, far.slots] += block
+                block = product(x, pulled[bodies])
+                gram[..., near.slots, far.slots] += block
                 if near is not far:
-                    gram[far.slots, near.slots] += block.T
+                    gram[..., far.slots, near.slots] += block.swapaxes(-1, -2)
+
+    def _pulls(
+        self, columns: DesignMatrix, groups: Sequence[Group]
+    ) -> Iterator[tuple[Group, np.ndarray]]:
+        """Return what turns and motions pull at groups: (visits, n, slots)."""
+        info = self.information
+        visits, rows = info.screw.shape[:2]
+        last = (*columns.rotations, *columns.twists)[-1:]
+        slots = last[0].slots.stop if last else 0
+        # turns beside those that the wrench's errors would induce, and what they pull
+        net, along = np.zeros((2, visits, self.raw.shape[1], slots))
+        for group in columns.rotations:
+            one = slice(group.site * rows, group.site * rows + rows)
+            net[..., group.slots] = -self.kernel @ (self.raw[:, :, one] @ group.values)
+            net[:, one, group.slots] += group.values
+        for group in columns.twists:
+            laid = group.values.reshape(visits, 6 * rows, -1)
+            pulled = info.through(group.site) @ laid
+            along[..., group.slots], net[..., group.slots] = (
+                pulled,
+                -self.kernel @ pulled,
+            )
+        along += self.raw @ net
+        of_motions: dict[tuple[int, tuple[int, ...]], np.ndarray] = {}
+        for group in groups:
+            if group.values.ndim == 3:
+                yield group, along[:, group.site * rows : (group.site + 1) * rows]
+                continue
+            pulled = info.through(group.site).swapaxes(1, 2) @ net
+            for motion in columns.twists:
+                bodies = info.both(motion.site, group.site)
+                key = (motion.site, bodies)
+                if key not in of_motions:
+                    laid = motion.values.reshape(visits, 6 * rows, -1)
+                    of_motions[key] = info.of(bodies) @ laid
+                pulled[..., motion.slots] += of_motions[key]
+            yield group, pulled
 
 
 # --- Within ---------------------------------------------------------------------------

@@ -150,15 +150,22 @@ def translate(site: int, shift: Float[np.ndarray, "rows 3 columns"]) -> BodyTwis
     return BodyTwist(site, np.concatenate([shift, np.zeros_like(shift)], axis=1))
 
 
+def site_number(part: JacobianBlock) -> int:
+    """Return the number of the axis, place or marker where a block acts."""
+    if isinstance(part, BodyTwist):
+        return part.site
+    return part.marker if isinstance(part, MarkerDisplacement) else part.axis
+
+
 def hstack(laws: Sequence[EffectJacobian]) -> EffectJacobian:
     """Return one Jacobian with the coefficients of several, one after the other."""
     columns, at = sum(law.columns for law in laws), 0
-    parts: list[JacobianBlock] = []
+    parts: dict[tuple[type, int], JacobianBlock] = {}
     for law in laws:
         for part in law.parts:
-            own = values(part)
-            wide = np.zeros((*own.shape[:-1], columns))
-            wide[..., at : at + law.columns] = own
-            parts.append(with_values(part, wide))
+            own, where = values(part), (type(part), site_number(part))
+            if where not in parts:
+                parts[where] = with_values(part, np.zeros((*own.shape[:-1], columns)))
+            values(parts[where])[..., at : at + law.columns] += own
         at += law.columns
-    return EffectJacobian(columns, tuple(parts))
+    return EffectJacobian(columns, tuple(parts.values()))
