@@ -34,7 +34,7 @@ from stiffness.regression.predictive_gate import (
     Decision,
     GatedNames,
     UnitStatistics,
-    decision_beside,
+    decisions_beside,
     gate_names,
     left_out_gain,
 )
@@ -253,7 +253,7 @@ def _weak_beside_forms(
     """Return the weakest name that other forms of a strong law near it replace."""
     terms = statistics.terms
     lost = dict(zip(gated.names, (float(x.sum()) for x in gated.lost), strict=True))
-    found = []
+    asked = []
     for t in kept:
         name = terms[t].name
         stronger = [
@@ -263,14 +263,16 @@ def _weak_beside_forms(
             and lost[name] < OTHER_FORMS * lost[terms[o].name]
             and len(statistics.forms[o])
         ]
-        if not stronger:
-            continue
-        own = [(terms[o].name, statistics.owned[o]) for o in kept]
-        beside = [*statistics.generic, *(statistics.forms[o] for o in stronger)]
-        decision = decision_beside(
-            statistics.units, statistics.nominal, own, beside, name
-        )
-        if not decision.accepted:
-            reason = "another form of a stronger law near it does as well"
-            found.append(replace(decision, gate="other_forms", reason=reason))
-    return max(found, key=lambda d: d.statistic, default=None)
+        if stronger:
+            beside = [*range(len(terms), len(terms) + len(statistics.generic))]
+            asked.append((name, [*stronger, *beside]))
+    own = [(terms[o].name, statistics.owned[o]) for o in kept]
+    more = [*statistics.forms, *statistics.generic]
+    found = decisions_beside(statistics.units, statistics.nominal, own, more, asked)
+    reason = "another form of a stronger law near it does as well"
+    weak = [
+        replace(decision, gate="other_forms", reason=reason)
+        for decision in found
+        if not decision.accepted
+    ]
+    return max(weak, key=lambda d: d.statistic, default=None)

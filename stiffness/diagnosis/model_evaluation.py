@@ -73,6 +73,17 @@ class ModelEvaluation:
         return self.slopes.gram.shape[1] - sum(map(len, beside))
 
     @property
+    def selected_alone(self) -> "ModelEvaluation":
+        """The same without what may be there too."""
+        count = self.slopes.gram.shape[1] - sum(map(len, self.unselected))
+        first = PerPoseScores(
+            self.slopes.gram[:, :count, :count],
+            self.slopes.own[:, :count, :count],
+            self.slopes.score[:, :count],
+        )
+        return replace(self, slopes=first, unselected=(), unselected_terms=())
+
+    @property
     def priors(self) -> Float[np.ndarray, " columns"]:
         """Inverse prior variance of constants and of terms beside; 0 for all others."""
         prior = np.zeros(self.slopes.gram.shape[1])
@@ -114,7 +125,8 @@ def evaluate_model(
     forms += [m.jacobian(situation) for m in beside]
     some = [form for form in forms if form.columns]
     every = per_pose_scores(data, [*nominal, *own, *steps, *some], training(split))
-    given = with_priors(every.gram[1], len(nominal), members, situation)
+    widths = [law.columns for law in own]
+    given = with_priors(every.gram[1], len(nominal), members, widths, situation)
     every = replace(every, gram=np.stack([every.gram[0], given]))
     first = sum(s.columns for s in (*nominal, *own))
     score = every.score[~split.held_out].sum(axis=0)
@@ -181,7 +193,8 @@ def parameters_of(
     size = np.sqrt(np.maximum(np.diag(gram), 0.0))  # zero: counts, has no slope
     scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
     inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
-    given = with_priors(0.0 * gram, len(fit.springs), fit.members, situation)
+    widths, first = [len(c) for c in fit.coefficients], len(fit.springs)
+    given = with_priors(0.0 * gram, first, fit.members, widths, situation)
     spread = jackknife_covariance(
         own * scale * scale[:, None], score * scale, given * scale * scale[:, None]
     )

@@ -169,7 +169,9 @@ def fit_model(case: SelectionProblem, members: Sequence[ModelTerm]) -> ModelFit:
     own = [m.jacobian(case.situation) for m in members]
     found = normal_equations_of(case.data, [*case.nominal, *own], training(case.split))
     score = found.score[~case.split.held_out].sum(axis=0)
-    gram = with_priors(found.gram[1], len(case.nominal), members, case.situation)
+    widths = [law.columns for law in own]
+    first = len(case.nominal)
+    gram = with_priors(found.gram[1], first, members, widths, case.situation)
     return fit_of(members, own, gram, score)
 
 
@@ -177,6 +179,7 @@ def with_priors(
     gram: Float[np.ndarray, "all all"],
     first: int,
     members: Sequence[ModelTerm],
+    widths: Sequence[int],
     situation: StaticState,
 ) -> Float[np.ndarray, "all all"]:
     """Return normal equations with what is known of coefficients before any reading.
@@ -185,14 +188,14 @@ def with_priors(
         gram: Of columns of which those of the members come one after the other.
         first: Number of the first of these.
         members: The terms.
+        widths: How many columns each has.
         situation: Where the arm stood.
     """
     gram = gram.copy()
     diagonal = np.einsum("ii->i", gram)
     at = first
-    for member in members:
+    for member, count in zip(members, widths, strict=True):
         sigma = member.hypothesis.prior_sigma(situation, member.where)
-        count = member.jacobian(situation).columns if sigma is None else len(sigma)
         if sigma is not None:
             diagonal[at : at + count] += sigma**-2.0
         at += count
@@ -469,8 +472,9 @@ def _linearised(
         case.data, [*case.nominal, *laws, *slopes], training(case.split)
     )
     gram, score = found.gram[1], found.score[~case.split.held_out].sum(axis=0)
-    gram = with_priors(gram, len(case.nominal), terms, case.situation)
-    width = sum(law.columns for law in (*case.nominal, *laws))
+    widths = [law.columns for law in laws]
+    gram = with_priors(gram, len(case.nominal), terms, widths, case.situation)
+    width = len(case.nominal) + sum(widths)
     fit = fit_of(terms, laws, gram[:width, :width], score[:width])
     mix = np.zeros((len(gram), width + len(shapes)))
     mix[:width, :width] = np.eye(width)

@@ -371,22 +371,17 @@ def _judged(
             decisions.append(slightest)
             terms = tuple(t for t in terms if t.name != slightest.candidate)
             continue
+        beside = _of_the_same_kinds(case, terms, refused)
         look = evaluate_model(
-            case.data, case.situation, case.nominal, terms, case.split
+            case.data, case.situation, case.nominal, terms, case.split, beside
         )
-        parameters = parameters_of(case.situation, case.springs, look, case.split)
+        alone = look.selected_alone
+        parameters = parameters_of(case.situation, case.springs, alone, case.split)
         gains = _own_gains(statistics, [[term] for term in terms])
         columns = [len(own) for own in look.fit.coefficients]
         withheld = _withheld(case, terms, parameters, gains, columns)
         if not withheld:
-            beside = _of_the_same_kinds(case, terms, refused)
-            if beside:
-                look = evaluate_model(
-                    case.data, case.situation, case.nominal, terms, case.split, beside
-                )
-                parameters = parameters_of(
-                    case.situation, case.springs, look, case.split
-                )
+            parameters = parameters_of(case.situation, case.springs, look, case.split)
             break
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
@@ -508,7 +503,8 @@ def _withheld(
 
 def _dispersion(case: SelectionProblem, look: ModelEvaluation) -> float:
     """Return by how much poses differ beyond the stated errors, along the set."""
-    count = case.library.nominal + sum(len(c) for c in look.fit.coefficients)
+    widths = [len(own) for own in look.fit.coefficients]
+    count = case.library.nominal + sum(widths)
     mask, some = ~case.split.held_out, np.arange(count)
     own = look.slopes.own[mask][:, some[:, None], some]
     fitted = np.concatenate([look.fit.springs, *look.fit.coefficients])

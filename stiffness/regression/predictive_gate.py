@@ -122,11 +122,13 @@ def gate_names(
     names = list(dict.fromkeys(name for name, _ in terms))
     terms_of = {n: [t for t, (name, _) in enumerate(terms) if name == n] for n in names}
     decided: dict[Name, Decision] = {}
-    none = white.predict([], [])[0]
+    precision = white.precision_of(range(len(blocks)))
+    none = white.predict([], [], precision)[0]
     while True:
         gain, without = white.predict(
             [*(t for n in names for t in terms_of[n]), *always],
             [terms_of[n] for n in names],
+            precision,
         )
         lost = [gain - other for other in without]
         z = {n: _z(one) for n, one in zip(names, lost, strict=True)}
@@ -152,27 +154,30 @@ def gate_names(
     )
 
 
-def decision_beside(
+def decisions_beside(
     units: UnitStatistics,
     nominal: Int[np.ndarray, " nominal"],
     terms: Sequence[tuple[Name, Int[np.ndarray, " _"]]],
-    beside: Sequence[Int[np.ndarray, " _"]],
-    name: Name,
-) -> Decision:
-    """Return the gate's verdict on one name beside all others and more columns.
+    more: Sequence[Int[np.ndarray, " _"]],
+    asked: Sequence[tuple[Name, Sequence[int]]],
+) -> list[Decision]:
+    """Return the gate's verdict on names beside all others and more columns.
 
     Args:
         units: What each unit says of the columns.
         nominal: Columns that explain for free.
         terms: As in `gate_names`.
-        beside: Columns of terms without a name, which are always fitted too.
-        name: Whose verdict.
+        more: Columns of terms without a name.
+        asked: Whose verdict, and which of these terms are fitted too.
     """
-    blocks = [*(columns for _, columns in terms), *beside]
-    white = _WhiteUnits.of(units, nominal, blocks)
-    own = [t for t, (other, _) in enumerate(terms) if other == name]
-    gain, (without,) = white.predict(range(len(blocks)), [own])
-    return _decision(name, sign_flip_p_value(gain - without))
+    white = _WhiteUnits.of(units, nominal, [*(own for _, own in terms), *more])
+    decisions = []
+    for name, beside in asked:
+        used = [*range(len(terms)), *(len(terms) + k for k in beside)]
+        own = [t for t, (other, _) in enumerate(terms) if other == name]
+        gain, (without,) = white.predict(used, [own], white.precision_of(used))
+        decisions.append(_decision(name, sign_flip_p_value(gain - without)))
+    return decisions
 
 
 def left_out_gain(
@@ -187,8 +192,8 @@ def left_out_gain(
         nominal: Columns that explain for free.
         blocks: Columns of each term; a prior each.
     """
-    white = _WhiteUnits.of(units, nominal, blocks)
-    return white.predict(range(len(blocks)), [])[0]
+    white, every = _WhiteUnits.of(units, nominal, blocks), range(len(blocks))
+    return white.predict(every, [], white.precision_of(every))[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,7 +206,6 @@ class _WhiteUnits:
         fold: Of each unit.
         nominal: How many directions are nominal.
         owned: Columns of each term.
-        precision: Of the prior of each column; 0 for the nominal ones.
     """
 
     gram: Float[np.ndarray, "units columns columns"]
@@ -209,7 +213,6 @@ class _WhiteUnits:
     fold: Int[np.ndarray, " units"]
     nominal: int
     owned: tuple[Int[np.ndarray, " _"], ...]
-    precision: Float[np.ndarray, " columns"]
 
     @classmethod
     def of(
@@ -218,7 +221,7 @@ class _WhiteUnits:
         nominal: Int[np.ndarray, " nominal"],
         blocks: Sequence[Int[np.ndarray, " _"]],
     ) -> "_WhiteUnits":
-        """Make columns white, and take each term's mean square from a fit to all."""
+        """Make columns white."""
         gram, score = units.gram[units.fold >= 0], units.score[units.fold >= 0]
         total = gram.sum(axis=0)
         raw = np.maximum(np.diag(total), 0.0)
@@ -241,28 +244,44 @@ class _WhiteUnits:
             mix[nominal, at:end] -= explained
             at = end
         gram, score = mix.T @ gram @ mix, score @ mix
-        coefficients = np.linalg.lstsq(
-            gram.sum(axis=0), score.sum(axis=0), rcond=1e-10
-        )[0]
-        precision = np.zeros(width)
-        for own in owned:
-            square = float(np.sum(coefficients[own] ** 2))
-            precision[own] = len(own) / max(square, 1e-12)
         fold = units.fold[units.fold >= 0]
-        return cls(gram, score, fold, known.shape[1], tuple(owned), precision)
+        return cls(gram, score, fold, known.shape[1], tuple(owned))
+
+    def precision_of(self, terms: Sequence[int]) -> Float[np.ndarray, " columns"]:
+        """Return the prior precision of each column, by a fit of some terms to all.
+
+        0 for the nominal columns and those of other terms.
+        """
+        used = self._used(terms)
+        gram = self.gram.sum(axis=0)[np.ix_(used, used)]
+        fitted = np.zeros(self.gram.shape[1])
+        score = self.score.sum(axis=0)[used]
+        fitted[used] = np.linalg.lstsq(gram, score, rcond=1e-10)[0]
+        precision = np.zeros(len(fitted))
+        for own in (self.owned[t] for t in terms):
+            square = float(np.sum(fitted[own] ** 2))
+            precision[own] = len(own) / max(square, 1e-12)
+        return precision
+
+    def _used(self, terms: Sequence[int]) -> Int[np.ndarray, " columns"]:
+        """Return the nominal columns and those of some terms."""
+        blocks = [np.arange(self.nominal), *(self.owned[t] for t in terms)]
+        return np.concatenate(blocks).astype(int)
 
     def predict(
-        self, terms: Sequence[int], left_out: Sequence[Sequence[int]]
+        self,
+        terms: Sequence[int],
+        left_out: Sequence[Sequence[int]],
+        precision: Float[np.ndarray, " columns"],
     ) -> tuple[Float[np.ndarray, " units"], list[Float[np.ndarray, " units"]]]:
         """Return how much better each unit is predicted by fits that have not seen it.
 
         Args:
             terms: What is fitted beside the nominal columns.
             left_out: Terms without which this is asked too, one list after another.
+            precision: Of the prior of each column.
         """
-        used = np.concatenate(
-            [np.arange(self.nominal), *(self.owned[t] for t in terms)]
-        ).astype(int)
+        used = self._used(terms)
         at = {int(column): k for k, column in enumerate(used)}
         gone = [
             np.array([at[int(c)] for t in some for c in self.owned[t]], dtype=int)
@@ -273,7 +292,7 @@ class _WhiteUnits:
         gain = np.zeros((1 + len(gone), len(score)))
         for f in np.unique(self.fold):
             inside = self.fold == f
-            inner = whole - gram[inside].sum(axis=0) + np.diag(self.precision[used])
+            inner = whole - gram[inside].sum(axis=0) + np.diag(precision[used])
             inverse = np.linalg.pinv(inner, rcond=1e-12, hermitian=True)
             beta = inverse @ (asked - score[inside].sum(axis=0))
             every = np.repeat(beta[:, None], 1 + len(gone), axis=1)

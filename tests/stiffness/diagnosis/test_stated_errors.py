@@ -300,7 +300,7 @@ def test_what_is_known_before_any_reading_enters_the_normal_equations(plain, arm
     ]
     drawing = plain.drawing
     of_link = [drawing.length] * 3 + [drawing.angle] * 3
-    found = with_priors(np.eye(10), 2, terms, situation)
+    found = with_priors(np.eye(10), 2, terms, [6, 1, 1], situation)
     want = np.ones(10)
     want[2:8] += np.array(of_link) ** -2.0
     want[9] += drawing.offset**-2.0
