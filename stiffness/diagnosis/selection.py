@@ -317,6 +317,8 @@ def _selected_under(
     if held and not changes(model.case, layout.prepared, model.fit):
         return model
     point = layout.relinearise_until_stable(case, model.fit)
+    if held and layout.is_at(case, point):
+        return model
     case, terms = layout.at(point), point.fit.members
     if again:
         search = Search.of(case, terms, refused)
@@ -512,7 +514,8 @@ def _dispersion(case: SelectionProblem, look: ModelEvaluation) -> float:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(own.sum(axis=0)), 1e-300))
     own, score = own * scale * scale[:, None], score * scale
     members, nothing = look.fit.members, np.zeros((count, count))
-    prior = with_priors(nothing, case.library.nominal, members, case.situation)
+    first = case.library.nominal
+    prior = with_priors(nothing, first, members, widths, case.situation)
     spread = jackknife_covariance(own, score, prior * scale * scale[:, None])
     return max(1.0, float(np.sum(own.sum(axis=0) * spread)) / count)
 
