@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape
@@ -23,6 +24,10 @@ from stiffness.experiment.static_state import StaticState
 
 TURNS = ("rx_rad_per_nm", "ry_rad_per_nm", "rz_rad_per_nm")
 SHIFTS = ("x_m_per_n", "y_m_per_n", "z_m_per_n")
+
+SOFT_TURN, SOFT_SHIFT = 3e-6, 3e-7
+"""Prior sigma of what a foot gives way by, in rad/(N m) and m/N. Chosen: three times
+what the softest pedestals do; what readings hold is not moved by it."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,12 @@ class BaseCompliance(Hypothesis):
         give[:, 3 + along, along] = situation.moment[:, 0]
         give[:, along, 3 + along] = situation.force[:, 0]
         return EffectJacobian(6, (BodyTwist(0, give),))
+
+    @override
+    def prior_sigma(
+        self, situation: StaticState, where: str
+    ) -> Float[np.ndarray, " columns"]:
+        return np.repeat([SOFT_TURN, SOFT_SHIFT], 3)
 
     @override
     def variants(
