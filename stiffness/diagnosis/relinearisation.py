@@ -166,12 +166,13 @@ def changes(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> bool:
 def _turned(situation: StaticState, fit: ModelFit) -> Float[np.ndarray, "rows axes"]:
     """Return how far axes turn under what is named, in rad.
 
-    What already holds the turned load, as an encoder's offset does, is left out.
+    What already holds the turned load, as an encoder's offset does, is left out, and
+    what has no name: its columns are of the situation that it was fitted in.
     """
     turn = np.zeros_like(situation.rest)
     acting = state_under(situation, fit)
     for member, size in zip(fit.members, fit.coefficients, strict=True):
-        if not member.hypothesis.turns_load:
+        if not (member.hypothesis.turns_load or member.is_generic):
             for part in member.jacobian(acting).parts:
                 if isinstance(part, JointRotation):
                     turn[:, part.axis] += part.law @ size

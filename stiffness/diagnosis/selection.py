@@ -52,9 +52,11 @@ from stiffness.diagnosis.model_fit import (
 from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.relinearisation import (
     Layout,
+    OperatingPoint,
     acts_on_others,
     changes,
     loads_of,
+    unexplained,
 )
 from stiffness.diagnosis.search import (
     Search,
@@ -87,9 +89,12 @@ small part of an effect may be out of place beside what was not named."""
 
 # --- The selected model ---------------------------------------------------------------
 
-AGAIN = 1
-"""How often the search goes on where columns were laid out anew under a set; chosen:
-the second time finds what the first one misled."""
+AGAIN = 3
+"""How often the search goes on at most where columns were laid out anew under a set;
+chosen: the second time finds what the first one misled."""
+MISLED = 0.5
+"""Share of what a set did not explain that it leaves where columns were laid out anew,
+below which the search goes on more than once; chosen: columns misled it mostly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,9 +219,11 @@ def exchange_search(model: SelectedModel) -> Search:
     return Search.of(model.case, every, model.refused)
 
 
-MUCH_OPEN = 0.03
+MUCH_OPEN = 0.01
 """Share of the mismatch that a set does not explain on poses left out, from which loads
-are tried in place of its names; chosen: what whole arms are asked to explain."""
+are tried in place of its terms; chosen: a tenth of its amplitude, squared."""
+MOST_LOADS = 6
+"""Loads that are tried in place of terms, the most alike first; chosen for time."""
 
 
 def select_model(
@@ -224,8 +231,8 @@ def select_model(
 ) -> SelectedModel:
     """Search the set that explains best, and withhold what does not hold.
 
-    A name may do alone what a load does, but a load also acts on all others: where much
-    stays unexplained, the search runs again under loads in the place of such names, and
+    A term may do alone what a load does, but a load also acts on all others: where much
+    stays unexplained, the search runs again under loads in the place of such terms, and
     its set is kept where it surely predicts poses left out better.
 
     Courses of the base in time compete from the first, as many slips and drifts would
@@ -243,43 +250,71 @@ def select_model(
     model = _selected_under(layout, search, first_search(search.problem))
     if model.share > 1.0 - MUCH_OPEN:
         return model
-    loads = _loads_in_place_of_names(model)
-    if not loads:
+    point = _with_loads(layout, model)
+    if point is None:
         return model
-    # what had no name there may have been the load's
-    at = {where for _, where in loads}
-    kept = (m for m in model.fit.members if not (m.is_generic and m.where in at))
-    swapped = [loads.get(member.name, member) for member in kept]
-    members = list({member.name: member for member in swapped}.values())
-    fit = fit_model(model.case, members)
-    search = Search.of(layout.under(model.case, fit), members, loads)
-    start = select_groups(search.problem, range(len(members)))
-    other = _selected_under(layout, search, start, loads)
+    held = {member.name for member in point.fit.members}
+    refused = {member.name for member in model.fit.members} - held
+    # what has no name there may be the load's
+    at = {where for _, where in refused}
+    kept = (m for m in point.fit.members if not (m.is_generic and m.where in at))
+    first = tuple(kept)
+    search = Search.of(layout.at(point), first, refused)
+    start = select_groups(search.problem, range(len(first)))
+    other = _selected_under(layout, search, start, refused)
     gained = 0.5 * (model.unexplained_square - other.unexplained_square)
     return other if gained > SETTINGS.equivalent_log_bayes else model
 
 
-def _loads_in_place_of_names(model: SelectedModel) -> dict[Name, ModelTerm]:
-    """Return loads by the names of a set that do alone what each of them does."""
-    search, found = exchange_search(model), dict[Name, ModelTerm]()
+def _with_loads(layout: Layout, model: SelectedModel) -> OperatingPoint | None:
+    """Put loads in the place of terms where all then explain more; None: nowhere.
+
+    Args:
+        layout: How columns are laid out.
+        model: The set.
+    """
+    case, best = model.case, None
+    least = unexplained(case, model.fit) - 2.0 * SETTINGS.equivalent_log_bayes
+    members, tried = model.fit.members, _loads_like_terms(model)
+    for name in sorted(tried, key=lambda n: tried[n][0])[:MOST_LOADS]:
+        load = tried[name][1]
+        if load.name in {member.name for member in members}:
+            continue
+        with_load = [load if m.name == name else m for m in members]
+        fit = fit_model(case, with_load)
+        point = layout.relinearise_until_stable(case, fit)
+        if point.square < least:
+            best, members = point, point.fit.members
+            least = point.square - 2.0 * SETTINGS.equivalent_log_bayes
+    return best
+
+
+def _loads_like_terms(model: SelectedModel) -> dict[Name, tuple[float, ModelTerm]]:
+    """Return the load that does best alone what each term of a set does.
+
+    Each with what it does less than the term: no more than what stays unexplained,
+    which what it does to others may make up for.
+    """
+    search = exchange_search(model)
+    found = dict[Name, tuple[float, ModelTerm]]()
     here, members = model.case.situation, model.fit.members
+    acting = [acts_on_others(here, term) for term in search.terms]
     for member in members:
-        if member.is_generic or acts_on_others(here, member):
+        if acts_on_others(here, member):
             continue
         every = exchange_worths(search.problem, range(len(members)), member.name)
         alone = {n: w + every.price[n] for n, w in every.worth.items()}
-        least = alone[member.name] - SETTINGS.equivalent_log_bayes
-        rest = [k for k, other in enumerate(members) if other is not member]
+        rest = [j for j, other in enumerate(members) if other is not member]
         gains = gains_beside(search.problem, rest)
         alike = [
             (alone[term.name], float(gain), term)
-            for gain, term in zip(gains, search.terms, strict=True)
-            if term.name != member.name
-            and alone.get(term.name, -np.inf) > least
-            and acts_on_others(here, term)
+            for gain, term, acts in zip(gains, search.terms, acting, strict=True)
+            if acts and term.name != member.name and term.name in alone
         ]
-        if alike:
-            found[member.name] = max(alike, key=lambda one: one[:2])[2]
+        best = max(alike, key=lambda one: one[:2], default=None)
+        less = np.inf if best is None else alone[member.name] - best[0]
+        if best is not None and less < 0.5 * model.unexplained_square:
+            found[member.name] = less, best[2]
     return found
 
 
@@ -300,7 +335,7 @@ def _selected_under(
         search: What the set was selected from.
         selected: The set.
         refused: Names that are left out.
-        again: How often the search goes on.
+        again: How often the search may go on.
     """
     case = search.case
     own = [search.terms[k] for k in selected.groups]
@@ -320,7 +355,8 @@ def _selected_under(
     if held and layout.is_at(case, point):
         return model
     case, terms = layout.at(point), point.fit.members
-    if again:
+    before = unexplained(model.case, model.fit)
+    if again == AGAIN or (again and point.square < MISLED * before):
         search = Search.of(case, terms, refused)
         selected = select_groups(search.problem, range(len(terms)))
         other = _selected_under(layout, search, selected, refused, again - 1)

@@ -118,6 +118,20 @@ def test_no_name_stands_where_most_of_the_mismatch_has_none():
     assert gate and all(not d.accepted and d.statistic < d.threshold for d in gate)
 
 
+def test_a_weak_name_stands_beside_a_strong_mechanism_that_a_generic_term_explains():
+    """Nothing stays for the name to imitate, though it explains far less."""
+    rig, loop = Rig(MODEL), "hysteresis@a1,width_rad=3e-5"
+    thread = ThrustTurn(where="a4", compliance_rad_per_nm=1e-4)
+    rig = replace(rig, effects=(*parse_all((loop,), rig.nominal), thread))
+    made = record(rig, table_one_plan(poses=60), Instruments(), seed=4)
+    found = diagnose(made, arm(), FEW)
+    assert names(found) == [("hysteresis", "a1")]
+    assert found.verdict == "partly_explained"
+    (place,) = found.unexplained_places
+    assert place.where == "a4"
+    assert place.share > 0.6
+
+
 def test_a_name_half_as_strong_as_an_unknown_mechanism_at_its_place_is_withheld():
     """The law of a generic term is no exact one; what it leaves may imitate a name."""
     rig = Rig(MODEL)

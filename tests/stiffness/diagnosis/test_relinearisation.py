@@ -30,13 +30,16 @@ from stiffness.diagnosis.relinearisation import (
     beyond_linear,
     build_problem,
     changes,
+    linearised,
     nominal_problem,
     total_softening,
+    unexplained,
 )
 from stiffness.diagnosis.search import Search
 from stiffness.diagnosis.selection import (
-    _loads_in_place_of_names,
+    _loads_like_terms,
     _selected_under,
+    _with_loads,
     select_model,
 )
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
@@ -281,9 +284,74 @@ def test_a_load_is_tried_in_the_place_of_a_name_that_does_alone_what_it_does():
     model = select_model(build_problem(prepared, some[:1]), prepared, some[:1])
     assert [m.name for m in model.fit.members] == [("transmission_error", "a1")]
     both = build_problem(prepared, some)
-    found = _loads_in_place_of_names(replace(model, case=both))
-    (load,) = found.values()
+    [(_, load)] = _loads_like_terms(replace(model, case=both, share=0.0)).values()
     assert load.name == ("gravity_compensator", "a1")
+
+
+def test_a_load_is_tried_where_it_does_less_than_a_term_by_what_stays_unexplained():
+    """A wave of another order than a load's is no load, unless more stays open."""
+    seen = recording(
+        "transmission_error@a1,amplitude_rad=5e-4,order=3,phase_rad=1", poses=20
+    )
+    some = (TransmissionError(), GravityCompensator())
+    prepared = prepare(seen, arm().for_recording(seen))
+    model = select_model(build_problem(prepared, some[:1]), prepared, some[:1])
+    model = replace(model, case=build_problem(prepared, some))
+    assert not _loads_like_terms(replace(model, share=0.999))
+    [(less, load)] = _loads_like_terms(replace(model, share=0.0)).values()
+    assert load.name == ("gravity_compensator", "a1")
+    assert 0.0 < less < 0.5 * model.statistics.whole
+
+
+def test_a_load_is_tried_in_the_place_of_a_term_without_a_name():
+    """A generic wave of the angle turns its axis as a compensator does."""
+    ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
+    some = (GravityCompensator(),)
+    case = build_problem(ready, some)
+    (wave,) = (m for m in case.library.map if (m.kind, m.where) == ("angle", "a1"))
+    term = ModelTerm(wave.hypothesis, "a1", NONE)
+    model = _selected_under(Layout(ready, ()), *started(build_problem(ready, ()), term))
+    assert [m.name for m in model.fit.members] == [term.name]
+    [(_, load)] = _loads_like_terms(replace(model, case=case, share=0.0)).values()
+    assert load.name == ("gravity_compensator", "a1")
+
+
+def test_a_load_takes_the_place_of_a_term_only_where_all_then_explain_more():
+    """A compensator behind a gear that hardens: its torque moves along the law."""
+    some = (TransmissionError(), GravityCompensator(), Hardening())
+    ready = prepared(
+        "gravity_compensator@a1,torque_nm=40,phase_rad=0.5",
+        "hardening@a1,stiffness_ratio=2,torque_nm=20",
+    )
+    layout, both = Layout(ready, some), build_problem(ready, some)
+    few = some[::2]
+    model = select_model(build_problem(ready, few), ready, few)
+    names = {m.name for m in model.fit.members}
+    assert ("transmission_error", "a1") in names
+    model = replace(model, case=both)
+    point = _with_loads(layout, model)
+    assert point is not None
+    assert ("gravity_compensator", "a1") in {m.name for m in point.fit.members}
+    assert point.square < unexplained(both, model.fit)
+    alone = replace(model, fit=fit_model(both, point.fit.members))
+    assert _with_loads(layout, alone) is None
+
+
+def test_columns_may_be_laid_out_under_a_term_without_a_name_that_has_others_there():
+    """How many waves of an angle are told apart depends on the torque."""
+    ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
+    case = build_problem(ready, ())
+    (wave,) = (m for m in case.library.map if (m.kind, m.where) == ("angle", "a1"))
+    fit = fit_model(case, [ModelTerm(wave.hypothesis, "a1", NONE)])
+    fewer = replace(fit, coefficients=tuple(c[:-1] for c in fit.coefficients))
+    one, other = (linearised(ready, case.split, None, f)[1] for f in (fit, fewer))
+    assert_array_equal(one.rest, other.rest)
+
+
+def started(case, term: ModelTerm):
+    """Return a search that starts with a term, and the set of it alone."""
+    search = Search.of(case, [term])
+    return search, select_groups(search.problem, [0])
 
 
 def test_a_load_that_is_withheld_acts_no_more_on_others(monkeypatch):
