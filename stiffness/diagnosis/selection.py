@@ -232,8 +232,9 @@ def select_model(
     """Search the set that explains best, and withhold what does not hold.
 
     A term may do alone what a load does, but a load also acts on all others: where much
-    stays unexplained, the search runs again under loads in the place of such terms, and
-    its set is kept where it surely predicts poses left out better.
+    stays unexplained, the search runs again under loads in the place of such terms that
+    all others do as well with, and its set is kept where it surely predicts poses left
+    out better.
 
     Courses of the base in time compete from the first, as many slips and drifts would
     share out what no single one of them does. Other forms of a law come in with the
@@ -267,25 +268,28 @@ def select_model(
 
 
 def _with_loads(layout: Layout, model: SelectedModel) -> OperatingPoint | None:
-    """Put loads in the place of terms where all then explain more; None: nowhere.
+    """Put loads in the place of terms that all then do as well with; None: nowhere.
 
     Args:
         layout: How columns are laid out.
         model: The set.
     """
     case, best = model.case, None
-    least = unexplained(case, model.fit) - 2.0 * SETTINGS.equivalent_log_bayes
-    members, tried = model.fit.members, _loads_like_terms(model)
+
+    def worth(square: float, fit: ModelFit) -> float:
+        return -0.5 * (square + fit.degrees_of_freedom * np.log(case.poses))
+
+    members, most = model.fit.members, worth(unexplained(case, model.fit), model.fit)
+    tried = _loads_like_terms(model)
     for name in sorted(tried, key=lambda n: tried[n][0])[:MOST_LOADS]:
         load = tried[name][1]
         if load.name in {member.name for member in members}:
             continue
         with_load = [load if m.name == name else m for m in members]
-        fit = fit_model(case, with_load)
-        point = layout.relinearise_until_stable(case, fit)
-        if point.square < least:
-            best, members = point, point.fit.members
-            least = point.square - 2.0 * SETTINGS.equivalent_log_bayes
+        point = layout.relinearise_until_stable(case, fit_model(case, with_load))
+        found = worth(point.square, point.fit)
+        if found > most - SETTINGS.equivalent_log_bayes:
+            best, members, most = point, point.fit.members, found
     return best
 
 
