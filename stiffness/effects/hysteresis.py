@@ -1,11 +1,13 @@
 """Hysteresis of a gear: friction holds back part of the wind-up after a reversal.
 
 ==========  ==========================================================================
-Equation    θ = C τ - s(τ) w/2 z(u path), s the slope of the axis' wind-up over the
-            slope at no torque, u = ∫ s dτ, 1 and τ for a linear spring; z in -1 … 1:
-            sum over j = 1, 2, 3 of j z_j / 6, z_j = (u - P_j[u]) / r_j the stop beside
-            the play P_j of half width r_j = j r / 3; of its gear's torque it carries
-            (w/2) z / C, and τ is what other laws beside the spring leave of it
+Equation    θ = C τ - s w/2 z(u path), s the mean slope of the axis' wind-up between
+            the gear's torque and its spring's over the slope at no torque, u = θ / C +
+            (w/2) z / C, how far the gear winds up and what friction holds back: τ for a
+            linear spring, ∫ s dτ where w is not known yet; z in -1 … 1: sum over j =
+            1, 2, 3 of j z_j / 6, z_j = (u - P_j[u]) / r_j the stop beside the play P_j
+            of half width r_j = j r / 3; of its gear's torque it carries (w/2) z / C,
+            and τ is what other laws beside the spring leave of it
 Source      Visintin 1994, "Differential Models of Hysteresis", chapter III (play and
             stop); evenly spread slips: Iwan 1966, "A distributed-element model for
             hysteresis"; a stop is one Maxwell-slip element as a function of torque
@@ -25,7 +27,7 @@ from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
 from stiffness.effects.jacobian import EffectJacobian, turn
-from stiffness.experiment.static_state import StaticState
+from stiffness.experiment.static_state import LINEAR, StaticState
 from stiffness.experiment.visits import (
     ALIKE,
     BEFORE,
@@ -193,8 +195,13 @@ def _along(
             NOTHING.
         is_stop: Whether they sum changes of torque between bounds.
     """
-    torque = situation.spring_torque(axis, (Hysteresis.effect, situation.axes[axis]))
+    law = (Hysteresis.effect, situation.axes[axis])
+    torque = situation.spring_torque(axis, law)
     path = situation.wound(axis, torque[situation.steps])
+    beside = situation.gears.get(axis, LINEAR).parallel.get(law)
+    if beside is not None and memory != BEFORE:  # of a way between visits it is unknown
+        torque = situation.spring_torque(axis)
+        path = (situation.wound(axis, torque) + beside)[situation.steps]
     start, skipped = np.zeros((len(bounds), len(path))), 0
     if memory == BEFORE:
         before = np.concatenate([[0.0], path[:-1, -1]])

@@ -102,6 +102,8 @@ class Gear:
         return replace(self, parallel=own)
 
 
+NO_WAY = 1e-6
+"""Share of a torque over which a slope is taken at a point; chosen for rounding."""
 LINEAR = Gear()
 """The gear of an axis of which nothing is named."""
 
@@ -271,15 +273,19 @@ class StaticState:
     def softness_of(self, axis: int, effect: str = "") -> Float[np.ndarray, " rows"]:
         """Return the slope of an axis' wind-up over the slope at no torque.
 
-        It is the slope midway between the gear's torque and its spring's: what a law
+        It is the mean slope between the gear's torque and its spring's: what a law
         beside the spring takes from it counts over this way.
 
         Args:
             axis: Its index, counted from 0.
             effect: Whose curve does not count; empty: all curves do.
         """
-        midway = 0.5 * (self.torque[:, axis] + self.spring_torque(axis))
-        return self.gears.get(axis, LINEAR).curve(midway, effect)[1]
+        whole, spring = self.torque[:, axis], self.spring_torque(axis)
+        gear = self.gears.get(axis, LINEAR)
+        (far, slope), near = gear.curve(whole, effect), gear.curve(spring, effect)[0]
+        way = whole - spring
+        some = np.abs(way) > NO_WAY * np.maximum(np.abs(whole), np.abs(spring))
+        return np.where(some, (far - near) / np.where(some, way, 1.0), slope)
 
     def spring_torque(self, axis: int, law: Law | None = None) -> np.ndarray:
         """Return the torque that an axis' gear leaves to its spring, in N m.

@@ -11,6 +11,7 @@ from bench.effects.angle_dependent_stiffness import AngleDependentStiffness
 from bench.effects.asymmetric_stiffness import AsymmetricStiffness
 from bench.effects.creep import Creep
 from bench.effects.effect import Effect
+from bench.effects.hardening import Hardening
 from bench.effects.hysteresis import Hysteresis
 from stiffness.diagnosis.model_fit import ModelFit, ModelTerm
 from stiffness.diagnosis.relinearisation import state_under
@@ -79,6 +80,29 @@ def test_laws_that_act_through_an_asymmetric_spring_have_their_size(laws, size, 
         state = state_under(own, fit).with_compliance(truth.situation().compliance)
     assert abs(errors[0]) > 0.1
     assert abs(errors[-1]) < 0.02
+
+
+def test_a_loop_beside_a_spring_that_hardens_is_that_of_slipping_elements():
+    """Elements slip by how far the gear winds up, which friction and law share."""
+    hard = (Hardening("a2", 2.0, torque_nm=15.0), (15.0, 0.0))
+    loop = (Hysteresis("a2", width_rad=4e-4), (25.0, 0.0))
+    done = truth.in_base(truth.recording(hard[0], loop[0]))
+    friction = done - truth.in_base(truth.recording(hard[0]))
+    done = done - truth.in_base(truth.recording())
+    state, (law, slips) = truth.situation(), terms_of(hard, loop)
+    straight = truth.situation().compliance
+    left = []
+    for slip in (40.0, 45.0, 50.0):
+        here = state
+        terms = [law, replace(slips, shape=np.array([slip, 0.0]))]
+        for _ in range(6):
+            own, fit = fitted(here, terms, done)
+            here = state_under(own, fit).with_compliance(straight)
+        size = np.concatenate([*fit.coefficients, [own.compliance[1] - straight[1]]])
+        laws = [*(term.jacobian(here) for term in terms), turn(1, here.torque[:, 1])]
+        every = np.concatenate([truth.moved(here, one) for one in laws], axis=3)
+        left.append(np.linalg.norm(every @ size - done) / np.linalg.norm(friction))
+    assert min(left) < 0.045
 
 
 def alone(state: StaticState, *laws: tuple[str, str, list[float], list[float]]):
