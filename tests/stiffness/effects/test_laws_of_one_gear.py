@@ -93,11 +93,11 @@ def test_a_loop_beside_a_spring_that_hardens_is_that_of_slipping_elements():
     straight = truth.situation().compliance
     left = []
     for slip in (40.0, 45.0, 50.0):
-        here = state
-        terms = [law, replace(slips, shape=np.array([slip, 0.0]))]
-        for _ in range(6):
-            own, fit = fitted(here, terms, done)
+        here, terms = state, [law, replace(slips, shape=np.array([slip, 0.0]))]
+        own, fit = fitted(here, terms, done)
+        for _ in range(5):
             here = state_under(own, fit).with_compliance(straight)
+            own, fit = fitted(here, terms, done)
         size = np.concatenate([*fit.coefficients, [own.compliance[1] - straight[1]]])
         laws = [*(term.jacobian(here) for term in terms), turn(1, here.torque[:, 1])]
         every = np.concatenate([truth.moved(here, one) for one in laws], axis=3)
