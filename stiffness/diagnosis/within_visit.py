@@ -197,7 +197,7 @@ class WithinVisitContrasts:
     ) -> Float[np.ndarray, "few slots"]:
         """Return the products of columns with the slots of others, over all visits."""
         total = np.zeros((len(few.column), len(many.column)))
-        for group, pulled in self._pulls(few, [*many.rotations, *many.twists]):
+        for group, pulled in self._scores_at(few, [*many.rotations, *many.twists]):
             visits, n, own = pulled.shape
             laid = group.values.reshape(visits, n, -1)
             total[:own, group.slots] = contract(pulled, laid)
@@ -316,7 +316,7 @@ class WithinVisitContrasts:
                 if near is not far:
                     gram[..., far.slots, near.slots] += block.swapaxes(-1, -2)
 
-    def _pulls(
+    def _scores_at(
         self, columns: DesignMatrix, groups: Sequence[Group]
     ) -> Iterator[tuple[Group, np.ndarray]]:
         """Return what turns and motions pull at groups: (visits, n, slots)."""
