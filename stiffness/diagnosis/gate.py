@@ -121,10 +121,10 @@ def pose_statistics(
 
 # --- Gate on poses left out -----------------------------------------------------------
 
-SECOND_ORDER = 0.0009
+SECOND_ORDER = 0.0025
 """Share of what a name explains by which its columns may be wrong where a load was
-found beside it: a name near it that explains less is none. Chosen: columns are laid
-out anew from 3 % on, squared."""
+found beside it: a name near it that explains less is none. Chosen: a twentieth of its
+amplitude, squared."""
 
 OTHER_FORMS = 0.1
 """Share of what a law explains that another accepted form of it may explain beside it.

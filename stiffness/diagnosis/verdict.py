@@ -4,8 +4,8 @@ Generic terms of the selected set are unexplained places. A name is withheld whe
 residual near it is large beside what it explains, where a generic term near it explains
 twice as much, or where its law differs between groups of rows. A residual of less than
 `SMALL_RESIDUAL` of the mismatch withholds no name that explains ten times as much. No
-name stands where all together explain less than twice what has no name, unless the set
-and its generic terms explain all.
+name stands where all together explain less than twice what has no name, unless generic
+terms of one place explain all the rest.
 
 ==========  ==========================================================================
 Equation    P(name) = sum of exp(g_j / phi - c_j) over the name and its first three
@@ -25,6 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bench.shared.effect_catalogue import INSTRUMENTS
 from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.detection import (
     DetectionTest,
@@ -450,16 +451,17 @@ def _of_slight_share(
 ) -> list[Decision]:
     """Return the names, where all together explain less than twice what has none.
 
-    What has none are generic terms and the residual: a name that is withheld is not
-    sure, but no unknown mechanism. A course in time has no part in it: what depends on
-    loads and angles is none. Where generic terms explain all that names do not, no name
-    has to imitate what they stand for.
+    What has none are generic terms, but courses in time, and the residual: a name that
+    is withheld is not sure, but no unknown mechanism. Where generic terms of one place,
+    no instrument, explain the rest, no name has to imitate what they stand for.
     """
     model, left = judged.model, judged.residual
-    if left.p_value >= SIGNIFICANCE and model.share > SETTINGS.explained_share:
-        return []
-    excess = _largest_excess(left) if left.p_value < SIGNIFICANCE else 0.0
     members = model.fit.members
+    unknown = {member.where for member in members if member.is_generic}
+    excess = _largest_excess(left) if left.p_value < SIGNIFICANCE else 0.0
+    explained = not excess and model.share > SETTINGS.explained_share
+    if explained and len(unknown) == 1 and not unknown & set(INSTRUMENTS):
+        return []
     own = sum(part for part, stood in zip(parts, stands, strict=True) if stood)
     every = own + sum(
         part
