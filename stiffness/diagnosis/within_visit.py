@@ -333,10 +333,8 @@ class WithinVisitContrasts:
         for group in columns.twists:
             laid = group.values.reshape(visits, 6 * rows, -1)
             pulled = info.through(group.site) @ laid
-            along[..., group.slots], net[..., group.slots] = (
-                pulled,
-                -self.kernel @ pulled,
-            )
+            along[..., group.slots] = pulled
+            net[..., group.slots] = -self.kernel @ pulled
         along += self.raw @ net
         of_motions: dict[tuple[int, tuple[int, ...]], np.ndarray] = {}
         for group in groups:
