@@ -315,9 +315,15 @@ def total_softening(
     case: SelectionProblem, prepared: Prepared, fit: ModelFit
 ) -> Float[np.ndarray, " springs"]:
     """Return by how much compliances are other than prepared, on average over rows."""
-    own = list(prepared.springs)
+    return _laid_out_softer(case, prepared) + _mean_softening(case, fit)
+
+
+def _laid_out_softer(
+    case: SelectionProblem, prepared: Prepared
+) -> Float[np.ndarray, " springs"]:
+    """Return by how much compliances are laid out other than prepared."""
     moved = case.situation.compliance - prepared.situation.compliance
-    return moved[own] + _mean_softening(case, fit)
+    return moved[list(prepared.springs)]
 
 
 def _mean_softening(
@@ -395,8 +401,7 @@ class Layout:
 
     def is_at(self, case: SelectionProblem, point: OperatingPoint) -> bool:
         """Return whether columns are laid out as at an operating point."""
-        own, before = list(case.springs), self.prepared.situation.compliance
-        softer = case.situation.compliance[own] - before[own]
+        softer = _laid_out_softer(case, self.prepared)
         return case.named is point.named and np.allclose(softer, point.softer, atol=0.0)
 
     def relinearise_until_stable(
@@ -412,8 +417,7 @@ class Layout:
             case: As laid out.
             fit: The set.
         """
-        own, before = list(case.springs), self.prepared.situation.compliance
-        softer = case.situation.compliance[own] - before[own]
+        softer = _laid_out_softer(case, self.prepared)
         here = self._point(softer, _part_of(case.named, fit), fit)
         softer, named, halved = here.fitted, here.fit, 0
         for _ in range(RELINEARISED):

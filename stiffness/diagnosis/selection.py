@@ -423,7 +423,10 @@ def _judged(
         columns = [len(own) for own in look.fit.coefficients]
         withheld = _withheld(case, terms, parameters, gains, columns)
         if not withheld:
-            parameters = parameters_of(case.situation, case.springs, look, case.split)
+            if beside:
+                parameters = parameters_of(
+                    case.situation, case.springs, look, case.split
+                )
             break
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
