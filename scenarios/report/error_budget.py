@@ -344,7 +344,7 @@ def body_shades(budget: ErrorBudget) -> dict[str, tuple[float, float, float]]:
     for where in shares:
         number = where.removeprefix("link_").removeprefix("a").partition(":")[0]
         both = (f"a{number}", f"link_{number}") if number.isdigit() else (where,)
-        largest = max(both, key=lambda w: shares.get(w, 0.0))
+        largest = max((w for w in both if w in shares), key=lambda w: shares[w])
         found[both[-1]] = colour[largest]
     return found
 

@@ -37,6 +37,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bench.shared.recording import Recording
+from stiffness.robot.kinematics import point_jacobian
 
 OUTLIER_SIGMAS = 8.0
 """Robust sigmas from which a reading is one; chosen: normal noise is there once in
@@ -255,13 +256,28 @@ def _outlying_marks(
         if len(some) < 3 and _clear(fits, best) is False:
             return found
         turn, middle, centre = _registered(place[some], y[some])
-        size = float(np.linalg.norm((place[m] - middle) @ turn.T + centre - y[m]))
+        off = (place[m] - middle) @ turn.T + centre - y[m]
+        size, error = float(np.linalg.norm(off)), off @ _precision(y, m, some) @ off
         if len(some) == 2:
             size = float(np.abs(_distances(y, place, m, some)).max())
-        if size > OUTLIER_SIGMAS * sigma:
+            error = size**2
+        if error > (OUTLIER_SIGMAS * sigma) ** 2:
             found.append((m, size))
         left = some
     return found
+
+
+def _precision(
+    y: Float[np.ndarray, "marks 3"], mark: int, others: list[int]
+) -> Float[np.ndarray, "3 3"]:
+    """Return the inverse covariance of a mark's misfit, for readings of sigma one.
+
+    Where marks lie nearly on a line, the body that they show may turn about it.
+    """
+    lever = point_jacobian(y - y[others].mean(axis=0))
+    moved = lever[others].reshape(-1, 6)
+    back = np.linalg.pinv(moved.T @ moved, rcond=LEAST, hermitian=True)
+    return np.linalg.inv(np.eye(3) + lever[mark] @ back @ lever[mark].T)
 
 
 def _clear(fits: list[float], best: int) -> bool:

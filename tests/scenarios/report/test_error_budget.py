@@ -23,7 +23,14 @@ from scenarios.pipelines.schema import (
     span,
 )
 from scenarios.report import error_budget, figures, page, playback, summary
-from scenarios.report.error_budget import budget_of, percent, shares_of_names
+from scenarios.report.error_budget import (
+    HEAT,
+    ErrorBudget,
+    body_shades,
+    budget_of,
+    percent,
+    shares_of_names,
+)
 from scenarios.report.page import Fold, Paragraph, Points, Table
 from scenarios.report.sections import diagnosis
 from stiffness.diagnosis.result import Detection, Diagnosis
@@ -297,3 +304,11 @@ def test_all_that_is_shown_is_within_the_field_of_view():
     ray = (points - eye) / np.linalg.norm(points - eye, axis=1)[:, None]
     angle = np.arccos(np.clip(ray @ ahead, -1.0, 1.0))
     assert angle.max() <= playback.FIELD / 2.0 + 1e-9
+
+
+def test_a_wrist_axis_that_goes_against_the_rest_has_a_colour():
+    """No link of its number need be among the places."""
+    of = {"a2": {"gears": 0.9}, "a6": {"gears": -0.002}, "link_2": {"links": 0.1}}
+    found = body_shades(ErrorBudget(of, None, {}))
+    assert found["link_6"] == HEAT(-0.002 / 0.9)[:3]
+    assert found["link_2"] == HEAT(1.0)[:3]

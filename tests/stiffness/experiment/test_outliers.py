@@ -4,11 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from small_bench import FEW, arm, recording
 
 from bench.shared.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.experiment.outliers import Outlier, outliers_of, without_outliers
+from stiffness.experiment.outliers import (
+    Outlier,
+    _of_body,
+    outliers_of,
+    without_outliers,
+)
 
 SHARE = 1e-3
 MM = 1e-3
@@ -106,3 +112,16 @@ def test_left_out_reading_is_as_one_that_was_not_seen():
     assert np.isnan(left.points[5, 2]).all()
     assert np.isnan(left.points).sum() == np.isnan(made.points).sum() + 3
     assert without_outliers(made, ()) is made
+
+
+def test_noise_of_a_mark_that_others_place_badly_is_no_outlier():
+    """Three marks nearly on a line: the body may seem to turn about it."""
+    random, rows = np.random.default_rng(1), 20_000
+    place = 0.1 * np.array([[0, 0, 0], [1, 0.02, 0], [2, 0, 0], [1, 1.5, 0]])
+    turn = Rotation.from_rotvec(random.normal(size=(rows, 3)))
+    points = np.stack([turn.apply(at) for at in place], axis=1)
+    points += 1e-5 * random.normal(size=points.shape)
+    points[7, 3] += 20 * MM
+    found = np.zeros((rows, 4))
+    _of_body(points, [0, 1, 2, 3], found)
+    assert np.argwhere(found).tolist() == [[7, 3]]
