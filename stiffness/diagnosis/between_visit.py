@@ -50,7 +50,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import cho_factor, cho_solve
 
-from stiffness.diagnosis.design_matrix import (
+from stiffness.effects.design_matrix import (
     DesignMatrix,
     SiteMean,
     contract,

@@ -45,8 +45,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from typing_extensions import override
 
-from stiffness.diagnosis.design_matrix import Deferred, deferred
 from stiffness.effects.base import Hypothesis, absolute, marked_point
+from stiffness.effects.design_matrix import Deferred, deferred
 from stiffness.effects.jacobian import (
     NOTHING,
     BodyTwist,
@@ -56,8 +56,8 @@ from stiffness.effects.jacobian import (
     MarkerDisplacement,
     rotate,
     translate,
-    turn,
 )
+from stiffness.effects.statics import springs_of
 from stiffness.experiment.static_state import StaticState
 
 # --- Errors of a levelled tracker -----------------------------------------------------
@@ -481,13 +481,6 @@ class Library:
     nominal: int
     candidates: tuple[Candidate, ...]
     map: tuple[Mapped, ...]
-
-
-def springs_of(
-    situation: StaticState, springs: Sequence[int]
-) -> tuple[EffectJacobian, ...]:
-    """Return what more compliance of each fitted axis does."""
-    return tuple(turn(k, situation.torque[:, k]) for k in springs)
 
 
 def library_of(

@@ -25,6 +25,7 @@ from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
+    SelectionProblem,
     fit_of,
     shape_columns,
     training,
@@ -32,11 +33,10 @@ from stiffness.diagnosis.model_fit import (
 )
 from stiffness.diagnosis.sufficient_statistics import (
     PerPoseScores,
-    SufficientStatistics,
     per_pose_scores,
 )
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import EffectJacobian
+from stiffness.effects.jacobian import EffectJacobian, added
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.intervals import Interval
 from stiffness.regression.splits import Split
@@ -97,29 +97,35 @@ class ModelEvaluation:
 
 
 def evaluate_model(
-    data: SufficientStatistics,
-    situation: StaticState,
-    nominal: Sequence[EffectJacobian],
+    case: SelectionProblem,
     members: Sequence[ModelTerm],
-    split: Split,
     beside: Sequence[ModelTerm] = (),
 ) -> ModelEvaluation:
     """Fit members, and gather what poses say of them, in one pass over the readings.
 
+    Where columns were laid out under members, more of one also changes the others'.
+
     Args:
-        data: The readings.
-        situation: Where the arm stood.
-        nominal: Columns of the springs.
+        case: What may be looked at.
         members: The set.
-        split: Which poses may be looked at.
         beside: Terms that were not selected but may be there.
     """
-    own = [m.jacobian(situation) for m in members]
-    steps = [
-        s
-        for m, one in zip(members, own, strict=True)
-        for s in shape_columns(situation, m, np.eye(one.columns))
-    ]
+    data, situation, split, felt = case.data, case.situation, case.split, case.felt
+    nominal, own, steps = [*case.nominal], list[EffectJacobian](), []
+    if felt is not None:
+        data = data.subtract([felt.total], -np.ones(1))
+        nominal = [added(*both) for both in zip(nominal, felt.springs, strict=True)]
+    for member in members:
+        law = member.jacobian(situation)
+        slopes = shape_columns(situation, member, np.eye(law.columns))
+        more = None if felt is None else felt.laws.get(member.name)
+        if felt is not None and more is not None and more.columns == law.columns:
+            law = added(law, more)
+            for j, slope in enumerate(slopes):
+                of_shape = felt.shapes.get((member.name, j))
+                slopes[j] = slope if of_shape is None else added(slope, of_shape)
+        own.append(law)
+        steps.extend(slopes)
     forms = [m.hypothesis.variants(situation, m.where, m.shape) for m in members]
     forms += [m.hypothesis.assumed(situation, m.where, m.shape) for m in members]
     forms += [m.jacobian(situation) for m in beside]

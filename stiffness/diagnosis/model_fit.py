@@ -4,19 +4,19 @@ A case is what naming looks at: data, hypotheses, and what may not be seen.
 
 A named effect is a hypothesis at a place with a shape, and what was fitted to it.
 
-All shapes of a set are fitted together, by Gauss-Newton.
+All shapes of a set are fitted together, by Levenberg-Marquardt.
 
 ==========  ==========================================================================
 Equation    min |y - X(theta) b|^2 + |(theta - theta_0) / s|^2 over b and theta; columns
             of theta: what a little more of it does, times b; s half of the spacing of
-            the coarse grid; steps that lose are halved; b solved anew at each shape
+            the coarse grid; b solved anew at each shape
 Source      variable projection: Golub and Pereyra 1973; Kaufman 1975
 Valid       from a coarse grid's best, whose neighbours have alike columns
 Ignores     shapes beyond the grid's ends, and those that count something
 ==========  ==========================================================================
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bench.shared.effect_catalogue import CATALOGUE
-from stiffness.diagnosis.candidates import GenericTerm, Library, springs_of
+from stiffness.diagnosis.candidates import GenericTerm, Library
 from stiffness.diagnosis.sufficient_statistics import (
     PerPoseScores,
     SufficientStatistics,
@@ -33,11 +33,37 @@ from stiffness.diagnosis.sufficient_statistics import (
 )
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian, values, with_values
+from stiffness.effects.statics import springs_of
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.normal_equations import NormalEquations, minimum_norm_fit
+from stiffness.regression.normal_equations import (
+    Bounds,
+    Linearised,
+    NormalEquations,
+    minimise,
+    projection_coefficients,
+    schur_complement,
+)
 from stiffness.regression.splits import Split
 
 # --- Selection problem ----------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class FeltByOthers:
+    """What more of a set's parameters changes of what its other members displace.
+
+    Attributes:
+        springs: One column for each fitted compliance.
+        laws: By name, a column for each coefficient.
+        shapes: By name and number of a shape parameter, per unit of it and of each
+            coefficient, which add up at the set's own.
+        total: One column: of all coefficients as they are.
+    """
+
+    springs: tuple[EffectJacobian, ...]
+    laws: Mapping[tuple[str, str], EffectJacobian]
+    shapes: Mapping[tuple[tuple[str, str], int], EffectJacobian]
+    total: EffectJacobian
 
 
 @dataclass(frozen=True)
@@ -54,6 +80,7 @@ class SelectionProblem:
         seed: Of random signs.
         dispersion_limit: Dispersion of poses up to which errors may be misstated.
         named: The set that acts on all columns; None: nothing does.
+        felt: What more of it changes of itself; None: that was not looked at.
     """
 
     data: SufficientStatistics
@@ -65,6 +92,7 @@ class SelectionProblem:
     seed: int
     dispersion_limit: float
     named: "ModelFit | None" = None
+    felt: FeltByOthers | None = None
 
     @property
     def nominal(self) -> tuple[EffectJacobian, ...]:
@@ -357,13 +385,14 @@ def shape_columns(
             shape[j] += sign * step
             sides.append(ModelTerm(member.hypothesis, member.where, shape))
         high, low = (m.jacobian(situation) for m in sides)
-        slopes.append(_difference(high, low, sets / (2 * step)))
+        slopes.append(difference(high, low, sets / (2 * step)))
     return slopes
 
 
-def _difference(
+def difference(
     high: EffectJacobian, low: EffectJacobian, weight: np.ndarray
 ) -> EffectJacobian:
+    """Return mixtures of the columns by which two laws differ."""
     parts = []
     for one, other in zip(high.parts, low.parts, strict=True):
         parts.append(with_values(one, (values(one) - values(other)) @ weight))
@@ -372,11 +401,9 @@ def _difference(
 
 # --- Fit of all shapes together -------------------------------------------------------
 
-ROUNDS = 3
-"""Steps; chosen: the third moves a hundredth of the first."""
-HALVINGS = 2
-SETTLED = 1.0
-"""Whitened square that one more step must gain; chosen: a pose weighs more."""
+EVALUATIONS = 6
+"""How often a set is fitted at other shapes; chosen: the third step moves a hundredth
+of the first, and some steps gain nothing."""
 SPACING = 0.5
 """Prior standard deviation in spacings of the coarse grid."""
 STEP = 1e-2
@@ -384,7 +411,7 @@ STEP = 1e-2
 
 
 @dataclass(frozen=True)
-class _Shape:
+class FreeShape:
     """One shape parameter that may move.
 
     Attributes:
@@ -404,6 +431,11 @@ class _Shape:
     spacing: float
     start: float
 
+    @property
+    def precision(self) -> float:
+        """Inverse prior variance."""
+        return (SPACING * self.spacing) ** -2
+
     def of(self, term: ModelTerm) -> float:
         """Return where it is in its term, as it moves."""
         value = float(term.shape[self.number])
@@ -415,59 +447,89 @@ class _Shape:
         shape[self.number] = np.exp(value) if self.factor else value
         return replace(term, shape=shape)
 
+    def slope(self, situation: StaticState, term: ModelTerm) -> EffectJacobian:
+        """Return what a little more of it does per unit of each coefficient."""
+        here = self.of(term)
+        step = STEP * self.spacing
+        if not self.factor and here != 0.0:
+            step = min(step, STEP * abs(here))
+        values = (here + step, here - step)
+        high, low = (self.with_value(term, v).jacobian(situation) for v in values)
+        return difference(high, low, np.eye(high.columns) / (2.0 * step))
+
+
+def free_shapes(
+    situation: StaticState, terms: Sequence[ModelTerm]
+) -> tuple[FreeShape, ...]:
+    """Return the shape parameters of a set that may move."""
+    found = []
+    for t, term in enumerate(terms):
+        for j, name in enumerate(term.shape_names):
+            factor = name in term.hypothesis.logarithmic
+            own = term.grid(situation, j)
+            at = np.log(own) if factor and own[0] > 0.0 else own
+            if name in WHOLE or len(at) < 2 or (factor and own[0] <= 0.0):
+                continue
+            value = float(term.shape[j])
+            here = float(np.log(value)) if factor else value
+            nearest = int(np.argmin(np.abs(at - here)))
+            beside = np.abs(np.delete(at, nearest) - at[nearest])
+            spacing = float(beside.min())
+            low, high = float(at[0]), float(at[-1])
+            found.append(FreeShape(t, j, factor, low, high, spacing, here))
+    return tuple(found)
+
+
+def with_shapes(
+    terms: Sequence[ModelTerm],
+    shapes: Sequence[FreeShape],
+    moved: Float[np.ndarray, " shapes"],
+) -> tuple[ModelTerm, ...]:
+    """Return a set whose shapes are elsewhere."""
+    terms = list(terms)
+    for shape, value in zip(shapes, moved, strict=True):
+        terms[shape.term] = shape.with_value(terms[shape.term], float(value))
+    return tuple(terms)
+
+
+def bounds_of(shapes: Sequence[FreeShape]) -> Bounds:
+    """Return where shapes may be, and how far they go in one step."""
+    values = np.array([(s.low, s.high, s.spacing) for s in shapes]).reshape(-1, 3)
+    return Bounds(*values.T)
+
 
 def fit_shapes(
-    case: SelectionProblem, terms: Sequence[ModelTerm], rounds: int = ROUNDS
+    case: SelectionProblem, terms: Sequence[ModelTerm]
 ) -> tuple[ModelTerm, ...]:
     """Move all shapes of a set to where the set explains most.
 
     Args:
         case: What may be looked at.
         terms: The set, at shapes of the coarse grid or near.
-        rounds: Steps at most.
     """
-    terms = list(terms)
-    shapes = _free_shapes(case, terms)
+    shapes = free_shapes(case.situation, terms)
     if not shapes:
         return tuple(terms)
-    fit, step = _linearised(case, terms, shapes)
-    for left in reversed(range(rounds)):
-        for _ in range(HALVINGS + 1):
-            tried = list(terms)
-            for shape, change in zip(shapes, step, strict=True):
-                own = tried[shape.term]
-                value = np.clip(shape.of(own) + change, shape.low, shape.high)
-                tried[shape.term] = shape.with_value(own, float(value))
-            after, following = _linearised(case, tried, shapes)
-            rise = _objective(after, tried, shapes) - _objective(fit, terms, shapes)
-            if rise > 0.0:
-                break
-            step = 0.5 * step
-        else:
-            break
-        terms, fit, step = tried, after, following
-        if rise < SETTLED or not left:
-            break
-    return tuple(terms)
 
+    def linearise(moved: np.ndarray) -> Linearised:
+        return _linearised(case, with_shapes(terms, shapes, moved), shapes)
 
-def _objective(
-    fit: ModelFit, terms: Sequence[ModelTerm], shapes: Sequence[_Shape]
-) -> float:
-    away = [(s.of(terms[s.term]) - s.start) / (SPACING * s.spacing) for s in shapes]
-    return fit.gain - float(np.sum(np.square(away)))
+    bounds, start = bounds_of(shapes), np.array([shape.start for shape in shapes])
+    inside = np.clip(start, bounds.low, bounds.high)
+    best = minimise(linearise, inside, bounds, EVALUATIONS)
+    return with_shapes(terms, shapes, best.parameters)
 
 
 def _linearised(
-    case: SelectionProblem, terms: Sequence[ModelTerm], shapes: Sequence[_Shape]
-) -> tuple[ModelFit, Float[np.ndarray, " shapes"]]:
-    """Fit a set, and return where its shapes should go by their slopes.
+    case: SelectionProblem, terms: Sequence[ModelTerm], shapes: Sequence[FreeShape]
+) -> Linearised:
+    """Fit a set, and return what its shapes' slopes say beside its coefficients.
 
     The slopes are those of the fit's own coefficients, which one pass over the readings
     does not know yet: all columns' slopes are laid out and then added up.
     """
     laws = [term.jacobian(case.situation) for term in terms]
-    slopes = [_slope(case, terms[s.term], s) for s in shapes]
+    slopes = [s.slope(case.situation, terms[s.term]) for s in shapes]
     found = normal_equations_of(
         case.data, [*case.nominal, *laws, *slopes], training(case.split)
     )
@@ -483,46 +545,15 @@ def _linearised(
         mix[at : at + slope.columns, column] = fit.coefficients[shape.term]
         at += slope.columns
     gram, score = mix.T @ gram @ mix, mix.T @ score
-    for column, shape in enumerate(shapes, width):
-        precision = (SPACING * shape.spacing) ** -2
-        gram[column, column] += precision
-        score[column] -= precision * (shape.of(terms[shape.term]) - shape.start)
-    step = minimum_norm_fit(gram, score)[width:]
-    most = np.array([s.spacing for s in shapes])
-    return fit, np.clip(step, -most, most)
-
-
-def _slope(case: SelectionProblem, term: ModelTerm, shape: _Shape) -> EffectJacobian:
-    """Return what a little more of a shape parameter does per unit of coefficient."""
-    here = shape.of(term)
-    step = STEP * shape.spacing
-    if not shape.factor and here != 0.0:
-        step = min(step, STEP * abs(here))
-    sides = []
-    for value in (here + step, here - step):
-        sides.append(shape.with_value(term, value).jacobian(case.situation))
-    parts = []
-    for one, other in zip(sides[0].parts, sides[1].parts, strict=True):
-        slope = (values(one) - values(other)) / (2.0 * step)
-        parts.append(with_values(one, slope))
-    return EffectJacobian(sides[0].columns, tuple(parts))
-
-
-def _free_shapes(case: SelectionProblem, terms: Sequence[ModelTerm]) -> list[_Shape]:
-    """Return the shape parameters that may move."""
-    found = []
-    for t, term in enumerate(terms):
-        for j, name in enumerate(term.shape_names):
-            factor = name in term.hypothesis.logarithmic
-            own = term.grid(case.situation, j)
-            at = np.log(own) if factor and own[0] > 0.0 else own
-            if name in WHOLE or len(at) < 2 or (factor and own[0] <= 0.0):
-                continue
-            value = float(term.shape[j])
-            here = float(np.log(value)) if factor else value
-            nearest = int(np.argmin(np.abs(at - here)))
-            beside = np.abs(np.delete(at, nearest) - at[nearest])
-            spacing = float(beside.min())
-            low, high = float(at[0]), float(at[-1])
-            found.append(_Shape(t, j, factor, low, high, spacing, here))
-    return found
+    joint = np.block([[gram, score[:, None]], [score[None], np.ones((1, 1))]])
+    known, moving = np.arange(width), np.arange(width, width + len(shapes))
+    share = projection_coefficients(joint, known)
+    inner = schur_complement(joint, known, share, moving)
+    pull = score[moving] - gram[np.ix_(moving, known)] @ share[:, -1]
+    away = np.array([s.of(terms[s.term]) - s.start for s in shapes])
+    precision = np.array([shape.precision for shape in shapes])
+    return Linearised(
+        float(np.sum(precision * away**2)) - fit.gain - fit.nominal_gain,
+        pull - precision * away,
+        inner + np.diag(precision),
+    )

@@ -48,7 +48,6 @@ from scipy.spatial.distance import cdist
 from bench.shared.errors import Unusable
 from bench.shared.recording import Recording
 from stiffness.diagnosis.between_visit import BetweenVisitModel, NuisanceJacobian
-from stiffness.diagnosis.design_matrix import DesignMatrix, design_matrix_of
 from stiffness.diagnosis.noise_model import (
     COMMON,
     checked,
@@ -66,6 +65,7 @@ from stiffness.diagnosis.sufficient_statistics import (
 )
 from stiffness.diagnosis.within_visit import WithinVisitModel
 from stiffness.effects.base import axes_of
+from stiffness.effects.design_matrix import DesignMatrix, design_matrix_of
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.residuals import (
     Residuals,

@@ -17,26 +17,23 @@ Ignores     what bearings, links and the base turn the sensor; what else changes
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
-from stiffness.diagnosis.candidates import Library, library_of, springs_of
+from stiffness.diagnosis.candidates import Library, library_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
     SelectionProblem,
-    fit_model,
-    fit_shapes,
     solve,
     training,
 )
 from stiffness.diagnosis.nominal_fit import Prepared, blocks
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
-    mismatch_of_poses,
     normal_equations_of,
 )
 from stiffness.effects.base import Hypothesis
@@ -45,10 +42,9 @@ from stiffness.effects.jacobian import (
     JacobianBlock,
     JointRotation,
     MarkerDisplacement,
-    values,
-    with_values,
+    mixture,
 )
-from stiffness.effects.statics import wind_up
+from stiffness.effects.statics import springs_of, wind_up
 from stiffness.experiment.residuals import expected, shares_of
 from stiffness.experiment.sensor_noise import no_finer
 from stiffness.experiment.static_state import (
@@ -131,16 +127,24 @@ def linearised(
         softer: As in `build_problem`.
         named: As in `build_problem`.
     """
+    springs = springs_of(prepared.situation, prepared.springs)
+    if softer is None:
+        evidence = normal_equations_of(prepared.data, springs, training(split))
+        softer = solve(evidence.gram.sum(axis=0), evidence.score.sum(axis=0))
+    data, stands = moved_under(prepared, softer, named)
+    return data, stands if named is None else state_under(stands, named)
+
+
+def moved_under(
+    prepared: Prepared, softer: Float[np.ndarray, " springs"], named: ModelFit | None
+) -> tuple[SufficientStatistics, StaticState]:
+    """Return readings and state where the arm rests, before what effects make felt."""
     data, situation = prepared.data, prepared.situation
     springs = springs_of(situation, prepared.springs)
     if springs:
-        own, moved = list(prepared.springs), situation.compliance.copy()
-        if softer is None:
-            evidence = normal_equations_of(data, springs, training(split))
-            softer = solve(evidence.gram.sum(axis=0), evidence.score.sum(axis=0))
-        change = _within_a_decade(softer, moved[own])
+        moved = softened(prepared, softer)
+        change = (moved - situation.compliance)[list(prepared.springs)]
         data = data.subtract(springs, change)
-        moved[own] += change
         situation = situation.with_compliance(moved)
     rest = rest_of(situation.arm, situation.recording, situation.compliance)
     if named is not None:
@@ -148,8 +152,16 @@ def linearised(
     stands = moved_to(situation, rest)
     wound = wind_up(situation, (stands.torque - situation.torque)[:, :, None])
     along_arcs = beyond_linear(prepared, stands)
-    data = data.subtract([wound, along_arcs], np.ones(2))
-    return data, stands if named is None else state_under(stands, named)
+    return data.subtract([wound, along_arcs], np.ones(2)), stands
+
+
+def softened(
+    prepared: Prepared, softer: Float[np.ndarray, " springs"]
+) -> Float[np.ndarray, " axes"]:
+    """Return compliances other than prepared, within a decade of these."""
+    own, moved = list(prepared.springs), prepared.situation.compliance.copy()
+    moved[own] += _within_a_decade(softer, moved[own])
+    return moved
 
 
 def changes(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> bool:
@@ -169,14 +181,14 @@ def _turned(situation: StaticState, fit: ModelFit) -> Float[np.ndarray, "rows ax
     What already holds the turned load, as an encoder's offset does, is left out, and
     what has no name: its columns are of the situation that it was fitted in.
     """
-    turn = np.zeros_like(situation.rest)
+    angle = np.zeros_like(situation.rest)
     acting = state_under(situation, fit)
     for member, size in zip(fit.members, fit.coefficients, strict=True):
         if not (member.hypothesis.turns_load or member.is_generic):
             for part in member.jacobian(acting).parts:
                 if isinstance(part, JointRotation):
-                    turn[:, part.axis] += part.law @ size
-    return turn
+                    angle[:, part.axis] += part.law @ size
+    return angle
 
 
 def beyond_linear(prepared: Prepared, stands: StaticState) -> EffectJacobian:
@@ -204,8 +216,8 @@ def beyond_linear(prepared: Prepared, stands: StaticState) -> EffectJacobian:
         seen = prepared.readings.weight > 0
         left = prepared.readings.value - (after - before)
         frame = np.linalg.lstsq(lever[seen].reshape(-1, 6), left[seen].ravel())[0]
-        turn = frame[3:]
-        more += np.cross(turn, after - before + np.cross(turn, before) / 2.0)
+        turned = frame[3:]
+        more += np.cross(turned, after - before + np.cross(turned, before) / 2.0)
     parts = [MarkerDisplacement(m, more[:, m, :, None]) for m in range(more.shape[1])]
     return EffectJacobian(1, tuple(parts))
 
@@ -245,8 +257,7 @@ def _giving(
     """Return what a member does in any situation."""
 
     def parts(situation: StaticState) -> tuple[JacobianBlock, ...]:
-        law = member.jacobian(situation).parts
-        return tuple(with_values(p, values(p) @ size[:, None]) for p in law)
+        return mixture(member.jacobian(situation), size[:, None]).parts
 
     return parts
 
@@ -315,10 +326,10 @@ def total_softening(
     case: SelectionProblem, prepared: Prepared, fit: ModelFit
 ) -> Float[np.ndarray, " springs"]:
     """Return by how much compliances are other than prepared, on average over rows."""
-    return _laid_out_softer(case, prepared) + _mean_softening(case, fit)
+    return laid_out_softer(case, prepared) + _mean_softening(case, fit)
 
 
-def _laid_out_softer(
+def laid_out_softer(
     case: SelectionProblem, prepared: Prepared
 ) -> Float[np.ndarray, " springs"]:
     """Return by how much compliances are laid out other than prepared."""
@@ -333,156 +344,25 @@ def _mean_softening(
 
     Waves over a small range of angles may hold most of a spring.
     """
-    softer = dict(zip(case.springs, fit.springs, strict=True))
+    return fit.springs + softening_of(case.situation, case.springs, fit)
+
+
+def softening_of(
+    situation: StaticState, springs: Sequence[int], fit: ModelFit
+) -> Float[np.ndarray, " springs"]:
+    """Return by how much members soften fitted springs on average over rows."""
+    softer = dict.fromkeys(springs, 0.0)
     for member, size in zip(fit.members, fit.coefficients, strict=True):
-        own = (case.situation, member.where, member.shape, size)
+        own = (situation, member.where, member.shape, size)
         for axis, more in member.hypothesis.mean_softening(*own).items():
             softer[axis] = softer.get(axis, 0.0) + more
-    return np.array([softer[axis] for axis in case.springs])
+    return np.array([softer[axis] for axis in springs])
 
 
 def _within_a_decade(
     change: Float[np.ndarray, " springs"], before: Float[np.ndarray, " springs"]
 ) -> Float[np.ndarray, " springs"]:
     return np.clip(change, -0.9 * before, 9.0 * before)
-
-
-# --- Repeated relinearisation ---------------------------------------------------------
-
-RELINEARISED = 8
-"""How often a set is laid out and fitted in turn at most; chosen: each time halves what
-is wrong."""
-HALVED = 3
-"""How often in a row a step is halved that explains less; chosen: an eighth of a step
-changes less than fits err by."""
-
-
-@dataclass(frozen=True, eq=False)
-class OperatingPoint:
-    """What columns are laid out under, and the fit of a set to them.
-
-    Attributes:
-        softer: By how much compliances are other than prepared, in rad/(N m).
-        named: What acts on the columns; None: nothing.
-        fit: The set.
-        fitted: By how much it says that compliances are other than prepared.
-        square: Whitened square of the training poses that it does not explain.
-        is_stable: Whether columns laid out under it would be the same.
-    """
-
-    softer: Float[np.ndarray, " springs"]
-    named: ModelFit | None
-    fit: ModelFit
-    fitted: Float[np.ndarray, " springs"]
-    square: float
-    is_stable: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Layout:
-    """How columns are laid out under a set.
-
-    Attributes:
-        prepared: The recording against its nominal model.
-        hypotheses: What may be named.
-    """
-
-    prepared: Prepared
-    hypotheses: Sequence[Hypothesis]
-
-    def under(self, case: SelectionProblem, fit: ModelFit) -> SelectionProblem:
-        """Lay all columns out anew under a set that was fitted to others."""
-        softer = total_softening(case, self.prepared, fit)
-        return build_problem(self.prepared, self.hypotheses, softer, fit)
-
-    def at(self, point: OperatingPoint) -> SelectionProblem:
-        """Lay all columns out at an operating point."""
-        return build_problem(self.prepared, self.hypotheses, point.softer, point.named)
-
-    def is_at(self, case: SelectionProblem, point: OperatingPoint) -> bool:
-        """Return whether columns are laid out as at an operating point."""
-        softer = _laid_out_softer(case, self.prepared)
-        return case.named is point.named and np.allclose(softer, point.softer, atol=0.0)
-
-    def relinearise_until_stable(
-        self, case: SelectionProblem, fit: ModelFit
-    ) -> OperatingPoint:
-        """Lay a set out and fit it in turn until that changes nothing.
-
-        A load moves what others do, and they move it in turn: where a fit explains
-        less than the one before, the set is laid out midway between both. What acts on
-        the columns and is not in the set acts no more.
-
-        Args:
-            case: As laid out.
-            fit: The set.
-        """
-        softer = _laid_out_softer(case, self.prepared)
-        here = self._point(softer, _part_of(case.named, fit), fit)
-        softer, named, halved = here.fitted, here.fit, 0
-        for _ in range(RELINEARISED):
-            if here.is_stable or halved > HALVED:
-                break
-            there = self._point(softer, named, here.fit)
-            if there.square > here.square:
-                softer, named = 0.5 * (here.softer + softer), _midway(here.named, named)
-                halved += 1
-            else:
-                here, softer, named, halved = there, there.fitted, there.fit, 0
-        return here
-
-    def _point(
-        self,
-        softer: Float[np.ndarray, " springs"],
-        named: ModelFit | None,
-        fit: ModelFit,
-    ) -> OperatingPoint:
-        """Fit a set, from its shapes, where columns are laid out under another one."""
-        case = nominal_problem(self.prepared, softer, named)
-        fit = fit_model(case, fit_shapes(case, fit.members))
-        return OperatingPoint(
-            softer,
-            named,
-            fit,
-            total_softening(case, self.prepared, fit),
-            unexplained(case, fit),
-            not changes(case, self.prepared, fit),
-        )
-
-
-def unexplained(case: SelectionProblem, fit: ModelFit) -> float:
-    """Return the whitened square of the training poses that a set does not explain."""
-    mismatch = mismatch_of_poses(case.data)[~case.split.held_out]
-    return float(mismatch.sum()) - fit.nominal_gain - fit.gain
-
-
-def _part_of(named: ModelFit | None, fit: ModelFit) -> ModelFit | None:
-    """Return what a set holds of another one, as it is in that."""
-    if named is None:
-        return None
-    held = {member.name for member in fit.members}
-    every = zip(named.members, named.coefficients, strict=True)
-    kept = [(m, c) for m, c in every if m.name in held]
-    if len(kept) == len(named.members):
-        return named
-    members, sizes = tuple(m for m, _ in kept), tuple(c for _, c in kept)
-    return replace(named, members=members, coefficients=sizes)
-
-
-def _midway(one: ModelFit | None, other: ModelFit) -> ModelFit:
-    """Return a set with shapes and sizes midway; what one alone holds is halved."""
-    before: dict[tuple[str, str], tuple[ModelTerm, np.ndarray]] = {}
-    if one is not None:
-        every = zip(one.members, one.coefficients, strict=True)
-        before = {m.name: (m, c) for m, c in every}
-    members, sizes = [], []
-    for member, size in zip(other.members, other.coefficients, strict=True):
-        old, less = before.get(member.name, (member, 0.0 * size))
-        same = old.shape.shape == member.shape.shape
-        shape = 0.5 * (old.shape + member.shape) if same else member.shape
-        members.append(replace(member, shape=shape))
-        sizes.append(0.5 * (less + size) if len(less) == len(size) else size)
-    return replace(other, members=tuple(members), coefficients=tuple(sizes))
 
 
 # --- Noise as an unknown --------------------------------------------------------------

@@ -29,6 +29,12 @@ from stiffness.diagnosis.gate import (
     pose_statistics,
     second_order_name,
 )
+from stiffness.diagnosis.joint_fit import (
+    Layout,
+    OperatingPoint,
+    unexplained,
+    worth_of,
+)
 from stiffness.diagnosis.model_evaluation import (
     ModelEvaluation,
     cost_of_limits,
@@ -50,14 +56,7 @@ from stiffness.diagnosis.model_fit import (
     with_priors,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
-from stiffness.diagnosis.relinearisation import (
-    Layout,
-    OperatingPoint,
-    acts_on_others,
-    changes,
-    loads_of,
-    unexplained,
-)
+from stiffness.diagnosis.relinearisation import acts_on_others, changes, loads_of
 from stiffness.diagnosis.search import (
     Search,
     at_fine_shapes,
@@ -262,7 +261,7 @@ def select_model(
     first = tuple(kept)
     search = Search.of(layout.at(point), first, refused)
     start = select_groups(search.problem, range(len(first)))
-    other = _selected_under(layout, search, start, refused)
+    other = _selected_under(layout, search, start, refused, before=point)
     gained = 0.5 * (model.unexplained_square - other.unexplained_square)
     return other if gained > SETTINGS.equivalent_log_bayes else model
 
@@ -275,19 +274,16 @@ def _with_loads(layout: Layout, model: SelectedModel) -> OperatingPoint | None:
         model: The set.
     """
     case, best = model.case, None
-
-    def worth(square: float, fit: ModelFit) -> float:
-        return -0.5 * (square + fit.degrees_of_freedom * np.log(case.poses))
-
-    members, most = model.fit.members, worth(unexplained(case, model.fit), model.fit)
+    members = model.fit.members
+    most = worth_of(model.fit, unexplained(case, model.fit), case.poses)
     tried = _loads_like_terms(model)
     for name in sorted(tried, key=lambda n: tried[n][0])[:MOST_LOADS]:
         load = tried[name][1]
         if load.name in {member.name for member in members}:
             continue
         with_load = [load if m.name == name else m for m in members]
-        point = layout.relinearise_until_stable(case, fit_model(case, with_load))
-        found = worth(point.square, point.fit)
+        point = layout.fitted_jointly(case, fit_model(case, with_load))
+        found = point.worth(case.poses)
         if found > most - SETTINGS.equivalent_log_bayes:
             best, members, most = point, point.fit.members, found
     return best
@@ -328,11 +324,14 @@ def _selected_under(
     selected: GroupSelection,
     refused: Collection[Name] = (),
     again: int = AGAIN,
+    before: OperatingPoint | None = None,
 ) -> SelectedModel:
     """Search on from a set, gate what comes out, and lay columns out under that.
 
     The search goes on from there; of the sets the one is kept that predicts poses left
     out best. A load that is withheld once columns were laid out under it acts no more.
+    A set that does less under its own columns than the one before, which the search
+    went on from, was misled by that one's columns.
 
     Args:
         layout: How columns are laid out.
@@ -340,6 +339,7 @@ def _selected_under(
         selected: The set.
         refused: Names that are left out.
         again: How often the search may go on.
+        before: What columns are laid out under; None: under nothing that was named.
     """
     case = search.case
     own = [search.terms[k] for k in selected.groups]
@@ -355,15 +355,18 @@ def _selected_under(
     held = acting.issubset(member.name for member in model.fit.members)
     if held and not changes(model.case, layout.prepared, model.fit):
         return model
-    point = layout.relinearise_until_stable(case, model.fit)
+    point = layout.fitted_jointly(case, model.fit)
     if held and layout.is_at(case, point):
         return model
+    left = unexplained(model.case, model.fit)
+    if before is not None and point.worth(case.poses) < before.worth(case.poses):
+        model = _judged(case, before.fit.members, fine, model.decisions)
+        held, again = True, 0
     case, terms = layout.at(point), point.fit.members
-    before = unexplained(model.case, model.fit)
-    if again == AGAIN or (again and point.square < MISLED * before):
+    if again == AGAIN or (again and point.square < MISLED * left):
         search = Search.of(case, terms, refused)
         selected = select_groups(search.problem, range(len(terms)))
-        other = _selected_under(layout, search, selected, refused, again - 1)
+        other = _selected_under(layout, search, selected, refused, again - 1, point)
     else:
         other = _judged(case, terms, fine, ())
     kept = held and model.unexplained_square < other.unexplained_square
@@ -414,9 +417,7 @@ def _judged(
             terms = tuple(t for t in terms if t.name != slightest.candidate)
             continue
         beside = _of_the_same_kinds(case, terms, refused)
-        look = evaluate_model(
-            case.data, case.situation, case.nominal, terms, case.split, beside
-        )
+        look = evaluate_model(case, terms, beside)
         alone = look.selected_alone
         parameters = parameters_of(case.situation, case.springs, alone, case.split)
         gains = _own_gains(statistics, [[term] for term in terms])
@@ -439,9 +440,12 @@ def _judged(
             others = [term for term in fine if term.name not in refused]
             terms, searched = with_generic_terms(case, terms, others, refused)
             decisions += searched
+    # its sizes are those beside what they change of each other, what it explains is not
+    linear = fit_model(case, terms)
+    gains_of = {"gain": linear.gain, "nominal_gain": linear.nominal_gain}
     return SelectedModel(
         case,
-        look.fit,
+        replace(look.fit, **gains_of),
         tuple(fine),
         frozenset(refused),
         tuple(parameters),

@@ -24,8 +24,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from stiffness.diagnosis.between_visit import BetweenVisitModel
-from stiffness.diagnosis.design_matrix import Deferred, design_matrix_of, site_means_of
 from stiffness.diagnosis.within_visit import WithinVisitModel
+from stiffness.effects.design_matrix import Deferred, design_matrix_of, site_means_of
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.visits import Visits, stretches
 from stiffness.regression.normal_equations import NormalEquations

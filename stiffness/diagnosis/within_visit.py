@@ -45,7 +45,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from stiffness.diagnosis.design_matrix import (
+from stiffness.effects.design_matrix import (
     DesignMatrix,
     Group,
     contract,

@@ -169,3 +169,17 @@ def hstack(laws: Sequence[EffectJacobian]) -> EffectJacobian:
             values(parts[where])[..., at : at + law.columns] += own
         at += law.columns
     return EffectJacobian(columns, tuple(parts.values()))
+
+
+def mixture(
+    law: EffectJacobian, mix: Float[np.ndarray, "columns others"]
+) -> EffectJacobian:
+    """Return the Jacobian of sums of a law's columns."""
+    parts = tuple(with_values(part, values(part) @ mix) for part in law.parts)
+    return EffectJacobian(mix.shape[1], parts)
+
+
+def added(one: EffectJacobian, other: EffectJacobian) -> EffectJacobian:
+    """Return what two Jacobians of as many coefficients displace together."""
+    mix = np.vstack([np.eye(one.columns), np.eye(other.columns)])
+    return mixture(hstack([one, other]), mix)

@@ -23,6 +23,7 @@ from stiffness.effects.jacobian import (
     JacobianBlock,
     JointRotation,
     hstack,
+    turn,
     values,
     with_values,
 )
@@ -31,6 +32,13 @@ from stiffness.robot.wrench import felt_body, turned, weight_of
 
 ROUNDING = 1e-9
 """Torque in N m attributed to rounding; chosen: far below any sensor's."""
+
+
+def springs_of(
+    situation: StaticState, springs: Sequence[int]
+) -> tuple[EffectJacobian, ...]:
+    """Return what more compliance of each fitted axis does."""
+    return tuple(turn(k, situation.torque[:, k]) for k in springs)
 
 
 def wind_up(

@@ -34,7 +34,6 @@ from typing_extensions import override
 from bench.shared.effect_catalogue import CATALOGUE, si_unit
 from bench.shared.instrument_specs import WrenchSpec
 from bench.shared.recording import LOADED, LOADING, UNLOADED, Recording
-from stiffness.diagnosis.candidates import springs_of
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
@@ -42,6 +41,7 @@ from stiffness.diagnosis.result import Diagnosis, NamedEffect
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian, JointRotation
+from stiffness.effects.statics import springs_of
 from stiffness.experiment.deflections import LoadCases, end_effector_markers
 from stiffness.experiment.sensor_noise import average_encoders
 from stiffness.experiment.static_state import StaticState, static_state_of

@@ -25,14 +25,27 @@ Source      block Cholesky and Schur complements: Golub, Van Loan 2013, "Matrix
 Valid       P that makes H positive definite
 Ignores     nothing: the same solution as solving anew, but for rounding
 ==========  ==========================================================================
+
+A sum of squares is minimised within bounds, by steps on normal equations.
+
+==========  ==========================================================================
+Equation    step = argmin d'(A + λD)d - 2 g'd within bounds; A = J'J + P, g = J'r - P x,
+            D = diag A; λ falls where a step gains what A and g say, and grows where it
+            gains less than a quarter of that, or nothing
+Source      Levenberg 1944; Marquardt 1963, "An algorithm for least-squares estimation
+            of nonlinear parameters"; bounds: Stark and Parker 1995 (scipy's BVLS)
+Valid       residuals that are smooth over a step
+Ignores     minima elsewhere
+==========  ==========================================================================
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import cholesky, get_lapack_funcs, solve_triangular
+from scipy.optimize import lsq_linear
 
 # --- Normal equations -----------------------------------------------------------------
 
@@ -269,3 +282,121 @@ class Eliminated:
         if self.out is not None:
             aim = aim - self.out.aim[own]
         return aim / self.noise - self.through[:, own].T @ self.aim
+
+
+# --- Nonlinear least squares within bounds --------------------------------------------
+
+DAMPED = 1e-3
+"""λ of the first step; chosen, as usual for well-scaled problems."""
+EASED, STIFFENED = 0.2, 5.0
+"""Factors of λ after a step that gains what was said, and after one that does not."""
+AS_SAID, TOO_LITTLE = 0.5, 0.25
+"""Gain over the one that was said, for these factors."""
+LEAST_DAMPED, MOST_DAMPED = 1e-9, 1e6
+"""λ below which rounding decides, and above which there is no step."""
+SMALLEST = 1e-12
+"""Range that a step has at least: scipy wants one."""
+REACHED, REACHED_SHARE = 0.5, 1e-4
+"""Square that one more step must gain, and share of the present one; chosen: an end of
+an interval costs four, or as much more as poses differ beyond their errors."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """A least-squares problem about some parameters.
+
+    Attributes:
+        square: Sum of squared residuals, priors' part included.
+        descent: Half of the direction in which it falls most, J'r - P x.
+        gram: J'J + P.
+    """
+
+    square: float
+    descent: Float[np.ndarray, " parameters"]
+    gram: Float[np.ndarray, "parameters parameters"]
+
+
+@dataclass(frozen=True, eq=False)
+class Minimum:
+    """Where no step gains any more, or no more steps were allowed.
+
+    Attributes:
+        parameters: There.
+        square: Sum of squared residuals there.
+    """
+
+    parameters: Float[np.ndarray, " parameters"]
+    square: float
+
+
+@dataclass(frozen=True, eq=False)
+class Bounds:
+    """Where parameters may be.
+
+    Attributes:
+        low, high: Ends.
+        longest: Change in one step at most.
+    """
+
+    low: Float[np.ndarray, " parameters"]
+    high: Float[np.ndarray, " parameters"]
+    longest: Float[np.ndarray, " parameters"]
+
+
+def minimise(
+    linearise: Callable[[np.ndarray], Linearised],
+    start: Float[np.ndarray, " parameters"],
+    bounds: Bounds,
+    evaluations: int,
+) -> Minimum:
+    """Return a minimum of a sum of squares, by steps that all gain.
+
+    Args:
+        linearise: The problem about some parameters; an infinite square: they are
+            impossible.
+        start: Within bounds.
+        bounds: Of the parameters.
+        evaluations: Of the problem at most, that of the start not counted.
+    """
+    here, now, damping = start, linearise(start), DAMPED
+    for _ in range(evaluations):
+        step = _step(now, here, bounds, damping)
+        said = float(2.0 * now.descent @ step - step @ now.gram @ step)
+        least = max(REACHED, REACHED_SHARE * now.square)
+        if said < least:
+            break
+        there = np.clip(here + step, bounds.low, bounds.high)
+        tried = linearise(there)
+        gained = now.square - tried.square
+        if gained > AS_SAID * said:
+            damping = max(EASED * damping, LEAST_DAMPED)
+        elif gained < TOO_LITTLE * said:
+            damping = STIFFENED * damping
+        if gained > 0.0:
+            here, now = there, tried
+        if 0.0 <= gained < least or damping > MOST_DAMPED:
+            break
+    return Minimum(here, now.square)
+
+
+def _step(
+    now: Linearised,
+    here: Float[np.ndarray, " parameters"],
+    bounds: Bounds,
+    damping: float,
+) -> Float[np.ndarray, " parameters"]:
+    """Return the damped step within bounds."""
+    size = np.sqrt(np.maximum(np.diag(now.gram), 0.0))  # rounding may go below
+    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    value, vector = np.linalg.eigh(now.gram * scale * scale[:, None])
+    root = np.sqrt(np.maximum(value, 0.0) + damping)
+    aim = (vector.T @ (scale * now.descent)) / root
+    step = scale * (vector @ (aim / root))
+    low = np.maximum(bounds.low - here, -bounds.longest)
+    high = np.minimum(bounds.high - here, bounds.longest)
+    if np.all((step >= low) & (step <= high)):
+        return step
+    high = np.maximum(high, low + SMALLEST)
+    known = np.where(scale > 0.0, scale, 1.0)
+    ends = low / known, high / known
+    return scale * lsq_linear(root[:, None] * vector.T, aim, ends, method="bvls").x

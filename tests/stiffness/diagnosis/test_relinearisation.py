@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from small_bench import arm, prepared, recording
-from typing_extensions import override
 
 from bench.effects.hardening import Hardening as HardeningGear
 from bench.effects.wrench_bias import WrenchBias
@@ -21,19 +20,14 @@ from bench.shared.recording import Payload
 from bench.standard_plans import tour
 from stiffness.diagnosis import selection
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.diagnosis.model_fit import ModelFit, ModelTerm, fit_model
+from stiffness.diagnosis.joint_fit import Layout, unexplained
+from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import (
-    Layout,
-    OperatingPoint,
-    _midway,
     beyond_linear,
     build_problem,
-    changes,
     linearised,
-    nominal_problem,
     total_softening,
-    unexplained,
 )
 from stiffness.diagnosis.search import Search
 from stiffness.diagnosis.selection import (
@@ -54,7 +48,6 @@ from stiffness.effects.jacobian import (
     JointRotation,
     MarkerDisplacement,
 )
-from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.statics import given_way
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_misalignment import WrenchMisalignment as TurnedOrBeside
@@ -369,57 +362,6 @@ def test_a_load_that_is_withheld_acts_no_more_on_others(monkeypatch):
     assert not found.fit.members
     assert np.ptp(search.case.situation.torque - bare.situation.torque) > 1.0
     assert_allclose(found.case.situation.torque, bare.situation.torque, atol=0.1)
-
-
-def test_a_load_and_a_play_that_move_each_other_settle():
-    """Laid out where each was fitted, the load is wrong by as much each other time."""
-    some = (GravityCompensator(), LostMotion(), Hardening())
-    ready = prepared(
-        "gravity_compensator@a1,torque_nm=45,phase_rad=0.9",
-        "lost_motion@a1,width_rad=2e-4",
-    )
-    case = build_problem(ready, some)
-    load = ModelTerm(some[0], "a1", NONE)
-    play = ModelTerm(some[1], "a1", np.array([8.0]))
-    layout = Layout(ready, some)
-    point = layout.relinearise_until_stable(case, fit_model(case, [load, play]))
-    case, fit = layout.at(point), point.fit
-    assert point.is_stable
-    assert not changes(case, ready, fit)
-    torque = some[0].parameters(case.situation, "a1", NONE, fit.coefficients[0])
-    assert torque["torque_nm"] == pytest.approx(45.0, rel=0.02)
-    assert fit.coefficients[1][0] == pytest.approx(2e-4, rel=0.1)
-
-
-class GoesBackAndForth(Layout):
-    """Each fit says what the one before was too small by, and the other way round."""
-
-    @override
-    def _point(self, softer, named, fit):
-        fitted = 1.0 - softer
-        stable = bool(np.all(np.abs(fitted - softer) < 0.1))
-        square = float(np.sum((softer - 0.4) ** 2))
-        return OperatingPoint(softer, named, fit, fitted, square, stable)
-
-
-def test_a_layout_that_explains_less_is_taken_half_way():
-    ready = prepared("gravity_compensator@a1,torque_nm=45,phase_rad=0.9")
-    case = nominal_problem(ready, np.zeros(6))
-    layout, nothing = GoesBackAndForth(ready, ()), fit_model(case, [])
-    point = layout.relinearise_until_stable(case, nothing)
-    assert_allclose(point.softer, 0.5)
-    assert point.is_stable
-
-
-def test_a_term_that_comes_in_half_way_has_half_its_size():
-    law = ModelTerm(LostMotion(), "a1", np.array([8.0]))
-    there = ModelFit((law,), 0.0, np.zeros(0), (np.array([2e-4]),), 2)
-    other = replace(law, shape=np.array([4.0]))
-    here = replace(there, members=(other,), coefficients=(np.array([1e-4]),))
-    assert _midway(None, there).coefficients[0] == 1e-4
-    between = _midway(here, there)
-    assert between.coefficients[0] == pytest.approx(1.5e-4)
-    assert between.members[0].shape == 6.0
 
 
 def test_waves_over_few_angles_leave_the_mean_of_a_spring_to_it():

@@ -9,7 +9,6 @@ from small_bench import SOFTER, arm, prepared, recording
 
 from stiffness.diagnosis.between_visit import Whitening
 from stiffness.diagnosis.candidates import library_of
-from stiffness.diagnosis.design_matrix import Deferred, design_matrix_of
 from stiffness.diagnosis.sufficient_statistics import (
     cross_gram,
     normal_equations_of,
@@ -17,6 +16,7 @@ from stiffness.diagnosis.sufficient_statistics import (
 )
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.bearing_tilt import BearingTilt
+from stiffness.effects.design_matrix import Deferred, design_matrix_of
 from stiffness.effects.jacobian import (
     BodyTwist,
     JointRotation,

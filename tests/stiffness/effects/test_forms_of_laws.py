@@ -192,7 +192,7 @@ def gear() -> tuple[ModelEvaluation, Split]:
     shapes = [law.shapes(case.situation, "a2")[2] for law in laws]
     terms = [ModelTerm(law, "a2", s) for law, s in zip(laws, shapes, strict=True)]
     own = fit_shapes(case, terms)
-    look = evaluate_model(case.data, case.situation, case.nominal, own, case.split)
+    look = evaluate_model(case, own)
     return look, case.split
 
 

@@ -1,0 +1,411 @@
+"""Joint fit of springs, coefficients and shapes with the columns that they lay out.
+
+What a set does depends on the springs and loads under which its columns are laid out,
+and these are the set's own. All of them are fitted together.
+
+==========  ==========================================================================
+Equation    min |y - f(x)|^2 + priors; f: the columns as laid out under x, times x's
+            coefficients; df/dx: these columns, slopes of shapes, and what a little more
+            of x changes of other columns, by differences: of its own gear's laws, or of
+            all where it is a load
+Source      Levenberg-Marquardt: `regression.normal_equations`; terms without a name
+            are eliminated, Golub and Pereyra 1973
+Valid       from a set that was fitted to columns of another layout
+Ignores     what springs change of the others' columns beyond their gear; sets of other
+            names
+==========  ==========================================================================
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from bench.shared.errors import BenchError
+from stiffness.diagnosis.model_fit import (
+    STEP,
+    FeltByOthers,
+    FreeShape,
+    ModelFit,
+    SelectionProblem,
+    bounds_of,
+    difference,
+    fit_model,
+    free_shapes,
+    training,
+    with_priors,
+    with_shapes,
+)
+from stiffness.diagnosis.nominal_fit import Prepared
+from stiffness.diagnosis.relinearisation import (
+    TINY,
+    build_problem,
+    laid_out_softer,
+    moved_under,
+    nominal_problem,
+    softened,
+    softening_of,
+    state_under,
+    total_softening,
+)
+from stiffness.diagnosis.sufficient_statistics import (
+    mismatch_of_poses,
+    normal_equations_of,
+)
+from stiffness.effects.base import Hypothesis
+from stiffness.effects.jacobian import (
+    EffectJacobian,
+    JacobianBlock,
+    JointRotation,
+    added,
+    hstack,
+    mixture,
+    turn,
+    values,
+)
+from stiffness.effects.statics import springs_of
+from stiffness.experiment.static_state import StaticState
+from stiffness.regression.normal_equations import (
+    Bounds,
+    Linearised,
+    minimise,
+    projection_coefficients,
+    schur_complement,
+)
+from stiffness.regression.splits import Split
+
+EVALUATIONS = 20
+"""How often a set is laid out and fitted at most; chosen: most need three to five."""
+SMALL = 1e-3
+"""Part of a compliance or a coefficient by which it is changed for a slope; chosen."""
+
+
+# --- Operating point ------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class OperatingPoint:
+    """What columns are laid out under, and the fit of a set to them.
+
+    Attributes:
+        softer: By how much compliances are other than prepared, in rad/(N m).
+        named: What acts on the columns.
+        felt: What more of that changes of itself.
+        fit: The set.
+        square: Whitened square of the training poses that it does not explain.
+    """
+
+    softer: Float[np.ndarray, " springs"]
+    named: ModelFit
+    felt: FeltByOthers
+    fit: ModelFit
+    square: float
+
+    def worth(self, poses: int) -> float:
+        """Return the set's log Bayes factor against another, but for what both have."""
+        return worth_of(self.fit, self.square, poses)
+
+
+def worth_of(fit: ModelFit, square: float, poses: int) -> float:
+    """Return what a set is worth that leaves a whitened square, by BIC."""
+    return -0.5 * (square + fit.degrees_of_freedom * float(np.log(poses)))
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """How columns are laid out under a set.
+
+    Attributes:
+        prepared: The recording against its nominal model.
+        hypotheses: What may be named.
+    """
+
+    prepared: Prepared
+    hypotheses: Sequence[Hypothesis]
+
+    def under(self, case: SelectionProblem, fit: ModelFit) -> SelectionProblem:
+        """Lay all columns out anew under a set that was fitted to others."""
+        softer = total_softening(case, self.prepared, fit)
+        return build_problem(self.prepared, self.hypotheses, softer, fit)
+
+    def at(self, point: OperatingPoint) -> SelectionProblem:
+        """Lay all columns out at an operating point."""
+        given = (point.softer, point.named)
+        case = build_problem(self.prepared, self.hypotheses, *given)
+        return replace(case, felt=point.felt)
+
+    def is_at(self, case: SelectionProblem, point: OperatingPoint) -> bool:
+        """Return whether columns are laid out as at an operating point."""
+        softer = laid_out_softer(case, self.prepared)
+        return case.named is point.named and np.allclose(softer, point.softer, atol=0.0)
+
+    def fitted_jointly(self, case: SelectionProblem, fit: ModelFit) -> OperatingPoint:
+        """Fit springs, coefficients and shapes with the columns that they lay out.
+
+        What acts on the columns and is not in the set acts no more.
+
+        Args:
+            case: As laid out.
+            fit: The set.
+        """
+        shapes = free_shapes(case.situation, fit.members)
+        joint = _JointFit(self.prepared, case.split, fit, shapes)
+        start = laid_out_softer(case, self.prepared) + fit.springs
+        best = minimise(joint.linearise, joint.start(start), joint.bounds, EVALUATIONS)
+        softer, named = joint.at(best.parameters)
+        softer = softer + joint.more(named)
+        case = nominal_problem(self.prepared, softer, named)
+        felt, fit = joint.felt(best.parameters), fit_model(case, named.members)
+        return OperatingPoint(softer, named, felt, fit, unexplained(case, fit))
+
+
+def unexplained(case: SelectionProblem, fit: ModelFit) -> float:
+    """Return the whitened square of the training poses that a set does not explain."""
+    mismatch = mismatch_of_poses(case.data)[~case.split.held_out]
+    return float(mismatch.sum()) - fit.nominal_gain - fit.gain
+
+
+# --- Readings as a function of all parameters -----------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _JointFit:
+    """Readings as a function of springs, coefficients and shapes of a set.
+
+    Parameters are changes of compliances, coefficients of names, and shapes. Columns
+    are laid out under these, so that slopes hold what a law of a gear changes of the
+    others. Terms without a name are fitted anew each time.
+
+    Attributes:
+        prepared: The recording against its nominal model.
+        split: Which poses may be looked at.
+        first: The set as it was fitted before.
+        shapes: That may move.
+    """
+
+    prepared: Prepared
+    split: Split
+    first: ModelFit
+    shapes: tuple[FreeShape, ...]
+
+    @property
+    def owners(self) -> list[int]:
+        """Number of the member of each coefficient of a name."""
+        every = zip(self.first.members, self.first.coefficients, strict=True)
+        return [k for k, (m, c) in enumerate(every) if not m.is_generic for _ in c]
+
+    @property
+    def bounds(self) -> Bounds:
+        """Springs are not below rigid, shapes on the grid; all else is free."""
+        before = self.prepared.situation.compliance[list(self.prepared.springs)]
+        free, own = (
+            np.full(len(before) + len(self.owners), np.inf),
+            bounds_of(self.shapes),
+        )
+        least = np.concatenate([-before, -free[len(before) :], own.low])
+        most, longest = (np.concatenate([free, x]) for x in (own.high, own.longest))
+        return Bounds(least, most, longest)
+
+    def start(self, softer: Float[np.ndarray, " springs"]) -> np.ndarray:
+        """Return the parameters of the set as it was fitted before."""
+        every = zip(self.first.members, self.first.coefficients, strict=True)
+        named = [size for member, size in every if not member.is_generic]
+        start = [shape.start for shape in self.shapes]
+        whole, bounds = np.concatenate([softer, *named, start]), self.bounds
+        return np.clip(whole, bounds.low, bounds.high)
+
+    def at(
+        self, parameters: Float[np.ndarray, " parameters"]
+    ) -> tuple[Float[np.ndarray, " springs"], ModelFit]:
+        """Return changes of compliances, and the set with its coefficients."""
+        count, owners = len(self.prepared.springs), np.array(self.owners, dtype=int)
+        sizes = parameters[count : count + len(owners)]
+        coefficients = tuple(
+            old if member.is_generic else sizes[owners == k]
+            for k, (member, old) in enumerate(
+                zip(self.first.members, self.first.coefficients, strict=True)
+            )
+        )
+        moved = parameters[count + len(owners) :]
+        members = with_shapes(self.first.members, self.shapes, moved)
+        fit = replace(self.first, members=members, coefficients=coefficients)
+        return parameters[:count], fit
+
+    def more(self, named: ModelFit) -> Float[np.ndarray, " springs"]:
+        """Return by how much a set softens springs on average over rows."""
+        own = self.prepared.springs
+        return softening_of(self.prepared.situation, own, named)
+
+    def linearise(self, parameters: Float[np.ndarray, " parameters"]) -> Linearised:
+        """Return the least-squares problem about some parameters."""
+        count = len(parameters)
+        softer, named = self.at(parameters)
+        try:
+            data, stands = moved_under(self.prepared, softer + self.more(named), named)
+        except BenchError:  # springs too soft for the load
+            nothing = np.zeros((count, count))
+            return Linearised(np.inf, np.zeros(count), nothing)
+        state, own = state_under(stands, named), list(self.prepared.springs)
+        laid_out = (stands.compliance - self.prepared.situation.compliance)[own]
+        every = list(zip(named.members, named.coefficients, strict=True))
+        laws = [m.jacobian(state) for m, _ in every if not m.is_generic]
+        nameless = [m.jacobian(state) for m, _ in every if m.is_generic]
+        slopes = [
+            mixture(s.slope(state, every[s.term][0]), every[s.term][1][:, None])
+            for s in self.shapes
+        ]
+        side = self._of_others(parameters, stands)
+        columns = [*springs_of(state, own), *laws, *slopes, *nameless, *side.values()]
+        found = normal_equations_of(data, columns, training(self.split))
+        gram, score = found.gram[1], found.score[~self.split.held_out].sum(axis=0)
+        widths = [law.columns for law in laws]
+        some = [m for m, _ in every if not m.is_generic]
+        gram = with_priors(gram, len(own), some, widths, state)
+        free = len(gram) - len(side)
+        at = parameters.copy()
+        at[: len(own)] -= laid_out
+        at[count - len(self.shapes) :] = 0.0
+        size = np.concatenate([at, np.zeros(len(gram) - count)])
+        square = float(size @ (gram @ size - 2.0 * score))
+        mix = np.eye(len(gram), free)
+        mix[free + np.arange(len(side)), list(side)] = 1.0
+        left, inner = mix.T @ (score - gram @ size), mix.T @ gram @ mix
+        joint = np.block([[inner, left[:, None]], [left[None], np.ones((1, 1))]])
+        known, kept = np.arange(count, free), np.arange(count)
+        share = projection_coefficients(joint, known)
+        descent = left[kept] - inner[np.ix_(kept, known)] @ share[:, -1]
+        square -= float(left[known] @ share[:, -1])
+        inner = schur_complement(joint, known, share, kept)
+        moved = kept[count - len(self.shapes) :]
+        away = parameters[moved] - np.array([s.start for s in self.shapes])
+        precision = np.array([s.precision for s in self.shapes])
+        inner[moved, moved] += precision
+        descent[moved] -= precision * away
+        square += float(np.sum(precision * away**2))
+        whole = mismatch_of_poses(data)[~self.split.held_out]
+        return Linearised(square + float(whole.sum()), descent, inner)
+
+    def felt(self, parameters: Float[np.ndarray, " parameters"]) -> FeltByOthers:
+        """Return what more of parameters changes of what others displace, by name."""
+        softer, named = self.at(parameters)
+        stands = moved_under(self.prepared, softer + self.more(named), named)[1]
+        found = self._of_others(parameters, stands)
+        members, sizes = named.members, named.coefficients
+        own, owners = self.prepared.springs, np.array(self.owners, dtype=int)
+        nothing, laws, shapes = EffectJacobian(1), {}, {}
+        for k in sorted(set(self.owners)):
+            each = len(own) + np.flatnonzero(owners == k)
+            laws[members[k].name] = hstack([found.get(int(j), nothing) for j in each])
+        for j, shape in enumerate(self.shapes, len(own) + len(owners)):
+            member, size = members[shape.term], sizes[shape.term]
+            unit = 1.0 / member.shape[shape.number] if shape.factor else 1.0
+            each = unit * size[None] / max(float(size @ size), TINY**4)
+            if j in found:
+                shapes[member.name, shape.number] = mixture(found[j], each)
+        whole = [c for m, c in zip(members, sizes, strict=True) if m.name in laws]
+        whole = np.concatenate([np.zeros(0), *whole])
+        total = mixture(hstack([*laws.values()]), whole[:, None])
+        springs = tuple(found.get(j, nothing) for j in range(len(own)))
+        return FeltByOthers(springs, laws, shapes, total)
+
+    def _of_others(
+        self, parameters: Float[np.ndarray, " parameters"], stands: StaticState
+    ) -> dict[int, EffectJacobian]:
+        """Return what more of a parameter changes of other laws' columns.
+
+        Laws of one gear make each other feel their torque: one parameter of each axis
+        is changed at a time. Loads are felt everywhere: each is changed by itself.
+        """
+        before = self._moved_by(parameters, parameters, stands)
+        found = dict[int, EffectJacobian]()
+        steps = self._steps(parameters, stands)
+        for changed in self._changed_together(stands):
+            moved = parameters.copy()
+            moved[list(changed)] += steps[list(changed)]
+            after = self._moved_by(parameters, moved, stands)
+            for j, axis in changed.items():
+                one = difference(after, before, np.array([[1.0 / steps[j]]]))
+                some = (p for p in one.parts if axis is None or _rotates(p, axis))
+                parts = tuple(p for p in some if np.any(values(p) != 0.0))
+                if parts:
+                    found[j] = EffectJacobian(1, parts)
+        # a spring's own column has a load's torque, and so have what loads displace
+        acting = state_under(stands, self.at(parameters)[1]).torque - stands.torque
+        for j, axis in enumerate(self.prepared.springs):
+            if np.any(acting[:, axis] != 0.0) and self._is_laid_out(parameters, j):
+                twice = turn(axis, -acting[:, axis])
+                found[j] = added(found[j], twice) if j in found else twice
+        return found
+
+    def _is_laid_out(
+        self, parameters: Float[np.ndarray, " parameters"], j: int
+    ) -> bool:
+        """Return whether columns are laid out under all of a spring's change."""
+        softer, named = self.at(parameters)
+        change = softer + self.more(named)
+        own = self.prepared.springs[j]
+        before = self.prepared.situation.compliance[own]
+        return bool(
+            np.isclose(softened(self.prepared, change)[own], before + change[j])
+        )
+
+    def _changed_together(self, situation: StaticState) -> list[dict[int, int | None]]:
+        """Return parameters with the axis that they turn; None: they act everywhere."""
+        index = {where: k for k, where in enumerate(situation.axes)}
+        members = self.first.members
+        turning = [
+            not m.is_generic
+            and any(isinstance(p, JointRotation) for p in m.jacobian(situation).parts)
+            for m in members
+        ]
+        owners = [*self.owners, *(shape.term for shape in self.shapes)]
+        together, alone = list[dict[int, int | None]](), list[dict[int, int | None]]()
+        on = Counter[int]()
+        of_springs = enumerate(self.prepared.springs)
+        of_members = (
+            (j, index.get(members[k].where))
+            for j, k in enumerate(owners, len(self.prepared.springs))
+            if turning[k]
+        )
+        for j, axis in (*of_springs, *of_members):
+            if axis is None:
+                alone.append({j: None})
+                continue
+            if on[axis] == len(together):
+                together.append({})
+            together[on[axis]][j] = axis
+            on[axis] += 1
+        return [*together, *alone]
+
+    def _steps(
+        self, parameters: Float[np.ndarray, " parameters"], situation: StaticState
+    ) -> Float[np.ndarray, " parameters"]:
+        """Return small changes of parameters, by which slopes are taken."""
+        springs, owners = list(self.prepared.springs), np.array(self.owners, dtype=int)
+        sizes = parameters[len(springs) : len(springs) + len(owners)]
+        whole = [np.linalg.norm(sizes[owners == k]) for k in owners]
+        steps = [*situation.compliance[springs], *whole]
+        of_shapes = [STEP * shape.spacing for shape in self.shapes]
+        return np.array([*(SMALL * max(step, TINY**2) for step in steps), *of_shapes])
+
+    def _moved_by(
+        self,
+        parameters: Float[np.ndarray, " parameters"],
+        acting: Float[np.ndarray, " parameters"],
+        stands: StaticState,
+    ) -> EffectJacobian:
+        """Return what names displace where others make them feel their torque."""
+        softer, others = self.at(acting)
+        compliance = softened(self.prepared, softer + self.more(others))
+        state = state_under(stands.with_compliance(compliance), others)
+        fit = self.at(parameters)[1]
+        every = zip(fit.members, fit.coefficients, strict=True)
+        named = [(m.jacobian(state), c) for m, c in every if not m.is_generic]
+        sizes = np.concatenate([np.zeros(0), *(c for _, c in named)])
+        return mixture(hstack([law for law, _ in named]), sizes[:, None])
+
+
+def _rotates(part: JacobianBlock, axis: int) -> bool:
+    return isinstance(part, JointRotation) and part.axis == axis
