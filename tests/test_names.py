@@ -138,7 +138,7 @@ GLOSSARY = {
     "_reach": "evidence_margin",
     "extended": "forward_step",
     "exchanged": "exchange_step",
-    "settled": "relinearise_until_stable",
+    "settled": "fitted_jointly",
     "case_of": "build_problem",
     "Case": "SelectionProblem",
     "Found": "DetectionTest",

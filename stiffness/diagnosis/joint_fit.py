@@ -34,6 +34,7 @@ from stiffness.diagnosis.model_fit import (
     difference,
     fit_model,
     free_shapes,
+    prior_of,
     training,
     with_priors,
     with_shapes,
@@ -48,7 +49,6 @@ from stiffness.diagnosis.relinearisation import (
     softened,
     softening_of,
     state_under,
-    total_softening,
 )
 from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
@@ -71,8 +71,6 @@ from stiffness.regression.normal_equations import (
     Bounds,
     Linearised,
     minimise,
-    projection_coefficients,
-    schur_complement,
 )
 from stiffness.regression.splits import Split
 
@@ -124,11 +122,6 @@ class Layout:
 
     prepared: Prepared
     hypotheses: Sequence[Hypothesis]
-
-    def under(self, case: SelectionProblem, fit: ModelFit) -> SelectionProblem:
-        """Lay all columns out anew under a set that was fitted to others."""
-        softer = total_softening(case, self.prepared, fit)
-        return build_problem(self.prepared, self.hypotheses, softer, fit)
 
     def at(self, point: OperatingPoint) -> SelectionProblem:
         """Lay all columns out at an operating point."""
@@ -247,45 +240,38 @@ class _JointFit:
         except BenchError:  # springs too soft for the load
             nothing = np.zeros((count, count))
             return Linearised(np.inf, np.zeros(count), nothing)
-        state, own = state_under(stands, named), list(self.prepared.springs)
-        laid_out = (stands.compliance - self.prepared.situation.compliance)[own]
+        state, springs = state_under(stands, named), list(self.prepared.springs)
         every = list(zip(named.members, named.coefficients, strict=True))
-        laws = [m.jacobian(state) for m, _ in every if not m.is_generic]
+        names = [m for m, _ in every if not m.is_generic]
+        laws = [m.jacobian(state) for m in names]
         nameless = [m.jacobian(state) for m, _ in every if m.is_generic]
         slopes = [
             mixture(s.slope(state, every[s.term][0]), every[s.term][1][:, None])
             for s in self.shapes
         ]
-        side = self._of_others(parameters, stands)
-        columns = [*springs_of(state, own), *laws, *slopes, *nameless, *side.values()]
-        found = normal_equations_of(data, columns, training(self.split))
+        felt = self._of_others(parameters, stands)
+        known = [*springs_of(state, springs), *laws, *slopes, *nameless]
+        found = normal_equations_of(
+            data, [*known, *felt.values()], training(self.split)
+        )
         gram, score = found.gram[1], found.score[~self.split.held_out].sum(axis=0)
         widths = [law.columns for law in laws]
-        some = [m for m, _ in every if not m.is_generic]
-        gram = with_priors(gram, len(own), some, widths, state)
-        free = len(gram) - len(side)
-        at = parameters.copy()
-        at[: len(own)] -= laid_out
-        at[count - len(self.shapes) :] = 0.0
-        size = np.concatenate([at, np.zeros(len(gram) - count)])
-        square = float(size @ (gram @ size - 2.0 * score))
-        mix = np.eye(len(gram), free)
-        mix[free + np.arange(len(side)), list(side)] = 1.0
-        left, inner = mix.T @ (score - gram @ size), mix.T @ gram @ mix
-        joint = np.block([[inner, left[:, None]], [left[None], np.ones((1, 1))]])
-        known, kept = np.arange(count, free), np.arange(count)
-        share = projection_coefficients(joint, known)
-        descent = left[kept] - inner[np.ix_(kept, known)] @ share[:, -1]
-        square -= float(left[known] @ share[:, -1])
-        inner = schur_complement(joint, known, share, kept)
-        moved = kept[count - len(self.shapes) :]
-        away = parameters[moved] - np.array([s.start for s in self.shapes])
-        precision = np.array([s.precision for s in self.shapes])
-        inner[moved, moved] += precision
-        descent[moved] -= precision * away
-        square += float(np.sum(precision * away**2))
-        whole = mismatch_of_poses(data)[~self.split.held_out]
-        return Linearised(square + float(whole.sum()), descent, inner)
+        gram = with_priors(gram, len(springs), names, widths, state)
+
+        # about what the columns of springs and laws make of the readings there
+        before = self.prepared.situation.compliance
+        size = np.zeros(len(gram))
+        size[:count] = parameters
+        size[: len(springs)] -= (stands.compliance - before)[springs]
+        size[count - len(self.shapes) : count] = 0.0
+        mix = np.eye(len(gram), len(gram) - len(felt))
+        mix[len(gram) - len(felt) + np.arange(len(felt)), list(felt)] = 1.0
+        square = float(mismatch_of_poses(data)[~self.split.held_out].sum())
+        square += float(size @ (gram @ size - 2.0 * score))
+        left = mix.T @ (score - gram @ size)
+        problem = Linearised.of_some(mix.T @ gram @ mix, left, np.arange(count))
+        prior = prior_of(self.shapes, named.members)
+        return problem.with_prior(*prior, square + problem.square)
 
     def felt(self, parameters: Float[np.ndarray, " parameters"]) -> FeltByOthers:
         """Return what more of parameters changes of what others displace, by name."""

@@ -40,8 +40,6 @@ from stiffness.regression.normal_equations import (
     Linearised,
     NormalEquations,
     minimise,
-    projection_coefficients,
-    schur_complement,
 )
 from stiffness.regression.splits import Split
 
@@ -492,6 +490,14 @@ def with_shapes(
     return tuple(terms)
 
 
+def prior_of(
+    shapes: Sequence[FreeShape], terms: Sequence[ModelTerm]
+) -> tuple[Float[np.ndarray, " shapes"], Float[np.ndarray, " shapes"]]:
+    """Return inverse prior variances of shapes, and how far they are from starts."""
+    away = [shape.of(terms[shape.term]) - shape.start for shape in shapes]
+    return np.array([shape.precision for shape in shapes]), np.array(away)
+
+
 def bounds_of(shapes: Sequence[FreeShape]) -> Bounds:
     """Return where shapes may be, and how far they go in one step."""
     values = np.array([(s.low, s.high, s.spacing) for s in shapes]).reshape(-1, 3)
@@ -545,15 +551,6 @@ def _linearised(
         mix[at : at + slope.columns, column] = fit.coefficients[shape.term]
         at += slope.columns
     gram, score = mix.T @ gram @ mix, mix.T @ score
-    joint = np.block([[gram, score[:, None]], [score[None], np.ones((1, 1))]])
-    known, moving = np.arange(width), np.arange(width, width + len(shapes))
-    share = projection_coefficients(joint, known)
-    inner = schur_complement(joint, known, share, moving)
-    pull = score[moving] - gram[np.ix_(moving, known)] @ share[:, -1]
-    away = np.array([s.of(terms[s.term]) - s.start for s in shapes])
-    precision = np.array([shape.precision for shape in shapes])
-    return Linearised(
-        float(np.sum(precision * away**2)) - fit.gain - fit.nominal_gain,
-        pull - precision * away,
-        inner + np.diag(precision),
-    )
+    problem = Linearised.of_some(gram, score, np.arange(width, len(gram)))
+    precision, away = prior_of(shapes, terms)
+    return problem.with_prior(precision, away, -fit.gain - fit.nominal_gain)

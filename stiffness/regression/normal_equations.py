@@ -315,6 +315,50 @@ class Linearised:
     descent: Float[np.ndarray, " parameters"]
     gram: Float[np.ndarray, "parameters parameters"]
 
+    @classmethod
+    def of_some(
+        cls,
+        gram: Float[np.ndarray, "columns columns"],
+        score: Float[np.ndarray, " columns"],
+        kept: Int[np.ndarray, " parameters"],
+    ) -> "Linearised":
+        """Return the problem of some columns, where all others are fitted anew.
+
+        Args:
+            gram: Of all columns.
+            score: Of the residuals there; their own square counts as none.
+            kept: The parameters' columns.
+        """
+        joint = np.block([[gram, score[:, None]], [score[None], np.ones((1, 1))]])
+        others = np.setdiff1d(np.arange(len(gram)), kept)
+        share = projection_coefficients(joint, others)
+        fitted = share[:, -1]
+        return cls(
+            -float(score[others] @ fitted),
+            score[kept] - gram[np.ix_(kept, others)] @ fitted,
+            schur_complement(joint, others, share, kept),
+        )
+
+    def with_prior(
+        self,
+        precision: Float[np.ndarray, " some"],
+        away: Float[np.ndarray, " some"],
+        square: float,
+    ) -> "Linearised":
+        """Return the same with a prior on the last parameters.
+
+        Args:
+            precision: Inverse prior variances.
+            away: How far these parameters are from where they are most likely.
+            square: What the sum of squares is beside the prior.
+        """
+        first = len(self.descent) - len(away)
+        gram, descent = self.gram.copy(), self.descent.copy()
+        at = np.arange(first, len(descent))
+        gram[at, at] += precision
+        descent[at] -= precision * away
+        return Linearised(square + float(np.sum(precision * away**2)), descent, gram)
+
 
 @dataclass(frozen=True, eq=False)
 class Minimum:

@@ -17,6 +17,7 @@ from stiffness.diagnosis.relinearisation import (
     build_problem,
     laid_out_softer,
     nominal_problem,
+    total_softening,
 )
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.gravity_compensator import GravityCompensator
@@ -141,7 +142,8 @@ def test_a_point_holds_what_the_set_alone_lays_out():
     ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
     bare, layout = build_problem(ready, some), Layout(ready, some)
     acted = fit_model(bare, [ModelTerm(some[0], "a1", NONE)])
-    under, nothing = layout.under(bare, acted), fit_model(bare, [])
+    softer, nothing = total_softening(bare, ready, acted), fit_model(bare, [])
+    under = build_problem(ready, some, softer, acted)
     assert np.ptp(under.situation.torque - bare.situation.torque) > 1.0
     point = layout.fitted_jointly(under, nothing)
     found = layout.at(point).situation

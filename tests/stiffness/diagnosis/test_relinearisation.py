@@ -309,7 +309,7 @@ def test_a_load_is_tried_in_the_place_of_a_term_without_a_name():
     assert load.name == ("gravity_compensator", "a1")
 
 
-def test_a_load_takes_the_place_of_a_term_only_where_all_then_explain_more():
+def test_a_load_takes_the_place_of_a_term_where_all_then_are_worth_as_much():
     """A compensator behind a gear that hardens: its torque moves along the law."""
     some = (TransmissionError(), GravityCompensator(), Hardening())
     ready = prepared(
@@ -341,6 +341,11 @@ def test_columns_may_be_laid_out_under_a_term_without_a_name_that_has_others_the
     assert_array_equal(one.rest, other.rest)
 
 
+def laid_out_under(case, ready, some, fit):
+    """Return all columns as a set lays them out that was fitted to others."""
+    return build_problem(ready, some, total_softening(case, ready, fit), fit)
+
+
 def started(case, term: ModelTerm):
     """Return a search that starts with a term, and the set of it alone."""
     search = Search.of(case, [term])
@@ -355,7 +360,7 @@ def test_a_load_that_is_withheld_acts_no_more_on_others(monkeypatch):
     bare = build_problem(ready, some)
     term = select_model(bare, ready, some).fit.members
     fit = fit_model(bare, term)
-    search = Search.of(layout.under(bare, fit), term)
+    search = Search.of(laid_out_under(bare, ready, some, fit), term)
     start = select_groups(search.problem, range(len(term)))
     monkeypatch.setattr(selection, "_judged", lambda c, t, *o: judged(c, (), *o))
     found = _selected_under(layout, search, start)

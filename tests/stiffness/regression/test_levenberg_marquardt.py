@@ -92,3 +92,32 @@ def test_a_parameter_that_does_nothing_stays():
     at = linearised(lambda x: slope @ x - np.array([300.0, 0.0]), lambda _: slope)
     found = minimise(at, np.array([0.0, 7.0]), FREE, 20)
     assert_allclose(found.parameters, [3.0, 7.0], rtol=1e-3)
+
+
+def test_columns_that_are_fitted_anew_are_eliminated():
+    """The problem of some parameters is that of all, the others at their best."""
+    rng = np.random.default_rng(4)
+    design, aim = rng.normal(size=(30, 5)), rng.normal(size=30)
+    kept = np.array([1, 3])
+    found = Linearised.of_some(design.T @ design, design.T @ aim, kept)
+    rest = np.delete(design, kept, axis=1)
+    step = np.array([0.3, -0.2])
+
+    def square(change: np.ndarray) -> float:
+        left = aim - design[:, kept] @ change
+        fitted = rest @ np.linalg.lstsq(rest, left)[0]
+        return float(np.sum((left - fitted) ** 2) - np.sum(aim**2))
+
+    assert found.square == pytest.approx(square(np.zeros(2)))
+    said = found.square - 2.0 * found.descent @ step + step @ found.gram @ step
+    assert said == pytest.approx(square(step))
+
+
+def test_a_prior_draws_the_last_parameters_back():
+    rng = np.random.default_rng(5)
+    design, aim = rng.normal(size=(30, 2)), rng.normal(size=30)
+    bare = Linearised(float(aim @ aim), design.T @ aim, design.T @ design)
+    drawn = bare.with_prior(np.array([1e6]), np.array([0.5]), bare.square)
+    step = np.linalg.solve(drawn.gram, drawn.descent)
+    assert step[1] == pytest.approx(-0.5, abs=1e-3)
+    assert drawn.square == pytest.approx(bare.square + 0.25e6)
