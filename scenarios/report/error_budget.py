@@ -296,13 +296,17 @@ def _budget(axes: Axes, budget: ErrorBudget) -> None:
             start += share
         more = ", and more without a name" if is_open else ""
         told = f"{percent(start) if start else ''}{more}".removeprefix(", ")
-        axes.text(start + 0.015 * largest, i, told, va="center", fontsize=9)
+        at = max(start, 0.0) + 0.015 * largest
+        axes.text(at, i, told, va="center", fontsize=9)
     axes.set_yticks(range(len(rows)), [where for where, *_ in rows], fontsize=9)
     axes.set_ylim(len(rows) - 0.4, -0.6)
-    axes.set_xlim(0, 1.25 * max(largest, 1e-9))
+    # what goes against the rest is drawn to the left
+    least = min((sum(kinds.values()) for _, kinds, _ in rows), default=0.0)
+    axes.set_xlim(1.1 * min(least, 0.0), 1.25 * max(largest, 1e-9))
+    axes.axvline(0.0, color="black", linewidth=0.8)
     axes.set_xticks([])
     axes.grid(visible=False)
-    axes.spines["bottom"].set_visible(False)
+    axes.spines[["bottom", "left"]].set_visible(False)
     axes.tick_params(left=False)
     title = "Share of the mismatch, by place"
     axes.set_title(title, loc="left", size=10)
