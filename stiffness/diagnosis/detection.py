@@ -44,7 +44,6 @@ from scipy.stats import chi2, norm
 from stiffness.diagnosis.candidates import Library, Mapped
 from stiffness.diagnosis.model_fit import (
     ModelFit,
-    ModelTerm,
     SelectionProblem,
     other_forms,
     shape_columns,
@@ -55,7 +54,7 @@ from stiffness.diagnosis.sufficient_statistics import (
     given_many,
     normal_equations_of,
 )
-from stiffness.effects.jacobian import EffectJacobian, values, with_values
+from stiffness.effects.jacobian import EffectJacobian, mixture, values, with_values
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.normal_equations import (
     NormalEquations,
@@ -519,10 +518,11 @@ def homogeneity_tests(
     if not fit.members:
         return ()
     kinds = groups_of(case.situation)
-    pieces = [
-        [_in_groups(_as_fitted(case, m, c), group) for group in kinds.values()]
+    fitted = [
+        mixture(m.jacobian(case.situation), c[:, None])
         for m, c in zip(fit.members, fit.coefficients, strict=True)
     ]
+    pieces = [[_in_groups(law, group) for group in kinds.values()] for law in fitted]
     flat = [piece for of_member in pieces for piece in of_member]
     mask = ~case.split.held_out
     every = [*after.known, *flat]
@@ -578,16 +578,6 @@ def _clusters(features: np.ndarray) -> Int[np.ndarray, " many"]:
 def _ranks(of_rows: np.ndarray) -> Int[np.ndarray, " rows"]:
     edges = np.unique(np.quantile(of_rows, np.arange(1, GROUPS) / GROUPS))
     return np.searchsorted(edges, of_rows, side="right")
-
-
-def _as_fitted(
-    case: SelectionProblem, member: ModelTerm, coefficients: np.ndarray
-) -> EffectJacobian:
-    """Return a law with its coefficients as one column."""
-    parts = []
-    for part in member.jacobian(case.situation).parts:
-        parts.append(with_values(part, values(part) @ coefficients[:, None]))
-    return EffectJacobian(1, tuple(parts))
 
 
 def _in_groups(law: EffectJacobian, group: Int[np.ndarray, " rows"]) -> EffectJacobian:

@@ -67,11 +67,7 @@ from stiffness.effects.jacobian import (
 )
 from stiffness.effects.statics import springs_of
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.normal_equations import (
-    Bounds,
-    Linearised,
-    minimise,
-)
+from stiffness.regression.normal_equations import Bounds, Linearised, minimise
 from stiffness.regression.splits import Split
 
 EVALUATIONS = 20
@@ -128,11 +124,6 @@ class Layout:
         given = (point.softer, point.named)
         case = build_problem(self.prepared, self.hypotheses, *given)
         return replace(case, felt=point.felt)
-
-    def is_at(self, case: SelectionProblem, point: OperatingPoint) -> bool:
-        """Return whether columns are laid out as at an operating point."""
-        softer = laid_out_softer(case, self.prepared)
-        return case.named is point.named and np.allclose(softer, point.softer, atol=0.0)
 
     def fitted_jointly(self, case: SelectionProblem, fit: ModelFit) -> OperatingPoint:
         """Fit springs, coefficients and shapes with the columns that they lay out.
@@ -193,10 +184,8 @@ class _JointFit:
     def bounds(self) -> Bounds:
         """Springs are not below rigid, shapes on the grid; all else is free."""
         before = self.prepared.situation.compliance[list(self.prepared.springs)]
-        free, own = (
-            np.full(len(before) + len(self.owners), np.inf),
-            bounds_of(self.shapes),
-        )
+        free = np.full(len(before) + len(self.owners), np.inf)
+        own = bounds_of(self.shapes)
         least = np.concatenate([-before, -free[len(before) :], own.low])
         most, longest = (np.concatenate([free, x]) for x in (own.high, own.longest))
         return Bounds(least, most, longest)
@@ -249,7 +238,7 @@ class _JointFit:
             mixture(s.slope(state, every[s.term][0]), every[s.term][1][:, None])
             for s in self.shapes
         ]
-        felt = self._of_others(parameters, stands)
+        felt = self._of_others(parameters, stands, state)
         known = [*springs_of(state, springs), *laws, *slopes, *nameless]
         found = normal_equations_of(
             data, [*known, *felt.values()], training(self.split)
@@ -277,7 +266,7 @@ class _JointFit:
         """Return what more of parameters changes of what others displace, by name."""
         softer, named = self.at(parameters)
         stands = moved_under(self.prepared, softer + self.more(named), named)[1]
-        found = self._of_others(parameters, stands)
+        found = self._of_others(parameters, stands, state_under(stands, named))
         members, sizes = named.members, named.coefficients
         own, owners = self.prepared.springs, np.array(self.owners, dtype=int)
         nothing, laws, shapes = EffectJacobian(1), {}, {}
@@ -297,45 +286,53 @@ class _JointFit:
         return FeltByOthers(springs, laws, shapes, total)
 
     def _of_others(
-        self, parameters: Float[np.ndarray, " parameters"], stands: StaticState
+        self,
+        parameters: Float[np.ndarray, " parameters"],
+        stands: StaticState,
+        state: StaticState,
     ) -> dict[int, EffectJacobian]:
         """Return what more of a parameter changes of other laws' columns.
 
         Laws of one gear make each other feel their torque: one parameter of each axis
         is changed at a time. Loads are felt everywhere: each is changed by itself.
+
+        Args:
+            parameters: All of them.
+            stands: Where the arm rests under them, before what laws make felt.
+            state: With that.
         """
-        before = self._moved_by(parameters, parameters, stands)
-        found = dict[int, EffectJacobian]()
+        softer, named = self.at(parameters)
+        before, found = _moved_by(named, state), dict[int, EffectJacobian]()
         steps = self._steps(parameters, stands)
         for changed in self._changed_together(stands):
             moved = parameters.copy()
             moved[list(changed)] += steps[list(changed)]
-            after = self._moved_by(parameters, moved, stands)
+            after = _moved_by(named, self._acting(moved, stands))
             for j, axis in changed.items():
                 one = difference(after, before, np.array([[1.0 / steps[j]]]))
                 some = (p for p in one.parts if axis is None or _rotates(p, axis))
                 parts = tuple(p for p in some if np.any(values(p) != 0.0))
                 if parts:
                     found[j] = EffectJacobian(1, parts)
-        # a spring's own column has a load's torque, and so have what loads displace
-        acting = state_under(stands, self.at(parameters)[1]).torque - stands.torque
-        for j, axis in enumerate(self.prepared.springs):
-            if np.any(acting[:, axis] != 0.0) and self._is_laid_out(parameters, j):
+        # a spring's own column has a load's torque, and so have what loads displace,
+        # where columns are laid out under all of the spring's change
+        own = list(self.prepared.springs)
+        whole = self.prepared.situation.compliance[own] + softer + self.more(named)
+        laid_out = np.isclose(stands.compliance[own], whole)
+        acting = state.torque - stands.torque
+        for j, axis in enumerate(own):
+            if laid_out[j] and np.any(acting[:, axis] != 0.0):
                 twice = turn(axis, -acting[:, axis])
                 found[j] = added(found[j], twice) if j in found else twice
         return found
 
-    def _is_laid_out(
-        self, parameters: Float[np.ndarray, " parameters"], j: int
-    ) -> bool:
-        """Return whether columns are laid out under all of a spring's change."""
+    def _acting(
+        self, parameters: Float[np.ndarray, " parameters"], stands: StaticState
+    ) -> StaticState:
+        """Return the state with what laws make each other feel, the arm resting."""
         softer, named = self.at(parameters)
-        change = softer + self.more(named)
-        own = self.prepared.springs[j]
-        before = self.prepared.situation.compliance[own]
-        return bool(
-            np.isclose(softened(self.prepared, change)[own], before + change[j])
-        )
+        compliance = softened(self.prepared, softer + self.more(named))
+        return state_under(stands.with_compliance(compliance), named)
 
     def _changed_together(self, situation: StaticState) -> list[dict[int, int | None]]:
         """Return parameters with the axis that they turn; None: they act everywhere."""
@@ -376,21 +373,13 @@ class _JointFit:
         of_shapes = [STEP * shape.spacing for shape in self.shapes]
         return np.array([*(SMALL * max(step, TINY**2) for step in steps), *of_shapes])
 
-    def _moved_by(
-        self,
-        parameters: Float[np.ndarray, " parameters"],
-        acting: Float[np.ndarray, " parameters"],
-        stands: StaticState,
-    ) -> EffectJacobian:
-        """Return what names displace where others make them feel their torque."""
-        softer, others = self.at(acting)
-        compliance = softened(self.prepared, softer + self.more(others))
-        state = state_under(stands.with_compliance(compliance), others)
-        fit = self.at(parameters)[1]
-        every = zip(fit.members, fit.coefficients, strict=True)
-        named = [(m.jacobian(state), c) for m, c in every if not m.is_generic]
-        sizes = np.concatenate([np.zeros(0), *(c for _, c in named)])
-        return mixture(hstack([law for law, _ in named]), sizes[:, None])
+
+def _moved_by(fit: ModelFit, state: StaticState) -> EffectJacobian:
+    """Return what names displace in a state, as one column."""
+    every = zip(fit.members, fit.coefficients, strict=True)
+    named = [(m.jacobian(state), c) for m, c in every if not m.is_generic]
+    sizes = np.concatenate([np.zeros(0), *(c for _, c in named)])
+    return mixture(hstack([law for law, _ in named]), sizes[:, None])
 
 
 def _rotates(part: JacobianBlock, axis: int) -> bool:

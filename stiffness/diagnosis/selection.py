@@ -356,8 +356,6 @@ def _selected_under(
     if held and not changes(model.case, layout.prepared, model.fit):
         return model
     point = layout.fitted_jointly(case, model.fit)
-    if held and layout.is_at(case, point):
-        return model
     left = unexplained(model.case, model.fit)
     if before is not None and point.worth(case.poses) < before.worth(case.poses):
         model = _judged(case, before.fit.members, fine, model.decisions)
@@ -442,10 +440,9 @@ def _judged(
             decisions += searched
     # its sizes are those beside what they change of each other, what it explains is not
     linear = fit_model(case, terms)
-    gains_of = {"gain": linear.gain, "nominal_gain": linear.nominal_gain}
     return SelectedModel(
         case,
-        replace(look.fit, **gains_of),
+        replace(look.fit, gain=linear.gain, nominal_gain=linear.nominal_gain),
         tuple(fine),
         frozenset(refused),
         tuple(parameters),
