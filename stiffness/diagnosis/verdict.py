@@ -4,8 +4,8 @@ Generic terms of the selected set are unexplained places. A name is withheld whe
 residual near it is large beside what it explains, where a generic term near it explains
 twice as much, or where its law differs between groups of rows. A residual of less than
 `SMALL_RESIDUAL` of the mismatch withholds no name that explains ten times as much. No
-name stands where all together explain less than twice what has no name, unless generic
-terms of one place explain all the rest.
+name stands where all together explain less than twice what has no name, but for what
+generic terms of one place and its neighbours explain.
 
 ==========  ==========================================================================
 Equation    P(name) = sum of exp(g_j / phi - c_j) over the name and its first three
@@ -36,11 +36,7 @@ from stiffness.diagnosis.detection import (
     residual_equations,
     residual_test,
 )
-from stiffness.diagnosis.gate import (
-    acts_at,
-    are_near,
-    may_show_at,
-)
+from stiffness.diagnosis.gate import acts_at, are_near, may_show_at
 from stiffness.diagnosis.localisation import (
     confounded_with,
     law_of,
@@ -452,27 +448,29 @@ def _of_slight_share(
     """Return the names, where all together explain less than twice what has none.
 
     What has none are generic terms, but courses in time, and the residual: a name that
-    is withheld is not sure, but no unknown mechanism. Where generic terms of one place,
-    no instrument, explain the rest, no name has to imitate what they stand for.
+    is withheld is not sure, but no unknown mechanism. One of the arm takes no name
+    elsewhere, where generic terms of its place and neighbours leave no more than they
+    may.
     """
     model, left = judged.model, judged.residual
-    members = model.fit.members
-    unknown = {member.where for member in members if member.is_generic}
     excess = _largest_excess(left) if left.p_value < SIGNIFICANCE else 0.0
-    explained = not excess and model.share > SETTINGS.explained_share
-    if explained and len(unknown) == 1 and not unknown & set(INSTRUMENTS):
-        return []
+    excess /= max(model.fit.gain, 1e-12)
     own = sum(part for part, stood in zip(parts, stands, strict=True) if stood)
-    every = own + sum(
-        part
-        for part, member in zip(parts, members, strict=True)
+    unknown = [
+        (part, member.where)
+        for part, member in zip(parts, model.fit.members, strict=True)
         if member.is_generic and set(member.depends_on) != {"time"}
-    )
-    share = own / max(every + excess / max(model.fit.gain, 1e-12), 1e-12)
+    ]
+    _, loudest = max(unknown, default=(0.0, ""))
+    near = sum(part for part, where in unknown if are_near(where, loudest))
+    every = own + excess + sum(part for part, _ in unknown)
+    if loudest not in INSTRUMENTS and excess <= GENERIC_ACCURACY * near:
+        every -= near + excess
+    share = own / max(every, 1e-12)
     reason = "names together explain less than twice what has no name"
     return [
         Decision(m.name, "named_share", False, share, NAMED_SHARE, reason)
-        for m, stood in zip(members, stands, strict=True)
+        for m, stood in zip(model.fit.members, stands, strict=True)
         if stood and share < NAMED_SHARE
     ]
 

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from small_bench import FEW, MODEL, arm, prepared, recording
 
 from bench.effects.out_of_library.axis_crosstalk import AxisCrosstalk
+from bench.effects.out_of_library.foot_lift_off import FootLiftOff
 from bench.effects.out_of_library.thrust_turn import ThrustTurn
 from bench.effects.parse import parse_all
 from bench.experiment import record
@@ -130,6 +131,19 @@ def test_a_weak_name_stands_beside_a_strong_mechanism_that_a_generic_term_explai
     (place,) = found.unexplained_places
     assert place.where == "a4"
     assert place.share > 0.6
+
+
+def test_names_far_from_a_strong_mechanism_stand_though_no_generic_law_fits_it():
+    """A foot that lifts shows at the base and the first axis, never at the wrist."""
+    rig, loop = Rig(MODEL), "hysteresis@a4,width_rad=3e-4"
+    foot = FootLiftOff("base", edge_rad_per_nm=4e-6, angle_rad=0.6, preload_nm=20.0)
+    rig = replace(rig, effects=(*parse_all((loop,), rig.nominal), foot))
+    made = record(rig, table_one_plan(poses=60), Instruments(), seed=4)
+    found = diagnose(made, arm(), FEW)
+    assert names(found) == [("hysteresis", "a4")]
+    assert found.verdict == "partly_explained"
+    assert found.unexplained_places[0].where == "base"
+    assert "a4" not in {one.where for one in found.unexplained_places}
 
 
 def test_a_name_half_as_strong_as_an_unknown_mechanism_at_its_place_is_withheld():
