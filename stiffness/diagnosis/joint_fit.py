@@ -279,11 +279,9 @@ class _JointFit:
             each = unit * size[None] / max(float(size @ size), TINY**4)
             if j in found:
                 shapes[member.name, shape.number] = mixture(found[j], each)
-        whole = [c for m, c in zip(members, sizes, strict=True) if m.name in laws]
-        whole = np.concatenate([np.zeros(0), *whole])
-        total = mixture(hstack([*laws.values()]), whole[:, None])
         springs = tuple(found.get(j, nothing) for j in range(len(own)))
-        return FeltByOthers(springs, laws, shapes, total)
+        whole = {m.name: c for m, c in zip(members, sizes, strict=True)}
+        return FeltByOthers(springs, laws, shapes, whole)
 
     def _of_others(
         self,

@@ -103,7 +103,8 @@ def evaluate_model(
 ) -> ModelEvaluation:
     """Fit members, and gather what poses say of them, in one pass over the readings.
 
-    Where columns were laid out under members, more of one also changes the others'.
+    Where columns were laid out under members, more of one also changes the others',
+    linearly near the set alone.
 
     Args:
         case: What may be looked at.
@@ -113,7 +114,8 @@ def evaluate_model(
     data, situation, split, felt = case.data, case.situation, case.split, case.felt
     nominal, own, steps = [*case.nominal], list[EffectJacobian](), []
     if felt is not None:
-        data = data.subtract([felt.total], -np.ones(1))
+        total = felt.total({member.name for member in members})
+        data = data.subtract([total], -np.ones(1))
         nominal = [added(*both) for both in zip(nominal, felt.springs, strict=True)]
     for member in members:
         law = member.jacobian(situation)

@@ -16,7 +16,7 @@ Ignores     shapes beyond the grid's ends, and those that count something
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -32,7 +32,13 @@ from stiffness.diagnosis.sufficient_statistics import (
     per_pose_scores,
 )
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import EffectJacobian, values, with_values
+from stiffness.effects.jacobian import (
+    EffectJacobian,
+    hstack,
+    mixture,
+    values,
+    with_values,
+)
 from stiffness.effects.statics import springs_of
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.normal_equations import (
@@ -55,13 +61,19 @@ class FeltByOthers:
         laws: By name, a column for each coefficient.
         shapes: By name and number of a shape parameter, per unit of it and of each
             coefficient, which add up at the set's own.
-        total: One column: of all coefficients as they are.
+        sizes: By name, the coefficients about which these were taken.
     """
 
     springs: tuple[EffectJacobian, ...]
     laws: Mapping[tuple[str, str], EffectJacobian]
     shapes: Mapping[tuple[tuple[str, str], int], EffectJacobian]
-    total: EffectJacobian
+    sizes: Mapping[tuple[str, str], Float[np.ndarray, " columns"]]
+
+    def total(self, names: Collection[tuple[str, str]]) -> EffectJacobian:
+        """Return one column: of some laws' coefficients as they are."""
+        some = [name for name in self.laws if name in names]
+        sizes = np.concatenate([np.zeros(0), *(self.sizes[name] for name in some)])
+        return mixture(hstack([self.laws[name] for name in some]), sizes[:, None])
 
 
 @dataclass(frozen=True)
