@@ -403,7 +403,7 @@ def _judged(
 
     Where a name is physically impossible, another is searched in its place.
     """
-    decisions, refused = list(first), set[Name]()
+    decisions, refused = list(first), dict[Name, Name]()  # and for whose sake
     while True:
         statistics = pose_statistics(case, terms)
         gated, slight = gate_terms(statistics)
@@ -429,12 +429,15 @@ def _judged(
             break
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
+        wrong = weakest.candidate
         if weakest.gate == "physical":
             weakest = _needed_least(case, look.fit, weakest)
         decisions.append(weakest)
         terms = tuple(term for term in terms if term.name != weakest.candidate)
         if weakest.gate == "physical":
-            refused.add(weakest.candidate)
+            if weakest.candidate == wrong:  # what went for its sake may come back
+                refused = {n: sake for n, sake in refused.items() if sake != wrong}
+            refused[weakest.candidate] = wrong
             others = [term for term in fine if term.name not in refused]
             terms, searched = with_generic_terms(case, terms, others, refused)
             decisions += searched

@@ -1,5 +1,7 @@
 """Springs, coefficients and shapes are fitted with the columns that they lay out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -10,6 +12,7 @@ from stiffness.diagnosis.model_evaluation import evaluate_model
 from stiffness.diagnosis.model_fit import (
     FeltByOthers,
     ModelTerm,
+    SelectionProblem,
     fit_model,
     free_shapes,
 )
@@ -19,12 +22,13 @@ from stiffness.diagnosis.relinearisation import (
     nominal_problem,
     total_softening,
 )
+from stiffness.diagnosis.selection import _evaluated
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
-from stiffness.effects.jacobian import EffectJacobian
+from stiffness.effects.jacobian import mixture, values
 from stiffness.effects.lost_motion import LostMotion
 
 NONE = np.zeros(0)
@@ -96,19 +100,10 @@ def test_a_gear_that_hardens_and_holds_wind_up_back_is_found_as_it_is():
 
 def test_a_load_and_a_play_that_move_each_other_settle():
     """Laid out where each was fitted, the load is wrong by as much each other time."""
-    some = (GravityCompensator(), LostMotion(), Hardening())
-    ready = prepared(
-        "gravity_compensator@a1,torque_nm=45,phase_rad=0.9",
-        "lost_motion@a1,width_rad=2e-4",
-    )
-    case = build_problem(ready, some)
-    load = ModelTerm(some[0], "a1", NONE)
-    play = ModelTerm(some[1], "a1", np.array([8.0]))
-    layout = Layout(ready, some)
-    point = layout.fitted_jointly(case, fit_model(case, [load, play]))
-    case = layout.at(point)
-    fit = evaluate_model(case, point.named.members).fit
-    torque = some[0].parameters(case.situation, "a1", NONE, fit.coefficients[0])
+    case, members = at_a_load_and_a_play()
+    fit = evaluate_model(case, members).fit
+    pull = members[0].hypothesis
+    torque = pull.parameters(case.situation, "a1", NONE, fit.coefficients[0])
     assert torque["torque_nm"] == pytest.approx(45.0, rel=0.05)
     assert fit.coefficients[1][0] == pytest.approx(2e-4, rel=0.02)
 
@@ -136,6 +131,46 @@ def test_a_set_is_evaluated_as_it_was_fitted_with_its_columns(terms):
         at += len(old)
 
 
+def at_a_load_and_a_play() -> tuple[SelectionProblem, tuple[ModelTerm, ...]]:
+    """Return columns laid out under a load that closes a play, and the two."""
+    some = (GravityCompensator(), LostMotion())
+    ready = prepared(
+        "gravity_compensator@a1,torque_nm=45,phase_rad=0.9",
+        "lost_motion@a1,width_rad=2e-4",
+    )
+    case = build_problem(ready, some)
+    load = ModelTerm(some[0], "a1", NONE)
+    play = ModelTerm(some[1], "a1", np.array([8.0]))
+    layout = Layout(ready, some)
+    point = layout.fitted_jointly(case, fit_model(case, [load, play]))
+    return layout.at(point), point.named.members
+
+
+def test_a_law_that_has_gone_leaves_nothing_that_others_felt_of_it():
+    case, (load, play) = at_a_load_and_a_play()
+    assert case.felt is not None
+    own = {name: law for name, law in case.felt.laws.items() if name == play.name}
+    without = replace(case, felt=replace(case.felt, laws=own))
+    found, asked = (evaluate_model(c, [play]).fit for c in (case, without))
+    assert_allclose(found.coefficients[0], asked.coefficients[0], rtol=1e-12)
+    assert_allclose(found.springs, asked.springs, rtol=1e-12)
+    square = values(case.felt.total({load.name}).parts[0])
+    assert np.sqrt(np.mean(square**2)) > 1e-6  # what would stay is no little
+
+
+def test_what_laws_feel_is_left_out_where_poses_contradict_it():
+    """A play that closes is linear over little: its slope is no slope further on."""
+    case, members = at_a_load_and_a_play()
+    assert case.felt is not None
+    laws = {n: mixture(x, 9.0 * np.eye(x.columns)) for n, x in case.felt.laws.items()}
+    wrong = replace(case, felt=replace(case.felt, laws=laws))
+    bare = evaluate_model(replace(case, felt=None), members)
+    for asked, want in ((case, evaluate_model(case, members)), (wrong, bare)):
+        found = _evaluated(asked, members, ()).fit
+        for one, other in zip(found.coefficients, want.fit.coefficients, strict=True):
+            assert_allclose(one, other, rtol=1e-12)
+
+
 def test_a_point_holds_what_the_set_alone_lays_out():
     """What acted on the columns before and is not in the set acts no more."""
     some = (GravityCompensator(),)
@@ -155,7 +190,7 @@ def test_a_set_that_leaves_as_much_with_more_parameters_is_worth_less():
     case = nominal_problem(ready)
     loop = ModelTerm(Hysteresis(), "a2", np.array([20.0, 0.0]))
     one, none = fit_model(case, [loop]), fit_model(case, [])
-    nothing = FeltByOthers((), {}, {}, EffectJacobian(1))
+    nothing = FeltByOthers((), {}, {}, {})
     point = OperatingPoint(np.zeros(6), one, nothing, one, 10.0)
     assert point.worth(100) == pytest.approx(-5.0 - 1.5 * np.log(100.0))
     assert worth_of(none, 10.0, 100) == pytest.approx(-5.0)
