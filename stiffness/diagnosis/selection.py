@@ -129,6 +129,11 @@ class SelectedModel:
     decisions: tuple[Decision, ...]
 
     @property
+    def names(self) -> frozenset[Name]:
+        """Names of its terms, generic ones among them."""
+        return frozenset(member.name for member in self.fit.members)
+
+    @property
     def unexplained_square(self) -> float:
         """Whitened square of the mismatch on poses left out that is not explained."""
         return self.statistics.whole * (1.0 - self.share)
@@ -254,7 +259,7 @@ def select_model(
     if point is None:
         return model
     held = {member.name for member in point.fit.members}
-    refused = {member.name for member in model.fit.members} - held
+    refused = model.names - held
     # what has no name there may be the load's
     at = {where for _, where in refused}
     kept = (m for m in point.fit.members if not (m.is_generic and m.where in at))
@@ -331,7 +336,7 @@ def _selected_under(
     The search goes on from there; of the sets the one is kept that predicts poses left
     out best. A load that is withheld once columns were laid out under it acts no more.
     A set that does less under its own columns than the one before, which the search
-    went on from, was misled by that one's columns.
+    went on from, was misled by that one's columns; where that one still holds it stays.
 
     Args:
         layout: How columns are laid out.
@@ -352,14 +357,15 @@ def _selected_under(
     terms, searched = with_generic_terms(case, terms, fine, refused)
     model = _judged(case, terms, fine, [*selected.decisions, *searched])
     acting = frozenset[Name]() if case.named is None else loads_of(case, case.named)
-    held = acting.issubset(member.name for member in model.fit.members)
+    held = acting <= model.names
     if held and not changes(model.case, layout.prepared, model.fit):
         return model
     point = layout.fitted_jointly(case, model.fit)
     left = unexplained(model.case, model.fit)
     if before is not None and point.worth(case.poses) < before.worth(case.poses):
-        model = _judged(case, before.fit.members, fine, model.decisions)
-        held, again = True, 0
+        back = _judged(case, before.fit.members, fine, model.decisions)
+        if back.names <= {member.name for member in before.fit.members}:
+            model, held, again = back, True, 0
     case, terms = layout.at(point), point.fit.members
     if again == AGAIN or (again and point.square < MISLED * left):
         search = Search.of(case, terms, refused)

@@ -205,9 +205,15 @@ def _residual_near(
 
 
 def _beside_generic(k: int, model: SelectedModel, beyond: ResidualEquations) -> float:
-    """Return the most that a mechanism without a name may leave near a member."""
-    every = zip(model.fit.members, model.drop_one_gains, strict=True)
-    generic = [(other.where, gain) for other, gain in every if other.is_generic]
+    """Return the most that a mechanism without a name may leave near a member.
+
+    What depends on time alone is imitated by no law that does not.
+    """
+    members, gains = model.fit.members, model.drop_one_gains
+    some = [j for j, other in enumerate(members) if other.is_generic]
+    if "time" not in members[k].depends_on:
+        some = [j for j in some if members[j].depends_on != ("time",)]
+    generic = [(members[j].where, gains[j]) for j in some]
     return GENERIC_ACCURACY * _largest_part(k, model, beyond, generic)
 
 
@@ -254,9 +260,8 @@ def _unexplained_places(
         found += places_of_map(
             beyond.library, fitted, fitted.score, beyond.known, model.case.seed + 2
         )
-    total = model.statistics.whole
     return _joined(
-        UnexplainedPlace(where, p, float(captured) / total, depends_on)
+        UnexplainedPlace(where, p, float(captured) / model.statistics.whole, depends_on)
         for where, p, captured, depends_on in found
     )
 
@@ -310,8 +315,7 @@ def exchange_posteriors(model: SelectedModel) -> tuple[ExchangePosterior, ...]:
     search = exchange_search(model)
     some = range(len(model.fit.members))
     found = []
-    gains = model.drop_one_gains
-    for member, gain in zip(model.fit.members, gains, strict=True):
+    for member, gain in zip(model.fit.members, model.drop_one_gains, strict=True):
         exchanged = exchange_worths(search.problem, some, member.name, LIVE)
         names = list(exchanged.worth)
         own = names.index(member.name)
@@ -453,20 +457,18 @@ def _of_slight_share(
     may.
     """
     model, left = judged.model, judged.residual
-    excess = _largest_excess(left) if left.p_value < SIGNIFICANCE else 0.0
-    excess /= max(model.fit.gain, 1e-12)
+    excess = _largest_excess(left) / max(model.fit.gain, 1e-12)
+    excess *= left.p_value < SIGNIFICANCE
     own = sum(part for part, stood in zip(parts, stands, strict=True) if stood)
-    unknown = [
-        (part, member.where)
-        for part, member in zip(parts, model.fit.members, strict=True)
-        if member.is_generic and set(member.depends_on) != {"time"}
-    ]
+    every = zip(parts, model.fit.members, strict=True)
+    nameless = [(part, m) for part, m in every if m.is_generic]
+    unknown = [(p, m.where) for p, m in nameless if m.depends_on != ("time",)]
     _, loudest = max(unknown, default=(0.0, ""))
     near = sum(part for part, where in unknown if are_near(where, loudest))
-    every = own + excess + sum(part for part, _ in unknown)
+    rest = excess + sum(part for part, _ in unknown)
     if loudest not in INSTRUMENTS and excess <= GENERIC_ACCURACY * near:
-        every -= near + excess
-    share = own / max(every, 1e-12)
+        rest -= near + excess
+    share = max(own, 0.0) / max(own + rest, 1e-12) if rest > 0.0 else 1.0
     reason = "names together explain less than twice what has no name"
     return [
         Decision(m.name, "named_share", False, share, NAMED_SHARE, reason)

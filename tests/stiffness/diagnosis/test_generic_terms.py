@@ -14,6 +14,7 @@ from bench.effects.parse import parse_all
 from bench.experiment import record
 from bench.instruments import Instruments
 from bench.rig import Rig
+from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.candidates import (
     KNOTS,
@@ -32,6 +33,7 @@ from stiffness.diagnosis.selection import select_model
 from stiffness.diagnosis.verdict import judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
+from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.drift import Drift
 from stiffness.effects.jacobian import BodyTwist
 from stiffness.effects.marker_slip import MarkerSlip
@@ -172,17 +174,23 @@ def test_a_name_half_as_strong_as_an_unknown_mechanism_at_its_place_is_withheld(
     assert withheld(0.45) == [True, False]
 
 
+def waved(made: Recording, turns: float, size_m: float) -> Recording:
+    """Let all marks move to and fro over a recording, as a day makes a tracker do."""
+    assert made.points is not None
+    hours = made.time / np.ptp(made.time)
+    wave = size_m * (np.sin(2.0 * np.pi * turns * hours) + np.sqrt(hours))
+    moved = made.points + wave[:, None, None] * np.array([0.7, 0.2, -0.7])
+    return replace(made, points=moved)
+
+
 @pytest.mark.parametrize(("turns", "poses"), [(2.0, 40), (3.0, 90)])
 def test_a_wave_of_the_tracker_is_no_slip_of_many_marks(turns, poses):
     """All marks move together, as no slip does: to and fro over the recording."""
     made = recording("hysteresis@a2", poses=poses)
     assert made.points is not None
     made = replace(made, markers=made.markers[:12], points=made.points[:, :12])
-    assert made.points is not None
-    hours = made.time / np.ptp(made.time)
-    wave = 3e-5 * (np.sin(2.0 * np.pi * turns * hours) + np.sqrt(hours))
-    moved = made.points + wave[:, None, None] * np.array([0.7, 0.2, -0.7])
-    found = diagnose(replace(made, points=moved), arm(), (*FEW, Drift(), MarkerSlip()))
+    made = waved(made, turns, 3e-5)
+    found = diagnose(made, arm(), (*FEW, Drift(), MarkerSlip()))
     assert names(found) == [("hysteresis", "a2")]
     (course,) = (one for one in found.unexplained_places if one.where == "base")
     assert course.depends_on == ("time",)
@@ -241,3 +249,14 @@ def test_generic_term_competes_only_with_more_than_laws_at_its_place_may_err_by(
     assert {t.where for t in search.terms if t.is_generic} == {"a2", "a4"}
     assert {t.where for t in kept.terms if t.is_generic} == {"a4"}
     assert len(kept.terms) == len(kept.problem.groups) == len(search.terms) - 1
+
+
+def test_a_course_in_time_takes_no_name_that_depends_on_no_time():
+    """A strong wave of the tracker stands at the base; a base that gives way, too."""
+    soft = "base_compliance@base,rx_rad_per_nm=2e-7,ry_rad_per_nm=2e-7"
+    made = recording(soft, poses=60)
+    assert made.points is not None
+    made = replace(made, markers=made.markers[:12], points=made.points[:, :12])
+    found = diagnose(waved(made, 1.0, 2e-4), arm(), (*FEW, BaseCompliance()))
+    assert names(found) == [("base_compliance", "base")]
+    assert found.unexplained_places[0].depends_on == ("time",)
