@@ -61,19 +61,20 @@ class FeltByOthers:
         laws: By name, a column for each coefficient.
         shapes: By name and number of a shape parameter, per unit of it and of each
             coefficient, which add up at the set's own.
-        sizes: By name, the coefficients about which these were taken.
+        coefficients: By name, those about which these were taken.
     """
 
     springs: tuple[EffectJacobian, ...]
     laws: Mapping[tuple[str, str], EffectJacobian]
     shapes: Mapping[tuple[tuple[str, str], int], EffectJacobian]
-    sizes: Mapping[tuple[str, str], Float[np.ndarray, " columns"]]
+    coefficients: Mapping[tuple[str, str], Float[np.ndarray, " columns"]]
 
     def total(self, names: Collection[tuple[str, str]]) -> EffectJacobian:
         """Return one column: of some laws' coefficients as they are."""
         some = [name for name in self.laws if name in names]
-        sizes = np.concatenate([np.zeros(0), *(self.sizes[name] for name in some)])
-        return mixture(hstack([self.laws[name] for name in some]), sizes[:, None])
+        found = [np.zeros(0), *(self.coefficients[name] for name in some)]
+        laws = hstack([self.laws[name] for name in some])
+        return mixture(laws, np.concatenate(found)[:, None])
 
 
 @dataclass(frozen=True)
