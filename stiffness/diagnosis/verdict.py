@@ -4,8 +4,8 @@ Generic terms of the selected set are unexplained places. A name is withheld whe
 residual near it is large beside what it explains, where a generic term near it explains
 twice as much, or where its law differs between groups of rows. A residual of less than
 `SMALL_RESIDUAL` of the mismatch withholds no name that explains ten times as much. No
-name stands where all together explain less than twice what has no name, but for what
-generic terms of one place and its neighbours explain.
+name stands where all together explain less than twice what has no name; what generic
+terms of one place explain counts against no gear or bearing elsewhere.
 
 ==========  ==========================================================================
 Equation    P(name) = sum of exp(g_j / phi - c_j) over the name and its first three
@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.shared.effect_catalogue import INSTRUMENTS
+from bench.shared.effect_catalogue import CATALOGUE, INSTRUMENTS
 from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.detection import (
     DetectionTest,
@@ -313,8 +313,7 @@ def exchange_posteriors(model: SelectedModel) -> tuple[ExchangePosterior, ...]:
         model: The selected set.
     """
     search = exchange_search(model)
-    some = range(len(model.fit.members))
-    found = []
+    some, found = range(len(model.fit.members)), list[ExchangePosterior]()
     for member, gain in zip(model.fit.members, model.drop_one_gains, strict=True):
         exchanged = exchange_worths(search.problem, some, member.name, LIVE)
         names = list(exchanged.worth)
@@ -363,8 +362,8 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         for k, one in enumerate(posteriors)
     ]
     slight = _of_slight_share(judged, parts, stands)
-    if slight:
-        decisions, stands = decisions + slight, [False] * len(members)
+    decisions, less = decisions + slight, {d.candidate for d in slight}
+    stands = [s and m.name not in less for m, s in zip(members, stands, strict=True)]
     for k, (member, one) in enumerate(zip(members, posteriors, strict=True)):
         if member.is_generic:
             continue
@@ -452,29 +451,31 @@ def _of_slight_share(
     """Return the names, where all together explain less than twice what has none.
 
     What has none are generic terms, but courses in time, and the residual: a name that
-    is withheld is not sure, but no unknown mechanism. One of the arm takes no name
-    elsewhere, where generic terms of its place and neighbours leave no more than they
-    may.
+    is withheld is not sure, but no unknown mechanism. One of the arm takes no gear and
+    no bearing elsewhere, where generic terms at its place and beside leave little.
     """
     model, left = judged.model, judged.residual
-    excess = _largest_excess(left) / max(model.fit.gain, 1e-12)
-    excess *= left.p_value < SIGNIFICANCE
+    excess = _largest_excess(left) * (left.p_value < SIGNIFICANCE)
+    excess /= max(model.fit.gain, 1e-12)
     own = sum(part for part, stood in zip(parts, stands, strict=True) if stood)
     every = zip(parts, model.fit.members, strict=True)
     nameless = [(part, m) for part, m in every if m.is_generic]
     unknown = [(p, m.where) for p, m in nameless if m.depends_on != ("time",)]
     _, loudest = max(unknown, default=(0.0, ""))
     near = sum(part for part, where in unknown if are_near(where, loudest))
-    rest = excess + sum(part for part, _ in unknown)
+    rest = elsewhere = excess + sum(part for part, _ in unknown)
     if loudest not in INSTRUMENTS and excess <= GENERIC_ACCURACY * near:
-        rest -= near + excess
-    share = max(own, 0.0) / max(own + rest, 1e-12) if rest > 0.0 else 1.0
+        elsewhere -= near + excess
     reason = "names together explain less than twice what has no name"
-    return [
-        Decision(m.name, "named_share", False, share, NAMED_SHARE, reason)
-        for m, stood in zip(model.fit.members, stands, strict=True)
-        if stood and share < NAMED_SHARE
-    ]
+    found = []
+    for m in (m for m, stood in zip(model.fit.members, stands, strict=True) if stood):
+        local = CATALOGUE[m.name[0]].family in ("gear", "structure")
+        other = elsewhere if local and not are_near(m.where, loudest) else rest
+        share = max(own, 0.0) / max(own + other, 1e-12) if other > 0.0 else 1.0
+        if share < NAMED_SHARE:
+            asked = (m.name, "named_share", False, share, NAMED_SHARE)
+            found.append(Decision(*asked, reason))
+    return found
 
 
 def _rivals(
