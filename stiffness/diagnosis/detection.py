@@ -385,13 +385,12 @@ def residual_equations(case: SelectionProblem, fit: ModelFit) -> ResidualEquatio
     gram = given_many(side, case.normal_equations.gram)
     raw = np.concatenate([own.raw, case.normal_equations.raw])
     joint = NormalEquations(gram, score, fold, raw)
-    named = {member.name for member in fit.members}
-    library = _with_offset_columns(case.library, count, named)
+    library = _with_offset_columns(case.library, count, fit.names)
     return ResidualEquations(after, library, joint, np.arange(count))
 
 
 def _with_offset_columns(
-    library: Library, by: int, named: set[tuple[str, str]]
+    library: Library, by: int, named: frozenset[tuple[str, str]]
 ) -> Library:
     return replace(
         library,

@@ -192,6 +192,11 @@ class ModelFit:
     degrees_of_freedom: int
     nominal_gain: float = 0.0
 
+    @property
+    def names(self) -> frozenset[tuple[str, str]]:
+        """Effect and place of each member, of those without a name too."""
+        return frozenset(member.name for member in self.members)
+
 
 def training(split: Split) -> np.ndarray:
     """Return one fold index per pose: 0 held out, 1 fitted."""

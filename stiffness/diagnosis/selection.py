@@ -129,11 +129,6 @@ class SelectedModel:
     decisions: tuple[Decision, ...]
 
     @property
-    def names(self) -> frozenset[Name]:
-        """Names of its terms, generic ones among them."""
-        return frozenset(member.name for member in self.fit.members)
-
-    @property
     def unexplained_square(self) -> float:
         """Whitened square of the mismatch on poses left out that is not explained."""
         return self.statistics.whole * (1.0 - self.share)
@@ -258,8 +253,7 @@ def select_model(
     point = _with_loads(layout, model)
     if point is None:
         return model
-    held = {member.name for member in point.fit.members}
-    refused = model.names - held
+    refused = model.fit.names - point.fit.names
     # what has no name there may be the load's
     at = {where for _, where in refused}
     kept = (m for m in point.fit.members if not (m.is_generic and m.where in at))
@@ -357,14 +351,14 @@ def _selected_under(
     terms, searched = with_generic_terms(case, terms, fine, refused)
     model = _judged(case, terms, fine, [*selected.decisions, *searched])
     acting = frozenset[Name]() if case.named is None else loads_of(case, case.named)
-    held = acting <= model.names
+    held = acting <= model.fit.names
     if held and not changes(model.case, layout.prepared, model.fit):
         return model
     point = layout.fitted_jointly(case, model.fit)
     left = unexplained(model.case, model.fit)
     if before is not None and point.worth(case.poses) < before.worth(case.poses):
         back = _judged(case, before.fit.members, fine, model.decisions)
-        if back.names <= {member.name for member in before.fit.members}:
+        if back.fit.names <= before.fit.names:
             model, held, again = back, True, 0
     case, terms = layout.at(point), point.fit.members
     if again == AGAIN or (again and point.square < MISLED * left):
