@@ -21,6 +21,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated, Literal
 
 import msgspec
 import mujoco
@@ -32,6 +33,7 @@ from bench.cell import Cell
 from bench.effects import EFFECTS
 from bench.effects.effect import Effect
 from bench.effects.gravity_load import GravityLoad
+from bench.effects.places import misplaced
 from bench.effects.tabled_law import TabledLaw
 from bench.model_file import plain_mjcf
 from bench.rig import RIGID, Memory, Rig
@@ -237,7 +239,7 @@ class AxisRange:
         torque_nm: Least and largest torque about it from weight and load, in N m.
     """
 
-    angle_rad: tuple[tuple[float, float], ...]
+    angle_rad: Annotated[tuple[tuple[float, float], ...], msgspec.Meta(min_length=1)]
     torque_nm: tuple[float, float]
 
 
@@ -269,7 +271,7 @@ class Patch:
     axes: tuple[str, ...] = ()
     hand: str = ""
     arm: str = ""
-    schema: int = 1
+    schema: Literal[1] = 1
     not_in_model: tuple[str, ...] = ()
     fitted: dict[str, AxisRange] = field(default_factory=dict)
     memory: Memory = "forgotten"
@@ -284,7 +286,8 @@ def rig_of(patch: Patch, arm_file: Path | None = None) -> Rig:
     """Build the rig of a patch on the nominal arm, by default the one in the patch.
 
     Raises:
-        BenchError: Where an effect has no mechanism or cannot be built.
+        BenchError: Where an effect has no mechanism, cannot be built, or sits at a
+            place that the arm does not have.
     """
     held = patch.mounted
     cell = BareCell(
@@ -294,9 +297,9 @@ def rig_of(patch: Patch, arm_file: Path | None = None) -> Rig:
         sensor_m=held.sensor_m,
         held=Payload(held.mass_kg, np.array(held.com_m)),
     )
-    effects = effects_of(patch)
+    given = effects = effects_of(patch)
     if held.mass_kg:
-        effects = (*effects, GravityLoad("flange", held.mass_kg, *held.com_m))
+        effects = (*given, GravityLoad("flange", held.mass_kg, *held.com_m))
     if arm_file is None:
         model = Path(MODEL_FILE)
         rig = WrittenRig(model, effects, cell=cell, hand=patch.hand, text=patch.arm)
@@ -304,11 +307,14 @@ def rig_of(patch: Patch, arm_file: Path | None = None) -> Rig:
         rig = Rig(arm_file, effects, cell=cell, axes=patch.axes, hand=patch.hand)
     springs = rig.nominal.jnt_stiffness.copy()
     known = list(rig.anatomy.axes)
+    faults = [fault for effect in given for fault in misplaced(effect, rig.anatomy)]
     for name, value in patch.stiffness_nm_per_rad.items():
         axis = rig.anatomy.axis(name)
-        if axis not in known:
-            raise Unusable("Patch", [f"no axis is called {name!r}; known: {known}."])
-        springs[known.index(axis)] = RIGID if value is None else value
+        if axis in known:
+            springs[known.index(axis)] = RIGID if value is None else value
+        else:
+            faults.append(f"no axis is called {name!r}; known: {known}.")
+    refuse("Patch", faults)
     return replace(rig, stiffness=springs)
 
 
@@ -320,7 +326,7 @@ MOST_FAULTS = 20
 
 
 def faults_of(patch: Patch) -> list[str]:
-    """Return every fault of a patch's effects and springs."""
+    """Return every fault of a patch's effects, laws and springs."""
     faults, known = [], set()
     for number, one in enumerate(patch.effects, start=1):
         title = f"effect {number}, {one.effect} at {one.where}"
@@ -340,6 +346,11 @@ def faults_of(patch: Patch) -> list[str]:
         if own in known:
             faults.append(f"{title}: it is given twice; add it up to one.")
         known.add(own)
+    for law in patch.laws:
+        try:
+            _tabled(law)
+        except Unusable as error:
+            faults += [f"law at {law.where}: {fault}" for fault in error.faults]
     for axis, value in patch.stiffness_nm_per_rad.items():
         if value is not None and not value > 0.0:
             faults.append(f"spring of {axis}: {value:g}, expected above 0, or null.")
@@ -390,8 +401,9 @@ def load(folder: Path | str) -> Rig:
 def _tabled(law: Law) -> TabledLaw:
     loading = np.array(law.loading_rad)
     back = np.array(law.unloading_rad) if law.unloading_rad else loading
-    if len(back) != len(loading):
-        raise Unusable(f"Law at {law.where!r}", ["its two branches differ in length."])
+    if not 2 <= len(law.torque_nm) == len(loading) == len(back):
+        fault = "its torques and branches differ in length, or are fewer than two."
+        raise Unusable(f"Law at {law.where!r}", [fault])
     middle = (loading + back) / 2
     apart = float(np.interp(0.0, law.torque_nm, back - loading))
     return TabledLaw(law.where, law.torque_nm, tuple(middle.tolist()), max(apart, 0.0))

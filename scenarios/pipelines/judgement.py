@@ -165,15 +165,17 @@ def judge(
     Raises:
         BenchError: Where it cannot be judged there, or an arm finds no rest.
     """
-    _check(recording)
+    model = load(robot)
+    _check(recording, patch, [model.joint(j).name for j in range(model.njnt)])
     kept = tuple(e for e in patch.effects if e.effect not in OWN_RECORDING)
     own = (e for e in patch.effects if e.effect in OWN_RECORDING)
     gone = tuple(At(e.effect, e.where) for e in own)
     axes, hand = patch.axes, patch.hand
     if not axes:
-        axes, hand = moving(recording, load(robot))
-    mounted = mounted_on(recording, rig_of(Patch(axes=axes, hand=hand), robot))
-    patch = replace(patch, effects=kept, axes=axes, hand=hand, mounted=mounted)
+        axes, hand = moving(recording, model)
+    patch = replace(patch, effects=kept, axes=axes, hand=hand)
+    mounted = mounted_on(recording, rig_of(patch, robot))
+    patch = replace(patch, mounted=mounted)
     bare = rig_of(Patch(axes=axes, hand=hand, mounted=mounted), robot)
     fit = initial_tracker_frame(arm, recording, np.zeros(len(arm.axes)))
     start = NominalState(bare, fit.turn, fit.shift, fit.marker_positions)
@@ -243,8 +245,11 @@ def judge(
     )
 
 
-def _check(recording: Recording) -> None:
+def _check(recording: Recording, patch: Patch, joints: list[str]) -> None:
     faults = []
+    moved = ", ".join(a for a in recording.axes or joints if a not in patch.axes)
+    if patch.axes and moved:
+        faults.append(f"it moves {moved}, which the patch holds at zero.")
     if recording.rows != "plateaus":
         faults.append('rows are a "stream"; a patch is judged on "plateaus", at rest.')
     if not recording.markers or recording.points is None:
@@ -288,7 +293,7 @@ def patched_arm(
     for effect in from_side:
         k = rig.anatomy.axes.index(rig.anatomy.axis(effect.where))
         own = world.order.tolist().index(k)
-        width = effect.parameters["width_rad"]
+        width = effect.parameters.get("width_rad")
         short[:, own] -= float(width or 0.0) / 2 * side[:, own]
     replay = replace(world.replay, posture=world.replay.posture + short)
     held = replay_simulation_of(world.recording, rig, rig.effects)

@@ -251,6 +251,30 @@ def test_names_and_parameters_that_do_not_exist_are_refused(kr10):
         rig_of(Patch({"a9": 1e4}), kr10)
 
 
+def test_a_patch_of_another_arm_is_refused_with_every_place_it_lacks(kr10):
+    nowhere = (PatchEffect("hysteresis", "a9"), PatchEffect("link_bending", "a2"))
+    law = Law("base", (-1.0, 1.0), (0.0, 0.0))
+    with pytest.raises(Unusable, match="4 faults") as told:
+        rig_of(Patch({"a8": 1e4}, nowhere, (law,)), kr10)
+    for words in ("'a9'", "'link_bending' is called 'a2'", "'base'", "'a8'"):
+        assert words in str(told.value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        '{"schema": 2}',
+        '{"fitted": {"a1": {"angle_rad": [], "torque_nm": [0, 0]}}}',
+        '{"laws": [{"where": "a1", "torque_nm": [], "loading_rad": []}]}',
+        '{"laws": [{"where": "a1", "torque_nm": [0, 1], "loading_rad": [0]}]}',
+    ],
+)
+def test_a_patch_of_another_form_is_refused(tmp_path, text):
+    (tmp_path / patch.FILE).write_text(text, encoding="utf-8")
+    with pytest.raises(Unusable, match="1 fault"):
+        patch.read(tmp_path / patch.FILE)
+
+
 def test_a_folder_without_a_patch_is_refused(tmp_path):
     with pytest.raises(BenchError, match=r"no patch\.json"):
         patch.load(tmp_path)

@@ -170,8 +170,9 @@ def test_every_fault_is_named_before_anything_is_simulated(loaded, kr10, tmp_pat
     for word in ("folder of the patch", "patch.json", "nothing"):
         assert word in str(told.value)
     stream = replace(loaded, rows="stream", markers=(), points=None)
-    with pytest.raises(Unusable, match="2 faults"):
-        judged(stream, kr10, TRUE)
+    with pytest.raises(Unusable, match="3 faults") as told:
+        judged(stream, kr10, replace(TRUE, axes=("a1", "a2", "a3")))
+    assert "moves a4, a5, a6, which the patch holds at zero" in str(told.value)
 
 
 @pytest.mark.skipif("REAL_RECORDINGS" not in os.environ, reason="no real recordings")
