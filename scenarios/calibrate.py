@@ -49,7 +49,7 @@ def main(settings: Settings) -> CalibrationOutcome:
     from scenarios.report.data_files import refuse_folder
     from scenarios.report.sections.calibration import show, write_files
 
-    refuse_folder(settings.out, settings.recording)
+    refuse_folder(settings.out, settings.recording, settings.robot)
     recording, arm, notes = read_for(settings.recording, arm_of(settings.robot))
     for note in notes:
         print(note)

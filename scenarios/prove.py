@@ -52,7 +52,7 @@ def main(settings: Settings) -> Judgement:
 
     s = settings
     _, patch, (recording, arm, notes) = collect(
-        lambda: refuse_folder(s.out, s.recording, s.patch),
+        lambda: refuse_folder(s.out, s.recording, s.robot, s.patch),
         lambda: read(s.patch / FILE),
         lambda: read_for(s.recording, arm_of(s.robot)),
     )

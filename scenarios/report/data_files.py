@@ -130,13 +130,22 @@ ANSWERS = frozenset(
 """Files of an answer of any engine; all others in the folder are not touched."""
 
 
-def refuse_folder(folder: Path, recording: Path, patch: Path | None = None) -> None:
+MARKS = ("diagnosis.json", "proof.json")
+"""Files of which an answer has one: what tells it from a folder of somebody else."""
+
+
+def refuse_folder(
+    folder: Path, recording: Path, robot: Path, patch: Path | None = None
+) -> None:
     """Refuse a folder that cannot hold an answer, before anything is computed.
 
     Raises:
-        Unusable: Where it is a file, leads elsewhere or is one of the other folders.
+        Unusable: Where it is a file, leads elsewhere, is one of the other folders, or
+            has files that an answer would replace and that are none.
     """
     what, faults = f"Folder {str(folder)!r}", _astray(folder)
+    if robot.resolve() in [(folder / name).resolve() for name in ANSWERS]:
+        faults.append(f"{robot.name} in it is the robot's model; give another --out.")
     if folder.resolve() == recording.resolve():
         faults.append("it is the recording itself; give another --out.")
     if patch is not None and folder.resolve() == patch.resolve():
@@ -150,6 +159,9 @@ def _astray(folder: Path) -> list[str]:
         return ["it is a symbolic link; give the folder itself, or another --out."]
     if folder.exists() and not folder.is_dir():
         return ["it is not a folder; give another --out."]
+    if not any((folder / name).exists() for name in MARKS):
+        if there := ", ".join(n for n in sorted(ANSWERS) if (folder / n).exists()):
+            return [f"it holds {there}, and no answer of ours; give another --out."]
     inside = [folder / ASSETS, *sorted((folder / ASSETS).rglob("*"))]
     return [
         f"{path.relative_to(folder).as_posix()} in it is a symbolic link to another "
@@ -178,7 +190,7 @@ def write_folder(
         make(waiting)
         folder.mkdir(exist_ok=True)
         stale = _assets_named(folder / "model.xml")
-        for name in sorted(ANSWERS):
+        for name in (*MARKS, *sorted(ANSWERS - {*MARKS})):
             if name in kept and (waiting / name).exists():
                 os.replace(waiting / name, folder / name)
             else:

@@ -179,7 +179,7 @@ def diagnose_to_folder(
         Exception: A defect of this tool, after the results before it are written.
     """
     started = time.perf_counter()
-    refuse_folder(out, recording_folder)
+    refuse_folder(out, recording_folder, robot)
     with console.status("reading"):
         recording, arm, notes = read_for(recording_folder, arm_of(robot))
     said = partial(console.print, markup=False, highlight=False)

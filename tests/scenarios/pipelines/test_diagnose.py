@@ -232,7 +232,7 @@ def test_a_defect_of_the_engine_is_not_called_the_recording_s_fault(
 
 def test_an_answer_that_cannot_be_made_leaves_the_earlier_one(tmp_path):
     (tmp_path / "o").mkdir()
-    (tmp_path / "o" / "model.xml").write_text("earlier", encoding="utf-8")
+    (tmp_path / "o" / "proof.json").write_text("earlier", encoding="utf-8")
 
     def makes(folder):
         (folder / "diagnosis.json").write_text("{}", encoding="utf-8")
@@ -244,7 +244,7 @@ def test_an_answer_that_cannot_be_made_leaves_the_earlier_one(tmp_path):
     with pytest.raises(Unusable, match="disk full"):
         write_folder(tmp_path / "o", fails)
     assert [p.name for p in tmp_path.iterdir()] == ["o"]
-    assert [p.name for p in (tmp_path / "o").iterdir()] == ["model.xml"]
+    assert [p.name for p in (tmp_path / "o").iterdir()] == ["proof.json"]
     write_folder(tmp_path / "o", makes)
     assert [p.name for p in (tmp_path / "o").iterdir()] == ["diagnosis.json"]
 
@@ -252,7 +252,7 @@ def test_an_answer_that_cannot_be_made_leaves_the_earlier_one(tmp_path):
 def test_an_answer_takes_the_files_of_an_earlier_one_of_any_engine_away(tmp_path):
     """What belongs to nobody stays; what was only needed on the way goes."""
     (tmp_path / "o").mkdir()
-    for name in ("gears.png", "looks_like.png", "patch.json", "draws.csv"):
+    for name in ("gears.png", "looks_like.png", "proof.json", "draws.csv"):
         (tmp_path / "o" / name).write_text("earlier", encoding="utf-8")
 
     def makes(folder):
@@ -262,6 +262,17 @@ def test_an_answer_takes_the_files_of_an_earlier_one_of_any_engine_away(tmp_path
     write_folder(tmp_path / "o", makes, FILES)
     left = sorted(p.name for p in (tmp_path / "o").iterdir())
     assert left == ["draws.csv", "report.html"]
+
+
+def test_no_answer_takes_the_place_of_files_that_are_none(tmp_path):
+    model = tmp_path / "model.xml"
+    model.write_text("mine", encoding="utf-8")
+    with pytest.raises(Unusable, match=r"holds model\.xml, and no answer of ours"):
+        write_folder(tmp_path, lambda _: None)
+    (tmp_path / "diagnosis.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(Unusable, match=r"model\.xml in it is the robot's model"):
+        refuse_folder(tmp_path, tmp_path / "recording", model)
+    assert model.read_text(encoding="utf-8") == "mine"
 
 
 @pytest.mark.parametrize("link", ["o", "o/model_assets", "o/model_assets/arm"])
@@ -277,7 +288,7 @@ def test_an_answer_is_not_written_through_a_link_into_another_folder(tmp_path, l
         (folder / "diagnosis.json").write_text("{}", encoding="utf-8")
 
     for refused in (
-        lambda: refuse_folder(tmp_path / "o", tmp_path / "recording"),
+        lambda: refuse_folder(tmp_path / "o", tmp_path / "recording", tmp_path / "m"),
         lambda: write_folder(tmp_path / "o", makes),
     ):
         with pytest.raises(Unusable, match="a symbolic link"):
@@ -291,6 +302,7 @@ def test_meshes_of_an_earlier_model_go_and_files_of_others_stay(tmp_path):
         def makes(folder):
             named = "".join(f'<mesh file="model_assets/{m}"/>' for m in meshes)
             (folder / "model.xml").write_text(named or "<none/>", encoding="utf-8")
+            (folder / "diagnosis.json").write_text("{}", encoding="utf-8")
             for mesh in meshes:
                 (folder / "model_assets").mkdir(exist_ok=True)
                 (folder / "model_assets" / mesh).write_text("now", encoding="utf-8")
