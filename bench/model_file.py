@@ -22,6 +22,7 @@ alone: postures obey it, see `followers_of`. What loads it winds up its own spri
 it has one, and not its leader's.
 """
 
+import math
 import os
 import stat
 import warnings
@@ -51,8 +52,8 @@ FOLDERS = ("meshdir", "texturedir", "assetdir")
 def faults_of(main: Path) -> list[str]:
     """Say in sentences why a model and what it includes must not be compiled."""
     faults: list[str] = []
-    folders, parts = {main.parent}, 0
-    waiting, seen = [(main, 1)], set()
+    folders, parts = {main.parent}, 0.0
+    waiting, seen = [(main, 1.0)], set()
     while waiting:
         path, copies = waiting.pop()
         if path in seen:
@@ -69,14 +70,14 @@ def faults_of(main: Path) -> list[str]:
         for element, many in _unfolded(root, copies):
             parts += many
             faults += _too_large(element)
-            name = element.get("file", "")
-            if not name or root.tag == "robot":
+            if root.tag == "robot":
                 continue
-            places = [folder / name for folder in (*sorted(folders), path.parent)]
-            there = [place for place in places if os.path.lexists(place)]
-            faults += _elsewhere(there, main.parent.resolve(), name)
-            if element.tag in ("include", "model") and not faults:
-                waiting += [(place, many) for place in there[:1]]
+            for name in (v for k, v in element.items() if v and k.startswith("file")):
+                places = [folder / name for folder in (*sorted(folders), path.parent)]
+                there = [place for place in places if os.path.lexists(place)]
+                faults += _elsewhere(there, main.parent.resolve(), name)
+                if element.tag in ("include", "model") and not faults:
+                    waiting += [(place, many) for place in there[:1]]
     if parts > MOST_PARTS:
         faults.append(f"it unfolds to {parts:.3g} parts; the most is {MOST_PARTS}.")
     return list(dict.fromkeys(faults))
@@ -94,7 +95,10 @@ def _parsed(path: Path, faults: list[str]) -> ElementTree.Element | None:
             faults.append(f"{quoted(path.name)} {fault}")
             return None
         try:
+            source.decode()  # as MuJoCo takes it, whatever it declares
             return ElementTree.fromstring(source)
+        except UnicodeDecodeError:
+            faults.append(f"{quoted(path.name)} is not UTF-8 text; save it as that.")
         except (ElementTree.ParseError, ValueError, LookupError) as error:
             faults.append(f"{quoted(path.name)} is no XML: {error}.")
     return None
@@ -131,27 +135,34 @@ def _is_mass(text: str) -> bool:
 
 
 def _unfolded(
-    element: ElementTree.Element, copies: int
-) -> Iterator[tuple[ElementTree.Element, int]]:
+    element: ElementTree.Element, copies: float
+) -> Iterator[tuple[ElementTree.Element, float]]:
     """Walk through all elements, each with how many of it there will be."""
     waiting = [(element, copies)]
     while waiting:
         node, many = waiting.pop()
         if node.tag in ("replicate", "composite", "flexcomp"):
             for count in node.get("count", "1").split():
-                many *= max(int(count), 1) if count.isdigit() else 1
+                many *= max(_number(count), 1)
         yield node, many
         waiting += [(child, many) for child in node]
 
 
 def _too_large(element: ElementTree.Element) -> list[str]:
-    cells = 1
-    for name in ("nrow", "ncol", "width", "height"):
-        size = element.get(name, "1")
-        cells *= int(size) if size.isdigit() else 1
+    cells = math.prod(
+        _number(element.get(name, "")) for name in ("nrow", "ncol", "width", "height")
+    )
+    if element.tag == "size":  # of every body, joint … or state, each by itself
+        asked = (v for k, v in element.items() if k != "memory")
+        cells = max(map(_number, asked), default=1)
     if cells <= MOST_CELLS:
         return []
     return [f"its {element.tag} has {cells:.3g} cells; the most is {MOST_CELLS}."]
+
+
+def _number(text: str) -> float:
+    """Return a count as written, however many digits it has; 1 where it is none."""
+    return float(text) if text.isdecimal() else 1.0
 
 
 def _elsewhere(there: list[Path], home: Path, name: str) -> list[str]:
@@ -236,8 +247,15 @@ def followers_of(model: mujoco.MjModel) -> dict[str, tuple[str, tuple[float, ...
             start, size = model.text_adr[t], model.text_size[t]
             text = model.text_data[start : start + size].decode().rstrip("\0")
             law, _, leader = text.partition(":")
-            found[follower] = leader, tuple(map(float, law.split()))
+            found[follower] = leader, tuple(map(_coefficient, law.split()))
     return found
+
+
+def _coefficient(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def _trimmed(law: np.ndarray) -> tuple[float, ...]:
@@ -417,10 +435,15 @@ def _left_out(model: mujoco.MjModel) -> str:
 
 def _refuse_nonsense(path: Path, model: mujoco.MjModel) -> None:
     stands = (model.body_pos, model.body_quat, model.jnt_pos, model.jnt_axis)
+    sizes = (model.body_mass, model.opt.gravity, model.qpos0)
     faults = []
-    if not all(np.isfinite(values).all() for values in stands):
-        faults.append("a position or an axis in it is not a number.")
-    for j in np.flatnonzero(~(model.jnt_stiffness >= 0)):
+    if not all(np.isfinite(values).all() for values in (*stands, *sizes)):
+        faults.append("a position, an axis, a mass or gravity in it is not a number.")
+    for name, (leader, law) in followers_of(model).items():
+        if not np.isfinite(law).all():
+            faults.append(f"joint {name!r} follows {leader!r} by what is no number.")
+    stiff = model.jnt_stiffness
+    for j in np.flatnonzero(~((stiff >= 0) & np.isfinite(stiff))):
         size = model.jnt_stiffness[j]
         faults.append(f"joint {model.joint(j).name!r} has the stiffness {size}.")
     for b in np.flatnonzero(model.body_jntnum > 1):

@@ -205,6 +205,17 @@ HUGE = [
         id="elsewhere",
     ),
     pytest.param('<include file="pipe.xml"/>', "'pipe.xml' is not a file", id="pipe"),
+    pytest.param(
+        '<asset><texture name="t" type="cube" fileright="../secret.stl"/></asset>',
+        r"'\.\./secret\.stl' leaves the model's folder",
+        id="side of a cube",
+    ),
+    pytest.param('<size nuserdata="2000000000"/>', r"size has 2e\+09 cells", id="size"),
+    pytest.param(
+        f'<worldbody><replicate count="² {"9" * 5000}"/></worldbody>',
+        "unfolds to inf parts",
+        id="count that is none",
+    ),
 ]
 
 
@@ -219,6 +230,28 @@ def test_model_that_asks_for_too_much_or_elsewhere_is_refused(tmp_path, asked, s
     (inside / "main.xml").write_text(main)
     with pytest.raises(Unusable, match=says):
         load(inside / "main.xml")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("</mujoco>", "<!-- é --></mujoco>", "is not UTF-8 text"),
+        ('name="j"', 'name="j" stiffness="inf"', "has the stiffness inf"),
+        ("<worldbody>", '<option gravity="nan 0 0"/><worldbody>', "or gravity in it"),
+        (
+            "</mujoco>",
+            '<custom><text name="follows:j" data="x:j"/></custom></mujoco>',
+            "'j' follows 'j' by what is no number",
+        ),
+    ],
+)
+def test_what_no_arm_can_be_is_refused_in_a_sentence(tmp_path, old, new, says):
+    body = ARM.format("j", "")
+    text = f"<mujoco><worldbody>{body}</worldbody></mujoco>"
+    text = text.replace(old, new, 1)
+    (tmp_path / "arm.xml").write_text(text, encoding="latin-1")
+    with pytest.raises(Unusable, match=says):
+        load(tmp_path / "arm.xml")
 
 
 def test_two_joints_of_one_body_are_refused_by_name(tmp_path):
