@@ -322,11 +322,12 @@ def _too_strong(values: Mapping[str, np.ndarray], at: At) -> list[str]:
 
 def _odd_visits(values: Mapping[str, np.ndarray], relative: bool, at: At) -> list[str]:
     pose = values["pose"]
-    visit = values.get("visit", np.cumsum(np.diff(pose, prepend=pose[:1]) != 0))
+    other = np.abs(np.diff(pose, prepend=pose[:1])) > 0  # not where one is at fault
+    visit = values.get("visit", np.cumsum(other))
     faults = []
     if "visit" in values:
         same = np.diff(visit) == 0
-        two = np.concatenate([[False], same & (np.diff(pose) != 0)])
+        two = np.concatenate([[False], same & other[1:]])
         back = np.concatenate([[False], np.diff(visit) < 0])
         faults += at(
             "pose", two, lambda r: f"visit {visit[r]:.0f} has another pose above."

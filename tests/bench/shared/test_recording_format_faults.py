@@ -269,14 +269,14 @@ def test_a_damaged_recording_is_refused_with_its_place_named(tmp_path, damage, w
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_a_single_damage_is_reported_as_a_single_fault(tmp_path):
+@pytest.mark.parametrize("column", ["a2_deg", "pose"])
+def test_a_single_damage_is_reported_as_a_single_fault(tmp_path, column):
     folder = write_good(tmp_path / "recording")
-    cell(3, "a2_deg", "up")(folder)
+    both(said('"absolute"', '"relative"'), cell(3, column, "up"))(folder)
     with pytest.raises(Unusable) as caught:
         read(folder, ARM)
-    assert caught.value.faults == (
-        "samples.csv, line 4 (row 3 below the header), column 'a2_deg': 'up' is not a number.",
-    )
+    place = f"samples.csv, line 4 (row 3 below the header), column {column!r}"
+    assert caught.value.faults == (f"{place}: 'up' is not a number.",)
 
 
 def test_faults_of_many_rows_are_named_five_times_and_counted(tmp_path):
