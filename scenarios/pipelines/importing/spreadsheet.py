@@ -242,6 +242,8 @@ def with_columns(
 
     Rows of the file, to which the values belong, count from 0 below the header.
     """
+    if not columns:
+        return header.source
     lines = header.source.split(b"\n")
     above, separator = header.location.above, header.separator
     values = np.full((len(lines), len(columns)), np.nan)

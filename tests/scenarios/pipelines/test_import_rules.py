@@ -303,6 +303,13 @@ def test_faults_of_joined_files_are_named_in_their_own_lines(tmp_path):
     assert "tracker.csv, line 6 (row 3 below the header), column 'x': 9e+06 m" in large
 
 
+def test_a_file_that_nothing_is_taken_from_is_one_fault(tmp_path):
+    (tmp_path / "tracker.csv").write_text(two_files()[1])
+    replace(Lab().without("B", ""), below=TRACKER).write(tmp_path)
+    (fault,) = faults_of(tmp_path)
+    assert "files.tracker: no column is taken from it" in fault
+
+
 @pytest.mark.parametrize(
     ("rows", "old", "new", "words"),
     [
