@@ -22,7 +22,12 @@ from bench.shared.format.manifest import (
     MarkerEntry,
     Quaternion,
 )
-from bench.shared.format.table import ENCODINGS, is_encoding, is_separator
+from bench.shared.format.table import (
+    ENCODINGS,
+    MOST_LEFT_OUT,
+    is_encoding,
+    is_separator,
+)
 from bench.shared.models import ModelFacts
 from bench.shared.recording import STAGES, Recording
 
@@ -111,7 +116,8 @@ def csv_faults(manifest: Manifest) -> list[str]:
         known = ", ".join(ENCODINGS)
         say = f"{quoted(about.encoding)} is not one of: {known}."
         faults.append(f"{FILE}, csv.encoding: {say}")
-    if lines < 0 if isinstance(lines, int) else any(n < 1 for n in lines):
+    below = isinstance(lines, int)
+    if not 0 <= lines <= MOST_LEFT_OUT if below else any(n < 1 for n in lines):
         say = "say how many rows below the header, or which lines, counted from 1"
         faults.append(f"{FILE}, csv.skip_rows: {say}.")
     if mark not in (".", ","):

@@ -231,8 +231,8 @@ class Source(Entry, frozen=True):
     STRICT: ClassVar[bool] = True  # half an entry would be another column
     from_: str | tuple[str, ...] | None = field(default=None, name="from")
     unit: str | None = None
-    factor: float | None = None
-    sum: tuple[float, ...] | None = None
+    factor: Number | None = None
+    sum: tuple[Number, ...] | None = None
 
 
 UNCLEAR = Source(unit="?")

@@ -170,10 +170,14 @@ def header_line(skip_rows: int | tuple[int, ...]) -> int:
     return next(k for k in range(len(skip_rows) + 1) if k + 1 not in skip_rows)
 
 
+MOST_LEFT_OUT = 1_000_000
+"""Rows below a header that may be said to be no readings (chosen)."""
+
+
 def rows_left_out(skip_rows: int | tuple[int, ...], above: int) -> tuple[int, ...]:
     """Return which rows are said to be no readings, from 0 below the header."""
     if isinstance(skip_rows, int):
-        return tuple(range(max(skip_rows, 0)))
+        return tuple(range(min(max(skip_rows, 0), MOST_LEFT_OUT)))
     return tuple(sorted({n - 2 - above for n in skip_rows if n - 2 - above >= 0}))
 
 

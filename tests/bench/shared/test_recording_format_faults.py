@@ -234,6 +234,8 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("an angle without end", cell(3, "a2_deg", "1e300"), (*A2_ROW_3, "is its unit right?")),
     ("a place without end", cell(3, "p1_x_mm", "1e300"), ("p1_x_mm", "is its unit right?")),
     ("time in nanoseconds", cell(5, "time_s", "1.7e18"), ("time_s", "is its unit right?")),
+    ("more rows left out than there are", more("[csv]\nskip_rows = 99999999999999999999"), ("csv.skip_rows: say how many rows",)),
+    ("a factor without end", more('[columns]\na2_deg = { from = "a2_deg", factor = 1e308 }'), ("columns.a2_deg.factor", "1000000")),
     # several at once
     ("many at once", both(cell(3, "a2_deg", "up"), cell(7, "time_s", "-5"), without("pose"), added("q7_x_mm", "1"), said("[1, 0, 0, 0]", "[1, 1, 0, 0]"), said('"link_3"', '"link_9"')), (*A2_ROW_3, "row 7", "backwards", "'pose' is missing", "'q7'", "frames.tracker", "'link_9'")),
 ]  # fmt: skip
