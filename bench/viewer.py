@@ -78,12 +78,13 @@ def draw_arm(
     rows, or packed by row.
     """
     model, bodies = arm
+    path_of = {b: f"{root}/{rr.escape_entity_path_part(b)}" for b in bodies}
     for b, body in enumerate(bodies):
-        draw(recording, f"{root}/{body}", times, poses(transforms[:, b]))
+        draw(recording, path_of[body], times, poses(transforms[:, b]))
     for i, shape in enumerate(shapes(model)):
         if shape.body not in bodies:
             continue
-        path = f"{root}/{shape.body}/shape_{i}"
+        path = f"{path_of[shape.body]}/shape_{i}"
         flat = shape.vertex[shape.face].reshape(-1, 3).astype(np.float32)
         normal = np.cross(flat[1::3] - flat[::3], flat[2::3] - flat[::3])
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)

@@ -192,7 +192,8 @@ def marked_places(
             radii=0.02,
         )
         place = rr.Points3D.columns(positions=at)
-        draw(stream, f"/cell/places/{where}", times, place, style)
+        path = f"/cell/places/{rr.escape_entity_path_part(where)}"
+        draw(stream, path, times, place, style)
 
 
 def heat_of(simulated: Proof, residual: np.ndarray) -> dict[str, np.ndarray]:

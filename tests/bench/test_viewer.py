@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -62,6 +64,13 @@ def file(scene, tmp_path_factory):
     file = tmp_path_factory.mktemp("view") / "one.rrd"
     save(scene, file)
     return file
+
+
+def test_any_name_of_a_body_is_one_step_of_its_path(scene, tmp_path):
+    name = "link 1/a"
+    model = mujoco.MjModel.from_xml_string(ARM.replace("link_1", name))
+    save(replace(scene, model=model, bodies=("base", name)), tmp_path / "odd.rrd")
+    assert r"/cell/arm/link\ 1\/a" in entities(tmp_path / "odd.rrd")
 
 
 # --- Magnified deflections -----------------------------------------------------------
