@@ -4,13 +4,15 @@
 
 Every command ends with `run(main, Settings)`: flags are the fields of `Settings`, the
 module's docstring is its manual. The exit status is 0 when done, 2 after a user's
-mistake and 130 when interrupted, without a traceback. `at_least` reports all faults of
-the flags at once; `progress_bar` is shown on a terminal only and vanishes at the end.
+mistake and 130 when interrupted or terminated, without a traceback. `at_least` reports
+all faults of the flags at once; `progress_bar` is shown on a terminal only and vanishes
+at the end.
 """
 
 import ast
 import os
 import re
+import signal
 import sys
 import warnings
 from collections.abc import Callable
@@ -78,6 +80,7 @@ def run(
     """
     module = sys.modules[main.__module__]
     warnings.showwarning = _noted
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")
@@ -96,7 +99,8 @@ def run(
     except BrokenPipeError:  # the reader of the output was closed, as by `head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     except (OSError, MemoryError) as error:  # of a folder, disk or memory: not a bug
-        print(f"It cannot be done here: {error}.", file=sys.stderr)
+        why = str(error) or "there is too little memory"
+        print(f"It cannot be done here: {why}.", file=sys.stderr)
         sys.exit(USER_MISTAKE)
 
 

@@ -1,5 +1,6 @@
 import io
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -297,9 +298,10 @@ def test_another_arm_s_model_ends_with_2_and_the_joints_it_knows(
     assert "this model has 2 axes: j1, j2" in capsys.readouterr().err
 
 
-def test_an_interrupted_command_says_that_it_can_go_on(monkeypatch, folder):
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_command_says_that_it_can_go_on(monkeypatch, folder, by):
     def interrupted(_):
-        raise KeyboardInterrupt
+        signal.raise_signal(by)
 
     interrupted.__module__ = "scenarios.check"
     monkeypatch.setattr(sys, "argv", ["check", str(folder), "--robot", str(MODEL)])
