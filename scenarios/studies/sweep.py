@@ -306,7 +306,7 @@ class Rows:
                 try:
                     row = json.loads(line)
                     first, where = found.setdefault(row[KEY], (row, place))
-                except (ValueError, LookupError, TypeError):
+                except (ValueError, LookupError, TypeError, RecursionError):
                     faults.append(f"{place}: it is no row of a sweep.")
                     continue
                 if _timeless(first) != _timeless(row):

@@ -54,12 +54,14 @@ def opened(row: Mapping[str, Any]) -> tuple[dict, dict, str]:
         Unusable: Where one differs from its published hash, or the answer was given
             before the truth was fixed.
     """
+    if not all(isinstance(row.get(part), dict) for part in ("answer", "truth", "seal")):
+        refuse("The sweep", [f"row {row[KEY]} is no result of a blind trial."])
     faults = [
         f"the {kind} of trial {row[KEY]} is not the one that was sealed."
         for kind in ("answer", "truth")
-        if digest(row[kind]) != row["seal"][f"{kind}_sha256"]
+        if digest(row[kind]) != row["seal"].get(f"{kind}_sha256")
     ]
-    if row["answer"].get(SEALED) != row["seal"]["truth_sha256"]:
+    if row["answer"].get(SEALED) != row["seal"].get("truth_sha256"):
         faults.append(f"the answer of trial {row[KEY]} does not seal its truth.")
     refuse("The sweep", faults)
     answer = {**row["answer"], "seconds": row[SECONDS]}

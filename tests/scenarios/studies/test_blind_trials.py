@@ -351,6 +351,8 @@ def test_what_was_changed_after_it_was_sealed_is_refused(finished, kind):
     changed = {**row, kind: {**row[kind], "recording": "another"}}
     with pytest.raises(Unusable, match=f"the {kind} of trial .* not the one"):
         opened(changed)
+    with pytest.raises(Unusable, match="is no result of a blind trial"):
+        opened({**row, kind: "copied from elsewhere"})
 
 
 def test_answer_that_was_given_before_the_truth_was_fixed_is_refused(finished):

@@ -182,6 +182,7 @@ def test_row_that_was_cut_off_is_left_out_and_written_again(tmp_path):
 
 
 def test_line_that_is_no_row_is_named(tmp_path):
-    (tmp_path / "x.jsonl").write_text('{"key":"a"}\n{}\n[\n7\n', encoding="utf-8")
+    lines = '{"key":"a"}', "{}", "[" * 100_000, "7", ""
+    (tmp_path / "x.jsonl").write_text("\n".join(lines), encoding="utf-8")
     with pytest.raises(Unusable, match=r"line 2: .*\n.*line 3: .*\n.*line 4:"):
         Rows(tmp_path).read()
