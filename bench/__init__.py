@@ -149,10 +149,14 @@ def simulate(
         BenchError: Where no equilibrium is found.
         Unusable: Where an effect cannot be built into this robot.
     """
+    from bench.effects.places import misplaced
     from bench.experiment import record
     from bench.rig import Rig
+    from bench.shared.errors import refuse
 
-    return record(Rig(model.file, tuple(effects)), plan, instruments, seed)
+    rig = Rig(model.file, tuple(effects))
+    refuse("Effects", [f for e in effects for f in misplaced(e, rig.anatomy)])
+    return record(rig, plan, instruments, seed)
 
 
 def prove(

@@ -12,7 +12,7 @@ from source import ROOT, imports, text
 
 import bench
 import stiffness
-from bench.shared.errors import UnknownName
+from bench.shared.errors import UnknownName, Unusable
 from bench.shared.settings import SETTINGS
 from scenarios.pipelines import schema
 from scenarios.pipelines.inputs import arm_of, facts_of
@@ -62,6 +62,13 @@ def test_a_model_has_the_names_and_limits_that_claims_read_of_it(file):
     assert np.array_equal(facts.lower, claimed.lower)
     assert np.array_equal(facts.upper, claimed.upper)
     assert set(facts.bodies) == set(claimed.bodies)
+
+
+def test_effects_that_the_robot_has_no_place_for_are_refused_by_name():
+    model = bench.load_model(ROOT / KR10)
+    nowhere = [bench.effects.Hysteresis("a9"), bench.effects.LinkBending("a2")]
+    with pytest.raises(Unusable, match=r"(?s)2 faults.*'a9'.*'a2'"):
+        bench.simulate(model, bench.plan(poses=1), nowhere)
 
 
 def test_a_recording_brings_its_notes(tmp_path):
