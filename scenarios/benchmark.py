@@ -47,6 +47,7 @@ def main(settings: Settings) -> tuple[Lap, ...]:
     if settings.repeats < 1 or settings.poses < 1:
         fault = f"--repeats {settings.repeats}, --poses {settings.poses}: at least 1."
         raise Unusable("Flags", [fault])
+    settings.out.mkdir(parents=True, exist_ok=True)
     laps: list[Lap] = []
     with TemporaryDirectory() as folder, progress_bar() as progress:
         task = progress.add_task("preparing", total=None)
@@ -56,7 +57,6 @@ def main(settings: Settings) -> tuple[Lap, ...]:
             progress.update(task, description=each.task)
             laps += race.run(each, settings.repeats, lambda: progress.advance(task))
     race.show(laps, skipped)
-    settings.out.mkdir(parents=True, exist_ok=True)
     data_files.write_table(settings.out / "benchmark.csv", [lap.row for lap in laps])
     race.write(settings.out, laps, skipped)
     command = f"python -m scenarios.benchmark --out {settings.out.as_posix()}"

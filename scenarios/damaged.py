@@ -21,7 +21,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from scenarios.report.command_line import progress_bar, run
+from scenarios.report.command_line import at_least, progress_bar, run
 
 if TYPE_CHECKING:
     from scenarios.studies.damage import CalibrationResult, Damage
@@ -49,6 +49,8 @@ def main(settings: Settings) -> Sequence[CalibrationResult]:
 
     from scenarios.studies.damage import WHAT, damages, good_recording, own_names
 
+    at_least(0, seed=settings.seed)
+    at_least(1, variants=settings.variants, poses=settings.poses)
     with TemporaryDirectory(prefix="damaged-") as folder:
         good = good_recording(Path(folder) / "good", settings.poses)
         chosen = damages(good, settings.variants, settings.seed)

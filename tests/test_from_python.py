@@ -258,3 +258,6 @@ def test_its_commands_have_the_manuals_faults_and_status_of_the_modules(
     status = called(monkeypatch, "check", str(tmp_path), "--robot", nowhere)
     assert status == command_line.USER_MISTAKE
     assert "no model file" in capsys.readouterr().err
+    status = called(monkeypatch, "blind_trials", "--strata", "--out", str(tmp_path))
+    assert status == command_line.USER_MISTAKE
+    assert "--strata is empty" in capsys.readouterr().err

@@ -16,6 +16,7 @@ import signal
 import sys
 import warnings
 from collections.abc import Callable
+from dataclasses import fields
 from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
@@ -88,7 +89,9 @@ def run(
     name = program or name
     manual = re.sub(r"\n(?=(Takes|Expect):)", "\n\n", module.__doc__ or "")
     try:
-        main(tyro.cli(settings, prog=name, description=manual))
+        given = tyro.cli(settings, prog=name, description=manual)
+        _refuse_empty(given)
+        main(given)
         sys.stdout.flush()
     except BenchError as error:
         print("\n".join(map(visible, str(error).split("\n"))), file=sys.stderr)
@@ -113,6 +116,16 @@ def _noted(message: Warning | str, category: type[Warning], *where: Any) -> None
 
 
 # --- All faults at once ---------------------------------------------------------------
+
+
+def _refuse_empty(settings: Any) -> None:
+    """Refuse flags without a value that have some by default."""
+    faults = [
+        f"--{f.name.replace('_', '-')} is empty, expected at least one value."
+        for f in fields(settings)
+        if getattr(settings, f.name) == () != f.default
+    ]
+    refuse("Flags", faults)
 
 
 def at_least(least: int, **flags: int) -> None:
