@@ -23,6 +23,7 @@ from scipy.stats import t as student
 
 from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.model_fit import (
+    LAW_ACCURACY,
     ModelFit,
     ModelTerm,
     SelectionProblem,
@@ -215,7 +216,7 @@ def parameters_of(
     inner = (gram * scale * scale[:, None])[:sizes, :sizes]
     held = np.linalg.pinv(inner, rcond=1e-10, hermitian=True)
     held = held * wider[:sizes] * wider[:sizes, None]
-    unsure = _covariance_of_the_unknown(look)
+    unsure = _covariance_of_the_unknown(look) + _covariance_of_forms(look)
     shift = shift_by_forms(look, split) - fitted
     quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, len(score) - 1)))
     answers = []
@@ -270,21 +271,77 @@ def shift_by_forms(
     even = 1.0 / np.where(size > 0.0, size, 1.0)
     inner, right = inner * even * even[:, None], asked * even
     fitted = even * np.linalg.lstsq(inner, right, rcond=1e-14)[0]
-    moved = fitted[: look.known].copy()
+    return scale[: look.known] * (_as_laws_say(look, gram, scale) @ fitted)
+
+
+def _as_laws_say(
+    look: ModelEvaluation,
+    gram: Float[np.ndarray, "columns columns"],
+    scale: Float[np.ndarray, " columns"],
+) -> Float[np.ndarray, "known columns"]:
+    """Return the map from a fit beside other forms to one of laws that does as much.
+
+    Sizes of forms that have some are added to the law's; what else forms do is what
+    the law and its shapes would do of it.
+
+    Args:
+        look: The fitted set.
+        gram: Of scaled columns.
+        scale: Of columns.
+    """
+    told = np.eye(look.known, len(gram))
     every = zip(look.fit.members, _columns_of_members(look), look.forms, strict=True)
     for member, own, block in every:
         if not len(block):
             continue
-        rest, pulled = own, gram[np.ix_(own, block)] @ fitted[block]
+        rest, pulled = own, gram[np.ix_(own, block)]
         size = member.hypothesis.size_of_variants
         if size is not None:
             law = own[0]
-            more = size * float(scale[block] @ fitted[block]) / scale[law]
-            moved[law] += more
+            told[law, block] += size * scale[block] / scale[law]
             rest = own[1:]
-            pulled = pulled[1:] - gram[rest, law] * more
-        moved[rest] += np.linalg.lstsq(gram[np.ix_(rest, rest)], pulled, rcond=1e-9)[0]
-    return scale[: look.known] * moved
+            pulled = pulled[1:] - np.outer(gram[rest, law], told[law, block])
+        by = np.linalg.lstsq(gram[np.ix_(rest, rest)], pulled, rcond=1e-9)[0]
+        told[np.ix_(rest, block)] += by
+    return told
+
+
+def _covariance_of_forms(
+    look: ModelEvaluation,
+) -> Float[np.ndarray, "columns columns"]:
+    """Return what other forms of laws add to the covariance of members.
+
+    Whatever readings say of it, the form of a law is wrong by `LAW_ACCURACY` of what it
+    explains, spread over its other forms, by what of these neither the law nor its
+    shapes can do; but none is more than the whole law.
+    """
+    known, given = look.known, look.slopes.gram[1]
+    forms = np.concatenate([np.zeros(0, dtype=int), *look.forms])
+    some = np.concatenate([np.arange(known), forms])
+    size = np.sqrt(np.maximum(np.diag(given), 0.0))
+    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    gram = given * scale * scale[:, None]
+    prior = np.zeros(len(gram))
+    every = zip(
+        look.fit.coefficients, _columns_of_members(look), look.forms, strict=True
+    )
+    for coefficients, own, block in every:
+        if not len(block):
+            continue
+        law = own[: len(coefficients)]
+        explained = float(coefficients @ given[np.ix_(law, law)] @ coefficients)
+        beside = gram[np.ix_(own, block)]
+        like = np.linalg.lstsq(gram[np.ix_(own, own)], beside, rcond=1e-9)[0]
+        beyond = np.maximum(1.0 - np.sum(beside * like, axis=0), 1e-12)
+        share = np.minimum(LAW_ACCURACY / (len(block) * beyond), 1.0)
+        prior[block] = 1.0 / np.maximum(share * explained, 1e-300)
+    told = _as_laws_say(look, gram, scale)[:, some]
+    alone = np.linalg.pinv(gram[:known, :known], rcond=1e-10, hermitian=True)
+    whole = gram[np.ix_(some, some)] + np.diag(prior[some])
+    even = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    both = np.linalg.pinv(whole * even * even[:, None], rcond=1e-12, hermitian=True)
+    total = (told * even) @ both @ (told * even).T - alone
+    return total * scale[:known] * scale[:known, None]
 
 
 def _covariance_of_the_unknown(

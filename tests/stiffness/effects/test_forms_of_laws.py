@@ -14,6 +14,7 @@ from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import gate_terms, pose_statistics
 from stiffness.diagnosis.model_evaluation import (
     ModelEvaluation,
+    _covariance_of_forms,
     _covariance_of_the_unknown,
     evaluate_model,
     shift_by_forms,
@@ -211,15 +212,24 @@ def test_other_forms_that_explain_nothing_do_not_move_a_fit(gear):
     assert np.abs(moved[told] / sigma).max() < 0.01
 
 
-def test_constants_of_a_law_without_a_size_widen_nothing(gear):
+def test_other_forms_widen_a_size_though_readings_show_none_of_them(gear):
+    """A law that is another by a twentieth of it may have another size by as much."""
+    look, _ = gear
+    at = len(look.fit.springs) + sum(map(len, look.fit.coefficients[:-1]))
+    width = float(look.fit.coefficients[-1][0])
+    more = float(_covariance_of_forms(look)[at, at]) ** 0.5
+    assert 0.002 * abs(width) < more < 0.1 * abs(width)
+
+
+@pytest.mark.parametrize("more", [_covariance_of_forms, _covariance_of_the_unknown])
+def test_forms_and_constants_of_a_law_without_a_size_widen_nothing(gear, more):
     look, _ = gear
     none = tuple(0.0 * c for c in look.fit.coefficients)
     nothing = replace(look, fit=replace(look.fit, coefficients=none))
     gram = look.slopes.gram[1][: look.known, : look.known]
     told = np.flatnonzero(np.diag(gram) > 0.0)
     own = np.linalg.inv(gram[np.ix_(told, told)])
-    more = np.diag(_covariance_of_the_unknown(nothing))[told] / np.diag(own)
-    assert_allclose(more, 0.0, atol=1e-6)
+    assert_allclose(np.diag(more(nothing))[told] / np.diag(own), 0.0, atol=1e-6)
 
 
 def test_gear_that_errs_in_several_orders_has_one_name_and_all_waves_in_the_patch():
