@@ -96,6 +96,8 @@ def select_groups(problem: GroupProblem, start: Sequence[int] = ()) -> GroupSele
     for _ in range(ROUNDS):
         before = groups
         groups = _grown(problem, groups)
+        if len(groups) >= problem.units:
+            break
         groups = _with_exchanges(problem, _pruned(problem, groups))
         groups = _with_several_for_one(problem, groups)
         if groups == before:
@@ -184,9 +186,12 @@ def _size_costs(
 
 
 def _grown(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
-    """Add the group that is worth most, as long as one is worth anything."""
+    """Add the group that is worth most, as long as one is worth anything.
+
+    Not beyond as many as there are units: nothing is left then by which to judge them.
+    """
     here = FactorisedSet.of(problem, groups)
-    while len(here.groups) < len(problem.groups):
+    while len(here.groups) < min(len(problem.groups), problem.units):
         rise = _additions(problem, _residual(here))
         best = int(np.argmax(rise))
         if rise[best] <= RISES:
