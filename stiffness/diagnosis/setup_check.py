@@ -26,7 +26,7 @@ An axis counted the wrong way round is no effect of physics but a mistake of set
 ==========  ==========================================================================
 Equation    rms of a rigid fit of frame and places, under each reading of the files:
             as they are, an axis reversed, two swapped, one counted against another, a
-            zero shifted, mirrored, other units …
+            zero shifted, mirrored, other units, markers on another body …
 Source      enumeration; a mistake moves markers by a tenth of the reach, physics by a
             hundredth at most
 Valid       absolute readings; relative ones are tested by the loads, in `set_up_loads`
@@ -37,12 +37,12 @@ Ignores     three mistakes at once, unless all are reversed axes
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from bench.shared.recording import Recording
+from bench.shared.recording import Marker, Recording
 from stiffness.diagnosis.result import Warned
 from stiffness.diagnosis.setup_alternatives import (
     Angles,
@@ -336,6 +336,9 @@ CLEAR = 10.0
 """Sigmas of the tracker from which a misfit is looked at; chosen."""
 ALIKE = 1.1
 """Factor within which readings fit alike; then the first is told. Chosen."""
+SAME = 1.001
+"""Factor within which a body does as well as another, which nothing turned against it;
+chosen: rounding is below."""
 VISITS, OF_A_BODY = 30, 2
 """Visits, and markers of a body, that this looks at; chosen for time."""
 PARTNERS = 8
@@ -379,18 +382,25 @@ def _errors(recording: Recording, arm: Arm) -> Told:
 
 def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     """Doubt angles and the tracker, then the markers' names, then what is stated."""
-    some = _some(recording, arm)
+    every = _some_visits(recording)
+    some = _some_markers(every, arm)
     posture = some.posture
     sight = TrackerObservations.of(arm, some, posture)
     _, before = fit_tracker_frame(sight)
+    whole = _rigid_residual_rms(TrackerObservations.of(arm, every, posture))
     extent = extent_of(sight)
     assert some.tracker is not None
     noise = CLEAR * float(np.max(some.tracker.repeatability))
     places = np.sqrt(3.0) * MARKER_POSITION_SIGMA if sight.given.any() else 0.0
-    if before <= max(DOUBT * extent, noise, places):
+    least = max(DOUBT * extent, noise, places)
+    if max(before, whole) <= least:
         return ()
     angles = list(of_angles(posture, arm.slides))
-    told = _single(some, arm, angles, sight)
+    told = _single(some, arm, angles, sight) if before > least else []
+    if _least(told) > least:
+        moved = _on_other_bodies(every, arm, DOUBT * extent)
+        if before <= least or _least(moved) <= least:
+            return _best(moved, whole)
     answer = _best(told, before)
     if not answer and mixed:
         return mixed
@@ -400,20 +410,17 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     settled = _least(told) < DOUBT * extent if answer else before < GROSS * extent
     if settled:
         return answer
+    pairs = _likely(_pairs(some, arm, angles))
     if answer:
-        return _best(_likely(_pairs(some, arm, angles)), _least(told)) or answer
+        return _best(pairs, _least(told)) or answer
     less = [((o.warned,), o.meant(sight)) for o in less_is_stated(sight)]
-    answer = _best(_likely(less), before) or _best(
-        _likely(_pairs(some, arm, angles)), before
-    )
-    if answer:
-        return answer
     text = (
         f"the markers lie {1e3 * before:.0f} mm rms off where this model puts them, "
         "and no single slip explains it. Is it this arm's model, and do the angles of "
         "a row belong to its markers?"
     )
-    return (Warned("wrong_model", "rig", text),)
+    told = (Warned("wrong_model", "rig", text),)
+    return _best(_likely(less), before) or _best(pairs, before) or told
 
 
 def _single(
@@ -487,17 +494,99 @@ def _rigid_residual_rms(sight: TrackerObservations, steps: int = STEPS) -> float
     return fit_tracker_frame_once(sight, steps)[1]
 
 
-def _some(recording: Recording, arm: Arm) -> Recording:
-    """Take the first row of some visits and a few markers of each body."""
+def _on_other_bodies(
+    every: Recording, arm: Arm, rigid: float
+) -> list[tuple[float, Told]]:
+    """Fit markers that keep their distances on other bodies, one group after another.
+
+    Args:
+        every: Some visits with all markers.
+        arm: The nominal arm, with the recording's names.
+        rigid: Standard deviation of a distance up to which it is kept, in m.
+
+    Returns:
+        One reading, or none where no other body fits better.
+    """
+
+    def left(markers: Sequence[Marker], steps: int) -> float:
+        meant = replace(every, markers=tuple(markers))
+        sight = TrackerObservations.of(arm, meant, every.posture)
+        return _rigid_residual_rms(sight, steps)
+
+    bodies = ("base", *(f"link_{k + 1}" for k in range(len(arm.axes))))
+    markers = [replace(m, position=None) for m in every.markers]  # by how they move
+    groups = _rigid_groups(every, rigid)
+    best, moved = left(markers, ROUGH), dict[int, str]()
+    while groups:
+        tried = []
+        for group, body in product(groups, bodies):
+            if arm.attachment(markers[group[0]].body).axis != arm.attachment(body).axis:
+                other = [
+                    replace(m, body=body) if k in group else m
+                    for k, m in enumerate(markers)
+                ]
+                tried.append((left(other, ROUGH), group, body, other))
+        least = min(one[0] for one in tried)
+        if least > best / ALIKE:
+            break
+        best, group, body, markers = next(t for t in tried if t[0] < SAME * least)
+        groups.remove(group)
+        moved |= dict.fromkeys(group, body)
+    if not moved:
+        return []
+    said = "; ".join(
+        f"{', '.join(every.markers[k].name for k in sorted(moved) if moved[k] == body)}"
+        f" to {body!r}"
+        for body in bodies
+        if body in moved.values()
+    )
+    text = (
+        "markers look fixed to other bodies than [markers] says: they keep their "
+        f"places when given {said}."
+    )
+    where = f"marker:{every.markers[min(moved)].name}" if len(moved) == 1 else "markers"
+    return [(left(markers, STEPS), (Warned("marker_body", where, text),))]
+
+
+def _rigid_groups(every: Recording, rigid: float) -> list[tuple[int, ...]]:
+    """Return the markers of each body that keep their distances from each other."""
+    assert every.points is not None
+    groups: list[tuple[int, ...]] = []
+    for k, marker in enumerate(every.markers):
+        apart = np.linalg.norm(every.points - every.points[:, [k]], axis=2)
+        near = next(
+            (
+                g
+                for g in groups
+                if every.markers[g[0]].body == marker.body
+                and np.isfinite(apart[:, g[0]]).sum() > 1
+                and np.nanstd(apart[:, g[0]]) < rigid
+            ),
+            None,
+        )
+        if near is None:
+            groups.append((k,))
+        else:
+            groups[groups.index(near)] = (*near, k)
+    return groups
+
+
+def _some_visits(recording: Recording) -> Recording:
+    """Take the first row of some visits."""
     first = np.unique(recording.visit, return_index=True)[1]
-    some = recording.take(first[:: -(-len(first) // VISITS)])
-    chosen: list[int] = []
-    of_body: dict[int, int] = {}
-    for m, marker in enumerate(recording.markers):
-        axis = arm.attachment(marker.body).axis
-        of_body[axis] = of_body.get(axis, 0) + 1
-        if of_body[axis] <= OF_A_BODY:
-            chosen.append(m)
-    assert some.points is not None
-    markers = tuple(some.markers[m] for m in chosen)
-    return replace(some, markers=markers, points=some.points[:, chosen])
+    return recording.take(first[:: -(-len(first) // VISITS)])
+
+
+def _some_markers(every: Recording, arm: Arm) -> Recording:
+    """Take a few markers of each body, the first and the last among them."""
+    of_body: dict[int, list[int]] = {}
+    for m, marker in enumerate(every.markers):
+        of_body.setdefault(arm.attachment(marker.body).axis, []).append(m)
+    chosen = sorted(
+        own[i]
+        for own in of_body.values()
+        for i in {*np.linspace(0, len(own) - 1, OF_A_BODY, dtype=int).tolist()}
+    )
+    assert every.points is not None
+    markers = tuple(every.markers[m] for m in chosen)
+    return replace(every, markers=markers, points=every.points[:, chosen])

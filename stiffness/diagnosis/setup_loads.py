@@ -17,7 +17,8 @@ Forces of another size than their cause were given in another unit.
 ==========  ==========================================================================
 Equation    |F| = m g of what hangs on the hook; y = frame + places + offsets +
             s sum_k J_k c_k t_k, t = torque of the arm's own weight, c = compliance
-            under the measured load: s = 1 where both are in N m
+            under the measured load: s = 1 where both are in N m; of three weights
+            along the base's axes s is where gravity pulls
 Source      statics; units: 1 kgf = 9.80665 N, 1 lbf = 4.4482216 N (ISO 80000-4);
             s' error: each posture left out in turn, Bell & McCaffrey 2002 (CR3)
 Valid       masses in the model; for s, absolute places of many unloaded postures
@@ -203,23 +204,48 @@ def of_size(some: Recording, arm: Arm, fit: LoadResponse) -> Warned | None:
 def of_sag(
     recording: Recording, arm: Arm, frames: TrackerFit, fit: LoadResponse
 ) -> Warned | None:
-    """Doubt units where its own weight turns the arm otherwise than the load does."""
+    """Doubt mounting and units where its own weight turns the arm otherwise than loads.
+
+    First where gravity pulls, by what three directions of it would turn; then how much.
+    """
     if recording.displacement != "absolute" or fit.explained < EXPLAINS:
         return None
     first = np.unique(recording.visit, return_index=True)[1]
     some = recording.take(first[:: -(-len(first) // POSTURES)])
-    found = _sag(some, arm, frames, fit)
-    if found is None or found[1] > SURE * abs(found[0]):
+    modelled = arm.at(some.posture[:1]).chain.gravity
+    pulls = _sag(some, arm, frames, fit, np.linalg.norm(modelled) * np.eye(3))
+    if pulls is not None and (told := _of_mounting(pulls, modelled)) is not None:
+        return told
+    found = _sag(some, arm, frames, fit, modelled[None])
+    if found is None:
         return None
-    unit = _unit(found[0], ERRORS * found[1])
+    ratio, error = float(found.share[0]), float(np.sqrt(found.covariance[0, 0]))
+    unit = _unit(ratio, ERRORS * error) if error <= SURE * abs(ratio) else ""
     if not unit:
         return None
     text = (
         f"the wrench looks given in {unit}: under its own weight the arm gives way "
-        f"{found[0]:.3g} times as much as the wrench would have it. N and Nm are "
-        f"expected. Or the controller takes out {1.0 - found[0]:.0%} of the sag."
+        f"{ratio:.3g} times as much as the wrench would have it. N and Nm are "
+        f"expected. Or the controller takes out {1.0 - ratio:.0%} of the sag."
     )
     return Warned("units", "wrench_sensor", text)
+
+
+def _of_mounting(pulls: "Sag", modelled: np.ndarray) -> Warned | None:
+    """Doubt how the base is mounted where gravity surely pulls along another line."""
+    down, size = modelled / np.linalg.norm(modelled), np.linalg.norm(pulls.share)
+    off = float(np.linalg.norm(pulls.share - size * down))
+    error = float(np.sqrt(np.linalg.norm(pulls.covariance, 2)))
+    if size < NEAR or off < NEAR * size or error > SURE * size or off < ERRORS * error:
+        return None
+    angle = np.degrees(np.arccos(np.clip(down @ pulls.share / size, -1.0, 1.0)))
+    said = ", ".join(f"{part:.2f}" for part in pulls.share / size)
+    text = (
+        f"the base looks mounted otherwise than in the model: its own weight turns the "
+        f"arm as if gravity pulled along ({said}) of the base, {angle:.0f}° from where "
+        "the model has it. Turn the base in the model as the arm is mounted."
+    )
+    return Warned("base_mounting", "base", text)
 
 
 def _unit(ratio: float, off: float = np.inf) -> str:
@@ -230,13 +256,28 @@ def _unit(ratio: float, off: float = np.inf) -> str:
     return ""
 
 
+@dataclass(frozen=True)
+class Sag:
+    """How much of some accelerations' sag readings show, and its covariance."""
+
+    share: np.ndarray
+    covariance: np.ndarray
+
+
 def _sag(
-    some: Recording, arm: Arm, frames: TrackerFit, fit: LoadResponse
-) -> tuple[float, float] | None:
-    """Return s and its standard error, by leaving out each posture in turn."""
+    some: Recording, arm: Arm, frames: TrackerFit, fit: LoadResponse, pulls: np.ndarray
+) -> Sag | None:
+    """Return the shares s, with errors by leaving out each posture in turn.
+
+    Args:
+        some: One row of each visit.
+        arm: The nominal arm, with the recording's names.
+        frames: Where the tracker and the markers are.
+        fit: What gives way under the load.
+        pulls: Accelerations along the base's axes, one a row, in m/s^2.
+    """
     standing, markers = arm.at(some.posture), some.markers
     jacobian = jacobians(some, standing, frames)  # (rows, markers, 3, axes)
-    torque = standing.gravity_torque(some.tool)
     placed = zip(markers, frames.marker_positions, strict=True)
     points = np.stack([standing.point(m.body, place) for m, place in placed], axis=1)
     assert some.points is not None
@@ -244,26 +285,33 @@ def _sag(
     places = np.zeros((*left.shape, 3 * len(markers)))
     for m, marker in enumerate(markers):
         places[:, m, :, 3 * m : 3 * m + 3] = standing.turn(marker.body)
-    sag = (jacobian * (fit.compliance * torque)[:, None, None]).sum(axis=3)
+    sags = []
+    for pull in pulls:
+        pulled = replace(standing, chain=replace(standing.chain, gravity=pull))
+        torque = fit.compliance * pulled.gravity_torque(some.tool)
+        sags.append((jacobian * torque[:, None, None]).sum(axis=3))
     seen = np.isfinite(left)
     others = np.concatenate([point_jacobian(points), jacobian, places], axis=3)[seen]
     size = np.linalg.norm(others, axis=0)
     u, scale, _ = np.linalg.svd(others / np.where(size > 0, size, 1.0), False)
     u = u[:, scale > RANK * scale[0]]
-    own, aim = (v[seen] - u @ (u.T @ v[seen]) for v in (sag, left))
-    whole = own @ own
-    if whole <= 0.0:
+    aim = left[seen] - u @ (u.T @ left[seen])
+    own = np.stack([sag[seen] for sag in sags], axis=1)
+    own -= u @ (u.T @ own)
+    along, scale, back = np.linalg.svd(own, full_matrices=False)
+    if scale[-1] <= RANK * scale[0]:
         return None
-    answer = (own @ aim) / whole
+    inverse = (back.T / scale) @ along.T
+    answer = inverse @ aim
     of_posture = np.broadcast_to(np.arange(len(left))[:, None, None], left.shape)[seen]
-    rest, basis = aim - answer * own, np.column_stack([u, own / np.sqrt(whole)])
-    square = 0.0
+    rest, basis = aim - own @ answer, np.column_stack([u, along])
+    covariance = np.zeros((len(pulls), len(pulls)))
     for posture in np.unique(of_posture):
         its = of_posture == posture
         free = np.eye(its.sum()) - basis[its] @ basis[its].T
-        foretold = np.linalg.lstsq(free, rest[its], rcond=RANK)[0]
-        square += (own[its] @ foretold) ** 2
-    return float(answer), float(np.sqrt(square) / whole)
+        moved = inverse[:, its] @ np.linalg.lstsq(free, rest[its], rcond=RANK)[0]
+        covariance += np.outer(moved, moved)
+    return Sag(answer, covariance)
 
 
 # --- Errors of loads ------------------------------------------------------------------

@@ -179,6 +179,19 @@ def rows(by: int) -> Mistake:
     return wrong
 
 
+def on_body(body: str, *others: str) -> Mistake:
+    """Say that markers of other bodies are on this one, at places that nobody knows."""
+
+    def wrong(r: Recording) -> Recording:
+        markers = tuple(
+            replace(m, body=body, position=None) if m.body in others else m
+            for m in r.markers
+        )
+        return replace(r, markers=markers)
+
+    return wrong
+
+
 def unhung(mistake: Mistake) -> Mistake:
     """Do not say what hangs on the hook either."""
     return lambda r: replace(mistake(r), load_mass=None)
@@ -468,6 +481,49 @@ def test_the_words_name_columns_rows_and_units(cell):
     assert any(
         text.startswith("tx_nm looks reversed: turned about") for text in columns_of
     )
+
+
+@pytest.mark.parametrize(
+    ("body", "others"),
+    [
+        ("link_2", ["link_3"]),
+        ("flange", ["base", "link_1", "link_2", "link_3"]),
+    ],
+)
+def test_markers_on_another_body_than_is_said_are_named_with_their_own(
+    body, others, tmp_path
+):
+    """As a mapping leaves them that gives all columns the same body."""
+    recording, arm = recorded(tmp_path / "r", "kr10", "all", False)
+    (told,) = setup_errors(on_body(body, *others)(recording), arm)
+    assert (told.code, told.where) == ("marker_body", "markers")
+    for own in others:
+        names = [m.name for m in recording.markers if m.body == own]
+        assert f"{', '.join(names)} to {own!r}" in told.text
+
+
+def test_one_marker_on_another_body_than_is_said_is_named(tmp_path):
+    recording, arm = recorded(tmp_path / "r", "kr10", "all", False)
+    k = next(i for i, m in enumerate(recording.markers) if m.body == "link_2") + 1
+    markers = list(recording.markers)
+    markers[k] = replace(markers[k], body="flange", position=None)
+    (told,) = setup_errors(replace(recording, markers=tuple(markers)), arm)
+    assert (told.code, told.where) == ("marker_body", f"marker:{markers[k].name}")
+    assert f"{markers[k].name} to 'link_2'" in told.text
+
+
+@pytest.mark.parametrize("degrees", [20.0, 90.0, 180.0])
+def test_a_base_that_is_mounted_otherwise_is_told_by_where_gravity_pulls(
+    degrees, tmp_path
+):
+    recording, arm = recorded(tmp_path / "r", "kr10", "all", False)
+    angle = np.radians(degrees)
+    turned_down = 9.81 * np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    other = replace(arm, chain=replace(arm.chain, gravity=turned_down))
+    (told,) = setup_errors(recording, other)
+    assert (told.code, told.where) == ("base_mounting", "base")
+    assert f"{degrees:.0f}° from where the model has it" in told.text
+    assert "(0.00, 0.00, -1.00) of the base" in told.text.replace("-0.00", "0.00")
 
 
 @pytest.mark.parametrize("share", [0.2, 0.8])
