@@ -71,11 +71,7 @@ def main(settings: Settings) -> list[ArmTrial]:
             progress.update(task, advance=1)
     right = sum(t.right for t in trials)
     first = f"Both effects were named or declared in {right} of {len(trials)} trials."
-    table = page.Table(
-        "Two effects concealed on each arm, its base as shipped and turned.",
-        arm_trials.HEADER,
-        arm_trials.summary_of(trials),
-    )
+    table = arm_trials.summary_of(trials)
     page.write(s.out, "Arms of any model file", first, [table])
     command = f"python -m scenarios.arm_trials --models DIR --trials {s.trials}"
     command += f" --poses {s.poses} --seed {s.seed} --stated {s.stated}"

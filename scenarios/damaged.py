@@ -103,7 +103,7 @@ def outcome_of(damage: Damage, folder: Path) -> CalibrationResult:
     if mistakes and not told.named:
         what = "warned" if damage.recognised(mistakes) else "misnamed"
         return CalibrationResult(damage, what, ", ".join(w.code for w in mistakes))
-    names = ", ".join(f"{n.effect} at {n.where}" for n in told.named)
+    names = ", ".join(map(str, told.named))
     return CalibrationResult(damage, "diagnosed", f"{told.verdict}: {names}")
 
 

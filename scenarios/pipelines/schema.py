@@ -11,7 +11,7 @@ explained.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -40,6 +40,9 @@ class At(msgspec.Struct, frozen=True):
 
     effect: str
     where: str
+
+    def __str__(self):
+        return f"{self.effect} at {self.where}"
 
 
 class Interval(msgspec.Struct, frozen=True):
@@ -73,7 +76,7 @@ class Placed(msgspec.Struct, frozen=True, omit_defaults=True):
     split_share: float | msgspec.UnsetType = msgspec.UNSET
 
 
-class Called(msgspec.Struct, frozen=True, omit_defaults=True):
+class Called(At, frozen=True, omit_defaults=True):
     """A named effect with its probability, equivalents, parameters and share.
 
     `share`: what the others would not explain without it. `budget_share`: its part of
@@ -81,8 +84,6 @@ class Called(msgspec.Struct, frozen=True, omit_defaults=True):
     that give it, or one that does as well.
     """
 
-    effect: str
-    where: str
     probability: float
     equivalents: tuple[At, ...]
     parameters: dict[str, Interval]
@@ -132,11 +133,9 @@ class OutlierEntry(msgspec.Struct, frozen=True):
     size_mm: float
 
 
-class Refused(msgspec.Struct, frozen=True):
+class Refused(At, frozen=True):
     """An effect whose name was refused, with the size that it would have, and why."""
 
-    effect: str
-    where: str
     parameters: dict[str, Interval]
     reason: str
 
@@ -334,8 +333,8 @@ def why_not(
             return f"It is named, with probability {one.probability:.3g}."
         if At(effect, where) in one.equivalents:
             return (
-                f"By these data it would do as well as {one.effect} at {one.where}, "
-                "which is named in its place."
+                f"By these data it would do as well as {one}, which is named in its "
+                "place."
             )
     refused = withheld(decisions, Name(effect, where))
     if refused:
@@ -390,6 +389,11 @@ def _digits(value: float) -> str:
     """Return three digits, without a power of ten below a million."""
     small = f"{value:.3g}"
     return f"{value:.0f}" if 1e3 <= abs(float(small)) < 1e6 else small
+
+
+def parameters_text(parameters: Mapping[str, Interval], apart: str = "; ") -> str:
+    """Return all parameters by name, each with its value and its interval."""
+    return apart.join(f"{label(n)} {span(n, p)}" for n, p in parameters.items())
 
 
 def span(name: str, interval: Interval) -> str:

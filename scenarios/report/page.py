@@ -7,9 +7,10 @@ are inside it.
 import base64
 import html
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from jinja2 import Environment, FileSystemLoader, select_autoescape
 
@@ -71,6 +72,15 @@ class Fold:
 
 
 Block = Heading | Paragraph | Table | Figure | Points | Fold
+Item = TypeVar("Item")
+
+
+def table_of(
+    caption: str, items: Iterable[Item], columns: Mapping[str, Callable[[Item], str]]
+) -> Table:
+    """Return a table with a row an item; of each column its heading and its cell."""
+    rows = [[cell(item) for cell in columns.values()] for item in items]
+    return Table(caption, list(columns), rows)
 
 
 def write(folder: Path, title: str, summary: str, blocks: Sequence[Block]) -> None:

@@ -27,10 +27,9 @@ from scenarios.pipelines.schema import (
     Placed,
     Proved,
     chance,
-    label,
+    parameters_text,
     rounded,
     said_of_turns,
-    span,
     unit_of,
 )
 from scenarios.report.error_budget import (
@@ -112,8 +111,7 @@ def sentences(finding: Result) -> Iterator[str]:
         yield "What: no name of the list explains it; none is given."
     yield from _still_open(a)
     if a.confounded:
-        pairs = [f"{x.effect} at {x.where} with {y.effect} at {y.where}"
-                 for x, y in a.confounded[:3]]  # fmt: skip
+        pairs = [f"{x} with {y}" for x, y in a.confounded[:3]]
         yield f"These data hardly tell apart: {_list(pairs)}."
     if finding.proof is not None:
         yield _proved(finding.answer)
@@ -183,19 +181,16 @@ def _detected(answer: Answer) -> str:
 
 
 def _named(called: Called, proved: bool) -> str:
-    sizes = [f"{label(n)} {span(n, p)}" for n, p in called.parameters.items()]
-    shown = f": {', '.join(sizes)}" if sizes else ""
+    shown = f": {parameters_text(called.parameters, ', ')}" if called.parameters else ""
     share = called.split_share
     sure = isinstance(share, float) and share < 1.0
     probable = f", probability {chance(called.probability)}"
     if sure or not proved:  # one draw of the poses, or the readings alone, say so
         probable = "" if sure else ", by the readings alone"
-    text = (
-        f"{'What' if proved else 'Suggested, not proved'}: {called.effect} at "
-        f"{called.where}{probable}{_of_splits(share)}{shown}."
-    )
+    what = "What" if proved else "Suggested, not proved"
+    text = f"{what}: {called}{probable}{_of_splits(share)}{shown}."
     if called.equivalents:
-        others = [f"{e.effect} at {e.where}" for e in called.equivalents[:3]]
+        others = map(str, called.equivalents[:3])
         text += f" As well by these data: {_list(others)}."
     return text
 
@@ -213,14 +208,11 @@ def _names(answer: Answer, axes: int) -> Iterator[str]:
     yield from grouped(answer, axes)
     some = [n for n in answer.named if _of_splits(n.split_share).endswith("the splits")]
     if some:
-        told = [f"{n.effect} at {n.where} ({n.split_share:.0%})" for n in some]
+        told = [f"{n} ({n.split_share:.0%})" for n in some]
         yield f"Not given in every split of the poses: {_list(told)}."
     unsure = [n for n in answer.named if n.equivalents]
     if unsure:
-        told = [
-            f"{n.equivalents[0].effect} at {n.equivalents[0].where} for {n.effect} at "
-            f"{n.where}" for n in unsure[:MOST_SHOWN]
-        ]  # fmt: skip
+        told = [f"{n.equivalents[0]} for {n}" for n in unsure[:MOST_SHOWN]]
         if more := len(unsure) - len(told):
             told.append(f"{more} more")
         yield f"As well by these data: {_list(told)}."
@@ -558,9 +550,9 @@ def tell(console: Console, finding: Result, notes: tuple[str, ...], out: Path) -
         for column in columns:
             table.add_column(column)
         for n in told.named:
-            sizes = [f"{label(k)} {span(k, p)}" for k, p in n.parameters.items()]
             others = ", ".join(f"{e.effect}@{e.where}" for e in n.equivalents[:3])
-            cells = (n.effect, n.where, chance(n.probability), "\n".join(sizes), others)
+            known = chance(n.probability), parameters_text(n.parameters, "\n"), others
+            cells = (n.effect, n.where, *known)
             table.add_row(*map(escape, cells[: len(columns)]))
         console.print(table)
     for note in notes:

@@ -36,6 +36,7 @@ from bench.shared.recording import Recording
 from bench.standard_plans import tour
 from scenarios.pipelines.diagnosis import answer_of, asked, proved
 from scenarios.pipelines.inputs import arm_of
+from scenarios.report.page import Table
 from scenarios.studies.blind_trials.generation import error_free_instruments
 from scenarios.studies.blind_trials.visibility import Scale, scale_of
 
@@ -460,41 +461,25 @@ def trials_in(rows: list[dict[str, str]]) -> list[ArmTrial]:
     return [ArmTrial(**{n: read[kinds[n]](row[n]) for n in kinds}) for row in rows]
 
 
-def summary_of(trials: list[ArmTrial]) -> list[list[str]]:
+COUNTED: dict[str, Callable[[ArmTrial], bool]] = {
+    "both named or declared": lambda t: t.right,
+    "exactly these": lambda t: t.exact,
+    "springs within 5 %": lambda t: t.springs_off <= 0.05,
+    "after ≤ 1.05 × noise": lambda t: t.after_over_noise <= 1.05,
+    "model.xml bends as the rig within 1 %": lambda t: t.bends_off <= 0.01,
+    "explained": lambda t: t.verdict == "explained",
+}
+"""What is counted of the trials, by its heading; what is not known does not count."""
+
+
+def summary_of(trials: list[ArmTrial]) -> Table:
     """Return a row for each arm and base: names, springs, residuals, verdicts."""
-    found = []
+    rows = []
     for model in dict.fromkeys(t.model for t in trials):
         for base in BASES:
             own = [t for t in trials if (t.model, t.base) == (model, base)]
-            off = [t.springs_off for t in own if np.isfinite(t.springs_off)]
-            after = [t.after_over_noise for t in own if np.isfinite(t.after_over_noise)]
-            bends = [t.bends_off for t in own]
-            count = len(own)
-            found.append(
-                [
-                    model,
-                    base,
-                    f"{sum(t.right for t in own)}/{count}",
-                    f"{sum(t.exact for t in own)}/{count}",
-                    f"{sum(x <= 0.05 for x in off)}/{count}",
-                    f"{sum(x <= 1.05 for x in after)}/{count}",
-                    f"{sum(x <= 0.01 for x in bends)}/{count}",
-                    f"{sum(t.verdict == 'explained' for t in own)}/{count}",
-                    f"{np.median([t.seconds for t in own]):.0f}",
-                ]
-            )
-    return found
-
-
-HEADER = [
-    "arm",
-    "base",
-    "both named or declared",
-    "exactly these",
-    "springs within 5 %",
-    "after ≤ 1.05 × noise",
-    "model.xml bends as the rig within 1 %",
-    "explained",
-    "median [s]",
-]
-"""Of `summary_of`."""
+            counts = (f"{sum(map(c, own))}/{len(own)}" for c in COUNTED.values())
+            median = f"{np.median([t.seconds for t in own]):.0f}"
+            rows.append([model, base, *counts, median])
+    caption = "Two effects concealed on each arm, its base as shipped and turned."
+    return Table(caption, ("arm", "base", *COUNTED, "median [s]"), rows)

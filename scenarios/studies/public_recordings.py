@@ -43,7 +43,7 @@ from bench.shared.recording import UNLOADED, Marker, Recording
 from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.calibration_proof import rms
 from scenarios.pipelines.inputs import arm_of
-from scenarios.report.page import Block, Heading, Paragraph, Table
+from scenarios.report.page import Block, Heading, Paragraph, table_of
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import kabsch
 
@@ -281,7 +281,6 @@ def interval(found: Sequence[Row], column: str) -> tuple[float, float, float]:
 
 def blocks_of(found: Sequence[Row]) -> list[Block]:
     """Return the report's section on calibrations with other regions held out."""
-    lines: list[Block] = [Heading("With other regions kept back")]
     said = ""
     if len(found) > 1:
         mean, low, high = interval(found, "after_rms_mm")
@@ -292,32 +291,24 @@ def blocks_of(found: Sequence[Row]) -> list[Block]:
             f"at an angle that was fitted, {inside[0]:.3f} mm ({inside[1]:.3f} to "
             f"{inside[2]:.3f}). "
         )
-    lines.append(
-        Paragraph(
-            f"{said}Each draw cuts regions anew, keeps back others, and chooses and "
-            "fits everything again on the rest."
-        )
+    text = (
+        f"{said}Each draw cuts regions anew, keeps back others, and chooses and fits "
+        "everything again on the rest."
     )
-    lines.append(
-        Table(
-            "Rms on poses kept back, draw by draw.",
-            (
-                *("draw", "poses", "as drawn [mm]", "calibrated [mm]"),
-                *("at new angles [%]", "there [mm]", "elsewhere [mm]", "named"),
+    table = table_of(
+        "Rms on poses kept back, draw by draw.",
+        found,
+        {
+            "draw": lambda r: str(r["draw"]),
+            "poses": lambda r: str(r["poses_kept_back"]),
+            "as drawn [mm]": lambda r: f"{r['before_rms_mm']:.3f}",
+            "calibrated [mm]": lambda r: f"{r['after_rms_mm']:.3f}",
+            "at new angles [%]": lambda r: (
+                f"{100 * float(str(r['at_new_angles'])):.0f}"
             ),
-            [
-                (
-                    str(r["draw"]),
-                    str(r["poses_kept_back"]),
-                    f"{r['before_rms_mm']:.3f}",
-                    f"{r['after_rms_mm']:.3f}",
-                    f"{100 * float(str(r['at_new_angles'])):.0f}",
-                    f"{r['after_rms_mm_new_angles']:.3f}",
-                    f"{r['after_rms_mm_elsewhere']:.3f}",
-                    str(len(str(r["named"]).split())),
-                )
-                for r in found
-            ],
-        )
+            "there [mm]": lambda r: f"{r['after_rms_mm_new_angles']:.3f}",
+            "elsewhere [mm]": lambda r: f"{r['after_rms_mm_elsewhere']:.3f}",
+            "named": lambda r: str(len(str(r["named"]).split())),
+        },
     )
-    return lines
+    return [Heading("With other regions kept back"), Paragraph(text), table]

@@ -13,10 +13,10 @@ from scenarios.pipelines import schema as form
 from scenarios.pipelines.calibration import UM, CalibrationOutcome
 from scenarios.pipelines.calibration_proof import CalibrationProof, ResidualSummary
 from scenarios.pipelines.patching import write_patch
-from scenarios.pipelines.schema import Answer, label, size, span
+from scenarios.pipelines.schema import Answer, label, parameters_text, size
 from scenarios.report import data_files, figures, page, playback
 from scenarios.report.data_files import DECISIONS, write_folder
-from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from scenarios.report.page import Block, Figure, Heading, Paragraph, table_of
 from stiffness.calibration.result import Calibrated
 from stiffness.calibration.selection import Step
 
@@ -68,52 +68,46 @@ def _blocks(
         f"two standard errors over {regions.count} folds of regions. How large an "
         "uneven gear's waves may be is learnt from the data, octave by octave."
     )
-    yield Table(
+    yield table_of(
         "What was tried. Rms on regions left out of the fit, where it was believed; "
         "the gain there over its standard error. Out of bounds: the best fit is a size "
         "that the effect cannot have." + _in_6d(found),
-        (
-            *("effect", "where", "would be", "rms [µm]"),
-            *("gain / its error", "verdict"),
-        ),
-        [
-            (
-                s.key[0],
-                s.key[1],
-                _would_be(s),
-                f"{UM * s.rms:.1f}" if s.verdict == "believed" else "",
-                f"{s.gain / max(s.error, 1e-30):.1f}",
-                s.verdict,
-            )
-            for s in found.selected.steps
-        ],
+        found.selected.steps,
+        {
+            "effect": lambda s: s.key[0],
+            "where": lambda s: s.key[1],
+            "would be": _would_be,
+            "rms [µm]": lambda s: f"{UM * s.rms:.1f}" * (s.verdict == "believed"),
+            "gain / its error": lambda s: f"{s.gain / max(s.error, 1e-30):.1f}",
+            "verdict": lambda s: s.verdict,
+        },
     )
-    fitted = [k for k in found.estimates if k not in found.named]
-    if fitted:
-        yield Table(
+    if fitted := [k for k in found.estimates if k not in found.named]:
+        yield table_of(
             "Fitted with the drawing, but not worth a name by itself: taken out alone, "
             "it is not missed by two standard errors.",
-            ("effect", "where", "parameters"),
-            [
-                (
-                    e,
-                    w,
-                    "; ".join(
-                        f"{label(n)} {size(n, x.estimate)}" for n, x in v.items()
-                    ),
-                )
-                for (e, w), v in found.estimates.items()
-                if (e, w) in fitted
-            ],
+            fitted,
+            {
+                "effect": lambda key: key[0],
+                "where": lambda key: key[1],
+                "parameters": lambda key: "; ".join(
+                    f"{label(n)} {size(n, x.estimate)}"
+                    for n, x in found.estimates[key].items()
+                ),
+            },
         )
     yield Heading("What remains")
     yield Paragraph(remains.signature[0].upper() + remains.signature[1:])
-    yield Table(
+    yield table_of(
         "Regions kept back, one by one.",
-        ("region", "poses", "rms [µm]", "at new angles [%]"),
-        [(str(r), str(n), f"{UM * e:.1f}", f"{100 * s:.0f}") for r, e, n, s in
-         remains.by_region],
-    )  # fmt: skip
+        remains.by_region,
+        {
+            "region": lambda r: str(r[0]),
+            "poses": lambda r: str(r[2]),
+            "rms [µm]": lambda r: f"{UM * r[1]:.1f}",
+            "at new angles [%]": lambda r: f"{100 * r[3]:.0f}",
+        },
+    )
     yield Figure(
         "Residuals on the poses kept back over the axes' angles and over time.",
         "residual_map.png",
@@ -149,27 +143,22 @@ def _named(found: Calibrated, answer: Answer) -> Iterator[Block]:
     if not answer.named:
         yield Paragraph("Nothing: no effect earned a name.")
         return
-    yield Table(
+    budget = found.selected.budget
+    yield table_of(
         "Named effects with 95 % intervals over regions, and what is lost on regions "
         "left out when one alone is taken out: the factor by which the mean square "
         "error grows, and the loss over its standard error.",
-        ("effect", "where", "parameters", "grows by ×", "loss / its error"),
-        [
-            (
-                n.effect,
-                n.where,
-                "; ".join(f"{label(k)} {span(k, v)}" for k, v in n.parameters.items()),
-                f"{np.exp(found.selected.budget[n.effect, n.where][0]):.2f}",
-                f"{_z(found, n.effect, n.where):.1f}",
-            )
-            for n in answer.named
-        ],
+        answer.named,
+        {
+            "effect": lambda n: n.effect,
+            "where": lambda n: n.where,
+            "parameters": lambda n: parameters_text(n.parameters),
+            "grows by ×": lambda n: f"{np.exp(budget[n.effect, n.where][0]):.2f}",
+            "loss / its error": lambda n: (
+                f"{np.divide(*budget[n.effect, n.where]):.1f}"
+            ),
+        },
     )
-
-
-def _z(found: Calibrated, effect: str, where: str) -> float:
-    loss, error = found.selected.budget[effect, where]
-    return loss / error
 
 
 # --- The files ------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from bench.shared.errors import BenchError, UnknownName
 from scenarios.pipelines import schema
 from scenarios.pipelines.diagnosis import MICRO, Curves, Result, channel_of, curves_of
 from scenarios.pipelines.patching import write_patch
-from scenarios.pipelines.schema import chance, label, size, span
+from scenarios.pipelines.schema import chance, label, parameters_text, size, span
 from scenarios.report import data_files, error_budget, figures, page, playback, summary
 from scenarios.report.data_files import DECISIONS, FILES, write_folder
 from scenarios.report.error_budget import (
@@ -30,7 +30,16 @@ from scenarios.report.error_budget import (
     shares_of_names,
 )
 from scenarios.report.figures import of_law
-from scenarios.report.page import Block, Figure, Fold, Heading, Paragraph, Points, Table
+from scenarios.report.page import (
+    Block,
+    Figure,
+    Fold,
+    Heading,
+    Paragraph,
+    Points,
+    Table,
+    table_of,
+)
 from stiffness.diagnosis.diagnose import SCATTER
 from stiffness.diagnosis.result import in_words, strongest_withheld
 
@@ -46,17 +55,10 @@ def data(finding: Result) -> Iterator[Block]:
     yield Heading("How good the data are")
     yield from _noise(finding)
     if finding.diagnosis.nominal is not None:
-        rows = list(
-            summary.rows(finding.diagnosis.nominal, finding.recording.slides or ())
-        )
-        header = [
-            "axis",
-            "stiffness [kN m/rad]",
-            "one sigma",
-            "model's [kN m/rad]",
-            "ratio",
-        ]
-        yield Table("Springs fitted as nuisance parameters.", header, rows)
+        header = ["axis", "stiffness [kN m/rad]", "one sigma"]
+        header += ["model's [kN m/rad]", "ratio"]
+        springs = summary.rows(finding.diagnosis.nominal, recording.slides or ())
+        yield Table("Springs fitted as nuisance parameters.", header, list(springs))
     if finding.diagnosis.downweighted:
         worst = sorted(finding.diagnosis.downweighted, key=lambda x: -x[2])[:10]
         rows = [[str(row), name, f"{sigma:.0f}"] for row, name, sigma in worst]
@@ -64,24 +66,22 @@ def data(finding: Result) -> Iterator[Block]:
         caption = f"Readings far beyond the noise: {count}; they counted less."
         yield Table(caption, ["row", "mark", "sigmas"], rows)
     if answer.confounded:
-        rows = [
-            [f"{a.effect} at {a.where}", f"{b.effect} at {b.where}"]
-            for a, b in answer.confounded
-        ]
+        rows = [[str(a), str(b)] for a, b in answer.confounded]
         caption = "Pairs that these data hardly tell apart."
         yield Table(caption, ["one", "the other"], rows)
     if answer.next_experiments:
-        rows = [
-            [
-                " ".join(f"{x:.0f}" for x in n.pose_deg),
-                " ".join(f"{x:g}" for x in n.load_path_kg),
-                n.why,
-                f"{n.expected_log_bayes_factor:.1f}",
-            ]
-            for n in answer.next_experiments
-        ]
-        header = ["pose [°]", "load [kg]", "why", "tells (log Bayes factor)"]
-        yield Table("What to measure next.", header, rows)
+        yield table_of(
+            "What to measure next.",
+            answer.next_experiments,
+            {
+                "pose [°]": lambda n: " ".join(f"{x:.0f}" for x in n.pose_deg),
+                "load [kg]": lambda n: " ".join(f"{x:g}" for x in n.load_path_kg),
+                "why": lambda n: n.why,
+                "tells (log Bayes factor)": lambda n: (
+                    f"{n.expected_log_bayes_factor:.1f}"
+                ),
+            },
+        )
     rows_, poses = len(recording.time), len(np.unique(recording.posture_id))
     splits, kept = finding.diagnosis.splits, len(finding.diagnosis.held_out)
     yield Paragraph(
@@ -328,12 +328,16 @@ def _budget(answer: schema.Answer) -> Iterator[Block]:
     header = ["effect", "where", "share", "comes back without it alone"]
     yield Table("Share of the mismatch by name.", header, rows)
     if answer.unexplained_places:
-        rows = [
-            [p.where, percent(p.share), ", ".join(p.depends_on), p.law]
-            for p in answer.unexplained_places
-        ]
-        header = ["where", "share", "depends on", "law"]
-        yield Table("Significant, and without a name.", header, rows)
+        yield table_of(
+            "Significant, and without a name.",
+            answer.unexplained_places,
+            {
+                "where": lambda p: p.where,
+                "share": lambda p: percent(p.share),
+                "depends on": lambda p: ", ".join(p.depends_on),
+                "law": lambda p: p.law,
+            },
+        )
 
 
 def _folded(blocks: Sequence[Block]) -> Iterator[Block]:
@@ -352,32 +356,24 @@ def _what(finding: Result) -> Iterator[Block]:
     answer = finding.answer
     if answer.located:
         yield Heading("Where")
-        rows = [
-            [
-                x.where,
-                f"{x.share:.0%}",
-                f"{x.p_value:.2g}",
-                ", ".join(x.depends_on),
-                x.zone,
-            ]
-            for x in answer.located
-        ]
-        header = [
-            "place",
-            "share of what differs",
-            "p-value",
-            "depends on",
-            "strongest",
-        ]
-        yield Table("Where arm and model differ, strongest first.", header, rows)
+        yield table_of(
+            "Where arm and model differ, strongest first.",
+            answer.located,
+            {
+                "place": lambda x: x.where,
+                "share of what differs": lambda x: f"{x.share:.0%}",
+                "p-value": lambda x: f"{x.p_value:.2g}",
+                "depends on": lambda x: ", ".join(x.depends_on),
+                "strongest": lambda x: x.zone,
+            },
+        )
     if answer.named:
         yield from _how_sure(answer)
     if stopped := strongest_withheld(finding.diagnosis):
         yield Heading("What was withheld, and why")
         would_be = defaultdict[tuple[str, str], str](str)
         for one in answer.refused:
-            told = (f"{label(n)} {span(n, p)}" for n, p in one.parameters.items())
-            would_be[one.effect, one.where] = "; ".join(told)
+            would_be[one.effect, one.where] = parameters_text(one.parameters)
         yield Table(
             "Names that came furthest without being given; all others, gate by gate, "
             f"are in {DECISIONS}.",
@@ -388,63 +384,43 @@ def _what(finding: Result) -> Iterator[Block]:
 
 def _how_sure(answer: schema.Answer) -> Iterator[Block]:
     yield Heading("What, and how sure")
-    header = [
-        "effect",
-        "parameter",
-        "estimate, 95 %",
-        "in catalogues",
-        "it is",
-        "source",
-    ]
+    header = ["effect", "parameter", "estimate, 95 %"]
+    header += ["in catalogues", "it is", "source"]
     rows = []
     for called in answer.named:
         for name, interval in called.parameters.items():
-            known = usual(called.effect, name)
-            inside = ""
-            if known is not None and isinstance(interval.estimate, float):
-                fits = known.low <= interval.estimate <= known.high
-                inside = "usual" if fits else "unusual"
-            around = ""
-            if known is not None:
+            around = inside = source = ""
+            if (known := usual(called.effect, name)) is not None:
+                source = known.source
                 around = f"{size(name, known.low)} to {size(name, known.high)}"
-            where = f"{called.effect} at {called.where}"
-            source = "" if known is None else known.source
-            shown = span(name, interval)
-            rows.append([where, label(name), shown, around, inside, source])
+                if isinstance(interval.estimate, float):
+                    fits = known.low <= interval.estimate <= known.high
+                    inside = "usual" if fits else "unusual"
+            shown = (label(name), span(name, interval))
+            rows.append([str(called), *shown, around, inside, source])
     yield Table("Each parameter beside what catalogues say.", header, rows)
-    rows = [
-        [
-            f"{n.effect} at {n.where}",
-            chance(n.probability),
-            ", ".join(f"{e.effect} at {e.where}" for e in n.equivalents) or "none",
-        ]
-        for n in answer.named
-    ]
-    yield Table(
+    yield table_of(
         "How sure, and what would do as well.",
-        ["effect", "probability with its equivalents", "equivalents"],
-        rows,
+        answer.named,
+        {
+            "effect": str,
+            "probability with its equivalents": lambda n: chance(n.probability),
+            "equivalents": lambda n: ", ".join(map(str, n.equivalents)) or "none",
+        },
     )
     if answer.rivals:
         named = {(n.effect, n.where) for n in answer.named}
+        rivals = [{(e.effect, e.where) for e in r.effects} for r in answer.rivals]
         rows = [
-            [
-                *_swap(named, {(e.effect, e.where) for e in r.effects}),
-                chance(r.probability),
-            ]
-            for r in answer.rivals
+            [_together(named - own), _together(own - named), chance(r.probability)]
+            for r, own in zip(answer.rivals, rivals, strict=True)
         ]
         header = ["in place of", "would be", "probability"]
         yield Table("Rivals of the names, all others held.", header, rows)
 
 
-def _swap(named: set[tuple[str, str]], rival: set[tuple[str, str]]) -> list[str]:
-    """Return in words what a rival set leaves out and what it brings."""
-    return [
-        " + ".join(f"{effect} at {where}" for effect, where in sorted(names))
-        or "nothing"
-        for names in (named - rival, rival - named)
-    ]
+def _together(names: set[tuple[str, str]]) -> str:
+    return " + ".join(map(" at ".join, sorted(names))) or "nothing"
 
 
 def _pictures(finding: Result, folder: Path) -> Iterator[Block]:

@@ -15,11 +15,11 @@ from scenarios.pipelines import schema as form
 from scenarios.pipelines.compare_encoders import ComparisonOutcome
 from scenarios.pipelines.encoder_axes import WINDOW, Axis, rms, whole_rms
 from scenarios.pipelines.patching import write_patch_of_axes
-from scenarios.pipelines.schema import Answer, label, size, span
+from scenarios.pipelines.schema import Answer, label, parameters_text, size
 from scenarios.report import data_files, page
 from scenarios.report.data_files import DECISIONS, write_folder
 from scenarios.report.figures import encoders_before_after, followed, looks_like
-from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from scenarios.report.page import Block, Figure, Heading, Paragraph, Table, table_of
 from scenarios.report.playback import PLAYBACK, show_comparison
 from stiffness.dual_encoder.fit import SelectionStep, columns, fitted
 from stiffness.dual_encoder.selection import BORROWED
@@ -43,21 +43,17 @@ def rejected_terms(axes: Sequence[Axis]) -> list[Block]:
                 *("axis", "effect", "would be", "gain / its error"),
                 *("reason", "would leave [µrad rms]"),
             ),
-            [
-                (
-                    a.name,
-                    _named(t),
-                    _would_be(t),
-                    f"{t.gain / max(t.error, 1e-30):.1f}",
-                    _why(t),
-                    f"{URAD * _with(a, t):.1f}",
-                )
-                for a in axes
-                for t in a.found.refused
-            ],
+            [_refused(a, t) for a in axes for t in a.found.refused],
         ),
         *_borrowing(axes),
     ]
+
+
+def _refused(axis: Axis, trial: SelectionStep) -> tuple[str, ...]:
+    over_error = f"{trial.gain / max(trial.error, 1e-30):.1f}"
+    left = f"{URAD * _with(axis, trial):.1f}"
+    kind, would_be, why = _named(trial), _would_be(trial), _why(trial)
+    return (axis.name, kind, would_be, over_error, why, left)
 
 
 def _borrowing(axes: Sequence[Axis]) -> list[Block]:
@@ -155,41 +151,31 @@ def blocks_of(axes: Sequence[Axis], answer: Answer, folder: Path) -> list[Block]
             "judged motion: as modelled (grey) and with what was named (orange).",
             "before_after.png",
         ),
-        Table(
+        table_of(
             f"Rms on the judged motion in µrad, of all rows and of means over "
             f"{WINDOW:g} s; one constant an axis and motion is free.",
-            (
-                "axis",
-                "as modelled",
-                "with what was named",
-                f"as modelled, {WINDOW:g} s",
-                f"with what was named, {WINDOW:g} s",
-            ),
-            [
-                (
-                    a.name,
-                    f"{URAD * whole_rms(a.before):.1f}",
-                    f"{URAD * whole_rms(a.after):.1f}",
-                    f"{URAD * rms(a.before, a.judged.time):.1f}",
-                    f"{URAD * rms(a.after, a.judged.time):.1f}",
-                )
-                for a in axes
-            ],
+            axes,
+            {
+                "axis": lambda a: a.name,
+                "as modelled": lambda a: f"{URAD * whole_rms(a.before):.1f}",
+                "with what was named": lambda a: f"{URAD * whole_rms(a.after):.1f}",
+                f"as modelled, {WINDOW:g} s": lambda a: (
+                    f"{URAD * rms(a.before, a.judged.time):.1f}"
+                ),
+                f"with what was named, {WINDOW:g} s": lambda a: (
+                    f"{URAD * rms(a.after, a.judged.time):.1f}"
+                ),
+            },
         ),
         Heading("What was named"),
-        Table(
+        table_of(
             "Named, with 95 % intervals over stretches of time of the fitted motions.",
-            ("axis", "effect", "parameters"),
-            [
-                (
-                    n.where,
-                    n.effect,
-                    "; ".join(
-                        f"{label(k)} {span(k, v)}" for k, v in n.parameters.items()
-                    ),
-                )
-                for n in answer.named
-            ],
+            answer.named,
+            {
+                "axis": lambda n: n.where,
+                "effect": lambda n: n.effect,
+                "parameters": lambda n: parameters_text(n.parameters),
+            },
         ),
         Figure(followed(axes), "looks_like.png"),
         *rejected_terms(axes),

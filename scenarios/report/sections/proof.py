@@ -6,16 +6,17 @@ from pathlib import Path
 import numpy as np
 
 from bench.proof.explained_share import Channel
-from scenarios.pipelines.judgement import FAR, FILE, AxisCoverage, Judgement, text_of
+from scenarios.pipelines.judgement import FAR, FILE, Judgement, text_of
 from scenarios.pipelines.schema import said_of_turns
 from scenarios.report import figures, page
 from scenarios.report.data_files import write_folder
-from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from scenarios.report.page import Block, Figure, Heading, Paragraph, Table, table_of
 
 # --- The result in words --------------------------------------------------------------
 
 UM = 1e6
 MOST_LISTED = 20
+UNKNOWN = "not known"
 
 
 def first_sentence(judgement: Judgement) -> str:
@@ -73,48 +74,43 @@ def blocks_of(judgement: Judgement) -> Iterator[Block]:
         yield Paragraph(
             "Differences within visits are compared: each visit's mean is taken off."
         )
-    channels = [("all", j.whole), ("covered", j.inside), ("not covered", j.outside)]
+    channels = {"all": j.whole, "covered": j.inside, "not covered": j.outside}
     yield Table(
         "Rms over readings; the interval of the gain is a bootstrap over poses.",
         ("readings", "as drawn [µm]", "patched [µm]", "noise [µm]", "gain [µm]"),
-        [
-            (
-                name,
-                f"{UM * c.before:.1f}",
-                f"{UM * c.after:.1f}",
-                f"{UM * c.noise:.1f}",
-                f"{UM * c.gain:.1f} ({UM * c.low:.1f} to {UM * c.high:.1f})",
-            )
-            for name, c in channels
-            if c is not None
-        ],
+        [(name, *_sizes(c)) for name, c in channels.items() if c is not None],
     )
     proof = j.answer.proof
     if turned := said_of_turns(proof):
         yield Paragraph(turned)
     if j.parts:
         yield Heading("What each part of the patch is worth here")
-        yield Table(
+        yield table_of(
             f"Rms of position without one part alone, where all of the patch leaves "
             f"{_um(j.error)}. A part that makes it smaller when it is taken out does "
             "not hold here, or makes up for another.",
-            ("taken out", "then [µm]", "grows by [%]"),
-            [
-                (
-                    p.name,
-                    f"{UM * p.rms:.1f}",
-                    f"{100 * (p.rms / j.error - 1):+.1f}",
-                )
-                for p in sorted(j.parts, key=lambda p: -p.rms)
-            ],
+            sorted(j.parts, key=lambda p: -p.rms),
+            {
+                "taken out": lambda p: p.name,
+                "then [µm]": lambda p: f"{UM * p.rms:.1f}",
+                "grows by [%]": lambda p: f"{100 * (p.rms / j.error - 1):+.1f}",
+            },
         )
     yield Heading("What the patch covers")
-    yield Table(
+    yield table_of(
         "Range of each axis in this recording, and in the poses that the patch was "
         "fitted to; the share of readings inside, for axes with an effect of angle or "
         "torque. Other effects are taken to hold everywhere.",
-        ("axis", "angle", "fitted", "torque", "fitted ", "effects", "inside [%]"),
-        [_row(a) for a in j.axes],
+        j.axes,
+        {
+            "axis": lambda a: a.name,
+            "angle": lambda a: _degrees(a.angle),
+            "fitted": lambda a: _stretches(a.fitted.angle_rad) if a.fitted else UNKNOWN,
+            "torque": lambda a: _torque(a.torque),
+            "fitted ": lambda a: _torque(a.fitted.torque_nm) if a.fitted else UNKNOWN,
+            "effects": lambda a: ", ".join(a.laws) or "none",
+            "inside [%]": lambda a: f"{100 * a.share:.0f}" if a.laws else "–",
+        },
     )
     yield Figure(
         "Rms error over each axis' angle, as drawn (grey) and with the patch (orange); "
@@ -124,17 +120,11 @@ def blocks_of(judgement: Judgement) -> Iterator[Block]:
     yield from _notes(j)
 
 
-def _row(axis: AxisCoverage) -> tuple[str, ...]:
-    fitted = axis.fitted
-    return (
-        axis.name,
-        _degrees(axis.angle),
-        "not known" if fitted is None else _stretches(fitted.angle_rad),
-        _torque(axis.torque),
-        "not known" if fitted is None else _torque(fitted.torque_nm),
-        ", ".join(axis.laws) or "none",
-        f"{100 * axis.share:.0f}" if axis.laws else "–",
+def _sizes(c: Channel) -> tuple[str, ...]:
+    *plain, low, high = (
+        f"{UM * x:.1f}" for x in (c.before, c.after, c.noise, c.gain, c.low, c.high)
     )
+    return (*plain[:3], f"{plain[3]} ({low} to {high})")
 
 
 def _stretches(ends: tuple[tuple[float, float], ...]) -> str:
@@ -154,7 +144,7 @@ def _torque(ends: tuple[float, float]) -> str:
 def _notes(j: Judgement) -> Iterator[Block]:
     gone, far = j.answer.left_out, j.answer.outliers
     if gone:
-        names = ", ".join(dict.fromkeys(f"{g.effect} at {g.where}" for g in gone))
+        names = ", ".join(dict.fromkeys(map(str, gone)))
         yield Paragraph(
             f"Left out: {names}. They refer to the clock or the frame of the recording "
             "that the patch was fitted to."
@@ -162,15 +152,16 @@ def _notes(j: Judgement) -> Iterator[Block]:
     if far:
         rest = j.after[np.isfinite(j.after)]
         others = np.sort(rest)[: len(rest) - len(far)]
-        yield Table(
+        yield table_of(
             f"Readings more than {FAR:.0f} times as far off as the median one; they "
             f"count above. Without the {len(far)} farthest the patch leaves "
             f"{_um(float(np.sqrt(np.mean(others**2))))}.",
-            ("pose", "target", "off by [µm]"),
-            [
-                (str(o.pose), o.marker, f"{1e3 * o.size_mm:.1f}")
-                for o in far[:MOST_LISTED]
-            ],
+            far[:MOST_LISTED],
+            {
+                "pose": lambda o: str(o.pose),
+                "target": lambda o: o.marker,
+                "off by [µm]": lambda o: f"{1e3 * o.size_mm:.1f}",
+            },
         )
 
 

@@ -6,7 +6,7 @@ statements are true against their probability.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -46,13 +46,7 @@ def tables_of(scores: Sequence[TrialScore], rates: Sequence[Rate]) -> list[page.
         for s in bad[:SHOWN]
     ]
     more = f", the first {SHOWN} of {len(bad)}" if len(bad) > SHOWN else ""
-    strata = [
-        [
-            *(name := str(row["stratum"]), STRATA[name].said),
-            *(str(row[k]) for k in ("trials", *MARKS, "failed")),
-        ]
-        for row in by_stratum(scores)
-    ]
+    marks = {m.replace("_", " "): _of(m) for m in MARKS}
     against = page.Table(
         f"Every trial that fails a bar{more}.",
         ("trial", "truth", "answer", "against"),
@@ -69,16 +63,16 @@ def tables_of(scores: Sequence[TrialScore], rates: Sequence[Rate]) -> list[page.
             [_cells(r) for r in rates],
         ),
         page.Heading("Kinds of trials"),
-        page.Table(
+        page.table_of(
             f"How many trials of each kind got each mark. {MEANINGS}",
-            (
-                "kind",
-                "what is there",
-                "trials",
-                *(m.replace("_", " ") for m in MARKS),
-                "failed",
-            ),
-            strata,
+            by_stratum(scores),
+            {
+                "kind": _of("stratum"),
+                "what is there": lambda row: STRATA[str(row["stratum"])].said,
+                "trials": _of("trials"),
+                **marks,
+                "failed": _of("failed"),
+            },
         ),
         *of_arms(by_arm(scores)),
     ]
@@ -99,46 +93,29 @@ def of_arms(rows: Sequence[dict[str, Any]]) -> list[page.Block]:
     """Return the table of whole arms; nothing without any."""
     if not rows:
         return []
-    cells = [
-        (
-            str(r["stratum"]),
-            str(r["trials"]),
-            str(r["effects"]),
-            f"{r['visible_named']} of {r['visible']}",
-            str(r["names_true"]),
-            str(r["names_false"]),
-            f"{r['explained_median']:.1%} ({r['explained_least']:.1%})",
-            f"{r['oracle_median']:.1%}",
-            str(r["place_first"]),
-            "–" if r["outside_said"] is None else str(r["outside_said"]),
-            "–" if r["names_lost"] is None else str(r["names_lost"]),
-            f"{r['intervals_hold']} of {r['intervals']}",
-            f"{r['median_seconds']:.1f}",
-        )
-        for r in rows
-    ]
-    return [
-        page.Heading("Whole arms"),
-        page.Table(
-            ARM_WORDS,
-            (
-                "kind",
-                "trials",
-                "effects",
-                "visible ones named",
-                "names true",
-                "false",
-                "explained, median (least)",
-                "oracle",
-                "largest place",
-                "outside",
-                "lost",
-                "intervals hold",
-                "seconds",
-            ),
-            cells,
+    columns: dict[str, Callable[[dict[str, Any]], str]] = {
+        "kind": _of("stratum"),
+        "trials": _of("trials"),
+        "effects": _of("effects"),
+        "visible ones named": lambda r: f"{r['visible_named']} of {r['visible']}",
+        "names true": _of("names_true"),
+        "false": _of("names_false"),
+        "explained, median (least)": lambda r: (
+            f"{r['explained_median']:.1%} ({r['explained_least']:.1%})"
         ),
-    ]
+        "oracle": lambda r: f"{r['oracle_median']:.1%}",
+        "largest place": _of("place_first"),
+        "outside": _of("outside_said"),
+        "lost": _of("names_lost"),
+        "intervals hold": lambda r: f"{r['intervals_hold']} of {r['intervals']}",
+        "seconds": lambda r: f"{r['median_seconds']:.1f}",
+    }
+    return [page.Heading("Whole arms"), page.table_of(ARM_WORDS, rows, columns)]
+
+
+def _of(key: str) -> Callable[[dict[str, Any]], str]:
+    """Return a column: a row's entry of that name, a dash where it is None."""
+    return lambda row: "–" if row[key] is None else str(row[key])
 
 
 def of_probabilities(rows: Sequence[dict[str, Any]]) -> list[page.Block]:
@@ -146,17 +123,16 @@ def of_probabilities(rows: Sequence[dict[str, Any]]) -> list[page.Block]:
     often = "How often a name is true against the probability that was stated for it"
     return [
         page.Figure(f"{often}, with 95 % intervals.", "calibration.png"),
-        page.Table(
+        page.table_of(
             f"{often}, with Clopper and Pearson's interval.",
-            ("stated", "on average", "statements", "true", "interval"),
-            [
-                (
-                    *(f"{r['from']:g} to {r['to']:g}", f"{r['stated']:.3f}"),
-                    *(str(r["statements"]), f"{r['true']:.1%}"),
-                    f"{r['low']:.1%} to {r['high']:.1%}",
-                )
-                for r in rows
-            ],
+            rows,
+            {
+                "stated": lambda r: f"{r['from']:g} to {r['to']:g}",
+                "on average": lambda r: f"{r['stated']:.3f}",
+                "statements": _of("statements"),
+                "true": lambda r: f"{r['true']:.1%}",
+                "interval": lambda r: f"{r['low']:.1%} to {r['high']:.1%}",
+            },
         ),
     ]
 

@@ -13,7 +13,7 @@ import numpy as np
 from scenarios.report.page import Block, Heading, Paragraph
 from scenarios.studies.paper.budget import Budget
 from scenarios.studies.paper.cells import Cell, CellResult
-from scenarios.studies.paper.comparison import MEASURES, Contender, perceptrons, pooled
+from scenarios.studies.paper.comparison import Contender, overall, perceptrons
 from scenarios.studies.paper.imitation import (
     MAE,
     activation_cells,
@@ -55,13 +55,7 @@ def plans(methods: Sequence[Contender]) -> str:
 def best_epoch(budget: Budget, found: Mapping[Cell, CellResult]) -> str:
     """Return the paragraph on what keeping the best epoch changes."""
     results = perceptrons(budget, found, "spanning")
-    last, best = (
-        pooled(
-            np.stack([np.abs(r[f"{kept}/unseen"]).mean(axis=1) for r in results]),
-            MEASURES["MAE"],
-        )
-        for kept in ("last", "best")
-    )
+    last, best = (overall(results, kept) for kept in ("last", "best"))
     change = best.change_from(last).interval
     within = change.low <= 0.0 <= change.high
     return (

@@ -11,7 +11,7 @@ from scenarios.report import data_files, style
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.studies.paper.budget import PLANS, Budget
 from scenarios.studies.paper.cells import Cell, CellResult
-from scenarios.studies.paper.comparison import MEASURES, Draws, perceptrons, pooled
+from scenarios.studies.paper.comparison import MEASURES, overall, perceptrons, pooled
 from scenarios.studies.paper.published_values import TABLE_09_MM
 from scenarios.studies.paper.transfer import ALL_LAYERS, UNFREEZINGS, unfrozen
 from stiffness.methods.score import DIRECTIONS
@@ -27,13 +27,7 @@ def figure_06(names: Sequence[str], results: Sequence[CellResult], file: Path) -
     axes = picture.subplots()
     place = np.arange(len(names))
     learnt = [np.mean([r[f"{n}/learnt"][0, 0] for r in results]) for n in names]
-    draws = [
-        pooled(
-            np.stack([np.abs(r[f"{n}/unseen"]).mean(axis=1) for r in results]),
-            MEASURES["MAE"],
-        ).interval
-        for n in names
-    ]
+    draws = [overall(results, n).interval for n in names]
     fresh = np.array([[d.estimate, d.low, d.high] for d in draws]).T
     axes.bar(place - 0.2, learnt, 0.38, color=style.GREY, label="poses it learnt from")
     axes.bar(place + 0.2, fresh[0], 0.38, color=style.ORANGE, label="fresh poses")
@@ -88,7 +82,7 @@ def layers_report(
 
 def _finding(names: Sequence[str], results: Sequence[CellResult]) -> str:
     """Return the gain of two layers over one, and the choices equal to the best."""
-    draws = {name: _mae(results, name) for name in names}
+    draws = {name: overall(results, name) for name in names}
     learnt = {
         n: float(np.mean([r[f"{n}/learnt"][0, 0] for r in results])) for n in names
     }
@@ -114,12 +108,6 @@ def _finding(names: Sequence[str], results: Sequence[CellResult]) -> str:
 
 def _layers(name: str) -> str:
     return name.removeprefix("unfrozen ")
-
-
-def _mae(results: Sequence[CellResult], name: str) -> Draws:
-    """Return the MAE over all directions on the fresh poses."""
-    error = np.stack([np.abs(r[f"{name}/unseen"]).mean(axis=1) for r in results])
-    return pooled(error, MEASURES["MAE"])
 
 
 def _table_08(
@@ -154,16 +142,10 @@ def _shown_08(
     rows = []
     for name in names:
         learnt = np.mean([r[f"{name}/learnt"] for r in results], axis=0)
-        i = _mae(results, name).interval
-        rows.append(
-            (
-                _layers(name),
-                f"{learnt[0, 0]:.4f}",
-                f"{learnt[0, 1]:.4f}",
-                f"{i.estimate:.4f}",
-                f"{i.low:.4f} to {i.high:.4f}",
-            )
-        )
+        i = overall(results, name).interval
+        ends = f"{i.low:.4f} to {i.high:.4f}"
+        numbers = (f"{x:.4f}" for x in (*learnt[0, :2], i.estimate))
+        rows.append((_layers(name), *numbers, ends))
     n = results[0][f"{names[0]}/unseen"].shape[0]
     which = ", ".join(map(str, seeds))
     return Table(

@@ -17,7 +17,7 @@ Ignores     weights of the readings: all have the same noise
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from textwrap import fill
@@ -139,23 +139,18 @@ def report_table(rows: Sequence[Mapping]) -> page.Table:
         f"{rows[0]['seeds']} [mm]; intervals over poses; 99th percentile of a pose's "
         "mean of x, y and z, and the largest error in any direction"
     )
-    header = [
-        "method", "MAE", "95 % interval", "99 %", "largest", "share of the way [%]",
-        "interval",
-    ]  # fmt: skip
-    cells = [
-        [
-            str(r["method"]),
-            f"{r['MAE_mm']:.4f}",
-            f"{r['low_mm']:.4f} to {r['high_mm']:.4f}",
-            f"{r['P99_mm']:.4f}",
-            f"{r['ME_mm']:.4f}",
-            f"{100 * r['share_of_the_way']:.0f}",
-            f"{100 * r['share_low']:.0f} to {100 * r['share_high']:.0f}",
-        ]
-        for r in rows
-    ]
-    return page.Table(caption, header, cells)
+    columns: dict[str, Callable[[Mapping], str]] = {
+        "method": lambda r: r["method"],
+        "MAE": lambda r: f"{r['MAE_mm']:.4f}",
+        "95 % interval": lambda r: f"{r['low_mm']:.4f} to {r['high_mm']:.4f}",
+        "99 %": lambda r: f"{r['P99_mm']:.4f}",
+        "largest": lambda r: f"{r['ME_mm']:.4f}",
+        "share of the way [%]": lambda r: f"{100 * r['share_of_the_way']:.0f}",
+        "interval": lambda r: (
+            f"{100 * r['share_low']:.0f} to {100 * r['share_high']:.0f}"
+        ),
+    }
+    return page.table_of(caption, rows, columns)
 
 
 def summary(rows: Sequence[Mapping]) -> str:

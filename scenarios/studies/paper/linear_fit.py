@@ -17,7 +17,7 @@ from matplotlib.figure import Figure as Picture
 from bench.shared.errors import NotIdentifiable, Unusable
 from bench.shared.recording import Recording
 from scenarios.report import data_files, style
-from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from scenarios.report.page import Block, Figure, Heading, Paragraph, Table, table_of
 from scenarios.studies.paper.experiment import Experiment, Material
 from scenarios.studies.paper.published_values import TABLE_02_MM, TABLE_03_NM_PER_RAD
 from stiffness.experiment.deflections import Selection, every_plateau, one_per_pose
@@ -294,45 +294,39 @@ def _table_03(experiment: Experiment, found: LinearFit) -> list[dict[str, object
 
 def _errors_table(found: LinearFit, seed: int) -> Table:
     floor = {(s.direction, s.metric): s.value_mm for s in found.floor}
-    rows = []
-    for s in found.scores["vjm"]:
-        paper = published(s)
-        rows.append(
-            (
-                s.direction.upper(),
-                s.metric.replace("_", ", "),
-                f"{s.value_mm:.4f}",
-                "" if s.low_mm is None else f"{s.low_mm:.3f} to {s.high_mm:.3f}",
-                "" if paper is None else f"{paper:.3f}",
-                f"{floor[s.direction, s.metric]:.4f}",
-            )
-        )
     n = found.scores["vjm"][0].n
-    return Table(
+    return table_of(
         f"Table 2. Errors of the six-spring fit over {n} postures, seed {seed} [mm]: "
         "mean absolute (MAE), their standard deviation (STDE), the largest (ME); the "
         "paper's STDE is of signed errors here, Eq. 8 to the letter is of absolute "
         f"ones. {against_paper(found)}.",
-        ("direction", "measure", "ours", "95 % interval", "paper", "floor"),
-        rows,
+        found.scores["vjm"],
+        {
+            "direction": lambda s: s.direction.upper(),
+            "measure": lambda s: s.metric.replace("_", ", "),
+            "ours": lambda s: f"{s.value_mm:.4f}",
+            "95 % interval": lambda s: (
+                "" if s.low_mm is None else f"{s.low_mm:.3f} to {s.high_mm:.3f}"
+            ),
+            "paper": lambda s: (
+                "" if (paper := published(s)) is None else f"{paper:.3f}"
+            ),
+            "floor": lambda s: f"{floor[s.direction, s.metric]:.4f}",
+        },
     )
 
 
 def _stiffness_table(experiment: Experiment, found: LinearFit) -> Table:
-    rows = [
-        (
-            p.name.upper(),
-            f"{p.value / 1e3:.2f}",
-            f"{p.low / 1e3:.2f} to {p.high / 1e3:.2f}",
-            f"{secant / 1e3:.2f}",
-            f"{paper / 1e3:.2f}",
-        )
-        for p, secant, paper in stiffness_of(experiment, found)
-    ]
-    return Table(
+    return table_of(
         f"Table 3. Stiffness identified from {found.scores['vjm'][0].n} postures "
         "[kN m/rad]; the truth's secant stiffness is torque over wind-up about the "
         "axis alone.",
-        ("axis", "ours", "95 % interval", "truth, secant", "paper"),
-        rows,
+        stiffness_of(experiment, found),
+        {
+            "axis": lambda k: k[0].name.upper(),
+            "ours": lambda k: f"{k[0].value / 1e3:.2f}",
+            "95 % interval": lambda k: f"{k[0].low / 1e3:.2f} to {k[0].high / 1e3:.2f}",
+            "truth, secant": lambda k: f"{k[1] / 1e3:.2f}",
+            "paper": lambda k: f"{k[2] / 1e3:.2f}",
+        },
     )
