@@ -1,11 +1,9 @@
 """Clocks of several channels: lags, offsets, and interpolation onto one clock.
 
-What was read by one clock is wanted at the instants of another.
-
 Between two readings that are near in time the value lies on the line between them;
 farther apart, nobody knows.
 
-Channels that see one motion are shifted against each other by their lag.
+Channels that see one motion are shifted against each other by their lag (`lag_of`):
 
 ==========  ==========================================================================
 Equation    lag = argmax over d of sum |v_a(t)| |v_b(t + d)|, speeds about their means;
@@ -16,7 +14,7 @@ Valid       an arm that starts and stops; a lag below `LONGEST`
 Ignores     clocks that drift apart
 ==========  ==========================================================================
 
-Two logs of one motion show how far apart their clocks were set.
+Two logs of one motion show how far apart their clocks were set (`shift_of`):
 
 ==========  ==========================================================================
 Equation    shift = argmax over d of corr(|v_a(t)|, |v_b(t + d)|) where both vary
@@ -310,9 +308,6 @@ def _matches(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return shifts, np.where(enough, match, -1.0)
 
 
-# --- The bag as a CSV file with its manifest ------------------------------------------
-
-
 def stream_lags(stream: Recording) -> Iterator[tuple[str, Lag | None]]:
     """Estimate how much the tracker and the wrench lag the axes."""
     time, points = stream.time, stream.points
@@ -323,7 +318,5 @@ def stream_lags(stream: Recording) -> Iterator[tuple[str, Lag | None]]:
                 lag = lag_between(time, stream.posture, time[seen], points[seen, m])
                 yield f"marker {marker.name}", lag
     if stream.wrench is not None:
-        yield (
-            "the wrench",
-            lag_between(time, stream.posture, time, stream.wrench[:, :3]),
-        )
+        lag = lag_between(time, stream.posture, time, stream.wrench[:, :3])
+        yield "the wrench", lag

@@ -16,12 +16,9 @@ import numpy as np
 from jaxtyping import Int
 
 from bench.shared.errors import Unusable, refuse
-from bench.shared.format.cells import all_values_of, readings_of
-from bench.shared.format.columns import Column, Held, Layout, Unit
 from bench.shared.format.faults import Place
 from bench.shared.format.folder import LEFT_ALONE
-from bench.shared.format.manifest import Csv
-from bench.shared.format.table import CSV_FILE, Cells, Header, open_csv
+from bench.shared.format.table import CSV_FILE, Header, open_csv
 from bench.shared.models import ModelFacts
 from bench.shared.recording import Recording
 from scenarios.pipelines.importing import spreadsheet
@@ -113,10 +110,11 @@ def with_rows_of(
             )
         mark = log.decimal or about.mark
         blank = {n: about.skip_incomplete or may for n, may in wanted.columns.items()}
-        values, numbers, more = _numbers(header, blank, mark)
+        held = spreadsheet.plain(blank)
+        values, cells, more = spreadsheet.numbers_of(header, held, mark)
         faults += in_names_of(log, [*found, *more])
         if not found:
-            at = np.searchsorted(own, numbers)
+            at = np.searchsorted(own, cells.location.rows(cells.rows))
             for c, column in values.items():
                 full = np.full(len(rows), np.nan)
                 full[at] = column
@@ -131,35 +129,13 @@ def _many(rows: Int[np.ndarray, " rows"]) -> str:
     return f"{len(rows)} {'reading' if len(rows) == 1 else 'readings'}"
 
 
-def _layout(names: Mapping[str, bool]) -> Layout:
-    held = {
-        n: Held(Column(n, "length", may_be_blank=may), n, Unit())
-        for n, may in names.items()
-    }
-    return Layout(held, 0, (), (), ())
-
-
-def _kept(header: Header, layout: Layout) -> tuple[Cells, list[str]]:
-    cells = header.read({*layout.held})
-    kept, _, _, faults = readings_of(header, cells, layout, Csv())
-    return kept, faults
-
-
 def _readings(header: Header, names: list[str]) -> Int[np.ndarray, " rows"]:
     """Return the rows of a file that are readings, whole or not."""
-    cells, _ = _kept(header, _layout(dict.fromkeys(names, True)))
+    cells, _ = spreadsheet.kept_of(
+        header, spreadsheet.plain(dict.fromkeys(names, True))
+    )
     ragged = set(header.read(names).location.unread) - {*header.left_out}
     return np.array(sorted({*cells.location.rows(cells.rows).tolist(), *ragged}), int)
-
-
-def _numbers(
-    header: Header, names: Mapping[str, bool], mark: str
-) -> tuple[dict[str, np.ndarray], Int[np.ndarray, " rows"], list[str]]:
-    layout = _layout(names)
-    cells, faults = _kept(header, layout)
-    values, wrong = all_values_of(layout.held, cells, mark)
-    rows = cells.location.rows(cells.rows)
-    return values, rows, [*cells.faults, *faults, *wrong]
 
 
 # --- The joined recording -------------------------------------------------------------

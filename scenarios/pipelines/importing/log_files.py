@@ -1,15 +1,9 @@
 """Reads further CSV files of a mapping, and finds the offsets of their clocks.
 
-A mapping takes a further CSV's columns by NAME.column, for markers or a wrench.
-
-A further CSV of a mapping has a clock of its own and is read by its own rules.
-
-A log's time and its offset is the axes' time: stated, shared, or seen in motion.
-
-Several CSV files with clocks of their own become one on the clock of the axes.
-
-The first file holds the axes. Another file's time and a number, its offset, is theirs:
-stated, that of a file by the same clock, or found from the motion that both saw.
+The first file holds the axes. A mapping takes the columns of another, for markers or a
+wrench, by NAME.column. That file is read by its own rules; its time and a number, its
+offset, is the axes' time: stated, that of a file by the same clock, or found from the
+motion that both saw.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -21,7 +15,6 @@ import msgspec
 import numpy as np
 
 from bench.shared.errors import Unusable
-from bench.shared.format.cells import all_values_of, readings_of
 from bench.shared.format.columns import (
     COORDINATES,
     COUNT,
@@ -30,12 +23,10 @@ from bench.shared.format.columns import (
     WRENCH,
     Column,
     Held,
-    Layout,
-    Unit,
     column_of,
 )
 from bench.shared.format.faults import nearest, quoted
-from bench.shared.format.manifest import Csv, Source
+from bench.shared.format.manifest import Source
 from bench.shared.format.table import (
     CSV_FILE,
     ENCODINGS,
@@ -213,15 +204,8 @@ def missing_of(header: Header, names: list[str]) -> list[str]:
 def _readings(
     header: Header, time: Held, wanted: RequiredColumns, mark: str
 ) -> tuple[Channel, list[str]]:
-    held = {
-        c: Held(Column(c, "length", may_be_blank=blank), c, Unit())
-        for c, blank in wanted.columns.items()
-    }
-    cells = header.read({time.source, *wanted.columns})
-    layout = Layout({**held, "": time}, 0, (), (), ())
-    cells, _, _, found = readings_of(header, cells, layout, Csv())
-    values, wrong = all_values_of({**held, "": time}, cells, mark)
-    faults = [*cells.faults, *found, *wrong]
+    held = {**spreadsheet.plain(wanted.columns), "": time}
+    values, cells, faults = spreadsheet.numbers_of(header, held, mark)
     stamps = values.pop("")
     back = np.flatnonzero(np.diff(stamps) < 0) + 1
     faults += cells.location.at(time.source, back, lambda _: "time runs backwards.")

@@ -1,7 +1,5 @@
 """The mapping of a lab's own file: a manifest that also says what its columns are.
 
-A mapping is a manifest that also says how a lab's own file is to be understood.
-
 It is `recording.toml` of the format, with `[columns]`, `[csv]` and beyond them
 `[targets.NAME]` (6D), `[rests]` (a stream becomes plateaus), `[files.NAME]` (more CSV
 files, each with a clock of its own) and `[topics]` (bags).
@@ -21,8 +19,6 @@ from bench.shared.errors import Unusable
 from bench.shared.format.faults import first_line, nearest_of, quoted
 from bench.shared.format.manifest import ROW_RULES, Manifest, Source, fill, twice
 from scenarios.pipelines.importing.clocks import GAP
-
-# --- Mapping --------------------------------------------------------------------------
 
 MAX_BYTES = 2**20
 """Bytes of a mapping that are still read; chosen: as for a manifest."""
@@ -236,9 +232,6 @@ def _value(value: Any) -> str:
     if isinstance(value, (bool, str)):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return repr(value) if isinstance(value, (int, float)) else json.dumps(str(value))
-
-
-# --- The bag as a CSV file with its manifest ------------------------------------------
 
 
 def contradictions(extras: Extras, rows: str, in_bag: bool) -> Iterator[str]:

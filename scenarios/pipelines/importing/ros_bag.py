@@ -1,6 +1,4 @@
-"""Reads the topics of a ROS 2 bag as columns of a CSV file.
-
-A ROS 2 bag holds several channels with clocks of their own, in SI units.
+"""Reads the topics of a ROS 2 bag, each with a clock of its own, as columns of a CSV.
 
 Messages are read by the definitions that rosbags brings, never by those in the bag.
 """

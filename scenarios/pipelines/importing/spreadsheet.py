@@ -1,6 +1,6 @@
 """Turns a lab's CSV file into a recording by a mapping of its columns.
 
-A target that is measured in 6D is four points that move together.
+A target that is measured in 6D becomes four markers (`points_of`):
 
 ==========  ==========================================================================
 Equation    p_i = p + R e_i, e_0 = 0, e_i = arm along the target's own axes
@@ -10,13 +10,11 @@ Valid       positions and turns in the tracker's frame; angles as Euler's, capit
 Ignores     that position and turn may have different noise: choose arm_mm as the noise
             of positions over the noise of turns
 ==========  ==========================================================================
-
-A spreadsheet's CSV becomes a recording when a mapping says what its columns are.
 """
 
 import csv
 import io
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -36,6 +34,7 @@ from bench.shared.format.manifest import FILE, Csv, fill
 from bench.shared.format.table import (
     CSV_FILE,
     MAX_BYTES,
+    Cells,
     Header,
     decoded,
     is_encoding,
@@ -215,8 +214,11 @@ def _with_points(
                 for c in missing
             ]
             continue
-        numbers, rows, found = numbers_of(header, columns_of(target), about.mark)
-        faults += found
+        held = plain(dict.fromkeys(sorted(columns_of(target)), True))
+        cells, _ = kept_of(header, held)  # as it says what is wrong with rows
+        numbers, found = all_values_of(held, cells, about.mark)
+        faults += [*cells.faults, *found]
+        rows = cells.location.rows(cells.rows)
         columns |= points_of(name, target, numbers.__getitem__)
     if faults:
         return source, faults
@@ -272,19 +274,26 @@ def columns_of(target: Target) -> tuple[str, ...]:
     return (*target.position, *turned)
 
 
-def numbers_of(
-    header: Header, names: Iterable[str], mark: str, blank: bool = True
-) -> tuple[dict[str, np.ndarray], Int[np.ndarray, " rows"], list[str]]:
-    """Read columns as numbers; the rows of the file that they are in; and the faults.
-
-    Rows of units and rows that are left out are not among them.
-    """
-    held = {
-        n: Held(Column(n, "length", may_be_blank=blank), n, Unit())
-        for n in sorted(set(names))
+def plain(columns: Mapping[str, bool]) -> dict[str, Held]:
+    """Return columns of numbers as they stand, and whether each may be blank."""
+    return {
+        name: Held(Column(name, "length", may_be_blank=blank), name, Unit())
+        for name, blank in columns.items()
     }
-    cells = header.read(held)
+
+
+def kept_of(header: Header, held: Mapping[str, Held]) -> tuple[Cells, list[str]]:
+    """Read the rows of a file that are readings; and what is wrong with rows."""
+    cells = header.read({source for one in held.values() for source in one.sources})
     layout = Layout(held, 0, (), (), ())
-    cells, _, _, _ = readings_of(header, cells, layout, Csv())
-    numbers, faults = all_values_of(held, cells, mark)
-    return numbers, cells.location.rows(cells.rows), [*cells.faults, *faults]
+    kept, _, _, faults = readings_of(header, cells, layout, Csv())
+    return kept, faults
+
+
+def numbers_of(
+    header: Header, held: Mapping[str, Held], mark: str
+) -> tuple[dict[str, np.ndarray], Cells, list[str]]:
+    """Read columns as numbers, the readings alone; the cells; and all faults."""
+    cells, faults = kept_of(header, held)
+    numbers, wrong = all_values_of(held, cells, mark)
+    return numbers, cells, [*cells.faults, *faults, *wrong]

@@ -78,7 +78,7 @@ def blocks_of(judgement: Judgement) -> Iterator[Block]:
     yield Table(
         "Rms over readings; the interval of the gain is a bootstrap over poses.",
         ("readings", "as drawn [µm]", "patched [µm]", "noise [µm]", "gain [µm]"),
-        [(name, *_sizes(c)) for name, c in channels.items() if c is not None],
+        [(name, *_numbers_of(c)) for name, c in channels.items() if c is not None],
     )
     proof = j.answer.proof
     if turned := said_of_turns(proof):
@@ -120,7 +120,7 @@ def blocks_of(judgement: Judgement) -> Iterator[Block]:
     yield from _notes(j)
 
 
-def _sizes(c: Channel) -> tuple[str, ...]:
+def _numbers_of(c: Channel) -> tuple[str, ...]:
     *plain, low, high = (
         f"{UM * x:.1f}" for x in (c.before, c.after, c.noise, c.gain, c.low, c.high)
     )
