@@ -1,7 +1,5 @@
 """What each effect of a rig moves: noise-free readings with it and without it.
 
-An effect that is there and moves nothing is true of an arm, and of no recording.
-
 The instruments watch without noise, so the difference is the effect alone; effects
 that sit in instruments leave the arm where it is and are not simulated again.
 """

@@ -1,11 +1,8 @@
 """Model files, MJCF or URDF: checked as text, loaded, and written as plain MJCF.
 
-A user's model is text, checked before anything is built from it.
-
-A few lines of it can ask for a gigabyte, or name a file that lies elsewhere or never
-ends. What is found is said; nothing is compiled and no other file is opened.
-
-A robot's model file, MJCF or URDF, says which bodies hang on which joints.
+A user's model is text, checked before anything is built from it: a few lines can ask
+for a gigabyte, or name a file that lies elsewhere or never ends. What is found is said;
+nothing is compiled and no other file is opened.
 
 MuJoCo reads either kind; `plain_mjcf` writes the moving parts back as one
 self-contained MJCF text at full precision, without includes, defaults, pictures,

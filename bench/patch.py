@@ -1,14 +1,9 @@
 """Patch: effects and mounted masses as data, as a rig, and as an MJCF file.
 
-An effect that was named is a mechanism again: its parameters build it.
-
-This is the inverse of `Effect.parameters`: names of the vocabulary in SI go in, the
-mechanism comes out. What no mechanism can have, such as a compliance below zero, is
-taken as its bound: a spring cannot push back.
-
-A patched rig has nothing around it but what its recording says is mounted.
-
-A patch is what has to be true beyond the data sheet for the arm to do what it did.
+A patch is what has to be true beyond the data sheet for the arm to do what it did; its
+rig has nothing around it but what the recording says is mounted. `effect_of` is the
+inverse of `Effect.parameters`: names of the vocabulary in SI go in, the mechanism comes
+out. What no mechanism can have, such as a compliance below zero, is taken as its bound.
 
 `patch.json` holds it exactly: effects by the vocabulary's names, fitted springs, laws
 as tables, where the tracker stood and the markers sat, and the arm itself as plain

@@ -1,8 +1,6 @@
 """Configurations spread evenly over the joint range, free of collisions in the cell.
 
 A cell has room for a posture if no part is in the floor, a pulley or the trunk.
-
-Postures spread evenly over what an arm can reach show all of its axes at work.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,9 +1,6 @@
 """Rig: a simulated arm with its effects in a cell, and its true states under load.
 
-Where an arm truly is under its loads is known to the bench alone.
-
 A rig is an arm made real: what is on its data sheet, and everything that is not.
-
 It answers one question: where does everything come to rest, row by row, when a plan is
 carried out? What the instruments make of that is `bench.instruments`' business.
 """

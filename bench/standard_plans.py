@@ -1,6 +1,7 @@
 """Standard plans: the paper's Table 1 for a KR10, a tour of the joint range otherwise.
 
-The paper's Table 1 asks a KR10 R1100-2 for 61 joint-space and 90 Cartesian postures.
+The table asks a KR10 R1100-2 for 61 joint-space and 90 Cartesian postures; any other
+arm tours its own range of motion (`tour`).
 
 Source: Wu et al. 2024, "Neural network-based transfer learning to improve stiffness
 modeling of industrial robots with small experimental data sets", section 3.1, Table 1.
@@ -19,8 +20,6 @@ The table leaves open or contradicts itself, and here is what was chosen:
   (they give the 90 of the text): 300, 550, 800 mm.
 - Orientation in space: not given. Flange straight down, turned with A1, so that
   A4 = A6 = 0; A5 then runs from 0.8 to 90.2 degrees, which is the range of Table 4.
-
-A KR10 tours the paper's table of postures, any other arm its own range of motion.
 """
 
 from pathlib import Path

@@ -1,6 +1,6 @@
 """Explained share of each channel, with intervals over poses and the noise floor.
 
-Below what the instruments state of themselves no model can be proved.
+What the instruments' stated noise leaves of a marker (`floor_of`):
 
 ==========  ==========================================================================
 Equation    var = sum of the tracker's variances per frame (1 - 1/n where the mean over
@@ -11,8 +11,6 @@ Valid       springs that are nearly linear
 Ignores     errors of a whole visit, such as arrival and the force's direction, which
             no instrument here states
 ==========  ==========================================================================
-
-Before and after are compared pose by pose, for poses differ as draws of a lot.
 
 The gain's interval is a bootstrap over poses (BCa: Efron 1987), because readings of one
 pose share its errors.

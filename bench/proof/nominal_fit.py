@@ -1,6 +1,6 @@
 """Gauss-Newton fit of compliance, tracker frame and marker positions in MuJoCo.
 
-A little more of what is nominal moves every marker in a way known beforehand.
+How a little more of what is nominal moves a marker (`simulated_jacobian`):
 
 ==========  ==========================================================================
 Equation    δp = (z × (p - o)) θ δ(ln c) on an axis with wind-up θ (z θ on a slide);
@@ -10,12 +10,10 @@ Valid       springs that are nearly linear: θ grows with the compliance c
 Ignores     how a wind-up changes the torques of other axes
 ==========  ==========================================================================
 
-What is nominal is fitted without a word: springs, tracker's frame, markers' places.
-
 Where an effect shows in differences within visits alone, springs are fitted to these;
 what only means of visits say, such as arrival and geometry, cannot bend them.
 
-What markers show of each axis is how far it turned beyond the simulation.
+How far each axis turned beyond the simulation (`joint_rotation_estimates`):
 
 ==========  ==========================================================================
 Equation    turn = (A'A + λ)^-1 A'r row by row, A the axes' screws at the markers

@@ -1,12 +1,10 @@
 """Simulation of a recording: replay of states and wrenches, simulated readings.
 
-What was done to an arm can be done again: postures, wrenches, and for how long.
-
 Rows become steps of a visit. Where a load changed a while after the reading before,
 the load before goes on acting unread until then; visits shorter than the longest end
 in steps that nobody reads.
 
-An instrument with a fault reads what was read: its equations, forwards or backwards.
+What instruments with faults read, forwards or backwards (`reading_of`):
 
 ==========  ==========================================================================
 Equation    tracker: as `bench.instruments.tracker`, noise left out; force sensor:
@@ -17,7 +15,7 @@ Valid       faults that the instruments know
 Ignores     noise
 ==========  ==========================================================================
 
-The simulator does what a recording did and says what its instruments would read.
+What the simulator leaves of a recording (`ReplaySimulation.see`):
 
 ==========  ==========================================================================
 Equation    residual = R p_tracker + t - p, p where the marker is in the simulation

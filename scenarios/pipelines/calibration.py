@@ -1,8 +1,5 @@
 """Calibrates an arm on absolute positions, proves it, and fills in diagnosis.json.
 
-`calibrate_and_prove` fits, simulates the held-out poses and summarises the residual;
-`answer_of` puts the calibration into schema 1; `first_sentence` is the result in words.
-
 Probability and share of a named effect, in `answer_of`:
 
 ==========  ==========================================================================

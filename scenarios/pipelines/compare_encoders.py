@@ -1,10 +1,7 @@
 """Compares the encoders before and after each gear, and fills in diagnosis.json.
 
 `compare_encoders` is the whole comparison, for a stream with second encoders and no
-tracked target; `answer_of` puts it into schema 1. `called` gives accepted terms the
-vocabulary's effects and parameters; `unexplained` states the size of the residual, its
-axis, what it is correlated with and how long it keeps its sign; `notices` are the
-warnings on torques, springs, orders and refused terms.
+tracked target; `answer_of` puts it into schema 1.
 """
 
 import math
@@ -168,7 +165,10 @@ URAD = 1e6
 
 
 def unexplained(axes: Sequence[Axis]) -> Left:
-    """Describe the residual of the axis whose residual is the largest."""
+    """Describe the residual of the axis whose residual is the largest.
+
+    Its size, what it is correlated with, and how long it keeps its sign.
+    """
     worst = max(axes, key=lambda a: whole_rms(a.after))
     left = [worst.found.residual(m) for m in worst.fitted]
     shares = followed(left, worst.fitted, worst.after, worst.judged)

@@ -1,9 +1,4 @@
-"""Reads the nominal arm from its model file, and a recording against that arm.
-
-`arm_of` reads the arm; `read_for` reads a recording with the names and limits of that
-arm, and notes a moving stream that is a single pose (`said_of_one_pose`), because a
-diagnosis counts poses, not instants.
-"""
+"""Reads the nominal arm from its model file, and a recording against that arm."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +22,10 @@ SLIDE = 1e-4
 
 
 def said_of_one_pose(recording: Recording) -> tuple[str, ...]:
-    """Return advice on a stream that is a single pose though the arm moves."""
+    """Return advice on a stream that is a single pose though the arm moves.
+
+    A diagnosis counts poses, not instants.
+    """
     r = recording
     way = np.ptp(r.posture, axis=0)
     least = np.where(np.resize(r.slides or (False,), way.shape), SLIDE, SAME_POSTURE)

@@ -1,7 +1,5 @@
 """Translates what was found into a patch: effects, springs and laws of the simulator.
 
-What was named on paper is handed to the simulator as a patch.
-
 A hypothesis and a mechanism write the same physics in different forms. Where a name's
 shape bends the form, it becomes the mechanism's own setting as a first guess, which the
 simulator then refines:
@@ -10,12 +8,9 @@ simulator then refines:
   beside one of stiffness K, (1 + stiffening) = 1 / (1 - w K / 2r);
 - lost motion: the play closes at the same torque.
 
-What calibration found is put into the simulator as mechanisms.
-
-What was named between encoders goes into a patch, but for delays.
-
-A patch keeps where each axis stood and what it carried in the poses that it was fitted
-to, so that it can be judged on another recording.
+What was named between encoders goes into a patch but for delays. A patch keeps where
+each axis stood and what it carried in the poses that it was fitted to, so that it can
+be judged on another recording.
 """
 
 from __future__ import annotations

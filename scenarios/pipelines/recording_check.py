@@ -1,12 +1,8 @@
 """What a recording holds, how well it shows every axis, and what it can tell apart.
 
-A pose visited twice shows the noise that the tracker really has.
-
-What a recording holds is said before what it can show.
-
-An axis is seen when it travels, something turns it, and something shows it turn.
-
-An experiment can only tell apart what its loads, poses and markers make differ.
+A pose visited twice shows the noise that the tracker really has. An axis is seen when
+it travels, something turns it, and something shows it turn. An experiment can only tell
+apart what its loads, poses and markers make differ.
 """
 
 from collections import Counter

@@ -30,9 +30,6 @@ from bench.shared.plan import DEFAULT_PATH, HOLD, LoadStep, Plan
 from bench.standard_plans import is_kr10, tour
 from bench.study_arm import default_truth
 
-# --- Synthetic recording --------------------------------------------------------------
-
-
 # --- The usual arm and its stiffness --------------------------------------------------
 
 KR10 = Path(__file__).parents[2] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
@@ -305,9 +302,6 @@ def _entry(effect: Effect) -> dict[str, object]:
 
 def _plain(values) -> dict[str, object]:
     return {k: v.item() if isinstance(v, np.generic) else v for k, v in values.items()}
-
-
-# --- Limits of loads and of sizes -----------------------------------------------------
 
 
 # --- Loads and postures ---------------------------------------------------------------

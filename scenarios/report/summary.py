@@ -1,11 +1,7 @@
 """A diagnosis in sentences, for the terminal, the report and the playback.
 
-`sentences` states detection, sites, named effects, their proof and what stays open;
-`headlines` is what to read first of many names, which
-`grouped` tells by effect;
-`narrative` is its five lines, of any engine's answer; `sentence` and `rows` give the
-springs that were fitted as nuisance parameters and differ from the model's; `tell`
-prints all of it, with a table of the named effects.
+`sentences` is all of it; `headlines` is what to read first of many names, which
+`grouped` tells by effect; `narrative` is five lines, of any engine's answer.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

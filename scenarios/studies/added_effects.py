@@ -1,8 +1,4 @@
-"""Effects of known size added to the readings of a UR10 and a KR300, and recovered.
-
-`kr300_rows` adds effects to the KR300's second encoders, `ur10_rows` to the UR10's
-target as MuJoCo displaces it; each row compares the size found with the size added.
-"""
+"""Effects of known size added to the readings of a UR10 and a KR300, and recovered."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -71,7 +67,7 @@ KR300_ADDED = tuple(
 
 
 def kr300_rows(recording: Recording) -> Iterator[dict[str, object]]:
-    """Yield a row of the table for each effect that is added."""
+    """Yield sizes added to the second encoders and found, a row for each effect."""
     fit = {k: own[:-1] for k, own in motions_of(recording).items()}
     plain = across(fit)
     for added in KR300_ADDED:
@@ -180,7 +176,7 @@ def base_of(readings: Readings) -> Base:
 
 
 def ur10_rows(base: Base, model: Path) -> Iterator[dict[str, object]]:
-    """Yield a row of the table for each effect that is added."""
+    """Yield sizes added to the target, as MuJoCo displaces it, and found."""
     for effect, where, parameter, size, more in UR10_ADDED:
         named = PatchEffect(effect, where, {parameter: size, **more})
         moved = _displacement(base.readings, model, named)

@@ -1,8 +1,4 @@
-"""Core time and memory that a diagnosis takes, against the number of poses.
-
-`cost_rows` measures diagnoses of recordings of growing length, each in a process of its
-own; `answered` compares them with the bars, and their growth with that of the poses.
-"""
+"""Core time and memory that a diagnosis takes, against the number of poses."""
 
 import os
 import sys
@@ -81,7 +77,7 @@ UNEVEN = (
 def cost_rows(
     kind: Kind, counts: tuple[int, ...], folder: Path
 ) -> Iterator[dict[str, object]]:
-    """Yield time and memory of one diagnosis for each number of poses."""
+    """Yield time and memory of one diagnosis a number of poses, in its own process."""
     whole = recorded(kind, max(counts))
     for count in counts:
         part = whole.take(np.flatnonzero(whole.posture_id < count))

@@ -47,8 +47,6 @@ from scenarios.report.page import Block, Heading, Paragraph, table_of
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import kabsch
 
-# --- Recordings ----------------------------------------------------------------------
-
 # --- A UR10 before a laser tracker ----------------------------------------------------
 
 UR10_FILES = {

@@ -1,9 +1,4 @@
-"""The report of a diagnosis: what was found, its proof, the data, and its files.
-
-`blocks_of` is the report; `proof` gives errors before and after the patch, `doubts` the
-checks that could contradict it (poses left out of the fit, placebos), `data` the noise,
-springs, outliers and confounded pairs. `write_diagnosis` writes all files.
-"""
+"""The report of a diagnosis: what was found, its proof, the data, and its files."""
 
 import shutil
 from collections import defaultdict

@@ -1,8 +1,4 @@
-"""The report of a comparison of encoders: rejected terms, tables, and its files.
-
-`rejected_terms` lists the terms that were tried and refused, with the reason;
-`blocks_of` is the report; `write_files` writes the folder whole, report or refusal.
-"""
+"""The report of a comparison of encoders: rejected terms, tables, and its files."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,10 +1,5 @@
 """Rates over blind trials with their intervals, confusions, and calibration.
 
-`bars` compares shares of marks with the bars of `strata`, and names of whole arms with
-`ARM_BARS`; `by_arm` counts names, places and shares of whole arms; `confusion` counts
-answers by true effect; `calibration` gives how often statements of a probability were
-true.
-
 Interval of a share:
 
 ==========  ==========================================================================

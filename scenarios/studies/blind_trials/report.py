@@ -1,9 +1,4 @@
-"""The report of blind trials: failures, limits, rates by stratum, and figures.
-
-`write` makes the page, which begins with the failures, and its files; `tables_of` are
-its tables; `draw_confusion` shows answers by true effect, `draw_calibration` how often
-statements are true against their probability.
-"""
+"""The report of blind trials: failures first, limits, rates by stratum, and figures."""
 
 import json
 from collections.abc import Callable, Sequence

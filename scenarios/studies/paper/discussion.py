@@ -1,9 +1,4 @@
-"""Summary and discussion of the study: what agrees with the paper, and why not.
-
-`summary` gives errors of six springs and of every method in a paragraph; `report` is
-the section on agreement, with the effect of the source plan (`plans`), of keeping the
-best epoch (`best_epoch`) and of the other methods (`others`).
-"""
+"""Summary and discussion of the study: what agrees with the paper, and why not."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
