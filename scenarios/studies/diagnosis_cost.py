@@ -19,6 +19,7 @@ from bench.shared.errors import BenchError
 from bench.shared.format import folder as files
 from bench.shared.plan import LoadStep, Plan, mixed_pulleys
 from bench.shared.recording import Recording
+from scenarios.pipelines.synthetic_recording import KR10
 
 # --- Limits and growth ----------------------------------------------------------------
 
@@ -61,7 +62,6 @@ def answered(found: Sequence[Mapping[str, object]]) -> str:
 
 # --- Recordings and measurements ------------------------------------------------------
 
-KR10 = Path(__file__).parents[2] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 Kind = Literal["loads", "weight"]
 LOADED = ("hysteresis@a2,width_rad=2.9e-4", "bearing_tilt@a3")
 UNEVEN = (

@@ -52,6 +52,7 @@ from bench.shared.format.table import CSV_FILE
 from bench.shared.plan import LoadStep, Plan, mixed_pulleys
 from bench.standard_plans import table_one_plan as table_one
 from bench.study_arm import default_truth
+from scenarios.pipelines.synthetic_recording import KR10
 from scenarios.studies.benchmarks.race import Race, Way
 from scenarios.studies.paper.published_values import TABLE_03_NM_PER_RAD
 from stiffness.diagnosis.diagnose import diagnose
@@ -68,7 +69,6 @@ from stiffness.robot.arm import Arm
 
 # --- Simulating an experiment ---------------------------------------------------------
 
-KR10 = Path(__file__).parents[3] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 PAPERS = 151
 """Number of postures of the paper's experiment, to which bars apply."""
 TWO_READINGS = (LoadStep(0.0), LoadStep(10.0))

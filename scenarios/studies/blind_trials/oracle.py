@@ -148,30 +148,23 @@ def chi_square_gains(
 
 
 def rank_models(
-    library: Library, white: WhitenedCandidates, poses: int, largest: int = 3
+    library: Library, white: WhitenedCandidates, poses: int
 ) -> RankedModels:
-    """Try all sets up to a size and rank them by evidence, the empty set first."""
+    """Try all sets of up to three and rank them by evidence, the empty set first."""
     count = len(library.candidates)
-    every: list[tuple[int, ...]] = [()]
+    some = [k for k, own in enumerate(white.owned) if len(own)]
+    singles = [(k,) for k in some]
+    pairs = [p for p in combinations(some, 2) if _distinct(library, p)]
+    every: list[tuple[int, ...]] = [(), *singles, *pairs]
     total = [np.zeros(1)]
-    some = np.flatnonzero([len(own) > 0 for own in white.owned])
-    singles = [(int(k),) for k in some]
-    total.append(chi_square_gains(white, singles))
-    every += singles
-    if largest > 1:
-        pairs = list(combinations((int(k) for k in some), 2))
-        pairs = [p for p in pairs if _distinct(library, p)]
-        total.append(chi_square_gains(white, pairs))
-        every += pairs
-    if largest > 2 and len(some) > 2:
+    total += [chi_square_gains(white, sets) for sets in (singles, pairs)]
+    if len(some) > 2:
         listed = _short_list(library, every, np.concatenate(total), poses)
         triples = [t for t in combinations(listed, 3) if _distinct(library, t)]
         total.append(chi_square_gains(white, triples))
         every += triples
     gain = np.concatenate(total)
-    freedom = np.array(
-        [sum(library.candidates[k].degrees_of_freedom for k in s) for s in every]
-    )
+    freedom = _degrees_of_freedom(library, every)
     rarer = [c.hypothesis.log_prior for c in library.candidates]
     prior = np.array(
         [log_prior(len(s), count) + sum(rarer[k] for k in s) for s in every]
@@ -179,6 +172,13 @@ def rank_models(
     log_evidence = 0.5 * gain - 0.5 * freedom * np.log(poses) + prior
     shape = tuple(tuple(white.shape[k] for k in s) for s in every)
     return RankedModels(tuple(every), shape, gain, log_evidence)
+
+
+def _degrees_of_freedom(
+    library: Library, models: Sequence[tuple[int, ...]]
+) -> np.ndarray:
+    own = [c.degrees_of_freedom for c in library.candidates]
+    return np.array([sum(own[k] for k in s) for s in models])
 
 
 def _distinct(library: Library, members: Sequence[int]) -> bool:
@@ -191,10 +191,7 @@ def _short_list(
     library: Library, models: list[tuple[int, ...]], gain: np.ndarray, poses: int
 ) -> list[int]:
     """Return the candidates that come up in the best sets so far."""
-    freedom = np.array(
-        [sum(library.candidates[k].degrees_of_freedom for k in s) for s in models]
-    )
-    order = np.argsort(-(gain - freedom * np.log(poses)))
+    order = np.argsort(-(gain - _degrees_of_freedom(library, models) * np.log(poses)))
     listed: list[int] = []
     for at in order:
         listed.extend(k for k in models[at] if k not in listed)
@@ -215,11 +212,10 @@ def refined(
     nominal: Sequence[EffectJacobian],
     members: Sequence[ModelTerm],
     split: Split,
-    passes: int = 2,
 ) -> tuple[ModelTerm, ...]:
-    """Move each shape parameter to where the set explains most, in turn."""
+    """Move each shape parameter to where the set explains most, in turn, twice."""
     members = list(members)
-    for sweep in range(passes if sum(m.degrees_of_freedom for m in members) else 0):
+    for sweep in range(2 if sum(m.degrees_of_freedom for m in members) else 0):
         for k in range(len(members)):
             first, law = members[k], members[k].hypothesis
             grid = law.shapes(situation, first.where)

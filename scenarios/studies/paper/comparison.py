@@ -172,18 +172,18 @@ class Contender:
     held_out: Float[np.ndarray, "seeds out 3"]
     experiment: Float[np.ndarray, "measured 3"]
 
-    def draws(self, direction: int, measure: str, seed: int = 0) -> Draws:
+    def draws(self, direction: int, measure: str) -> Draws:
         """Return a measure on the fresh poses, pooled over seeds."""
-        return pooled(self.unseen[:, :, direction], MEASURES[measure], seed)
+        return pooled(self.unseen[:, :, direction], MEASURES[measure])
 
-    def held_out_draws(self, direction: int, measure: str, seed: int = 0) -> Draws:
+    def held_out_draws(self, direction: int, measure: str) -> Draws:
         """Return a measure on measured poses held out; each seed holds out its own."""
         error = self.held_out[:, :, direction].reshape(1, -1)
-        return pooled(error, MEASURES[measure], seed)
+        return pooled(error, MEASURES[measure])
 
-    def overall(self, seed: int = 0) -> Draws:
+    def overall(self) -> Draws:
         """Return the MAE over all directions on the fresh poses, pooled over seeds."""
-        return pooled(np.abs(self.unseen).mean(axis=2), MEASURES["MAE"], seed)
+        return pooled(np.abs(self.unseen).mean(axis=2), MEASURES["MAE"])
 
     @property
     def name(self) -> str:

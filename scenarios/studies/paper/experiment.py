@@ -11,7 +11,6 @@ the second group in the box of its grid, flange straight down. As in the experim
 
 from dataclasses import dataclass, fields
 from hashlib import sha256
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -26,12 +25,12 @@ from bench.shared.plan import DEFAULT_PATH, Plan, mixed_pulleys
 from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan as table_one
 from bench.study_arm import default_truth
+from scenarios.pipelines.synthetic_recording import KR10
 from stiffness.experiment.deflections import Deflections, LoadCases, one_per_pose
 from stiffness.robot.arm import Arm
 
 # --- The experiment -------------------------------------------------------------------
 
-KR10 = Path(__file__).parents[3] / "mjcf" / "kr10_r1100_2" / "kr10_r1100_2.xml"
 REVISITS = 12  # chosen: every twelfth posture or so twice shows the real noise
 
 

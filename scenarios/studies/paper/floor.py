@@ -32,11 +32,11 @@ from bench.effects.effect import Effect
 from bench.rig import Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.study_arm import Truth, default_truth
+from scenarios.pipelines.synthetic_recording import KR10
 from scenarios.report import page, style
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import MEASURES, Draws, pooled
 from scenarios.studies.paper.experiment import (
-    KR10,
     REVISITS,
     Material,
     displacement,

@@ -149,10 +149,10 @@ def imitated(pretrained: Pretrained) -> dict[str, np.ndarray]:
 
 
 def thinned(
-    loss: Float[np.ndarray, " steps"], points: int = CURVE
+    loss: Float[np.ndarray, " steps"],
 ) -> tuple[Float[np.ndarray, " points"], Float[np.ndarray, " points"]]:
     """Return the end steps and mean losses of equal intervals of a curve."""
-    parts = np.array_split(loss, min(points, len(loss)))
+    parts = np.array_split(loss, min(CURVE, len(loss)))
     ends = np.cumsum([len(part) for part in parts]).astype(float)
     return ends, np.array([part.mean() for part in parts])
 

@@ -28,9 +28,10 @@ from bench.proof.setup import mounted_on
 from bench.shared.errors import Unusable
 from bench.shared.recording import Recording
 from scenarios.pipelines.patching import patch_of_diagnosis
+from scenarios.pipelines.synthetic_recording import KR10
 from scenarios.studies.paper.budget import PLANS, Budget, Transfer
 from scenarios.studies.paper.cells import Cell, CellResult
-from scenarios.studies.paper.experiment import KR10, Material, displacement
+from scenarios.studies.paper.experiment import Material, displacement
 from scenarios.studies.paper.imitation import imitated, source_plan, step_cost
 from stiffness.experiment.deflections import every_plateau
 from stiffness.methods.gp_residual import GpResidual
