@@ -219,11 +219,7 @@ def _assets_named(model: Path) -> set[str]:
 
 
 def move_into(waiting: Path, folder: Path) -> None:
-    """Move all that is in one folder into another, whose other files stay.
-
-    Raises:
-        OSError: Where a file cannot be put there.
-    """
+    """Move all that is in one folder into another, whose other files stay."""
     folder.mkdir(exist_ok=True)
     for part in sorted(waiting.iterdir()):
         if part.is_dir():

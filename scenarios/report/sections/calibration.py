@@ -167,11 +167,7 @@ def _named(found: Calibrated, answer: Answer) -> Iterator[Block]:
 def write_files(
     folder: Path, outcome: CalibrationOutcome, more: Sequence[Block] = ()
 ) -> None:
-    """Write diagnosis.json, the patch, model.xml, pictures and the report.
-
-    Raises:
-        Unusable: Where nothing can be written; then nothing is.
-    """
+    """Write diagnosis.json, the patch, model.xml, pictures and the report."""
     o = outcome
 
     def make(waiting: Path) -> None:

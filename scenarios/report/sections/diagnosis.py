@@ -477,11 +477,7 @@ def write_diagnosis(folder: Path, finding: Result) -> None:
 
 
 def write_files(folder: Path, finding: Result) -> None:
-    """Write the answer, the patch, the report and the playback; a folder whole.
-
-    Raises:
-        Unusable: Where nothing can be written; then nothing is.
-    """
+    """Write the answer, the patch, the report and the playback; a folder whole."""
     kept = (*FILES, DECISIONS)
     write_folder(folder, lambda waiting: write_diagnosis(waiting, finding), kept)
 

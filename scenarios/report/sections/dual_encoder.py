@@ -207,9 +207,6 @@ def write_files(folder: Path, outcome: ComparisonOutcome) -> None:
     """Write diagnosis.json, pictures, the report, a playback and the patch, if any.
 
     Where the set-up is wrong, the report says what has to be corrected.
-
-    Raises:
-        Unusable: Where nothing can be written; then nothing is.
     """
     o = outcome
 

@@ -169,11 +169,7 @@ def _notes(j: Judgement) -> Iterator[Block]:
 
 
 def write_judgement(folder: Path, judgement: Judgement) -> None:
-    """Write proof.json, report and pictures.
-
-    Raises:
-        Unusable: Where nothing can be written; then nothing is.
-    """
+    """Write proof.json, report and pictures."""
 
     def make(waiting: Path) -> None:
         figures.judged_before_after(judgement, waiting / "before_after.png")

@@ -129,11 +129,7 @@ class Tried:
 def run_trials(
     sweep: Sweep, strata: Sequence[str], first: int, trials: int
 ) -> Iterator[int]:
-    """Run the unfinished trials; yields the number newly done, first the finished ones.
-
-    Raises:
-        BenchError: Where a trial cannot be generated, or the answering process fails.
-    """
+    """Run the unfinished trials; yield the number newly done, first the finished."""
     asked = {
         name_of(sweep.seed, stratum, number): sweep.request(stratum, number)
         for number in range(first, first + trials)
@@ -193,11 +189,7 @@ def tried(request: Request, _shared: object = None) -> Tried:
 
 
 def scored(sweep: Sweep) -> tuple[list[TrialScore], set[str]]:
-    """Return the marks of all finished trials, and the hashes of the codes they had.
-
-    Raises:
-        Unusable: Where a trial is not what was sealed.
-    """
+    """Return the marks of all finished trials, and the hashes of the codes they had."""
     found, codes, order = [], set(), list(STRATA)
     for name, row in sweep.rows.read().items():
         answer, truth, code = opened(row)

@@ -7,85 +7,40 @@ it tests the smallest effect that the diagnosis says would have shown.
 from dataclasses import dataclass, replace
 from typing import Literal
 
-__all__ = [
-    "ALL",
-    "BARS",
-    "EVERY_AXIS",
-    "LIBRARY",
-    "MEMORY",
-    "STRATA",
-    "USUAL",
-    "WHOLE_ARM",
-    "Bar",
-    "Stratum",
-]
-
 # --- Pools ----------------------------------------------------------------------------
 
 MEMORY = ("lost_motion", "hysteresis", "creep")
 """Effects that only a reversal or a dwell of the load discriminates."""
 SINGLE = (
-    "joint_compliance",
-    "hardening",
-    "asymmetric_stiffness",
-    "lost_motion",
-    "hysteresis",
-    "creep",
-    "angle_dependent_stiffness",
-    "wrist_coupling",
-    "bearing_tilt",
-    "link_bending",
-    "base_compliance",
-    "gravity_load",
-    "gravity_compensator",
-    "transmission_error",
-    "encoder_offset",
-    "geometry_error",
-    "pulley_friction",
-    "wrench_bias",
-    "wrench_gain",
-    "wrench_misalignment",
-    "tracker_scale",
-    "tracker_misalignment",
-    "drift",
-    "marker_slip",
-)
+    "joint_compliance", "hardening", "asymmetric_stiffness", "lost_motion",
+    "hysteresis", "creep", "angle_dependent_stiffness", "wrist_coupling",
+    "bearing_tilt", "link_bending", "base_compliance", "gravity_load",
+    "gravity_compensator", "transmission_error", "encoder_offset", "geometry_error",
+    "pulley_friction", "wrench_bias", "wrench_gain", "wrench_misalignment",
+    "tracker_scale", "tracker_misalignment", "drift", "marker_slip",
+)  # fmt: skip
 """Effects that a recording at rest can show."""
 ALONE = ("joint_compliance", "pulley_friction")
 """Effects that need a model or a sensor of their own: never combined or removed."""
 TOGETHER = tuple(name for name in SINGLE if name not in ALONE)
 """Effects that can be combined with others, and whose names can be taken out."""
 OF_LOADS = (
-    "hardening",
-    "asymmetric_stiffness",
-    "lost_motion",
-    "hysteresis",
-    "creep",
-    "angle_dependent_stiffness",
-    "bearing_tilt",
-    "base_compliance",
-)
+    "hardening", "asymmetric_stiffness", "lost_motion", "hysteresis", "creep",
+    "angle_dependent_stiffness", "bearing_tilt", "base_compliance",
+)  # fmt: skip
 """Effects that one mark can show, load by load."""
 OUTSIDE = (
-    "softening",
-    "thrust_turn",
-    "loose_bearing",
-    "foot_lift_off",
-    "axis_crosstalk",
+    "softening", "thrust_turn", "loose_bearing", "foot_lift_off", "axis_crosstalk",
     "warming_gear",
-)
+)  # fmt: skip
 """Mechanisms without a name in the vocabulary."""
 OTHER_FORMS = ("hardening", "lost_motion", "hysteresis")
 """Effects that a mechanism with another law exists of."""
 WHOLE_ARM = tuple(name for name in TOGETHER if name != "tracker_misalignment")
 """Effects of whole arms; the one that is left out needs a frame that is stated."""
 EVERY_AXIS = (
-    "hardening",
-    "hysteresis",
-    "creep",
-    "angle_dependent_stiffness",
-    "bearing_tilt",
-)
+    "hardening", "hysteresis", "creep", "angle_dependent_stiffness", "bearing_tilt",
+)  # fmt: skip
 """Effects that every rotary axis has where an arm has all; its links bend and its foot
 gives way besides. These are those of the study's arm."""
 LIBRARY = (*SINGLE, "channel_delay")
