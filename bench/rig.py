@@ -217,9 +217,7 @@ class Rig:
         return self._rest(posture, ropes, wrench, hold, none, way, moves)
 
     def command(
-        self,
-        posture: Float[np.ndarray, "visits axes"],
-        moves: LastMoves | None = None,
+        self, posture: Float[np.ndarray, "visits axes"], moves: LastMoves | None = None
     ) -> Command:
         """Return what the gears are asked to hold, command effects included.
 

@@ -75,11 +75,7 @@ EFFECTS: tuple[type[Effect], ...] = (
 )
 """One mechanism for each effect name of the vocabulary."""
 
-OTHER_LAWS: tuple[type[Effect], ...] = (
-    SmoothHardening,
-    SmoothLostMotion,
-    ManyContacts,
-)
+OTHER_LAWS: tuple[type[Effect], ...] = (SmoothHardening, SmoothLostMotion, ManyContacts)
 """Alternative mechanisms under names that `EFFECTS` has."""
 
 WITHOUT_MECHANISM = {"channel_delay"}

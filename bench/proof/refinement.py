@@ -33,13 +33,7 @@ from bench.effects.gravity_load import GravityLoad
 from bench.effects.tabled_law import TabledLaw
 from bench.kinematic_chain import Anatomy
 from bench.proof.comparison import ComparisonMode, centred, residual_of, sigma_of
-from bench.proof.nominal_fit import (
-    carried,
-    framed,
-    simulated_jacobian,
-    solved,
-    stepped,
-)
+from bench.proof.nominal_fit import carried, framed, simulated_jacobian, solved, stepped
 from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.rig import States
 from bench.shared.errors import BenchError

@@ -212,10 +212,7 @@ _ALL = (
         "wrist_coupling",
         "gear",
         ("axis",),
-        (
-            *_magnitudes("compliance_rad_per_nm", -1e-5, 1e-5, CHOSEN),
-            *_shapes("with"),
-        ),
+        (*_magnitudes("compliance_rad_per_nm", -1e-5, 1e-5, CHOSEN), *_shapes("with")),
         ("torque",),
         BOTH,
         "torque on one wrist axis turns another",

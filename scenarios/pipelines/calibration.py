@@ -84,10 +84,7 @@ from stiffness.robot.arm import Arm
 # --- The entry in schema 1 ------------------------------------------------------------
 
 MM, UM, MRAD = 1e3, 1e6, 1e3
-LIKE = {
-    "hysteresis": ("lost_motion",),
-    "reading_lag": ("hysteresis", "lost_motion"),
-}
+LIKE = {"hysteresis": ("lost_motion",), "reading_lag": ("hysteresis", "lost_motion")}
 """Effects that cannot be told apart at rest: all depend on the side of approach, and
 moves between the poses are not known. Commanded angles may tell a lag."""
 IMPOSSIBLE_FIT = "the best fit is a size that the effect cannot have"

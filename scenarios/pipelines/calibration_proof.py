@@ -117,10 +117,7 @@ def unproved(found: Calibrated, why: str) -> CalibrationProof:
 
 
 def _judged(
-    found: Calibrated,
-    patch: Patch,
-    nominal: "_Residual",
-    patched: "_Residual",
+    found: Calibrated, patch: Patch, nominal: "_Residual", patched: "_Residual"
 ) -> CalibrationProof:
     held = found.held
     region = found.spatial_folds.region[held]

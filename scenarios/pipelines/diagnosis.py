@@ -278,10 +278,7 @@ def answer_of(
             )
         ),
         detection=Detected(
-            float(found.p_value),
-            missed,
-            noise,
-            number(found.smallest_effect, MM),
+            float(found.p_value), missed, noise, number(found.smallest_effect, MM)
         ),
         located=tuple(
             Placed(

@@ -28,12 +28,7 @@ from scenarios.pipelines.schema import (
     said_of_turns,
     unit_of,
 )
-from scenarios.report.error_budget import (
-    MANY,
-    along_the_arm,
-    percent,
-    shares_of_names,
-)
+from scenarios.report.error_budget import MANY, along_the_arm, percent, shares_of_names
 from stiffness.diagnosis.diagnose import SCATTER
 from stiffness.diagnosis.result import Nominal
 
@@ -392,11 +387,7 @@ PLAIN: Mapping[str, tuple[str, str, str, str, str]] = {
 }
 """Of each effect: the part, what one and several do, the sizes to tell, and a word
 after them."""
-PLACES = {
-    "base": "foot",
-    "rig": "rope",
-    "wrench_sensor": "force sensor",
-}
+PLACES = {"base": "foot", "rig": "rope", "wrench_sensor": "force sensor"}
 """Words for places that are no axis or link."""
 
 

@@ -273,11 +273,7 @@ class _Setup:
 
 
 def _trials_of(
-    file: Path,
-    poses: int,
-    key: tuple[int, int, int],
-    folder: Path,
-    stated: Stated,
+    file: Path, poses: int, key: tuple[int, int, int], folder: Path, stated: Stated
 ) -> Iterator[ArmTrial]:
     """Carry out one trial with each base; a key is seed, arm and number."""
     number = key[2]

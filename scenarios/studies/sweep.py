@@ -197,11 +197,7 @@ def _dask(
     address: str, work: Work, tasks: Sequence[Task], shared: Any
 ) -> Iterator[tuple[str, Answer]]:
     try:
-        from dask.distributed import (  # pyright: ignore[reportMissingImports]
-            Client,
-            KilledWorker,
-            as_completed,
-        )
+        from dask.distributed import Client, KilledWorker, as_completed  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise _not_installed("dask") from None
     what = f"--scheduler 'dask:{address}'"

@@ -374,10 +374,7 @@ def _other_postures(values: Mapping[str, np.ndarray], at: At) -> list[str]:
 
 
 def _beyond_limits(
-    values: Mapping[str, np.ndarray],
-    model: ModelFacts,
-    joints: tuple[int, ...],
-    at: At,
+    values: Mapping[str, np.ndarray], model: ModelFacts, joints: tuple[int, ...], at: At
 ) -> list[str]:
     faults = []
     for axis, joint in enumerate(joints, start=1):

@@ -428,10 +428,7 @@ def _csv_cells(
     table = pa_csv.read_csv(
         pa.BufferReader(source if source.endswith(b"\n") else source + b"\n"),
         pa_csv.ReadOptions(
-            use_threads=False,
-            column_names=names,
-            skip_rows=1 + above,
-            block_size=2**24,
+            use_threads=False, column_names=names, skip_rows=1 + above, block_size=2**24
         ),
         pa_csv.ParseOptions(
             delimiter=header.separator,

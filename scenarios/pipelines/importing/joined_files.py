@@ -230,10 +230,7 @@ def recording_of(
 
 
 def _read(
-    beside: Path,
-    manifest: Mapping[str, Any],
-    extras: Extras,
-    clocks: Mapping[str, Log],
+    beside: Path, manifest: Mapping[str, Any], extras: Extras, clocks: Mapping[str, Log]
 ) -> tuple[list[Read], list[str], list[str]]:
     reads, notes, faults = [], [], []
     for name, log in clocks.items():

@@ -27,13 +27,7 @@ from bench.shared.format.columns import (
 )
 from bench.shared.format.faults import nearest, quoted
 from bench.shared.format.manifest import Source
-from bench.shared.format.table import (
-    CSV_FILE,
-    ENCODINGS,
-    Header,
-    is_encoding,
-    open_csv,
-)
+from bench.shared.format.table import CSV_FILE, ENCODINGS, Header, is_encoding, open_csv
 from bench.shared.recording import Recording
 from scenarios.pipelines.importing import spreadsheet
 from scenarios.pipelines.importing.clocks import (

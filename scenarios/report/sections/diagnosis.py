@@ -18,12 +18,7 @@ from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import chance, label, parameters_text, size, span
 from scenarios.report import data_files, error_budget, figures, page, playback, summary
 from scenarios.report.data_files import DECISIONS, FILES, write_folder
-from scenarios.report.error_budget import (
-    MANY,
-    budget_of,
-    percent,
-    shares_of_names,
-)
+from scenarios.report.error_budget import MANY, budget_of, percent, shares_of_names
 from scenarios.report.figures import of_law
 from scenarios.report.page import (
     Block,

@@ -259,10 +259,7 @@ def source_race(postures: int | None = None) -> Race:
                 "stiffness.networks.source_domain",
                 lambda: source_domain(arm, compliance, plan, POINT, ORIGIN).deflection,
             ),
-            Way(
-                "Pinocchio loop",
-                lambda: pinocchio_loop(model, compliance, plan),
-            ),
+            Way("Pinocchio loop", lambda: pinocchio_loop(model, compliance, plan)),
         ),
         difference=lambda ours, other: f"{1e3 * np.abs(ours - other).max():.1g} mm",
         bar=0.5 if postures is None else None,

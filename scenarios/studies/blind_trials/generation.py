@@ -78,11 +78,7 @@ from scenarios.studies.blind_trials.strata import (
     Stratum,
 )
 from scenarios.studies.blind_trials.visibility import Visibility, scale_of
-from scenarios.studies.damage import (
-    as_differences,
-    with_axis_mistaken,
-    with_outliers,
-)
+from scenarios.studies.damage import as_differences, with_axis_mistaken, with_outliers
 
 # --- Instruments ----------------------------------------------------------------------
 
@@ -423,11 +419,7 @@ def _simulate(
     stuck = trial.instruments.markers.stick(model, arm, streams(trial.seed))
     marks = [s.marker.name for s in stuck]
     ground = Ground(
-        arm,
-        marks,
-        float(plan.time[-1]),
-        knees_of(nominal),
-        turning(arm, plan.posture),
+        arm, marks, float(plan.time[-1]), knees_of(nominal), turning(arm, plan.posture)
     )
     twin = ""
     if trial.stratum.effects:

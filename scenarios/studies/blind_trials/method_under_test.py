@@ -25,10 +25,7 @@ from scenarios.pipelines.diagnosis import answer_of, proved
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.schema import text_of
 from scenarios.report.command_line import run
-from scenarios.studies.blind_trials.linear_model import (
-    explained_share,
-    linear_model_of,
-)
+from scenarios.studies.blind_trials.linear_model import explained_share, linear_model_of
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.nominal_fit import prepare

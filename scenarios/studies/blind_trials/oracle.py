@@ -58,12 +58,7 @@ from stiffness.diagnosis.model_fit import (
     solve,
     training,
 )
-from stiffness.diagnosis.nominal_fit import (
-    Prepared,
-    blocks,
-    prepare,
-    residuals_of,
-)
+from stiffness.diagnosis.nominal_fit import Prepared, blocks, prepare, residuals_of
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,

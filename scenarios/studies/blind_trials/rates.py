@@ -187,10 +187,7 @@ ARM_BARS = (
     ArmBar("whole arms", _arms("arm"), 0.92, 0.03),
     ArmBar("whole arms by the flange", _arms("flange_arm"), 0.70, 0.04, False),
     ArmBar(
-        "whole arms with laws of other forms",
-        _arms("arm", "_other_laws"),
-        0.92,
-        0.03,
+        "whole arms with laws of other forms", _arms("arm", "_other_laws"), 0.92, 0.03
     ),
     ArmBar(
         "whole arms with laws of other forms by the flange",

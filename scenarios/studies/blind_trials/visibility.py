@@ -365,10 +365,7 @@ class Scale:
 
 
 def scale_of(
-    rig: Rig,
-    reference: Recording,
-    repeatability: tuple[float, ...],
-    known_frame: bool,
+    rig: Rig, reference: Recording, repeatability: tuple[float, ...], known_frame: bool
 ) -> Scale:
     """Prepare the projections of a plan.
 

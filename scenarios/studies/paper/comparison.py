@@ -76,11 +76,7 @@ class Draws:
     def row(self) -> dict[str, float]:
         """Value and interval of an error in mm as cells of a table."""
         value = self.interval
-        return {
-            "value_mm": value.estimate,
-            "low_mm": value.low,
-            "high_mm": value.high,
-        }
+        return {"value_mm": value.estimate, "low_mm": value.low, "high_mm": value.high}
 
     def change_from(self, other: "Draws") -> "Draws":
         """Return the relative difference from another, replicate by replicate."""

@@ -277,11 +277,7 @@ def opened(seed: int, file: Path | None = None) -> rr.RecordingStream:
 
 
 def save(
-    file: Path,
-    seed: int,
-    experiment: Experiment,
-    found: LinearFit,
-    learnt: Learnt,
+    file: Path, seed: int, experiment: Experiment, found: LinearFit, learnt: Learnt
 ) -> None:
     """Write a playback whole, or keep the earlier file; content as in `show`."""
     beside = file.with_suffix(".partial")
