@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from bench.effects.effect import Effect
-from bench.effects.instrument_effect import InstrumentEffect
+from bench.effects.effect import Effect, InstrumentEffect
 from bench.experiment import faulty, marks_in_base
 from bench.instruments import Instruments
 from bench.instruments.random_streams import streams

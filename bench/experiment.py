@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bench.effects.instrument_effect import InstrumentEffect
+from bench.effects.effect import InstrumentEffect
 from bench.instruments import Instruments
 from bench.instruments.markers import Markers, Stuck
 from bench.instruments.random_streams import streams

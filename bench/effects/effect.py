@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
+from bench.instruments import Instruments
 from bench.kinematic_chain import Anatomy
 from bench.shared.errors import refuse
 from bench.shared.recording import LastMoves
@@ -158,3 +159,16 @@ class RopeEffect(Effect):
         The weight on the hook is in N; the direction +1 where the load last grew, -1
         where it last fell.
         """
+
+
+class InstrumentEffect(Effect):
+    """Effect in the reading of an instrument."""
+
+    @abstractmethod
+    def fault(self, instruments: Instruments) -> Instruments:
+        """Return the instruments with this fault added to those they have."""
+
+
+def plus(a: tuple[float, ...], b: tuple[float, ...]) -> tuple[float, ...]:
+    """Add two vectors, entry by entry."""
+    return tuple(float(x) for x in np.add(a, b))

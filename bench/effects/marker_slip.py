@@ -13,8 +13,7 @@ from typing import ClassVar
 
 from typing_extensions import override
 
-from bench.effects.effect import form
-from bench.effects.instrument_effect import InstrumentEffect
+from bench.effects.effect import InstrumentEffect, form
 from bench.instruments import Instruments, Slip
 
 

@@ -15,7 +15,7 @@ from typing import ClassVar
 
 from typing_extensions import override
 
-from bench.effects.instrument_effect import InstrumentEffect, plus
+from bench.effects.effect import InstrumentEffect, plus
 from bench.instruments import Instruments
 from bench.instruments.tracker import STILL
 

@@ -14,8 +14,7 @@ from typing import ClassVar
 
 from typing_extensions import override
 
-from bench.effects.effect import size
-from bench.effects.instrument_effect import InstrumentEffect
+from bench.effects.effect import InstrumentEffect, size
 from bench.instruments import Instruments
 
 

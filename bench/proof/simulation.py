@@ -31,8 +31,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from bench.effects.effect import Effect, RopeEffect
-from bench.effects.instrument_effect import InstrumentEffect
+from bench.effects.effect import Effect, InstrumentEffect, RopeEffect
 from bench.experiment import faulty
 from bench.instruments import ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.tracker import STILL, displaced, inverse

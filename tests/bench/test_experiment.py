@@ -8,7 +8,7 @@ from scipy.linalg import expm
 from bench import standard_plans
 from bench.cell import GRAVITY
 from bench.effects.drift import Drift
-from bench.effects.instrument_effect import InstrumentEffect
+from bench.effects.effect import InstrumentEffect
 from bench.effects.marker_slip import MarkerSlip
 from bench.effects.tracker_misalignment import TrackerMisalignment
 from bench.effects.tracker_scale import TrackerScale

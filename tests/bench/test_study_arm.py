@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from bench.effects.instrument_effect import InstrumentEffect
+from bench.effects.effect import InstrumentEffect
 from bench.rig import Rig
 from bench.study_arm import default_truth
 

@@ -16,7 +16,7 @@ were drawn, and finds out how large each is beside the others.
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -150,15 +150,6 @@ class BlindTrial:
     def label(self) -> str:
         """Stratum and number, for logs and reports."""
         return f"{self.stratum.name} {self.number}"
-
-
-def trials_of(
-    seed: int, strata: Sequence[str], first: int, beyond: int, arm: Arm = THE_KR10
-) -> Iterator[BlindTrial]:
-    """Draw trials of strata in turn, from the number `first` to before `beyond`."""
-    for number in range(first, beyond):
-        for name in strata:
-            yield trial_of(seed, name, number, arm)
 
 
 def trial_of(seed: int, stratum: str, number: int, arm: Arm = THE_KR10) -> BlindTrial:

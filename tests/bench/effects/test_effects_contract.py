@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 from bench.effects import EFFECTS, OTHER_LAWS
 from bench.effects.creep import Creep, creeping
+from bench.effects.effect import InstrumentEffect
 from bench.effects.gravity_load import GravityLoad
-from bench.effects.instrument_effect import InstrumentEffect
 from bench.effects.joint_compliance import JointCompliance
 from bench.effects.places import misplaced, places_for
 from bench.rig import Rig

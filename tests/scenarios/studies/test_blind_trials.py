@@ -39,7 +39,6 @@ from scenarios.studies.blind_trials.generation import (
     generate_trial,
     kinds_of,
     trial_of,
-    trials_of,
 )
 from scenarios.studies.blind_trials.method_under_test import (
     Question,
@@ -77,9 +76,11 @@ def drawing(trial):
 
 
 def test_trial_is_the_same_however_many_are_asked_for():
-    few = {t.label: drawing(t) for t in trials_of(5, ("one_400", "null"), 0, 2)}
-    many = {t.label: drawing(t) for t in trials_of(5, tuple(STRATA), 0, 4)}
-    assert few == {label: many[label] for label in few}
+    few = [(number, name) for number in range(2) for name in ("one_400", "null")]
+    many = [(number, name) for number in range(4) for name in STRATA]
+    drawn = {one: drawing(trial_of(5, one[1], one[0])) for one in few}
+    again = {one: drawing(trial_of(5, one[1], one[0])) for one in many}
+    assert drawn == {one: again[one] for one in few}
 
 
 def test_trials_differ_by_seed_kind_and_number():
