@@ -21,6 +21,7 @@ The engine integrates with `discrete`, implicit in all springs, so that stiff sp
 are stable at any time step. Every added joint is damped beyond its critical damping.
 """
 
+import copy
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -125,6 +126,7 @@ class _Patching:
         model = self._compiled()
         self._damp(model)
         self._part_touching(model)
+        model = self._compiled()
         self._keys(part(self.root, "keyframe") if keys is None else keys, model)
         if keys is not None:
             self.root.append(keys)
@@ -255,15 +257,14 @@ class _Patching:
         self._switched = ", ".join(map(str, sorted(groups)))
 
     def _keys(self, section: Element, model: mujoco.MjModel) -> None:
-        """Write the user's key frames with the added joints at rest, or the held one.
+        """Write the user's key frames, or the held one, with the added joints at rest.
 
-        A start elsewhere is a jump, which play and friction inside gears remember.
+        At rest under the arm's own weight, the axes commanded where the frame has them.
         """
         own = self.own
         if not own.nkey:
-            rest = numbers(model.qpos_spring)
-            SubElement(section, "key", name=f"{PATCH}held", qpos=rest)
-            return
+            key = SubElement(section, "key", name=f"{PATCH}held")
+            return _rest(key, model, model.qpos_spring)
         for k, key in enumerate(section.findall("key")):
             for name, start, width in (
                 ("qpos", model.qpos_spring, "qposadr"),
@@ -276,7 +277,10 @@ class _Patching:
                 for j in range(own.njnt):
                     new = getattr(model.joint(own.joint(j).name), width)
                     whole[new] = values[getattr(own.joint(j), width)]
-                key.set(name, numbers(whole))
+                if name == "qpos":
+                    _rest(key, model, whole)
+                else:
+                    key.set(name, numbers(whole))
             for name in ("ctrl", "act", "mpos", "mquat"):
                 if name in key.attrib:
                     key.set(name, numbers(getattr(own, f"key_{name}")[k]))
@@ -361,7 +365,7 @@ the offset of its encoder. A spring of {rigid:g} N m/rad holds it, as a controll
 does, at
   {held}
 The joint patch:AXIS_gear is the gear's wind-up. Start from the first key frame, where
-it is at rest. To command another posture, set
+all is at rest under the arm's own weight. To command another posture, set
 qpos_spring of the axes' joints (and qpos, to be there at once). To let
 actuators drive instead, set jnt_stiffness of the axes' joints to 0 and switch the
 actuators on{groups}. Keep integrator="discrete": it is
@@ -378,6 +382,35 @@ def _comment(held: dict[str, float], missing: Sequence[str], groups: str) -> str
     lines = "\n  ".join(missing) or "nothing: the model holds all of it"
     text = COMMENT.format(rigid=RIGID, held=angles, groups=actuators, missing=lines)
     return text.replace("--", "- -")  # two hyphens end a comment
+
+
+# --- At rest --------------------------------------------------------------------------
+
+REST_S = 3.0
+"""How long an arm is let come to rest, in s; chosen: 60 times `SLOW_S`."""
+SLOW_S = 0.05
+"""Longest time of damping over stiffness; chosen: what creeps comes to its end."""
+
+
+def _rest(key: Element, model: mujoco.MjModel, start: np.ndarray) -> None:
+    """Write positions of a key frame, the added joints at rest under the weight.
+
+    What slips is written as well: at rest is another place for a gear that remembers.
+    """
+    model, rest = copy.copy(model), start.copy()
+    model.qpos_spring[:] = start
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    joints = [j for j in range(model.njnt) if model.joint(j).name.startswith(PATCH)]
+    stiffness = (model.jnt_stiffness + _tendon_stiffness(model))[joints]
+    dofs, added = model.jnt_dofadr[joints], model.jnt_qposadr[joints]
+    model.dof_damping[dofs] = np.minimum(model.dof_damping[dofs], SLOW_S * stiffness)
+    data = mujoco.MjData(model)
+    data.qpos[:] = start
+    mujoco.mj_step(model, data, round(REST_S / model.opt.timestep))
+    rest[added] = data.qpos[added]
+    key.set("qpos", numbers(rest))
+    if model.nplastic:
+        key.set("plastic", numbers(data.plastic))
 
 
 # --- Parts ----------------------------------------------------------------------------

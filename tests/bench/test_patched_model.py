@@ -192,6 +192,23 @@ def test_ten_seconds_pass_without_a_warning_and_end_in_rest(own):
     assert abs(data.qvel).max() < 1e-9
 
 
+@pytest.mark.parametrize("arm", ["own", "two"])
+def test_at_the_first_key_frame_all_is_at_rest_under_its_own_weight(arm, own):
+    """What creeps has come to its end; a held axis gives by its torque over 1e9."""
+    (own.parent / "two.urdf").write_text(URDF)
+    slow = PatchEffect("creep", "a2", {"ratio": 0.1, "time_s": 1e3})
+    file = own if arm == "own" else own.parent / "two.urdf"
+    model = patched(file, (*ALL, slow))[1].compiled()
+    data, moved = mujoco.MjData(model), 0.0
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    wound = abs(model.key_qpos[0] - model.qpos_spring).max()
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+        moved = max(moved, abs(data.qpos - model.key_qpos[0]).max())
+    assert wound > 1e-4
+    assert moved < 1e-6
+
+
 @pytest.mark.parametrize("effect", ALL, ids=lambda e: e.effect)
 def test_each_mechanism_alone_bends_as_in_the_rig(effect, own):
     bends_as_the_rig(*patched(own, (effect,), laws=()), share=0.002)
