@@ -151,11 +151,15 @@ def test_numbers_of_trials_on_the_first_page_are_those_of_the_results():
     assert sorted(number for number in said if number not in page) == []
 
 
-def test_proof_on_the_first_page_is_that_of_the_result():
+def test_answer_on_the_first_page_is_that_of_the_result():
     file = ROOT / "results" / "diagnosis" / "diagnosis.json"
     answer = msgspec.json.decode(file.read_bytes(), type=Answer)
+    told = " ".join(narrative(answer))
+    [shown] = [b for b in blocks("README.md", "text") if "Proof:" in b]
+    parts = [part.strip() for part in " ".join(shown.split()).split("…")]
+    assert [part for part in parts if part not in told] == []
     [proof] = [line for line in narrative(answer) if line.startswith("Proof:")]
-    assert proof in " ".join(text("README.md").split())
+    assert proof in parts[-1]
 
 
 @pytest.mark.slow
