@@ -255,6 +255,7 @@ class Patch:
         fitted: Range of each axis, by a1, a2 …, in the poses that it was fitted to;
             empty: not known.
         memory: Whether gears keep what slipped and crept from visit to visit.
+        readings: Digests of some of the rows that it was fitted to; empty: not known.
     """
 
     stiffness_nm_per_rad: dict[str, float | None] = field(default_factory=dict)
@@ -270,6 +271,7 @@ class Patch:
     not_in_model: tuple[str, ...] = ()
     fitted: dict[str, AxisRange] = field(default_factory=dict)
     memory: Memory = "forgotten"
+    readings: tuple[str, ...] = ()
 
 
 def effects_of(patch: Patch) -> tuple[Effect, ...]:

@@ -3,13 +3,14 @@
 The patch that `diagnose` or `calibrate` left in a folder is put into the simulator.
 The arm with it and the arm as drawn do again what the other recording did, months later
 or with another set-up: the tracker's frame and the targets' places are fitted there,
-and nothing else. A reading is covered where each axis stands and carries what it did in
-the poses that the patch was fitted to.
+and nothing else. A reading is covered where every angle and torque that the patch
+depends on lies in the range that it was fitted to.
 
 Run:    python -m scenarios.prove PATCH_DIR RECORDING --robot MODEL.xml --out DIR
 Takes:  20 s for 1,500 poses without a load
-Expect: error before and after with its interval and the share that is covered, and in
-        DIR proof.json, report.html, report.md and pictures; exit status 0 also where
+Expect: whether it holds: surely better, and within 1.5 times the noise; parts that do
+        harm, error before and after with its interval, the share that is covered, and
+        in DIR proof.json, report.html, report.md and pictures; exit status 0 also where
         the patch does not hold
 """
 

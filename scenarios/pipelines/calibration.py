@@ -37,6 +37,7 @@ from scenarios.pipelines.calibration_proof import (
     summarise_residual,
     unproved,
 )
+from scenarios.pipelines.patching import digests_of
 from scenarios.pipelines.schema import (
     Answer,
     At,
@@ -366,6 +367,8 @@ def calibrate_and_prove(
         proof = unproved(found, why) if why else proved(found, recording, model)
     except BenchError as error:  # what was found stays found
         proof = unproved(found, str(error))
+    seen = replace(proof.patch, readings=digests_of(recording))
+    proof = replace(proof, patch=seen)
     residual = summarise_residual(found, proof)
     seconds = time.perf_counter() - started
     answer = answer_of(recording.name, found, proof, residual, seconds, rejected)

@@ -8,13 +8,14 @@ else: sizes, springs and geometry stay as the patch has them.
   fitted to (`OWN_RECORDING`) is left out and listed.
 - Without a load, hysteresis that a calibration found is simulated as what it does
   there: an axis that stops short, on the side it came from.
-- A reading is covered where each axis at which the patch has a law of angle or torque
-  stands and carries what it did in the poses that were fitted (`coverage_of`).
+- A reading is covered where the angle and torque of each axis at which the patch has a
+  law of them lie in the range of the poses that were fitted (`coverage_of`).
 - A part of the patch is worth what the error grows by when it alone is taken out.
 """
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import numpy as np
@@ -39,7 +40,8 @@ from bench.rig import Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import Unusable, refuse
 from bench.shared.recording import Recording, targets_of
-from scenarios.pipelines.patching import FROM_SIDES, NEAR
+from bench.shared.settings import SETTINGS
+from scenarios.pipelines.patching import FROM_SIDES, NEAR, digests_of
 from scenarios.pipelines.recording_check import SMALL_TORQUE, static_torque
 from scenarios.pipelines.schema import At, Proved, proved_in
 from stiffness.robot.arm import Arm
@@ -48,6 +50,9 @@ from stiffness.robot.tracker_frame import initial_tracker_frame
 # --- The form of proof.json -----------------------------------------------------------
 
 FILE = "proof.json"
+
+
+HowItHolds = Literal["holds", "better", "not shown", "worse"]
 
 
 class FarReading(msgspec.Struct, frozen=True):
@@ -63,11 +68,16 @@ class ProofFile(msgspec.Struct, frozen=True):
 
     Attributes:
         proof: Over all of its poses, none of which the patch was fitted to.
-        covered_share: Share of readings where every axis stands and carries what it
-            did while the patch was fitted; null where the patch does not say.
+        covered_share: Share of readings where every angle and torque that the patch
+            depends on lies in the fitted range; null where the patch does not say.
         covered: The proof over these readings alone; null where there are none.
         outliers: Readings that no smooth error makes; they are in the proof.
         left_out: Effects of the patch that belong to the recording it was fitted to.
+        verdict: Whether the patch holds; see `verdict_of`.
+        taught: Whether the patch was fitted to readings of this very recording.
+        harmful: Parts without which the patch is better; see `Contribution`.
+        springs: The same with the springs that were fitted and nothing else of the
+            patch as what is before; null where it has no springs or nothing else.
     """
 
     recording: str
@@ -76,6 +86,10 @@ class ProofFile(msgspec.Struct, frozen=True):
     covered: Proved | None
     outliers: tuple[FarReading, ...]
     left_out: tuple[At, ...]
+    verdict: HowItHolds = "holds"
+    taught: bool = False
+    harmful: tuple[str, ...] = ()
+    springs: Proved | None = None
     schema: int = 1
 
 
@@ -89,6 +103,8 @@ FRAMINGS, STILL = 12, 1e-8
 """Steps of the fit of frame and targets at most, and the step in m that ends it."""
 FIT_ROWS = 3000
 """Rows that frame and targets are fitted to at most, whole visits evenly taken."""
+SLIGHT = 0.01
+"""Share of the error below which it does not matter that a part does harm; chosen."""
 FAR = 10.0
 """Distance over the median one from which a reading is listed; chosen: beyond what
 smooth errors make, 15 standard deviations of noise."""
@@ -100,6 +116,7 @@ class AxisCoverage:
 
     Attributes:
         name: a1, a2 … as the recording counts.
+        outside: Share of readings beyond the fitted angles, or torques, of its laws.
         angle: Least and largest angle in the recording, in rad (m on a slide).
         torque: The same of the torque from weight and load, in N m (N).
         fitted: Range while the patch was fitted; None where it does not say.
@@ -113,14 +130,21 @@ class AxisCoverage:
     fitted: AxisRange | None
     laws: tuple[str, ...]
     share: float
+    outside: dict[str, float]
 
 
 @dataclass(frozen=True)
 class Contribution:
-    """A part of a patch, and the rms error on the recording without it, in m."""
+    """A part of a patch, and the rms error on the recording without it, in m.
+
+    `whole` is that of all of the patch on the same rows. A part is `harmful` where the
+    error is surely smaller without it, by over `SLIGHT`.
+    """
 
     name: str
     rms: float
+    whole: float
+    harmful: bool
 
 
 @dataclass(frozen=True)
@@ -134,8 +158,8 @@ class Judgement:
         noise: What the stated noise alone would leave of each reading, in m.
         covered: Whether each row is covered; None where the patch does not say.
         parts: The patch taken apart.
-        error: Rms with all of the patch on the rows that `parts` are judged on, in m.
         whole: Proof over all rows.
+        springs: Over all rows, from the fitted springs alone to the whole patch.
         inside: Proof over the covered rows; None without.
         outside: Proof over the others; None without.
     """
@@ -148,8 +172,8 @@ class Judgement:
     covered: Bool[np.ndarray, " rows"] | None
     axes: tuple[AxisCoverage, ...]
     parts: tuple[Contribution, ...]
-    error: float
     whole: Channel
+    springs: Channel | None
     inside: Channel | None
     outside: Channel | None
     answer: ProofFile
@@ -193,7 +217,9 @@ def judge(
     floor = floor_of(moved, patched, last.seen, mode)[0]
     covered, coverage = coverage_of(recording, arm, bare, patch)
 
-    def proof(rows: np.ndarray) -> tuple[Channel | None, Channel | None]:
+    def proof(
+        rows: np.ndarray, first: _Errors = first
+    ) -> tuple[Channel | None, Channel | None]:
         if not rows.any():
             return None, None
         pose = _runs(recording.posture_id[rows])
@@ -211,10 +237,21 @@ def judge(
     if whole[0] is None:
         fault = "no target is seen in any row that could be judged."
         raise Unusable(f"Recording {recording.name!r}", [fault])
+    if patch.stiffness_nm_per_rad and (patch.effects or patch.laws):
+        rigid = replace(patch, effects=(), laws=())
+        moved, rig = patched_arm(world, rigid, robot)
+        sprung = _framed(moved, replace(nominal, rig=rig), mode)
+        springs = proof(mode.keep, _errors(moved, sprung, mode))
+    else:
+        springs = (None, None)
     inside = outside = (None, None)
     if covered is not None:
         inside, outside = proof(covered), proof(~covered)
     shown = np.isfinite(last.position).any(axis=1)
+    parts = ()
+    if thorough:
+        mode = replace(mode, keep=some)
+        parts = _parts(world, patch, robot, patched, mode, floor[some])
     answer = ProofFile(
         recording=recording.name,
         proof=_entry(whole, count(mode.keep)),
@@ -224,10 +261,11 @@ def judge(
         else _entry(inside, count(covered)),
         outliers=_far(recording, first.position, last.position),
         left_out=gone,
+        verdict=verdict_of(whole[0]),
+        taught=bool({*patch.readings} & {*digests_of(recording, None)}),
+        harmful=tuple(p.name for p in parts if p.harmful),
+        springs=springs[0] and _entry(springs, count(mode.keep)),
     )
-    parts, error = (), whole[0].after
-    if thorough:
-        parts, error = _parts(world, patch, robot, patched, replace(mode, keep=some))
     return Judgement(
         recording=recording,
         absolute=absolute,
@@ -237,12 +275,22 @@ def judge(
         covered=covered,
         axes=coverage,
         parts=parts,
-        error=error,
         whole=whole[0],
+        springs=springs[0],
         inside=inside[0],
         outside=outside[0],
         answer=answer,
     )
+
+
+def verdict_of(channel: Channel) -> HowItHolds:
+    """Return whether a patch holds: surely better than without, and near the noise."""
+    if channel.high < 0.0:
+        return "worse"
+    if not channel.low > 0.0:
+        return "not shown"
+    near = channel.after <= SETTINGS.simulator_ratio * channel.noise
+    return "holds" if near else "better"
 
 
 def _check(recording: Recording, patch: Patch, joints: list[str]) -> None:
@@ -344,16 +392,28 @@ def _parts(
     robot: Path,
     patched: NominalState,
     mode: ComparisonMode,
-) -> tuple[tuple[Contribution, ...], float]:
-    """Return the error without each part of a patch alone, and with all of it."""
+    noise: Float[np.ndarray, " rows"],
+) -> tuple[Contribution, ...]:
+    """Return the error without each part of a patch alone."""
     rows = mode.keep
+    pose = _runs(world.recording.posture_id[rows])
     some = world.part(rows)
     mode = replace(mode, keep=np.ones(int(rows.sum()), dtype=bool))
 
-    def error(less: Patch) -> float:
+    def errors(less: Patch) -> np.ndarray:
         moved, rig = patched_arm(some, less, robot)
         state = _framed(moved, replace(patched, rig=rig), mode)
-        return float(np.sqrt(np.nanmean(_errors(moved, state, mode).position)))
+        return _errors(moved, state, mode).position
+
+    def part(name: str, less: Patch) -> Contribution:
+        without = errors(less)
+        quiet = np.broadcast_to(noise[:, None], whole.shape)
+        found, rms = channel_of(without, whole, quiet, pose), _rms(without)
+        harmful = found is not None and found.high < 0.0 and rms < (1 - SLIGHT) * error
+        return Contribution(name, rms, error, harmful)
+
+    whole = errors(patch)
+    error = _rms(whole)
 
     names = list(dict.fromkeys((e.effect, e.where) for e in patch.effects))
     ways = [(f"{e} at {w}", _lacking(patch, e, w)) for e, w in names]
@@ -361,7 +421,11 @@ def _parts(
         ways.append(("tables without a name", replace(patch, laws=())))
     if patch.stiffness_nm_per_rad:
         ways.append(("springs as fitted", replace(patch, stiffness_nm_per_rad={})))
-    return tuple(Contribution(name, error(less)) for name, less in ways), error(patch)
+    return tuple(part(name, less) for name, less in ways)
+
+
+def _rms(squares: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(squares)))
 
 
 def _lacking(patch: Patch, effect: str, where: str) -> Patch:
@@ -392,14 +456,16 @@ def coverage_of(
         angle, load = recording.posture[:, k], torque[:, k]
         known, laws = patch.fitted.get(where), _laws_at(patch, where)
         own = np.full(len(angle), known is not None or not laws)
+        within = {}
         if known is not None and "angle" in laws.values():
             ends = np.array(known.angle_rad)[:, :, None]
             near = (ends[:, 0] - NEAR <= angle) & (angle <= ends[:, 1] + NEAR)
-            own &= near.any(axis=0)
+            within["angle"] = near.any(axis=0)
         if known is not None and "torque" in laws.values():
             low, high = known.torque_nm
             more = max(SLACK * (high - low), SMALL_TORQUE)
-            own &= (low - more <= load) & (load <= high + more)
+            within["torque"] = (low - more <= load) & (load <= high + more)
+        own &= np.all([np.ones_like(own), *within.values()], axis=0)
         inside &= own
         axes.append(
             AxisCoverage(
@@ -409,6 +475,7 @@ def coverage_of(
                 fitted=known,
                 laws=tuple(dict.fromkeys(name for name, _ in laws)),
                 share=float(own.mean()),
+                outside={name: float(1.0 - w.mean()) for name, w in within.items()},
             )
         )
     return (inside if patch.fitted else None), tuple(axes)

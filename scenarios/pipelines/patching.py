@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -56,6 +57,7 @@ from stiffness.diagnosis.result import Diagnosis, Interval, NamedEffect
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.angle_dependent_stiffness import MOST_UNEVEN
 from stiffness.experiment.visits import BEFORE
+from stiffness.regression.splits import COUNTED
 from stiffness.robot.arm import Arm
 
 if TYPE_CHECKING:
@@ -86,6 +88,29 @@ def ranges_of(
         span = (float(load.min()), float(load.max()))
         found[f"a{k + 1}"] = AxisRange(stretches, span)
     return found
+
+
+DIGESTS = 24
+"""Rows of which a patch keeps a digest; chosen: some may be missing."""
+
+
+def digests_of(recording: Recording, most: int | None = DIGESTS) -> tuple[str, ...]:
+    """Return digests of rows with a target that was seen, so many evenly taken."""
+    points = recording.points
+    if points is None:
+        return ()
+    rows = np.flatnonzero(np.isfinite(points).any(axis=(1, 2)))
+    if most is not None:
+        rows = rows[:: max(-(-len(rows) // most), 1)]
+    every = zip(recording.posture[rows], points[rows], strict=True)
+    return tuple(_digest(posture, seen) for posture, seen in every)
+
+
+def _digest(posture: np.ndarray, points: np.ndarray) -> str:
+    """Return the digest of a row's angles and of its first target that was seen."""
+    first = points[np.isfinite(points).all(axis=-1)][:1]
+    read = np.concatenate([posture, first.ravel()])
+    return sha256(np.rint(read / COUNTED).astype("<i8").tobytes()).hexdigest()[:16]
 
 
 # --- From a diagnosis -----------------------------------------------------------------
@@ -136,6 +161,7 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
         },
         fitted=ranges_of(seen.posture, static_torque(seen, arm.at(seen.posture))),
         memory=memory_of(diagnosis.named),
+        readings=digests_of(recording),
     )
 
 

@@ -25,6 +25,7 @@ from bench.proof.explained_share import Channel
 from bench.proof.proof import Proof
 from bench.proof.proof_checks import squares
 from scenarios.pipelines.diagnosis import MICRO, Curves, courses_of
+from scenarios.pipelines.patching import NEAR
 from scenarios.report.style import BLUE, GREY, ORANGE, plain_log, save
 
 if TYPE_CHECKING:
@@ -398,7 +399,8 @@ def judged_over_angles(judgement: Judgement, file: Path) -> None:
         edge = np.linspace(*axis.angle, BINS + 1)
         part = np.clip(np.searchsorted(edge, angle, side="right") - 1, 0, BINS - 1)
         for low, high in () if axis.fitted is None else axis.fitted.angle_rad:
-            ax.axvspan(factor * low, factor * high, color="#f4f0e4", lw=0)
+            ends = factor * (low - NEAR), factor * (high + NEAR)
+            ax.axvspan(*ends, color="#f3e3cc", lw=0)
         middle = factor * (edge[1:] + edge[:-1]) / 2
         drawn = []
         for error, colour in ((j.before, GREY), (j.after, ORANGE)):

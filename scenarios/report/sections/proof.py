@@ -17,41 +17,69 @@ from scenarios.report.page import Block, Figure, Heading, Paragraph, Table, tabl
 UM = 1e6
 MOST_LISTED = 20
 UNKNOWN = "not known"
+MOST_BEYOND = 3
+"""Angles and torques beyond the fitted ranges that the first sentence names."""
 
 
 def first_sentence(judgement: Judgement) -> str:
     """Return error before and after, and how much the patch covers, in words."""
-    j, whole = judgement, judgement.whole
+    j, whole, springs = judgement, judgement.whole, judgement.springs
     poses = j.answer.proof.held_out_poses
+    another = "the recording that taught it" if j.answer.taught else "another recording"
     said = (
-        f"{_verdict(whole)} On {poses} poses of another recording, where frame and "
+        f"{_verdict(j)} On {poses} poses of {another}, where frame and "
         f"targets alone were fitted, the simulator misses by {_um(whole.after)} rms "
-        f"with the patch and by {_um(whole.before)} as drawn: gain {_um(whole.gain)} "
-        f"({UM * whole.low:.1f} to {UM * whole.high:.1f}); stated noise alone leaves "
-        f"{_um(whole.noise)}."
+        f"with the patch and by {_um(whole.before)} as drawn: gain {_gain(whole)}; "
+        f"stated noise alone leaves {_um(whole.noise)}."
     )
+    if springs is not None:
+        said += (
+            f" With the patch's springs and nothing else of it: {_um(springs.before)}, "
+            f"to which the rest adds a gain of {_gain(springs)}."
+        )
     share = j.answer.covered_share
     if share is None:
         return f"{said} The patch does not say which poses it was fitted to."
     said += (
-        f" In {100 * share:.0f} % of the readings every axis stands and carries what "
-        "it did where the patch was fitted"
+        f" In {100 * share:.0f} % of the readings every joint angle and torque that it "
+        "depends on lies inside the fitted range"
     )
     if j.inside is not None and j.outside is not None:
-        return (
-            f"{said}: {_um(j.inside.before)} as drawn and {_um(j.inside.after)} with "
+        said += (
+            f": {_um(j.inside.before)} as drawn and {_um(j.inside.after)} with "
             f"the patch there, {_um(j.outside.before)} and {_um(j.outside.after)} "
-            "elsewhere."
+            "elsewhere"
         )
-    return f"{said}."
+    beyond = sorted(
+        ((s, f"{what} of {a.name}") for a in j.axes for what, s in a.outside.items()),
+        reverse=True,
+    )
+    listed = [f"{what} ({100 * s:.0f} %)" for s, what in beyond[:MOST_BEYOND] if s > 0]
+    return f"{said}. Outside it: {', '.join(listed)}." if listed else f"{said}."
 
 
-def _verdict(channel: Channel) -> str:
-    if channel.low > 0.0:
-        return "The patch holds here."
-    if channel.high < 0.0:
-        return "The patch makes it worse here."
-    return "It is not shown that the patch holds here."
+def _verdict(j: Judgement) -> str:
+    times = j.whole.after / max(j.whole.noise, 1e-12)
+    said = {
+        "holds": "The patch holds here.",
+        "better": "The patch is better than the arm as drawn here, but leaves "
+        f"{times:.1f} times the noise.",
+        "not shown": "It is not shown that the patch holds here.",
+        "worse": "The patch makes it worse here.",
+    }[j.answer.verdict]
+    if j.answer.harmful:
+        said += f" These parts do not hold here: {', '.join(j.answer.harmful)}."
+    if not j.answer.taught:
+        return said
+    return (
+        "This is the recording that taught the patch, so nothing is proved: judge it "
+        f"on another one. {said}"
+    )
+
+
+def _gain(channel: Channel) -> str:
+    low, high = UM * channel.low, UM * channel.high
+    return f"{_um(channel.gain)} ({low:.1f} to {high:.1f})"
 
 
 def _um(value: float) -> str:
@@ -74,7 +102,12 @@ def blocks_of(judgement: Judgement) -> Iterator[Block]:
         yield Paragraph(
             "Differences within visits are compared: each visit's mean is taken off."
         )
-    channels = {"all": j.whole, "covered": j.inside, "not covered": j.outside}
+    channels = {
+        "all": j.whole,
+        "covered": j.inside,
+        "not covered": j.outside,
+        "all, before: its springs alone": j.springs,
+    }
     yield Table(
         "Rms over readings; the interval of the gain is a bootstrap over poses.",
         ("readings", "as drawn [µm]", "patched [µm]", "noise [µm]", "gain [µm]"),
@@ -87,20 +120,22 @@ def blocks_of(judgement: Judgement) -> Iterator[Block]:
         yield Heading("What each part of the patch is worth here")
         yield table_of(
             f"Rms of position without one part alone, where all of the patch leaves "
-            f"{_um(j.error)}. A part that makes it smaller when it is taken out does "
-            "not hold here, or makes up for another.",
+            f"{_um(j.parts[0].whole)}. A part that surely makes it smaller by over 1 % "
+            "when it is taken out does not hold here, or makes up for another.",
             sorted(j.parts, key=lambda p: -p.rms),
             {
                 "taken out": lambda p: p.name,
                 "then [µm]": lambda p: f"{UM * p.rms:.1f}",
-                "grows by [%]": lambda p: f"{100 * (p.rms / j.error - 1):+.1f}",
+                "grows by [%]": lambda p: f"{100 * (p.rms / p.whole - 1):+.1f}",
+                "does not hold": lambda p: "surely" if p.harmful else "",
             },
         )
     yield Heading("What the patch covers")
     yield table_of(
         "Range of each axis in this recording, and in the poses that the patch was "
-        "fitted to; the share of readings inside, for axes with an effect of angle or "
-        "torque. Other effects are taken to hold everywhere.",
+        "fitted to, less gaps of over 2° between them; the share of readings inside, "
+        "for axes with an effect of angle or torque. Other effects are taken to hold "
+        "everywhere.",
         j.axes,
         {
             "axis": lambda a: a.name,
@@ -129,7 +164,8 @@ def _numbers_of(c: Channel) -> tuple[str, ...]:
 
 def _stretches(ends: tuple[tuple[float, float], ...]) -> str:
     whole = _degrees((ends[0][0], ends[-1][1]))
-    return whole if len(ends) == 1 else f"{whole}, in {len(ends)} stretches"
+    gaps = len(ends) - 1
+    return f"{whole}, {gaps} gap{'s' * (gaps > 1)}" if gaps else whole
 
 
 def _degrees(ends: tuple[float, float]) -> str:

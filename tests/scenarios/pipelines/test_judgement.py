@@ -21,7 +21,7 @@ from bench.standard_plans import table_one_plan
 from scenarios import prove
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.judgement import judge, patched_arm
-from scenarios.pipelines.patching import NEAR, ranges_of
+from scenarios.pipelines.patching import NEAR, digests_of, ranges_of
 from scenarios.report.sections.proof import first_sentence
 from scenarios.studies.public_recordings import MODEL as UR10
 from scenarios.studies.public_recordings import UR10_FILES, ur10_recording
@@ -65,8 +65,37 @@ def test_a_true_patch_leaves_noise_on_a_recording_with_its_own_frame(loaded, kr1
     assert whole.before > 3.0 * whole.noise
     assert whole.after < 1.1 * whole.noise
     assert found.answer.proof.held_out_poses == 9
+    assert found.answer.verdict == "holds" and not found.answer.harmful
     assert {p.name for p in found.parts} == {"encoder_offset at a3", "hysteresis at a2"}
-    assert all(part.rms > 1.2 * found.error for part in found.parts)
+    assert all(part.rms > 1.2 * part.whole for part in found.parts)
+
+
+def test_a_patch_with_a_harmful_part_is_better_only_and_the_part_is_named(loaded, kr10):
+    wrong = PatchEffect("geometry_error", "link_2", {"x_m": -2e-4})
+    found = judged(loaded, kr10, replace(TRUE, effects=(*TRUE.effects, wrong)))
+    assert found.answer.verdict == "better"
+    assert found.answer.harmful == ("geometry_error at link_2",)
+    said = first_sentence(found)
+    assert "times the noise. These parts do not hold here: geometry_error at" in said
+
+
+def test_the_recording_that_taught_a_patch_proves_nothing(loaded, kr10):
+    """Some of its rows are enough; another recording of the same poses is another."""
+    taught = replace(TRUE, readings=digests_of(loaded))
+    some = loaded.take(np.isin(loaded.posture_id, np.unique(loaded.posture_id)[:4]))
+    found = judged(some, kr10, taught)
+    assert found.answer.taught
+    assert first_sentence(found).startswith("This is the recording that taught")
+    assert not judged(recorded(kr10, seed=4), kr10, taught).answer.taught
+
+
+def test_a_patch_is_compared_with_its_springs_alone_too(loaded, kr10):
+    springs: dict[str, float | None] = dict.fromkeys(("a1", "a3"), 1e5)
+    found = judged(loaded, kr10, replace(TRUE, stiffness_nm_per_rad=springs))
+    assert found.springs is not None and found.answer.springs is not None
+    assert found.springs.after == found.whole.after
+    assert "With the patch's springs and nothing else" in first_sentence(found)
+    assert judged(loaded, kr10, TRUE).springs is None
 
 
 def test_a_patch_that_does_not_hold_is_said_to_make_it_worse(loaded, kr10):
