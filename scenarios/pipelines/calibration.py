@@ -68,6 +68,7 @@ from stiffness.calibration.result import (
 )
 from stiffness.calibration.selection import (
     BELIEVED,
+    DRAWING,
     IMPOSSIBLE,
     MARGIN,
     NO_GAIN,
@@ -90,6 +91,7 @@ LIKE = {"hysteresis": ("lost_motion",), "reading_lag": ("hysteresis", "lost_moti
 moves between the poses are not known. Commanded angles may tell a lag."""
 IMPOSSIBLE_FIT = "the best fit is a size that the effect cannot have"
 NOT_MISSED = "fitted with the others, but taken out alone it is not missed"
+GONE = "taken out again: with all others in, it is not surely missed"
 
 
 def answer_of(
@@ -165,10 +167,30 @@ def _refused(found: Calibrated, names: tuple[Key, ...]) -> Iterator[Refused]:
             sizes = zip(step.parameters, step.values, strict=True)
             parameters = {name: Interval(v, None, None) for name, v in sizes}
             yield Refused(*step.key, parameters, IMPOSSIBLE_FIT)
-    for key, known in found.estimates.items():
-        if key not in names:
-            parameters = {n: interval_of(e) for n, e in known.items()}
-            yield Refused(*key, parameters, NOT_MISSED)
+    for key, why in without_a_name(found, names).items():
+        known = found.estimates.get(key, {})
+        yield Refused(*key, {n: interval_of(e) for n, e in known.items()}, why)
+
+
+def without_a_name(found: Calibrated, names: tuple[Key, ...]) -> dict[Key, str]:
+    """Return what was believed or fitted and has no name, and why."""
+    tables = [("transmission_error", axis) for axis in found.error_tables]
+    fitted = {*found.estimates, *tables}
+    taken = [s.key for s in found.selected.steps if s.verdict == BELIEVED]
+    gone = {k: GONE for k in taken if k not in fitted and k != DRAWING}
+    kept = {k: NOT_MISSED for k in (*found.estimates, *tables) if k not in names}
+    return gone | kept
+
+
+def names_told(found: Calibrated, answer: Answer) -> str:
+    """Say which names stand in the end, and what was believed before and has none."""
+    named = [f"{n.effect}@{n.where}" for n in answer.named]
+    said = f"Named in the end: {', '.join(named) or 'nothing'}."
+    for why in (GONE, NOT_MISSED):
+        every = without_a_name(found, tuple((n.effect, n.where) for n in answer.named))
+        listed = ", ".join(f"{e}@{w}" for (e, w), own in every.items() if own == why)
+        said += f" No name, {why}: {listed}." if listed else ""
+    return said
 
 
 def not_seen_text(found: Calibrated) -> str:
@@ -323,10 +345,10 @@ class CalibrationOutcome:
             for step in self.found.selected.steps
             for z in [step.gain / max(step.error, 1e-30)]
         ]
-        fitted = set(self.found.estimates) - set(self.found.named)
+        refused = without_a_name(self.found, self.found.named)
         tried += [
-            Decision(key, "magnitude", False, nothing, nothing, NOT_MISSED)
-            for key in sorted(fitted)
+            Decision(key, "magnitude", False, nothing, nothing, why)
+            for key, why in sorted(refused.items())
         ]
         return tuple(tried)
 
@@ -372,6 +394,7 @@ def calibrate_and_prove(
     residual = summarise_residual(found, proof)
     seconds = time.perf_counter() - started
     answer = answer_of(recording.name, found, proof, residual, seconds, rejected)
+    said(names_told(found, answer))
     said(first_sentence(answer, proof))
     if outliers:
         text = outlier_text(outliers)

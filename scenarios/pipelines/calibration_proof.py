@@ -264,7 +264,7 @@ class ResidualSummary:
         p_value: Of its being noise; small where neighbouring poses are correlated or
             where it exceeds the stated noise.
         new_angle: Rows where some axis stands at an angle that was not fitted.
-        by_region: Of each held-out region: its number, rms in m, poses, share of new
+        by_region: Of each held-out region: its number, rms in m, readings, share of new
             angles.
     """
 

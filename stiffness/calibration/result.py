@@ -48,6 +48,7 @@ from stiffness.calibration.columns import (
 )
 from stiffness.calibration.final_fit import (
     LEVEL,
+    FinalFit,
     Table,
     Wave,
     design_effects,
@@ -152,9 +153,13 @@ def named(
         if loss <= MARGIN * error:
             continue
         if key[0] == "transmission_error":
-            wave = waves[key[1]]
+            wave = waves.get(key[1])
             sure = loss > norm.isf(2.0 * tail / tried) * error
-            if wave.clear and (sure or wave.size > wider * wave.half):
+            if (
+                wave is not None
+                and wave.clear
+                and (sure or wave.size > wider * wave.half)
+            ):
                 yield key
         elif any(_clear(e, wider) for e in estimates.get(key, {}).values()):
             yield key
@@ -337,7 +342,7 @@ def calibrated(
     """Calibrate an arm on the regions that are not kept back.
 
     `said` receives a line on each effect that is believed; tables of transmission error
-    end below the order `highest`.
+    end below the order `highest`. A table without a name is left out of a second fit.
     """
     keep = ~spatial_folds.kept_back
     fit_on = readings.take(keep)
@@ -363,6 +368,24 @@ def calibrated(
                for j in chosen.columns):  # fmt: skip
         rigid = RigidFit(before.corrected_geometry, rigid.kept)
     after = final_fit(readings, keep, rigid, wanted, sprung, highest, design)
+    result = _result(readings, spatial_folds, before, after, chosen)
+    tables = {("transmission_error", axis) for axis in result.error_tables}
+    if not tables - {*result.named}:
+        return result
+    wanted = {one for one in wanted if one[0] not in tables - {*result.named}}
+    after = final_fit(readings, keep, rigid, wanted, sprung, highest, design)
+    return _result(readings, spatial_folds, before, after, chosen)
+
+
+def _result(
+    readings: Readings,
+    spatial_folds: SpatialFolds,
+    before: FinalFit,
+    after: FinalFit,
+    chosen: Selected,
+) -> Calibrated:
+    """Return parameters with their intervals, names, and what is left."""
+    keep = ~spatial_folds.kept_back
     numbers, waves = np.flatnonzero(after.order == 0), after.largest_waves(WAVES)
     asked = [numbers, *(w.ravel() for w in waves.values())]
     region = np.where(keep, spatial_folds.region, -1)

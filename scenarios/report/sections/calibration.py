@@ -10,7 +10,7 @@ from bench.patch import FILE, rig_of, text_of, with_arm
 from bench.shared.errors import BenchError
 from scenarios.pipelines import calibration
 from scenarios.pipelines import schema as form
-from scenarios.pipelines.calibration import UM, CalibrationOutcome
+from scenarios.pipelines.calibration import GONE, UM, CalibrationOutcome
 from scenarios.pipelines.calibration_proof import CalibrationProof, ResidualSummary
 from scenarios.pipelines.patching import write_patch
 from scenarios.pipelines.schema import Answer, label, parameters_text, size
@@ -18,7 +18,7 @@ from scenarios.report import data_files, figures, page, playback
 from scenarios.report.data_files import DECISIONS, write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, table_of
 from stiffness.calibration.result import Calibrated
-from stiffness.calibration.selection import Step
+from stiffness.calibration.selection import BELIEVED, Step
 
 # --- The report -----------------------------------------------------------------------
 
@@ -68,6 +68,7 @@ def _blocks(
         f"two standard errors over {regions.count} folds of regions. How large an "
         "uneven gear's waves may be is learnt from the data, octave by octave."
     )
+    refused = calibration.without_a_name(found, found.named)
     yield table_of(
         "What was tried. Rms on regions left out of the fit, where it was believed; "
         "the gain there over its standard error. Out of bounds: the best fit is a size "
@@ -77,14 +78,14 @@ def _blocks(
             "effect": lambda s: s.key[0],
             "where": lambda s: s.key[1],
             "would be": _would_be,
-            "rms [µm]": lambda s: f"{UM * s.rms:.1f}" * (s.verdict == "believed"),
+            "rms [µm]": lambda s: f"{UM * s.rms:.1f}" * (s.verdict == BELIEVED),
             "gain / its error": lambda s: f"{s.gain / max(s.error, 1e-30):.1f}",
-            "verdict": lambda s: s.verdict,
+            "verdict": lambda s: _verdict(s, refused.get(s.key) == GONE),
         },
     )
-    if fitted := [k for k in found.estimates if k not in found.named]:
+    if fitted := [k for k, why in refused.items() if why != GONE]:
         yield table_of(
-            "Fitted with the drawing, but not worth a name by itself: taken out alone, "
+            "Fitted and in the patch, but not worth a name by itself: taken out alone, "
             "it is not missed by two standard errors.",
             fitted,
             {
@@ -92,7 +93,7 @@ def _blocks(
                 "where": lambda key: key[1],
                 "parameters": lambda key: "; ".join(
                     f"{label(n)} {size(n, x.estimate)}"
-                    for n, x in found.estimates[key].items()
+                    for n, x in found.estimates.get(key, {}).items()
                 ),
             },
         )
@@ -103,7 +104,7 @@ def _blocks(
         remains.by_region,
         {
             "region": lambda r: str(r[0]),
-            "poses": lambda r: str(r[2]),
+            "readings": lambda r: str(r[2]),
             "rms [µm]": lambda r: f"{UM * r[1]:.1f}",
             "at new angles [%]": lambda r: f"{100 * r[3]:.0f}",
         },
@@ -186,6 +187,11 @@ def write_files(
         playback.show_calibration(o.found, o.proof, first, waiting / "diagnosis.rrd")
 
     write_folder(folder, make)
+
+
+def _verdict(step: Step, gone: bool) -> str:
+    taken = gone and step.verdict == BELIEVED
+    return f"{step.verdict}, then taken out" if taken else step.verdict
 
 
 def _would_be(step: Step) -> str:

@@ -30,6 +30,7 @@ from scenarios.report.data_files import DECISIONS, read_table, write_decisions
 from scenarios.report.sections.calibration import figure, show, write_files
 from scenarios.studies import public_recordings
 from stiffness.calibration import model as geometry
+from stiffness.calibration import result
 from stiffness.calibration.columns import candidates_of
 from stiffness.calibration.model import CalibrationState, readings_of
 from stiffness.calibration.result import outlier_distances
@@ -44,6 +45,7 @@ ON_AXIS = np.array([0.0, 0.0, 0.1])
 ARM = 0.05
 """Of a 6D target's points, in m: 0.2 mrad are then one sigma of orientation."""
 NOISE = 1e-5
+TABLE = "transmission_error"
 OFFSET, SHORT, COMPLIANCE = 6e-4, -4e-4, 2e-5
 WAVES = ((7.0, 2e-4, 0.4), (16.0, 1.2e-4, -1.0))
 TRUTH = (
@@ -171,6 +173,21 @@ def test_nothing_kept_back_is_fitted_or_shares_a_region_with_what_is(outcome):
     assert held == set(regions.held)
     assert not held & set(regions.region[~regions.kept_back])
     assert 0.15 < regions.kept_back.mean() < 0.45
+
+
+def test_a_table_without_a_name_is_in_no_patch_and_is_told(recording, monkeypatch):
+    """As one of noise, that came in early for what later names explain."""
+    told: list[str] = []
+    own = result.named
+    monkeypatch.setattr(
+        result, "named", lambda *a: (k for k in own(*a) if k[0] != TABLE)
+    )
+    found = calibrate_and_prove(recording, arm_of(UR10), UR10, said=told.append)
+    assert not found.found.error_tables
+    assert TABLE not in {e.effect for e in found.patch.effects}
+    said = told[-2]
+    assert said.startswith("Named in the end: ")
+    assert said.index("No name, taken out again") < said.index(f"{TABLE}@a2")
 
 
 def test_every_effect_that_was_tried_has_a_reason_and_the_result_a_figure(
