@@ -6,7 +6,7 @@ Every command ends with `run(main, Settings)`: flags are the fields of `Settings
 module's docstring is its manual. The exit status is 0 when done, 2 after a user's
 mistake and 130 when interrupted or terminated, without a traceback. `at_least` reports
 all faults of the flags at once; `progress_bar` is shown on a terminal only and vanishes
-at the end.
+at the end; elsewhere lines say how far it is.
 """
 
 import ast
@@ -14,8 +14,10 @@ import os
 import re
 import signal
 import sys
+import time
 import warnings
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields
 from importlib import import_module
 from io import TextIOWrapper
@@ -24,7 +26,8 @@ from typing import Any, TypeVar
 
 import tyro
 from rich.console import Console
-from rich.progress import Progress, ProgressColumn
+from rich.progress import Progress, ProgressColumn, TaskID
+from typing_extensions import override
 
 from bench.shared.errors import BenchError, LeftOut, UnknownName, refuse
 from bench.shared.format.faults import visible
@@ -145,10 +148,48 @@ def at_least(least: int, **flags: int) -> None:
 # --- Progress -------------------------------------------------------------------------
 
 
+EVERY_S = 20.0
+"""Least time in s between two lines on progress where there is no terminal; chosen."""
+
+
+class _Lines(Progress):
+    """Writes a line on progress now and then, where no bar can be drawn."""
+
+    told = 0.0
+
+    @override
+    def start(self) -> None:
+        self.told = time.monotonic()
+
+    @override
+    def update(self, task_id: TaskID, **changes: Any) -> None:
+        super().update(task_id, **changes)
+        self._tell(task_id)
+
+    @override
+    def advance(self, task_id: TaskID, advance: float = 1) -> None:
+        super().advance(task_id, advance)
+        self._tell(task_id)
+
+    def _tell(self, task_id: TaskID) -> None:
+        if time.monotonic() < self.told + EVERY_S:
+            return
+        self.told, task = time.monotonic(), self._tasks[task_id]
+        total = "" if task.total is None else f" of {task.total:.0f}"
+        print(f"{task.description}: {task.completed:.0f}{total}", file=sys.stderr)
+
+
+def plain_status(stage: str) -> AbstractContextManager:
+    """Write the stage that begins, where no spinner can be drawn."""
+    print(f"{stage} …", file=sys.stderr, flush=True)
+    return nullcontext()
+
+
 def progress_bar(*columns: ProgressColumn) -> Progress:
-    """Return a progress bar for one command; without a terminal it writes nothing."""
+    """Return a progress bar for one command; without a terminal it writes lines."""
     console = Console(stderr=True)
-    return Progress(
+    kind = Progress if console.is_terminal else _Lines
+    return kind(
         *columns,
         console=console,
         transient=True,

@@ -27,6 +27,7 @@ from scenarios.pipelines.inputs import arm_of, read_for, said_of_one_pose
 from scenarios.pipelines.recording_check import replicate_noise
 from scenarios.pipelines.schema import Answer, Called
 from scenarios.report import summary
+from scenarios.report.command_line import plain_status
 from scenarios.report.data_files import refuse_folder, write_folder
 from scenarios.report.sections import diagnosis
 from stiffness.regression.splits import subsample_poses
@@ -180,13 +181,14 @@ def diagnose_to_folder(
     """
     started = time.perf_counter()
     refuse_folder(out, recording_folder, robot)
-    with console.status("reading"):
+    status = console.status if console.is_terminal else plain_status
+    with status("reading"):
         recording, arm, notes = read_for(recording_folder, arm_of(robot))
     said = partial(console.print, markup=False, highlight=False)
     defects: list[Exception] = []
     run = _Run(recording, arm, robot, notes, started)
-    result = run.result(said, console.status, defects)
-    with console.status("writing"):
+    result = run.result(said, status, defects)
+    with status("writing"):
         report = result.report(out)
     if isinstance(result.found, Result):
         summary.tell(console, result.found, result.notes, out)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Picture
 
-from scenarios.report import data_files, page, style
+from scenarios.report import command_line, data_files, page, style
 from scenarios.report.command_line import progress_bar
 from scenarios.report.page import Figure, Heading, Paragraph, Table
 
@@ -208,7 +208,12 @@ def test_numbers_stand_at_the_right_and_words_at_the_left(tmp_path):
     assert re.findall(r'<td class="(\w+)">', text) == 3 * sides
 
 
-def test_a_bar_writes_nothing_where_nobody_watches(capfd):
+def test_without_a_terminal_a_bar_is_a_line_now_and_then(capfd, monkeypatch):
     with progress_bar() as progress:
         assert list(progress.track([1, 2, 3])) == [1, 2, 3]
     assert capfd.readouterr() == ("", "")
+    monkeypatch.setattr(command_line, "EVERY_S", 0.0)
+    with progress_bar() as progress:
+        task = progress.add_task("asking", total=3)
+        progress.advance(task, 2)
+    assert capfd.readouterr() == ("", "asking: 2 of 3\n")
