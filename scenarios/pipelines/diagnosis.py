@@ -510,6 +510,9 @@ class Curves:
         held: Rows that nothing was fitted to.
         slides: Whether each axis slides (then N, and m).
         noise: One sigma of an axis' turn that noise of the marks makes, in rad.
+        angle: Of the axes, in rad (m on a slide).
+        absolute: Whether positions counted, or differences within visits alone.
+        folds: Number of fits that judged; `held` is of the first one.
     """
 
     axes: tuple[str, ...]
@@ -520,6 +523,9 @@ class Curves:
     visit: np.ndarray
     slides: tuple[bool, ...]
     noise: Float[np.ndarray, " axes"]
+    angle: Float[np.ndarray, "rows axes"]
+    absolute: bool = True
+    folds: int = 1
 
     @property
     def visible(self) -> tuple[bool, ...]:
@@ -549,6 +555,9 @@ def curves_of(simulated: Proof) -> Curves:
         visit=world.replay.visit,
         slides=tuple(arm.slides[k] for k in world.order),
         noise=np.sqrt(np.mean(errors**2, axis=0)),
+        angle=world.recording.posture,
+        absolute=simulated.absolute,
+        folds=simulated.folds,
     )
 
 

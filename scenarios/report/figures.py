@@ -42,29 +42,28 @@ MOST_POINTS = 4000
 
 
 def of_axes(curves: Curves, named: frozenset[str], file: Path | None = None) -> Figure:
-    """Draw each axis' rotation beyond the nominal arm over its torque."""
-    count = len(curves.axes)
-    down = -(-count // ACROSS)
-    figure = Figure(figsize=(10.5, 2.9 * down), layout="constrained")
-    axes = np.atleast_1d(
-        figure.subplots(down, min(ACROSS, count), squeeze=False)
-    ).ravel()
+    """Draw each axis' rotation beyond the nominal arm over its torque, if it shows."""
+    shown = [k for k, seen in enumerate(curves.visible) if seen]
+    across = min(ACROSS, max(len(shown), 1))
+    down = -(-len(shown) // across)
+    figure = Figure(figsize=(10.5, 2.9 * down + 0.5), layout="constrained")
     rows = np.arange(len(curves.torque))
     if len(rows) > MOST_POINTS:
         rows = rows[:: -(-len(rows) // MOST_POINTS)]
-    limit, drawn = _limit(curves), []
-    for k, name in enumerate(curves.axes):
-        if curves.visible[k]:
-            _one(axes[k], curves, k, rows, name in named, limit[k])
-            drawn.append(axes[k])
-        else:
-            _not_seen(axes[k], curves, k)
-    for empty in axes[count:]:
-        empty.set_visible(False)
-    if drawn:
-        handles, labels = drawn[0].get_legend_handles_labels()
+    if shown:
+        axes = figure.subplots(down, across, squeeze=False).ravel()
+        for ax, k in zip(axes, shown, strict=False):
+            _one(ax, curves, k, rows, curves.axes[k] in named)
+        for empty in axes[len(shown) :]:
+            empty.set_visible(False)
+        handles, labels = axes[0].get_legend_handles_labels()
         place = {"loc": "outside upper center", "ncols": len(labels)}
         figure.legend(handles, labels, **place, markerscale=3)
+    if rest := [
+        _not_seen(curves, k) for k in range(len(curves.axes)) if k not in shown
+    ]:
+        said = f"No turn beyond what noise makes: {', '.join(rest)}."
+        figure.supxlabel(said, fontsize=9, color=GREY)
     return save(figure, file)
 
 
@@ -136,9 +135,8 @@ def by_body(simulated: Proof) -> tuple[dict[str, float], dict[str, float]]:
     return found[0], found[1]
 
 
-def _one(
-    axes: Axes, curves: Curves, k: int, rows: np.ndarray, named: bool, limit: float
-) -> None:
+def _one(axes: Axes, curves: Curves, k: int, rows: np.ndarray, named: bool) -> None:
+    limit = _limit(curves, k)
     unit, torque = ("µm", "force [N]") if curves.slides[k] else ("µrad", "torque [N m]")
     axes.plot(
         curves.torque[rows, k],
@@ -172,23 +170,17 @@ def _one(
     axes.set_ylabel(f"turn [{unit}]")
 
 
-def _not_seen(axes: Axes, curves: Curves, k: int) -> None:
+def _not_seen(curves: Curves, k: int) -> str:
     """Say how uncertain an axis' turn is, where a cloud of points would show noise."""
     unit = "µm" if curves.slides[k] else "µrad"
-    size = MICRO * curves.noise[k]
-    axes.set_title(curves.axes[k], loc="left", fontsize=10)
-    text = f"no turn beyond what noise makes\n(± {size:.2g} {unit})"
-    middle = {"ha": "center", "va": "center", "transform": axes.transAxes}
-    drawn = axes.text(0.5, 0.5, text, color=GREY)
-    drawn.set(**middle)
-    axes.set(xticks=[], yticks=[])
+    return f"{curves.axes[k]} (± {MICRO * curves.noise[k]:.0f} {unit})"
 
 
-def _limit(curves: Curves) -> np.ndarray:
-    """Return half the height of each axis' plot: holds all but stray points."""
-    stray = np.quantile(np.abs(curves.before), 0.995, axis=0)
-    law = np.max(np.abs(curves.law), axis=0)
-    return 1.15 * MICRO * np.maximum(np.maximum(stray, law), 1e-7)
+def _limit(curves: Curves, k: int) -> float:
+    """Return half the height of an axis' plot: holds all but stray points."""
+    sizes, law = np.abs(curves.before[:, k]), np.max(np.abs(curves.law[:, k]))
+    seen = min(np.max(sizes), STRAY * np.quantile(sizes, 0.995))
+    return 1.1 * MICRO * max(seen, law, 1e-7)
 
 
 # --- A named law ----------------------------------------------------------------------
@@ -200,31 +192,25 @@ LOOPS = 3
 """Number of visits drawn as loading curves; chosen: more cannot be told apart."""
 
 
-def of_law(curves: Curves, name: str, file: Path | None = None) -> Figure:
-    """Draw an axis' rotation in a few visits, and measured over simulated rows."""
+def of_law(
+    curves: Curves, name: str, file: Path | None = None, over: str = "torque"
+) -> Figure:
+    """Draw an axis' rotation over torque or angle, and measured over simulated rows."""
     k = curves.axes.index(name)
-    unit, load = ("µm", "force [N]") if curves.slides[k] else ("µrad", "torque [N m]")
+    unit = "µm" if curves.slides[k] else "µrad"
     measured, law = curves.before[:, k], curves.law[:, k]
     figure = Figure(figsize=(10.5, 4.0), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for i, course in enumerate(courses_of(curves, name, LOOPS)):
-        words = WORDS if i == 0 else (None,) * 3
-        shown, seen = MICRO * course.law, MICRO * course.measured
-        left.plot(course.torque, shown, "-", color=ORANGE, lw=1.6, label=words[0])
-        left.plot(course.torque, seen, "o", color=GREY, ms=5, label=words[1])
-        begins = (course.torque[:1], shown[:1], "o")
-        left.plot(*begins, color=ORANGE, ms=7, label=words[2])
-    left.set_xlabel(load)
+    draw = _over_angle if over == "angle" else _loops
+    draw(left, curves, k)
     left.set_ylabel(f"turn beyond the nominal arm [{unit}]")
-    left.set_title(f"{name}: the {LOOPS} visits with the widest load", loc="left")
     left.legend()
-    sizes = np.abs(measured)
-    seen = min(np.max(sizes), STRAY * np.quantile(sizes, 0.995))
-    lim = 1.1 * MICRO * max(np.max(np.abs(law)), seen)
+    lim = _limit(curves, k)
     right.plot([-lim, lim], [-lim, lim], color=ORANGE, lw=1.2)
+    first = f", first of {curves.folds} fits" if curves.folds > 1 else ""
     for rows, colour, word in (
-        (~curves.held, GREY, "fitted poses"),
-        (curves.held, BLUE, "poses kept back"),
+        (~curves.held, GREY, f"fitted poses{first}"),
+        (curves.held, BLUE, f"poses kept back{first}"),
     ):
         right.plot(
             MICRO * law[rows],
@@ -238,9 +224,36 @@ def of_law(curves: Curves, name: str, file: Path | None = None) -> Figure:
     right.set_ylim(-lim, lim)
     right.set_xlabel(f"patch, simulated [{unit}]")
     right.set_ylabel(f"measured [{unit}]")
-    right.set_title("all rows, each visit's mean taken off", loc="left")
+    means = "" if curves.absolute else ", each visit's mean taken off"
+    right.set_title(f"all rows{means}", loc="left")
     right.legend(markerscale=2)
     return save(figure, file)
+
+
+def _loops(axes: Axes, curves: Curves, k: int) -> None:
+    """Draw the visits with the widest load over an axis' torque."""
+    name = curves.axes[k]
+    for i, course in enumerate(courses_of(curves, name, LOOPS)):
+        words = WORDS if i == 0 else (None,) * 3
+        shown, seen = MICRO * course.law, MICRO * course.measured
+        axes.plot(course.torque, shown, "-", color=ORANGE, lw=1.6, label=words[0])
+        axes.plot(course.torque, seen, "o", color=GREY, ms=5, label=words[1])
+        begins = (course.torque[:1], shown[:1], "o")
+        axes.plot(*begins, color=ORANGE, ms=7, label=words[2])
+    axes.set_xlabel("force [N]" if curves.slides[k] else "torque [N m]")
+    axes.set_title(f"{name}: the {LOOPS} visits with the widest load", loc="left")
+
+
+def _over_angle(axes: Axes, curves: Curves, k: int) -> None:
+    """Draw all rows over an axis' angle."""
+    unit, factor = ("mm", MM) if curves.slides[k] else ("°", float(np.degrees(1.0)))
+    at = factor * curves.angle[:, k]
+    seen, law = MICRO * curves.before[:, k], MICRO * curves.law[:, k]
+    axes.plot(at, seen, ".", color=GREY, ms=4, label=WORDS[1])
+    axes.plot(at, law, ".", color=ORANGE, ms=4, label=WORDS[0])
+    limit = _limit(curves, k)
+    axes.set(xlabel=f"angle [{unit}]", ylim=(-limit, limit))
+    axes.set_title(f"{curves.axes[k]}: all rows over its angle", loc="left")
 
 
 # --- A calibration --------------------------------------------------------------------

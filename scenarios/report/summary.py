@@ -523,6 +523,12 @@ def narrative(answer: Answer) -> Iterator[str]:
 
 # --- The terminal ---------------------------------------------------------------------
 
+SIZES = (
+    "sizes in patch.json and model.xml were fitted once more in the simulator, beside "
+    "each other, and may differ a little from these estimates and intervals."
+)
+"""What the patch of a proved diagnosis holds."""
+
 
 def tell(console: Console, finding: Result, notes: tuple[str, ...], out: Path) -> None:
     """Print the sentences, the table of named effects, and the report's path."""
@@ -542,6 +548,8 @@ def tell(console: Console, finding: Result, notes: tuple[str, ...], out: Path) -
             cells = (n.effect, n.where, *known)
             table.add_row(*map(escape, cells[: len(columns)]))
         console.print(table)
+    if finding.proof is not None:
+        notes = (*notes, SIZES)
     for note in notes:
         console.print(f"Note: {note}", markup=False, highlight=False)
     console.print(f"{out / 'report.html'}", markup=False, highlight=False)

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure as Picture
 
 from bench.proof.proof_checks import ProofCheck
-from bench.shared.effect_catalogue import usual
+from bench.shared.effect_catalogue import CATALOGUE, usual
 from bench.shared.errors import BenchError, UnknownName
 from scenarios.pipelines import schema
 from scenarios.pipelines.diagnosis import MICRO, Curves, Result, channel_of, curves_of
@@ -110,6 +110,12 @@ def _noise(finding: Result) -> Iterator[Block]:
 # --- The proof ------------------------------------------------------------------------
 
 
+CONTROLLER = (
+    "controller.csv holds zeros, lengths, stiffness and masses, and nothing of other "
+    "effects, such as hysteresis or transmission error."
+)
+
+
 def proof(finding: Result, folder: Path) -> Iterator[Block]:
     """Yield the section on errors before and after the patch, and their sources."""
     proof = finding.proof
@@ -128,19 +134,21 @@ def proof(finding: Result, folder: Path) -> Iterator[Block]:
     yield Paragraph(
         "The effect was put into the MuJoCo model as a mechanism, and what was done in "
         "the poses kept back was done again with the wrenches that were read there. "
-        f"Springs, frames and marks were fitted on the other poses, for both. {means}"
+        f"Springs, frames and marks were fitted on the other poses, for both. {means} "
+        f"{summary.SIZES[0].upper()}{summary.SIZES[1:]} {CONTROLLER}"
     )
     header = ["channel", "before", "after", "stated noise", "gain", "95 % interval"]
     rows = []
     for name, one, word in (
         ("marks", proof.markers, "µm"),
         ("encoders after the gear", proof.angles, "µrad"),
-        ("turns of bodies that marks show", proof.rotations, "µrad"),
+        ("turns of bodies that marks show", proof.rotations, "mrad"),
     ):
         if one is not None:
-            values = [f"{MICRO * x:.1f} {word}" for x in
+            by, digits = (1e3, 4) if word == "mrad" else (MICRO, 1)
+            values = [f"{by * x:.{digits}f} {word}" for x in
                       (one.before, one.after, one.noise, one.gain)]  # fmt: skip
-            span = f"{MICRO * one.low:.1f} to {MICRO * one.high:.1f}"
+            span = f"{by * one.low:.{digits}f} to {by * one.high:.{digits}f}"
             rows.append([name, *values, span])
     caption = (
         f"Rms over {len(proof.held_out)} poses kept back; interval of the gain by "
@@ -293,9 +301,18 @@ def _at(
         )
         return
     file = f"law_{where}.png"
-    of_law(curves, where, folder / file)
+    of_law(curves, where, folder / file, _over(finding, where))
     caption = f"Turn about {where}'s own axis: what was put in, beside what marks show."
     yield Figure(caption, file)
+
+
+def _over(finding: Result, where: str) -> str:
+    """Return what a turn is drawn over: the angle, if laws depend on it alone."""
+    named = [n.effect for n in finding.answer.named if n.where == where]
+    known = {
+        regressor for effect in named for regressor in CATALOGUE[effect].depends_on
+    }
+    return "angle" if known == {"angle"} else "torque"
 
 
 def _budget(answer: schema.Answer) -> Iterator[Block]:
@@ -434,7 +451,7 @@ def _pictures(finding: Result, folder: Path) -> Iterator[Block]:
     )
     for name in sorted(named & set(curves.axes)) if proved else ():
         file = f"law_{name}.png"
-        of_law(curves, name, folder / file)
+        of_law(curves, name, folder / file, _over(finding, name))
         yield Figure(
             f"Turn about {name}'s own axis: what was put in, beside what marks show.",
             file,
@@ -492,7 +509,7 @@ def figure(finding: Result, where: str = "") -> Picture:
         return figures.of_axes(curves, named)
     if where not in curves.axes:
         raise UnknownName("axis", where, curves.axes)
-    return figures.of_law(curves, where)
+    return figures.of_law(curves, where, over=_over(finding, where))
 
 
 def show(finding: Result) -> None:

@@ -241,12 +241,32 @@ def test_no_cloud_is_drawn_where_a_turn_is_mostly_noise():
     measured = chance + torque * [0.0, 1e-4]
     curves = Curves(
         *(("a1", "a2"), torque, measured, 0.0 * chance, np.zeros(200, bool)),
-        *(np.zeros(200, int), (False, False), np.full(2, 1e-5)),
+        *(np.zeros(200, int), (False, False), np.full(2, 1e-5), torque),
     )
     assert curves.visible == (False, True)
     figure = figures.of_axes(curves, frozenset(("a1", "a2")))
-    assert [len(ax.lines) for ax in figure.axes[:2]] == [0, 2]
-    assert "± 10 µrad" in words_of(figure)
+    assert [len(ax.lines) for ax in figure.axes] == [2]
+    assert "a1 (± 10 µrad)" in figure.get_supxlabel()
+
+
+def test_a_law_is_drawn_over_what_it_depends_on_and_its_split_and_mean_are_said():
+    angle = np.linspace(-1.0, 1.0, 30)[:, None]
+    wave, row = 1e-4 * np.sin(3.0 * angle), np.arange(30)
+    curves = Curves(
+        *(("a1",), 0.0 * angle, wave, wave, row < 6, row // 3, (False,)),
+        *(np.full(1, 1e-6), angle, False, 5),
+    )
+    left, right = figures.of_law(curves, "a1", over="angle").axes
+    assert left.get_xlabel() == "angle [°]"
+    assert right.get_title(loc="left") == "all rows, each visit's mean taken off"
+    legend = right.get_legend()
+    assert legend is not None
+    assert [t.get_text() for t in legend.get_texts()] == [
+        "fitted poses, first of 5 fits",
+        "poses kept back, first of 5 fits",
+    ]
+    right = figures.of_law(replace(curves, absolute=True, folds=1), "a1").axes[1]
+    assert right.get_title(loc="left") == "all rows"
 
 
 # --- The page -------------------------------------------------------------------------
