@@ -64,11 +64,12 @@ def main(settings: Settings) -> Recording:
     from scenarios.pipelines.importing.clocks import lag_text
     from scenarios.pipelines.importing.lab_files import imported
     from scenarios.pipelines.importing.suggestion import write_suggestion
-    from scenarios.pipelines.inputs import said_of_one_pose
+    from scenarios.pipelines.inputs import arm_of, facts_of, said_of_one_pose
 
     s = settings
     if s.suggest is not None:
-        mapping = write_suggestion(s.suggest, s.mapping)
+        bodies = () if s.robot is None else facts_of(arm_of(s.robot)).bodies
+        mapping = write_suggestion(s.suggest, s.mapping, bodies)
         print(f"{mapping}: a mapping to correct. Then:")
         files = f"{s.suggest} --mapping {mapping}"
         print(

@@ -11,6 +11,7 @@ from bench.effects.effect import Effect
 from bench.effects.places import misplaced
 from bench.kinematic_chain import anatomy
 from bench.shared.effect_catalogue import on_slide
+from bench.shared.errors import EFFECTS as LIST
 from bench.shared.errors import BenchError, UnknownName, Unusable, refuse
 
 
@@ -67,8 +68,8 @@ def parse_all(texts: Iterable[str], model: mujoco.MjModel) -> tuple[Effect, ...]
         except Unusable as error:
             faults += [f"{text!r}: {fault}" for fault in error.faults]
         except UnknownName as error:
-            faults.append(f"{text!r}: {error}")
-    refuse("The list of effects", faults)
+            faults.append(str(error))
+    refuse(LIST, faults)
     return tuple(effects)
 
 

@@ -19,7 +19,8 @@ class UnknownName(BenchError):
         known = sorted(known)
         guess = get_close_matches(name, known, n=1)
         hint = f" Did you mean {guess[0]!r}?" if guess else ""
-        super().__init__(f"No {kind} is called {name!r}.{hint} Known: {known}.")
+        listed = ", ".join([*guess, *(k for k in known if k not in guess)])
+        super().__init__(f"No {kind} is called {name!r}.{hint} Known: {listed}.")
 
 
 class Unusable(BenchError):
@@ -52,6 +53,10 @@ def refuse(what: str, faults: list[str]) -> None:
         raise Unusable(what, faults)
 
 
+COMMAND, EFFECTS = "This command", "The list of effects"
+"""Of what there are faults that need no heading, since each names what it is of."""
+
+
 def collect(*makers: Callable[[], Any]) -> tuple[Any, ...]:
     """Return the results of some functions, or raise the faults of all of them.
 
@@ -63,10 +68,11 @@ def collect(*makers: Callable[[], Any]) -> tuple[Any, ...]:
         try:
             made.append(make())
         except Unusable as error:
-            faults += [f"{error.what}: {fault}" for fault in error.faults]
+            what = "" if error.what in (COMMAND, EFFECTS) else f"{error.what}: "
+            faults += [f"{what}{fault}" for fault in error.faults]
         except BenchError as error:
             faults.append(str(error))
-    refuse("This command", faults)
+    refuse(COMMAND, faults)
     return tuple(made)
 
 

@@ -22,7 +22,7 @@ from dataclasses import fields
 from importlib import import_module
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 import tyro
 from rich.console import Console
@@ -92,6 +92,7 @@ def run(
     name = program or name
     manual = re.sub(r"\n(?=(Takes|Expect):)", "\n\n", module.__doc__ or "")
     try:
+        _show_no_types(settings)
         given = tyro.cli(settings, prog=name, description=manual)
         _refuse_empty(given)
         main(given)
@@ -108,6 +109,24 @@ def run(
         why = str(error) or "there is too little memory"
         print(f"It cannot be done here: {why}.", file=sys.stderr)
         sys.exit(USER_MISTAKE)
+
+
+WORDS = {Path: "PATH", str: "NAME", int: "INT", tuple: "INT …"}
+
+
+def _show_no_types(settings: type) -> None:
+    """Let the manual of flags without a default show no type of Python."""
+    hints = get_type_hints(settings, include_extras=True)
+    for flag in fields(settings):
+        if flag.default is None:
+            whole = hints[flag.name]
+            has_more = get_origin(whole) is Annotated
+            hint, *known = get_args(whole) if has_more else (whole,)
+            kind = next(one for one in get_args(hint) if one is not type(None))
+            word = WORDS.get(get_origin(kind) or kind) or "|".join(get_args(kind))
+            own = tyro.conf.arg(metavar=word, help_behavior_hint="(no default)")
+            hints[flag.name] = Annotated[(hint, own, *known)]
+    settings.__annotations__ = hints
 
 
 def _noted(message: Warning | str, category: type[Warning], *where: Any) -> None:

@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from bench.effect_size import EffectSize
+from bench.effect_size import VISITS, EffectSize
 from bench.effects import EFFECTS
 from bench.effects.effect import Effect
 from bench.instruments import Instruments
@@ -65,7 +65,10 @@ def _places(kind: str, arm: Anatomy) -> str:
 
 def sizes_table(sizes: Sequence[EffectSize], instruments: Instruments) -> Table:
     """Return what each effect moves, beside the noise of what sees it."""
-    title = f"What each effect moves, rms over {sizes[0].visits} visits, without noise"
+    title = (
+        f"What each effect moves, rms over {sizes[0].visits} visits, without noise "
+        f"(evenly taken: {VISITS} in all are simulated, shared by the effects)"
+    )
     table = Table(title=title, title_justify="left", title_style="not italic")
     table.add_column("effect", overflow="fold")
     for heading in ("marks [µm]", "force [N]", "torque [N m]"):

@@ -50,6 +50,13 @@ MAX_LINE = 2_000
 """Longest line of it (chosen: a dotted key costs its length squared to read)."""
 
 
+NO_FOLDER = "there is no such folder."
+IMPORT = (
+    "it is a file, and a recording is a folder. A CSV or a bag becomes one first: "
+    "python -m scenarios.import_recording FILE --mapping MAPPING.toml --out DIR; "
+    "--suggest FILE.csv writes a mapping to correct."
+)
+"""What is said of a lab's own file in place of a recording."""
 LEFT_ALONE = "left alone."
 """How a note ends on a column that nothing reads."""
 
@@ -78,7 +85,7 @@ class FolderRead:
 def read_as_far_as_possible(folder: Path, model: ModelFacts | None) -> FolderRead:
     """Return what can be read of a recording, with all faults."""
     if not folder.is_dir():
-        return FolderRead(None, [], ["there is no such folder."])
+        return FolderRead(None, [], [IMPORT if folder.is_file() else NO_FOLDER])
     manifest, faults = _manifest(folder)
     header, found = _header(folder, manifest)
     faults += found

@@ -128,7 +128,7 @@ _WORDS = {
     ),
     "load_kg": (
         *("mass", "load", "payload", "weight"),
-        *("masse", "last", "zusatzlast", "gewicht"),
+        *("masse", "last", "zusatzlast", "traglast", "gewicht", "zuggewicht"),
     ),
     "temperature_c": ("temperature", "temp", "temperatur"),
     "frames": ("frames", "samples averaged"),
@@ -215,8 +215,11 @@ def _unit(said: str, unit: str, markers: tuple[str, ...] = ()) -> str | None:
 # --- The mapping ----------------------------------------------------------------------
 
 
-def suggested(path: Path) -> str:
+def suggested(path: Path, bodies: Sequence[str] = ()) -> str:
     """Return a mapping for a CSV, as TOML with remarks on what to correct.
+
+    A marker is on the body that its name begins with: one of these bodies of a robot,
+    or a usual one.
 
     Raises:
         Unusable: Where there is no such file, or nothing in it looks like a table.
@@ -225,17 +228,19 @@ def suggested(path: Path) -> str:
         sheet = sheet_of(source_of(path))
     except Unusable as error:
         raise Unusable(f"File {str(path)!r}", error.faults) from None
-    return "\n".join(_lines(sheet, guess_of(sheet), path)) + "\n"
+    return "\n".join(_lines(sheet, guess_of(sheet), path, bodies)) + "\n"
 
 
-def write_suggestion(path: Path, mapping: Path | None = None) -> Path:
+def write_suggestion(
+    path: Path, mapping: Path | None = None, bodies: Sequence[str] = ()
+) -> Path:
     """Write a mapping for a CSV, beside it unless told where; never over another file.
 
     Raises:
         Unusable: Where nothing can be suggested, or the mapping is there already.
     """
     mapping = mapping or path.with_suffix(".toml")
-    text = suggested(path)
+    text = suggested(path, bodies)
     try:
         with mapping.open("x", encoding="utf-8") as file:
             file.write(text)
@@ -248,7 +253,9 @@ def write_suggestion(path: Path, mapping: Path | None = None) -> Path:
     return mapping
 
 
-def _lines(sheet: Sheet, guess: Guess, path: Path) -> Iterator[str]:
+def _lines(
+    sheet: Sheet, guess: Guess, path: Path, bodies: Sequence[str]
+) -> Iterator[str]:
     columns = guess.columns
     yield f"# Suggested from the names and units in {_quoted(path.name)}: correct it."
     yield "format = 1"
@@ -274,15 +281,18 @@ def _lines(sheet: Sheet, guess: Guess, path: Path) -> Iterator[str]:
         if unit:
             entry = f"{{ from = {entry}, unit = {_quoted(unit)} }}"
         plain = re.fullmatch(r"[A-Za-z0-9_-]+", said)
+        if said == WRENCH[0]:
+            yield "# what the world exerts on the robot: pulled along +x, fx_n is above"
+            yield "# 0; of the other sign: factor = -1.0 beside unit, in all six"
         yield f"{said if plain else _quoted(said)} = {entry}"
     if not any(said in columns for said in ("a1_deg", "a1_mm")):
         yield '# a1_deg = "?"  # which columns are the axes\' angles?'
     if guess.unknown:
         yield f"# not understood: {', '.join(map(_quoted, guess.unknown))}"
-    yield from _sensors(guess)
+    yield from _sensors(guess, bodies)
 
 
-def _sensors(guess: Guess) -> Iterator[str]:
+def _sensors(guess: Guess, bodies: Sequence[str]) -> Iterator[str]:
     spreads = any("_std_" in said for said in guess.columns)
     if guess.markers and not spreads:
         yield from ["", "[sensors.tracker]"]
@@ -301,7 +311,30 @@ def _sensors(guess: Guess) -> Iterator[str]:
         yield from ["# mass_kg = 0.5", "# com_mm = [0, 0, 25]  # in the flange's frame"]
     for marker in guess.markers:
         yield from ["", f"[markers.{_quoted(marker)}]"]
-        yield 'body = "flange"  # which body is it stuck to?'
+        body = _body_of(marker, bodies)
+        if body:
+            yield f"body = {_quoted(body)}  # by the marker's name: is it so?"
+        else:
+            yield '# body = "?"  # which body is it stuck to? no import without'
+
+
+_BODY = re.compile(r"(base|flange|tool|tcp|link)[ _.-]?([1-9][0-9]?)?(?![a-z0-9])")
+
+
+def _body_of(marker: str, bodies: Sequence[str]) -> str:
+    """Return the body that a marker's name begins with; empty: none."""
+    plain = marker.casefold()
+    for body in sorted(bodies, key=len, reverse=True):
+        rest = plain.removeprefix(body.casefold())
+        if rest != plain and not rest[:1].isalnum():
+            return body
+    match = _BODY.match(plain)
+    if match is None:
+        return ""
+    word, number = match.groups()
+    if word == "link":
+        return f"link_{number}" if number else ""
+    return "base" if word == "base" else "flange"
 
 
 def _incomplete(sheet: Sheet, columns: Mapping[str, tuple[str, str | None]]) -> bool:

@@ -59,6 +59,8 @@ def test_a_suggestion_is_never_written_over_a_mapping(tmp_path):
         ("timestamp", "ms", "time_s", "ms"),
         ("load_kg", "", "load_kg", None),
         ("Zusatzlast [g]", "", "load_kg", "g"),
+        ("Gewicht", "kg", "load_kg", None),
+        ("Zuggewicht", "g", "load_kg", "g"),
         ("Messpunkt Nr.", "", "pose", None),
         ("Point no", "", "pose", None),
         ("Temp", "°F", "temperature_c", "degF"),
@@ -79,6 +81,38 @@ def test_what_nobody_understood_is_listed_and_what_is_guessed_is_asked(tmp_path)
     assert "number_rows = true  # each row is a pose of its own: is it so?" in text
     assert "interval_s = 20  # nothing tells the time" in text
     assert "repeatability_mm = 0.02  # one sigma of one reading: say yours" in text
+
+
+@pytest.mark.parametrize(
+    ("marker", "robot", "body"),
+    [
+        ("base_a", (), "base"),
+        ("Link2-a", (), "link_2"),
+        ("link_12", (), "link_12"),
+        ("TCP", (), "flange"),
+        ("baseline", (), ""),
+        ("linked", (), ""),
+        ("l2_a", (), ""),
+        ("l2_a", ("l2", "l21", "flange"), "l2"),
+        ("l21", ("l2", "l21", "flange"), "l21"),
+    ],
+)
+def test_a_marker_is_on_the_body_that_its_name_begins_with(
+    tmp_path, marker, robot, body
+):
+    file = tmp_path / "lab.csv"
+    file.write_text(f"J1,{marker}_X,{marker}_Y,{marker}_Z,Fx\n1.5,1,2,3,4\n")
+    text = suggested(file, robot)
+    assert (f'\nbody = "{body}"  # by' if body else '\n# body = "?"') in text
+    assert "# what the world exerts on the robot" in text
+
+
+def test_a_body_that_was_not_said_is_refused(tmp_path):
+    file, mapping = tmp_path / "lab.csv", tmp_path / "lab.toml"
+    file.write_text("J1,X,Y,Z\n1.5,1,2,3\n1.6,1,2,3\n")
+    mapping.write_text(suggested(file))
+    with pytest.raises(Unusable, match=r"markers\.p.*body"):
+        main(Settings(file, mapping, tmp_path / "out"))
 
 
 @pytest.mark.parametrize(

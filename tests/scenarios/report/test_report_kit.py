@@ -3,6 +3,7 @@ import html.parser
 import json
 import re
 from datetime import date
+from importlib import import_module
 from itertools import pairwise
 
 import pytest
@@ -206,6 +207,16 @@ def test_numbers_stand_at_the_right_and_words_at_the_left(tmp_path):
     sides = re.findall(r'<th class="(\w+)">', text)
     assert sides == ["left", "right", "left", "left"]
     assert re.findall(r'<td class="(\w+)">', text) == 3 * sides
+
+
+@pytest.mark.parametrize("name", command_line.commands())
+def test_no_manual_shows_a_type_of_python(name, monkeypatch, capsys):
+    command = import_module(f"scenarios.{name}")
+    monkeypatch.setattr("sys.argv", [name, "--help"])
+    with pytest.raises(SystemExit, match="0"):
+        command_line.run(command.main, command.Settings, name)
+    said = capsys.readouterr().out
+    assert "usage:" in said and "None" not in said
 
 
 def test_without_a_terminal_a_bar_is_a_line_now_and_then(capfd, monkeypatch):
