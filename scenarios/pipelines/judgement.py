@@ -237,13 +237,8 @@ def judge(
     if whole[0] is None:
         fault = "no target is seen in any row that could be judged."
         raise Unusable(f"Recording {recording.name!r}", [fault])
-    if patch.stiffness_nm_per_rad and (patch.effects or patch.laws):
-        rigid = replace(patch, effects=(), laws=())
-        moved, rig = patched_arm(world, rigid, robot)
-        sprung = _framed(moved, replace(nominal, rig=rig), mode)
-        springs = proof(mode.keep, _errors(moved, sprung, mode))
-    else:
-        springs = (None, None)
+    alone = _with_springs_alone(world, patch, robot, nominal, mode)
+    springs = (None, None) if alone is None else proof(mode.keep, alone)
     inside = outside = (None, None)
     if covered is not None:
         inside, outside = proof(covered), proof(~covered)
@@ -384,6 +379,20 @@ def _errors(
     firsts = [own[0] for own in targets_of(world.recording).values()]
     turn = turns_of(world, seen, residual, mode)
     return _Errors(seen, squares(world, residual)[0][:, firsts], *turn)
+
+
+def _with_springs_alone(
+    world: ReplaySimulation,
+    patch: Patch,
+    robot: Path,
+    nominal: NominalState,
+    mode: ComparisonMode,
+) -> _Errors | None:
+    """Return the errors with a patch's springs; None: it has none or nothing else."""
+    if not patch.stiffness_nm_per_rad or not (patch.effects or patch.laws):
+        return None
+    moved, rig = patched_arm(world, replace(patch, effects=(), laws=()), robot)
+    return _errors(moved, _framed(moved, replace(nominal, rig=rig), mode), mode)
 
 
 def _parts(

@@ -17,7 +17,6 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields
 from importlib import import_module
 from io import TextIOWrapper
@@ -174,34 +173,28 @@ EVERY_S = 20.0
 class _Lines(Progress):
     """Writes a line on progress now and then, where no bar can be drawn."""
 
-    told = 0.0
+    written = 0.0
 
     @override
     def start(self) -> None:
-        self.told = time.monotonic()
+        self.written = time.monotonic()
 
     @override
     def update(self, task_id: TaskID, **changes: Any) -> None:
         super().update(task_id, **changes)
-        self._tell(task_id)
+        self._write_line(task_id)
 
     @override
     def advance(self, task_id: TaskID, advance: float = 1) -> None:
         super().advance(task_id, advance)
-        self._tell(task_id)
+        self._write_line(task_id)
 
-    def _tell(self, task_id: TaskID) -> None:
-        if time.monotonic() < self.told + EVERY_S:
+    def _write_line(self, task_id: TaskID) -> None:
+        if time.monotonic() < self.written + EVERY_S:
             return
-        self.told, task = time.monotonic(), self._tasks[task_id]
+        self.written, task = time.monotonic(), self._tasks[task_id]
         total = "" if task.total is None else f" of {task.total:.0f}"
         print(f"{task.description}: {task.completed:.0f}{total}", file=sys.stderr)
-
-
-def plain_status(stage: str) -> AbstractContextManager:
-    """Write the stage that begins, where no spinner can be drawn."""
-    print(f"{stage} …", file=sys.stderr, flush=True)
-    return nullcontext()
 
 
 def progress_bar(*columns: ProgressColumn) -> Progress:

@@ -7,6 +7,7 @@ others are diagnosed, and proved in the simulator.
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -27,7 +28,6 @@ from scenarios.pipelines.inputs import arm_of, read_for, said_of_one_pose
 from scenarios.pipelines.recording_check import replicate_noise
 from scenarios.pipelines.schema import Answer, Called
 from scenarios.report import summary
-from scenarios.report.command_line import plain_status
 from scenarios.report.data_files import refuse_folder, write_folder
 from scenarios.report.sections import diagnosis
 from stiffness.regression.splits import subsample_poses
@@ -181,7 +181,7 @@ def diagnose_to_folder(
     """
     started = time.perf_counter()
     refuse_folder(out, recording_folder, robot)
-    status = console.status if console.is_terminal else plain_status
+    status = console.status if console.is_terminal else _plain_status
     with status("reading"):
         recording, arm, notes = read_for(recording_folder, arm_of(robot))
     said = partial(console.print, markup=False, highlight=False)
@@ -271,6 +271,12 @@ class _Run:
         from scenarios.report.sections import calibration
 
         return PipelineResult(outcome.answer, outcome, self.notes, calibration)
+
+
+def _plain_status(stage: str) -> AbstractContextManager:
+    """Write the stage that begins, where no spinner can be drawn."""
+    print(f"{stage} …", file=sys.stderr, flush=True)
+    return nullcontext()
 
 
 def _quiet(_: str) -> AbstractContextManager:

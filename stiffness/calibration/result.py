@@ -384,7 +384,7 @@ def _result(
     after: FinalFit,
     chosen: Selected,
 ) -> Calibrated:
-    """Return parameters with their intervals, names, and what is left."""
+    """Return parameters with their intervals, names, and residuals."""
     keep = ~spatial_folds.kept_back
     numbers, waves = np.flatnonzero(after.order == 0), after.largest_waves(WAVES)
     asked = [numbers, *(w.ravel() for w in waves.values())]
