@@ -150,15 +150,14 @@ def zone_of(situation: StaticState, member: ModelTerm) -> str:
     if np.ptp(law) < 1e-9 * max(law.max(), 1e-300):
         return "everywhere"
     strong = law >= 0.7 * law.max()
-    torque = situation.torque[strong, k]
     stages, count = np.unique(situation.recording.stage[strong], return_counts=True)
     words = []
     stage = situation.recording.stage
     if count.max() > 0.6 * count.sum() and np.any(stage != stage[0]):
         words.append(str(stages[np.argmax(count)]))
-    low, high = np.quantile(torque, [0.05, 0.95])
+    low, high = np.quantile(situation.torque[strong, k], [0.05, 0.95])
     least = FAINT * max(float(np.abs(situation.torque).max()), 1e-9)
-    if max(abs(low), abs(high)) > least:
+    if "torque" in member.depends_on and max(abs(low), abs(high)) > least:
         words.append(f"torque {low:.3g} to {high:.3g} N m")
     return ", ".join(words)
 

@@ -454,7 +454,7 @@ def _why_not(found: Diagnosis, name: Name) -> Iterator[str]:
     best = max((r.probability for r in found.rivals if name in r.effects), default=None)
     if best is not None:
         yield (
-            f"It is in a rival set of names whose probability is {best:.2g}; "
+            f"Another set of names, that has it, has a probability of {best:.2g}; "
             f"{SETTINGS.name_probability:g} is needed."
         )
     elif not refused:

@@ -396,7 +396,7 @@ def _decisions(here: FactorisedSet) -> tuple[Decision, ...]:
             0.0,
             "the set is worth more with it"
             if name in places
-            else "what it explains beside the set is not worth its size",
+            else "beside the other names it explains less than its own numbers cost",
         )
         for name in problem.names
     )
