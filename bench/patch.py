@@ -296,7 +296,7 @@ def rig_of(patch: Patch, arm_file: Path | None = None) -> Rig:
     )
     given = effects = effects_of(patch)
     if held.mass_kg:
-        effects = (*given, GravityLoad("flange", held.mass_kg, *held.com_m))
+        effects = (GravityLoad("flange", held.mass_kg, *held.com_m), *given)
     if arm_file is None:
         model = Path(MODEL_FILE)
         rig = WrittenRig(model, effects, cell=cell, hand=patch.hand, text=patch.arm)

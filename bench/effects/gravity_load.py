@@ -40,16 +40,20 @@ class GravityLoad(ModelEffect):
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
+        added = np.array([self.com_x_m, self.com_y_m, self.com_z_m])
         name = arm.body(self.where)
         if name == "tool" and name not in [b.name for b in spec.bodies]:
             name = arm.flange  # what hangs there, where the model has no such body
         body = spec.body(name)
+        if name == "tool" and body.mass + self.mass_kg <= 0.0 and not body.joints:
+            turned = np.zeros(3)  # of what is mounted, which the flange carries
+            mujoco.mju_rotVecQuat(turned, added, body.quat)
+            added, body = turned + body.pos, body.parent
         own = float(body.mass) if body.explicitinertial else 0.0
         total = own + self.mass_kg
         if not total > 0.0:
             fault = f"{own:g} kg and {self.mass_kg:g} kg leave no mass; take less away."
             raise Unusable(f"Effect {self.name!r} at {self.where!r}", [fault])
-        added = np.array([self.com_x_m, self.com_y_m, self.com_z_m])
         centre = np.asarray(body.ipos, float) if own > 0.0 else np.zeros(3)
         body.ipos = (own * centre + self.mass_kg * added) / total
         body.mass, body.explicitinertial = total, True

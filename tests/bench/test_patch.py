@@ -281,3 +281,12 @@ def test_a_folder_without_a_patch_is_refused(tmp_path):
     (tmp_path / patch.FILE).write_text('{"effects": 3}', encoding="utf-8")
     with pytest.raises(Unusable, match="effects"):
         patch.load(tmp_path)
+
+
+def test_what_is_mounted_may_be_lighter_than_the_recording_says(kr10):
+    """The model's own tool has no mass; what is mounted hangs on the flange."""
+    lighter = PatchEffect("gravity_load", "tool", {"mass_kg": -0.28, "com_z_m": 0.05})
+    model = rig_of(Patch(effects=(lighter,), mounted=Mounted(mass_kg=0.6)), kr10).model
+    plain = rig_of(Patch(), kr10).model
+    flange = [m.body("flange").mass[0] for m in (model, plain)]
+    assert flange[0] - flange[1] == pytest.approx(0.6 - 0.28)
