@@ -532,8 +532,8 @@ def prepare(recording: Recording, arm: Arm) -> Prepared:
         Unusable: Where there is nothing to compare, with all reasons.
     """
     faults = []
-    if recording.points is None or not recording.markers:
-        faults.append("it has no markers; the diagnosis needs displacements.")
+    if recording.points is None or not np.isfinite(recording.points).any():
+        faults.append("it has no marker that is seen; displacements are needed.")
     if recording.tracker is None:
         faults.append("the tracker's noise is unknown: give [sensors.tracker].")
     if faults:

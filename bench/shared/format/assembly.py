@@ -13,7 +13,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv as pa_csv
@@ -137,9 +136,6 @@ def assemble(
     axes = range(1, layout.axes + 1)
     ends = ["mm" if slides else "deg" for slides in layout.slides]
     points = [_stacked(values, [m + c for c in COORDINATES]) for m in manifest.markers]
-    if points and all(p is None or np.isnan(p).all() for p in points):
-        manifest, points = msgspec.structs.replace(manifest, markers={}), []
-        notes.append("no marker is seen in any row: all are left out.")
     recording = Recording(
         name=manifest.name or folder,
         time=values["time_s"],
