@@ -39,7 +39,7 @@ from stiffness.diagnosis.sufficient_statistics import (
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian, added
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.intervals import Interval
+from stiffness.regression.intervals import Interval, jackknife_covariance
 from stiffness.regression.splits import Split
 
 # --- Fit and prediction together ------------------------------------------------------
@@ -397,26 +397,6 @@ def _columns_of_members(look: ModelEvaluation) -> list[Int[np.ndarray, " _"]]:
         found.append(np.concatenate([np.arange(at, at + len(own)), shapes]))
         at, shape_at = at + len(own), shape_at + member.degrees_of_freedom
     return found
-
-
-def jackknife_covariance(
-    own: Float[np.ndarray, "poses columns columns"],
-    score: Float[np.ndarray, "poses columns"],
-    prior: Float[np.ndarray, "columns columns"] | float = 0.0,
-) -> Float[np.ndarray, "columns columns"]:
-    """Return the covariance of a fit from how it moves as one pose is left out.
-
-    Args:
-        own: Gram matrix of each pose.
-        score: Of each pose, at the fit.
-        prior: Information before any reading.
-    """
-    whole, poses = own.sum(axis=0) + prior, len(own)
-    moved = [
-        np.linalg.pinv(whole - one, rcond=1e-10, hermitian=True) @ asked
-        for one, asked in zip(own, score, strict=True)
-    ]
-    return (poses - 1) / poses * np.asarray(moved).T @ np.asarray(moved)
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,6 @@ from stiffness.diagnosis.model_evaluation import (
     cost_of_limits,
     evaluate_model,
     is_beyond_nothing,
-    jackknife_covariance,
     may_be_nothing,
     parameters_of,
     up_to_nothing,
@@ -74,7 +73,7 @@ from stiffness.regression.group_selection import (
     gains_beside,
     select_groups,
 )
-from stiffness.regression.intervals import Interval
+from stiffness.regression.intervals import Interval, jackknife_covariance
 from stiffness.regression.normal_equations import (
     projection_coefficients,
     schur_complement,

@@ -162,8 +162,9 @@ many of them a unit may be off, chosen: what a controller leaves is any number."
 RANK = 1e-9
 """Singular value over the largest below which columns are the same, and size over the
 largest below which one is rounding: of an axis that no marker shows. Chosen."""
-POSTURES = 60
-"""Visits whose sag is looked at; chosen for time."""
+POSTURES, FEWEST = 60, 5
+"""Visits whose sag is looked at, chosen for time; and how many say how sure it is: of
+fewer, leaving one out leaves nothing that would foretell it."""
 
 
 def of_size(some: Recording, arm: Arm, fit: LoadResponse) -> Warned | None:
@@ -276,6 +277,8 @@ def _sag(
         fit: What gives way under the load.
         pulls: Accelerations along the base's axes, one a row, in m/s^2.
     """
+    if len(some.posture) < FEWEST:
+        return None
     standing, markers = arm.at(some.posture), some.markers
     jacobian = jacobians(some, standing, frames)  # (rows, markers, 3, axes)
     placed = zip(markers, frames.marker_positions, strict=True)

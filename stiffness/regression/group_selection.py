@@ -38,6 +38,9 @@ TOGETHER = 2.0
 chosen: what one of many columns imitates rarely cancels between its causes."""
 MOST_SHAPES = 3
 """Groups of one name in a set at most; chosen: more of them follow what is no law."""
+OF_AN_ARM = 40
+"""Groups that a set may have however few units there are; chosen: an arm of six axes
+whose gears, bearings and links all err has as many."""
 LIVE = 12.0
 """Log Bayes factor within which another name is tried at fine shapes in the place of a
 name of the set; chosen: refining a coarse shape rarely gains more."""
@@ -95,10 +98,11 @@ def select_groups(problem: GroupProblem, start: Sequence[int] = ()) -> GroupSele
     groups = tuple(start)
     for _ in range(ROUNDS):
         before = groups
-        groups = _grown(problem, groups)
-        if len(groups) >= problem.units:
+        grown = _grown(problem, groups)
+        groups = _pruned(problem, grown)
+        if len(grown) >= _most(problem):
             break
-        groups = _with_exchanges(problem, _pruned(problem, groups))
+        groups = _with_exchanges(problem, groups)
         groups = _with_several_for_one(problem, groups)
         if groups == before:
             break
@@ -185,13 +189,19 @@ def _size_costs(
     return 0.5 * (rank + problem.shape_parameters) * np.log(problem.units)
 
 
+def _most(problem: GroupProblem) -> int:
+    """Return how many groups a set may have."""
+    return max(problem.units, OF_AN_ARM)
+
+
 def _grown(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
     """Add the group that is worth most, as long as one is worth anything.
 
-    Not beyond as many as there are units: nothing is left then by which to judge them.
+    Not beyond as many as there are units, or as an arm has: by what should more be
+    judged?
     """
     here = FactorisedSet.of(problem, groups)
-    while len(here.groups) < min(len(problem.groups), problem.units):
+    while len(here.groups) < min(len(problem.groups), _most(problem)):
         rise = _additions(problem, _residual(here))
         best = int(np.argmax(rise))
         if rise[best] <= RISES:

@@ -115,3 +115,23 @@ def share(successes: int, trials: int, level: float = 0.95) -> Interval:
         )
     ends = stats.binomtest(successes, trials).proportion_ci(level, method="exact")
     return Interval(successes / trials, float(ends.low), float(ends.high), level)
+
+
+def jackknife_covariance(
+    own: Float[np.ndarray, "poses columns columns"],
+    score: Float[np.ndarray, "poses columns"],
+    prior: Float[np.ndarray, "columns columns"] | float = 0.0,
+) -> Float[np.ndarray, "columns columns"]:
+    """Return the covariance of a fit from how it moves as one pose is left out.
+
+    Args:
+        own: Gram matrix of each pose.
+        score: Of each pose, at the fit.
+        prior: Information before any reading.
+    """
+    whole, poses = own.sum(axis=0) + prior, len(own)
+    moved = [
+        np.linalg.pinv(whole - one, rcond=1e-10, hermitian=True) @ asked
+        for one, asked in zip(own, score, strict=True)
+    ]
+    return (poses - 1) / poses * np.asarray(moved).T @ np.asarray(moved)

@@ -18,7 +18,6 @@ from stiffness.diagnosis.gate import (
     pose_statistics,
     second_order_name,
 )
-from stiffness.diagnosis.model_evaluation import jackknife_covariance
 from stiffness.diagnosis.model_fit import (
     ModelTerm,
     SelectionProblem,
@@ -44,6 +43,7 @@ from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.transmission_error import TransmissionError
+from stiffness.regression.intervals import jackknife_covariance
 
 EIGHT = (
     "hysteresis@a1",
