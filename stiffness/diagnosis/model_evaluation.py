@@ -40,6 +40,7 @@ from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian, added
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.intervals import Interval, jackknife_covariance
+from stiffness.regression.normal_equations import unit_scale
 from stiffness.regression.splits import Split
 
 # --- Fit and prediction together ------------------------------------------------------
@@ -199,8 +200,7 @@ def parameters_of(
     fitted = np.pad(fitted, (0, len(gram) - len(fitted)))
     own = found.own[~split.held_out][:, :known, :known]
     score = found.score[~split.held_out][:, :known] - own @ fitted
-    size = np.sqrt(np.maximum(np.diag(gram), 0.0))  # zero: counts, has no slope
-    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    scale = unit_scale(np.diag(gram))  # zero: counts, has no slope
     inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
     widths, first = [len(c) for c in fit.coefficients], len(fit.springs)
     given = with_priors(0.0 * gram, first, fit.members, widths, situation)
@@ -256,8 +256,7 @@ def shift_by_forms(
         split: Which poses may be looked at.
     """
     gram, asked = look.slopes.gram[1], look.slopes.score[~split.held_out].sum(axis=0)
-    size = np.sqrt(np.maximum(np.diag(gram), 0.0))
-    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    scale = unit_scale(np.diag(gram))
     scale[np.concatenate([np.zeros(0, dtype=int), *look.assumed])] = 0.0
     gram, asked = gram * scale * scale[:, None], asked * scale
     inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
@@ -318,8 +317,7 @@ def _covariance_of_forms(
     known, given = look.known, look.slopes.gram[1]
     forms = np.concatenate([np.zeros(0, dtype=int), *look.forms])
     some = np.concatenate([np.arange(known), forms])
-    size = np.sqrt(np.maximum(np.diag(given), 0.0))
-    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    scale = unit_scale(np.diag(given))
     gram = given * scale * scale[:, None]
     prior = np.zeros(len(gram))
     every = zip(
@@ -338,7 +336,7 @@ def _covariance_of_forms(
     told = _as_laws_say(look, gram, scale)[:, some]
     alone = np.linalg.pinv(gram[:known, :known], rcond=1e-10, hermitian=True)
     whole = gram[np.ix_(some, some)] + np.diag(prior[some])
-    even = 1.0 / np.sqrt(np.maximum(np.diag(whole), 1e-300))
+    even = unit_scale(np.diag(whole))
     both = np.linalg.pinv(whole * even * even[:, None], rcond=1e-12, hermitian=True)
     total = (told * even) @ both @ (told * even).T - alone
     return total * scale[:known] * scale[:known, None]
@@ -359,8 +357,7 @@ def _covariance_of_the_unknown(
     beside = np.concatenate([np.zeros(0, dtype=int), *look.unselected])
     beside = beside[prior[beside] > 0.0]
     some = np.concatenate([np.arange(known), beside])
-    size = np.sqrt(np.maximum(np.diag(gram), 0.0) + prior)
-    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    scale = unit_scale(np.maximum(np.diag(gram), 0.0) + prior)
     inner = gram * scale * scale[:, None]
     own = np.linalg.pinv(inner[:known, :known], rcond=1e-10, hermitian=True)
     whole = inner[np.ix_(some, some)] + np.diag((prior * scale**2)[some])

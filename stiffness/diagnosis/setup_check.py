@@ -52,7 +52,7 @@ from stiffness.diagnosis.setup_alternatives import (
     of_sight,
     of_signs,
 )
-from stiffness.diagnosis.setup_loads import load_setup_errors
+from stiffness.diagnosis.setup_loads import load_setup_errors, some_visits
 from stiffness.experiment.outliers import outliers_of, without_outliers
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import (
@@ -97,8 +97,7 @@ def detect_unit_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
         recording: With absolute markers.
         arm: The nominal arm, with the recording's names.
     """
-    first = np.unique(recording.visit, return_index=True)[1]
-    some = recording.take(first[:: -(-len(first) // VISITS_FOR_UNITS)])
+    some = some_visits(recording, VISITS_FOR_UNITS)
     sight = TrackerObservations.of(arm, some, some.posture)
     seen = np.isfinite(sight.y).all(axis=2).sum(axis=0) > 1
     if not seen.any():  # one visit has no range
@@ -382,7 +381,7 @@ def _errors(recording: Recording, arm: Arm) -> Told:
 
 def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     """Doubt angles and the tracker, then the markers' names, then what is stated."""
-    every = _some_visits(recording)
+    every = some_visits(recording, VISITS)
     some = _some_markers(every, arm)
     posture = some.posture
     sight = TrackerObservations.of(arm, some, posture)
@@ -410,17 +409,19 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     settled = _least(told) < DOUBT * extent if answer else before < GROSS * extent
     if settled:
         return answer
-    pairs = _likely(_pairs(some, arm, angles))
     if answer:
-        return _best(pairs, _least(told)) or answer
+        return _best(_likely(_pairs(some, arm, angles)), _least(told)) or answer
     less = [((o.warned,), o.meant(sight)) for o in less_is_stated(sight)]
     text = (
         f"the markers lie {1e3 * before:.0f} mm rms off where this model puts them, "
         "and no single slip explains it. Is it this arm's model, and do the angles of "
         "a row belong to its markers?"
     )
-    told = (Warned("wrong_model", "rig", text),)
-    return _best(_likely(less), before) or _best(pairs, before) or told
+    return (
+        _best(_likely(less), before)
+        or _best(_likely(_pairs(some, arm, angles)), before)
+        or (Warned("wrong_model", "rig", text),)
+    )
 
 
 def _single(
@@ -569,12 +570,6 @@ def _rigid_groups(every: Recording, rigid: float) -> list[tuple[int, ...]]:
         else:
             groups[groups.index(near)] = (*near, k)
     return groups
-
-
-def _some_visits(recording: Recording) -> Recording:
-    """Take the first row of some visits."""
-    first = np.unique(recording.visit, return_index=True)[1]
-    return recording.take(first[:: -(-len(first) // VISITS)])
 
 
 def _some_markers(every: Recording, arm: Arm) -> Recording:

@@ -211,8 +211,7 @@ def of_sag(
     """
     if recording.displacement != "absolute" or fit.explained < EXPLAINS:
         return None
-    first = np.unique(recording.visit, return_index=True)[1]
-    some = recording.take(first[:: -(-len(first) // POSTURES)])
+    some = some_visits(recording, POSTURES)
     modelled = arm.at(some.posture[:1]).chain.gravity
     pulls = _sag(some, arm, frames, fit, np.linalg.norm(modelled) * np.eye(3))
     if pulls is not None and (told := _of_mounting(pulls, modelled)) is not None:
@@ -230,6 +229,12 @@ def of_sag(
         f"expected. Or the controller takes out {1.0 - ratio:.0%} of the sag."
     )
     return Warned("units", "wrench_sensor", text)
+
+
+def some_visits(recording: Recording, most: int) -> Recording:
+    """Take the first row of at most so many visits, evenly."""
+    first = np.unique(recording.visit, return_index=True)[1]
+    return recording.take(first[:: -(-len(first) // most)])
 
 
 def _of_mounting(pulls: "Sag", modelled: np.ndarray) -> Warned | None:

@@ -197,8 +197,7 @@ def _most(problem: GroupProblem) -> int:
 def _grown(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
     """Add the group that is worth most, as long as one is worth anything.
 
-    Not beyond as many as there are units, or as an arm has: by what should more be
-    judged?
+    Not beyond as many as there are units, by which they are judged, or as an arm has.
     """
     here = FactorisedSet.of(problem, groups)
     while len(here.groups) < min(len(problem.groups), _most(problem)):

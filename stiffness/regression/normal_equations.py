@@ -134,6 +134,12 @@ SURVIVES = 1e-9
 thousand times above rounding, a hundredth of what could ever be detected."""
 
 
+def unit_scale(square: Float[np.ndarray, " columns"]) -> Float[np.ndarray, " columns"]:
+    """Return factors that give columns of these squares unit length; 0 for nothing."""
+    size = np.sqrt(np.maximum(square, 0.0))  # rounding may go below
+    return np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+
+
 def projection_coefficients(
     gram: Float[np.ndarray, "columns columns"], known: Int[np.ndarray, " known"]
 ) -> Float[np.ndarray, "known columns"]:
@@ -144,8 +150,7 @@ def projection_coefficients(
     if not len(known):
         return np.zeros((0, gram.shape[1]))
     inner = gram[np.ix_(known, known)]
-    size = np.sqrt(np.maximum(np.diag(inner), 0.0))  # rounding may go below
-    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    scale = unit_scale(np.diag(inner))
     value, vector = np.linalg.eigh(inner * scale * scale[:, None])
     keep = value > SPANS * len(known)
     half = (scale[:, None] * vector[:, keep]) / np.sqrt(value[keep])
@@ -430,8 +435,7 @@ def _step(
     damping: float,
 ) -> Float[np.ndarray, " parameters"]:
     """Return the damped step within bounds."""
-    size = np.sqrt(np.maximum(np.diag(now.gram), 0.0))  # rounding may go below
-    scale = np.where(size > 0.0, 1.0 / np.where(size > 0.0, size, 1.0), 0.0)
+    scale = unit_scale(np.diag(now.gram))
     value, vector = np.linalg.eigh(now.gram * scale * scale[:, None])
     root = np.sqrt(np.maximum(value, 0.0) + damping)
     aim = (vector.T @ (scale * now.descent)) / root
