@@ -161,7 +161,7 @@ def test_a_name_gives_its_parameters_and_one_that_is_not_there_its_reason(found)
         ("drift", "base", "May be nothing."),
         ("lost_motion", "a2", "do as well as hysteresis at a2"),
         ("hysteresis", "a2", "It is named: hysteresis at a2, probability 0.980"),
-        ("link_bending", "link_2", "probability is 0.011; 0.95 is needed"),
+        ("link_bending", "link_2", "has a probability of 0.011; 0.95 is needed"),
         ("encoder_offset", "a1", "No gate has decided on encoder_offset at a1"),
     ],
 )
