@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from bench.effects.effect import Effect
 from bench.patch import Patch, effects_of, named, rig_of, with_arm
@@ -82,6 +83,7 @@ class Proof:
     folds: int = 1
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def prove(
     recording: Recording,
     arm_file: Path,

@@ -36,6 +36,7 @@ from jaxtyping import Bool, Float
 from scipy.stats import f as fisher
 from scipy.stats import norm
 from scipy.stats import t as student
+from threadpoolctl import threadpool_limits
 
 from bench.shared.recording import Recording
 from stiffness.calibration.columns import (
@@ -432,6 +433,7 @@ def _turn_agreement(
     return agreement(turned[seen], readings.posture[seen]) if seen.any() else None
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def calibrate(
     recording: Recording,
     arm: Arm,

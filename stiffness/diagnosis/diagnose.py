@@ -26,6 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from threadpoolctl import threadpool_limits
 
 from bench.shared.recording import Recording
 from stiffness.diagnosis.between_visit import BetweenVisitModel
@@ -385,6 +386,7 @@ def _with_split_shares(answer: dict, splits: tuple[SplitNames, ...]) -> dict:
 # --- Diagnose -------------------------------------------------------------------------
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def diagnose(
     recording: Recording, arm: Arm, hypotheses: Sequence[Hypothesis] = HYPOTHESES
 ) -> Diagnosis:

@@ -41,6 +41,7 @@ from itertools import combinations, product
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
+from threadpoolctl import threadpool_limits
 
 from bench.shared.recording import Marker, Recording
 from stiffness.diagnosis.result import Warned
@@ -350,6 +351,7 @@ Told = tuple[Warned, ...]
 Other = tuple[Told, TrackerObservations]
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def setup_errors(recording: Recording, arm: Arm) -> Told:
     """Return the gross mistakes that the readings show.
 

@@ -22,6 +22,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from stiffness.dual_encoder.fit import EncoderComparison, SelectionStep
 from stiffness.dual_encoder.motions import Motion
@@ -58,6 +59,7 @@ class DelayFit:
     found: dict[int, EncoderComparison]
 
 
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def across(axes: Axes, stated: float | None = None) -> dict[int, EncoderComparison]:
     """Return the terms of all axes of a recording, with the delay that they share.
 
