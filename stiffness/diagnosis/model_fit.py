@@ -171,6 +171,15 @@ class ModelTerm:
         shapes = self.hypothesis.shapes(situation, self.where)
         return np.unique(shapes[:, j % max(shapes.shape[1], 1)])
 
+    def has_form_of(self, situation: StaticState, other: "ModelTerm") -> bool:
+        """Return whether the law of another place has the same form at this one."""
+        forms = enumerate(zip(other.shape_names, other.shape, strict=True))
+        return all(
+            value in self.grid(situation, j)
+            for j, (name, value) in forms
+            if name in WHOLE
+        )
+
 
 @dataclass(frozen=True)
 class ModelFit:

@@ -211,7 +211,9 @@ def exchange_search(model: SelectedModel) -> Search:
         (term.name, member.name): replace(term, shape=member.shape)
         for member in model.fit.members
         for term in fine
-        if term.hypothesis is member.hypothesis and term.where != member.where
+        if term.hypothesis is member.hypothesis
+        and term.where != member.where
+        and term.has_form_of(model.case.situation, member)
     }
     every = [*model.fit.members, *fine, *(t for t in alike.values() if len(t.shape))]
     return Search.of(model.case, every, model.refused)

@@ -10,6 +10,10 @@ from small_bench import FEW, arm, moved_by, prepared
 
 from bench.shared.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.model_fit import ModelTerm
+from stiffness.diagnosis.nominal_fit import prepare
+from stiffness.diagnosis.relinearisation import build_problem
+from stiffness.diagnosis.selection import exchange_search, select_model
 from stiffness.effects.base import axes_of
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian, MarkerDisplacement
 from stiffness.effects.joint_compliance import JointCompliance
@@ -125,3 +129,21 @@ def test_a_beam_with_marks_on_it_is_a_link_that_bends(made):
     assert [(e.name.effect, e.name.where) for e in found.named] == [
         ("link_bending", LINK)
     ]
+
+
+def test_a_link_without_marks_is_not_asked_how_its_marks_bend():
+    """A link that bends with its marks is compared with one that has none."""
+    made = beam()
+    kept = np.array([not mark.name.startswith("link1") for mark in made.markers])
+    marks = tuple(mark for mark, k in zip(made.markers, kept, strict=True) if k)
+    assert made.points is not None
+    seen = replace(made, markers=marks, points=made.points[:, kept])
+    ready, library = prepare(seen, arm()), (*FEW, LinkBending())
+    model = select_model(build_problem(ready, library), ready, library)
+    assert {m.name: m.shape[0] for m in model.fit.members} == {
+        ("link_bending", LINK): 1.0
+    }
+    bare = ModelTerm(LinkBending(), "link_1", np.zeros(1))
+    search = exchange_search(replace(model, fine=(*model.fine, bare)))
+    shapes = {float(t.shape[0]) for t in search.terms if t.name == bare.name}
+    assert shapes == {0.0}
