@@ -2,12 +2,12 @@
 
 ==========  ==========================================================================
 Equation    θ = C τ + a s |u|, u and s = du/dτ as in `hysteresis`, τ and 1 for a linear
-            spring; ratio = K+/K- = (C - a)/(C + a), C at no torque. Other laws of the
-            gear act through u = τ on the softer side, whose slope C + |a| is that of
-            the spring at no torque, and u = τ (C - |a|)/(C + |a|) on the other
+            spring, |u| = √(u² + w²) - w; ratio = K+/K- = (C - a)/(C + a) far from no
+            torque. Other laws of the gear act through u = τ on the softer side, whose
+            slope is C + |a|, and u = τ (C - |a|)/(C + |a|) on the other
 Source      even part of any law of two slopes; no source for a gear
 Valid       torques of either sign; C the mean compliance of both ways
-Ignores     hardening of either side
+Ignores     hardening of either side; u tanh(u/w) for |u| (its variants)
 ==========  ==========================================================================
 """
 
@@ -18,13 +18,16 @@ from typing import ClassVar
 import numpy as np
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, reversing, sprung
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, reversing, sprung
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import CurvedSpring, StaticState
 
-ROUND = 1e-3
-"""Width over which the slope turns over, over the largest torque; chosen: a thousandth,
-so that a torque of rounding has no side."""
+ROUND = (1e-3, 0.03, 0.1, 0.3)
+"""w over the largest torque: how gradually the slope turns over. Chosen: a thousandth,
+so that a torque of rounding has no side; beyond the last neither side has a slope."""
+
+LEAST = 1e-9
+"""Least width in N m, of an axis that is never loaded."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,10 @@ class AsymmetricStiffness(Hypothesis):
     """Axis whose stiffness depends on the direction of the torque."""
 
     effect: ClassVar[str] = "asymmetric_stiffness"
+    shape_names: ClassVar[tuple[str, ...]] = ("rounding_nm",)
+    logarithmic: ClassVar[tuple[str, ...]] = ("rounding_nm",)
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
+    size_of_variants: ClassVar[float | None] = 1.0
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.05, 20.0),
     }
@@ -43,12 +49,28 @@ class AsymmetricStiffness(Hypothesis):
         return tuple(a for a in reversing(situation) if a in soft)
 
     @override
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
+        largest = np.max(np.abs(situation.torque[:, situation.axis(where)]))
+        return largest * np.array(ROUND)[:, None]
+
+    @override
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         k = situation.axis(where)
         wound = situation.wound(k, situation.torque[:, k], self.effect)
-        return turn(k, situation.softness_of(k, self.effect) * np.abs(wound))
+        even = np.hypot(wound, shape[0]) - shape[0]
+        return turn(k, situation.softness_of(k, self.effect) * even)
+
+    @override
+    def variants(
+        self, situation: StaticState, where: str, shape: Shape
+    ) -> EffectJacobian:
+        k = situation.axis(where)
+        wound = situation.wound(k, situation.torque[:, k], self.effect)
+        widths = (x * float(shape[0]) for x in (0.5, 1.0, 2.0))
+        tanh = [wound * np.tanh(wound / max(width, LEAST)) for width in widths]
+        return turn(k, *(situation.softness_of(k, self.effect) * f for f in tanh))
 
     @override
     def acting(
@@ -60,7 +82,7 @@ class AsymmetricStiffness(Hypothesis):
         if fitted <= 0.0 or 2.0 * abs(half) >= softer:
             return situation
         stiffer, side = 1.0 - 2.0 * abs(half) / softer, -np.sign(half)
-        width = ROUND * float(np.max(np.abs(situation.torque[:, k])))
+        width = float(shape[0])
 
         def slope(torque: np.ndarray) -> np.ndarray:
             share = 0.5 * (1.0 + side * torque / np.hypot(torque, width))

@@ -57,8 +57,8 @@ EXACT = [
     # effect, shape, axes whose own spring is fitted with it
     (JointCompliance("a4", 2e-6), (), ""),
     (JointCompliance("a2", 2e-7), (), ""),
-    (AsymmetricStiffness("a4", 1.1), (), "a4"),
-    (AsymmetricStiffness("a2", 0.9), (), "a2"),
+    (AsymmetricStiffness("a4", 1.1), (0.01,), "a4"),
+    (AsymmetricStiffness("a2", 0.9), (0.1,), "a2"),
     (Creep("a2", 0.03, 20.0), (20.0, 0.0), "a2"),
     (Creep("a5", 0.03, 60.0), (60.0, 0.0), "a5"),
     (AngleDependentStiffness("a3", 0.01, 2.0, 1.0), (2.0,), "a3"),

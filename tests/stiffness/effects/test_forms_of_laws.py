@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -23,6 +24,7 @@ from stiffness.diagnosis.model_fit import ModelTerm, fit_shapes
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
+from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.bearing_tilt import BearingTilt
@@ -99,6 +101,24 @@ def test_law_of_another_form_comes_back_under_the_same_name(law, name):
     found = diagnose(with_law(1, law), arm(), GEAR)
     assert [(e.name.effect, e.name.where) for e in found.named] == [(name, "a2")]
     assert found.verdict == "explained"
+
+
+@pytest.mark.parametrize("rounding", [0.016, 0.1, 0.3])
+def test_asymmetry_that_turns_over_gradually_costs_no_name_of_the_arm(rounding):
+    """Whatever the width over which a spring's slope changes from side to side."""
+    others = {"hysteresis@a3": "width_rad=1e-4", "bearing_tilt@a4": "", "creep@a2": ""}
+    made = recording(*(f"{name},{size}".strip(",") for name, size in others.items()))
+    ready = prepare(made, arm())
+    torque, compliance = ready.situation.torque[:, 1], ready.situation.compliance[1]
+    width = rounding * np.abs(torque).max()
+    even = 0.2 * compliance * torque * np.tanh(torque / width)
+    moved = truth.moved(ready.situation, turn(1, even)) @ np.ones(1)
+    assert made.points is not None
+    seen = made.points + moved @ ready.frames.transform[:3, :3]
+    library = (*GEAR, BearingTilt(), AsymmetricStiffness())
+    found = diagnose(replace(made, points=seen), arm(), library)
+    named = {f"{e.name.effect}@{e.name.where}" for e in found.named}
+    assert named == {"asymmetric_stiffness@a2", *others}
 
 
 @pytest.mark.parametrize(("middle", "second"), [(0.6, 3.1), (0.81, 3.72), (1.0, 3.5)])

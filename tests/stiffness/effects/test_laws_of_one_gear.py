@@ -20,7 +20,7 @@ from stiffness.experiment.static_state import StaticState
 
 LOOP = (Hysteresis("a2", width_rad=1e-4), (11.0, 0.0))
 WAVE = (AngleDependentStiffness("a2", 0.1, 2.0, 1.0), (2.0,))
-ASYMMETRY = (AsymmetricStiffness("a2", 1.3), ())
+ASYMMETRY = (AsymmetricStiffness("a2", 1.3), (0.1,))
 CREEP = (Creep("a2", 0.05, 60.0), (60.0, 0.0))
 
 
@@ -172,7 +172,7 @@ def test_asymmetry_winds_other_laws_up_by_the_slope_of_its_side(half):
     """By 1 on the softer side, by (C - |a|)/(C + |a|) on the other."""
     state = truth.situation()
     mean = state.compliance[1]
-    named = alone(state, ("asymmetric_stiffness", "a2", [], [half * mean]))
+    named = alone(state, ("asymmetric_stiffness", "a2", [0.1], [half * mean]))
     assert named.unloaded_compliance(1) == pytest.approx(1.1 * mean)
     assert named.unloaded_compliance(1, "asymmetric_stiffness") == mean
     torque = state.torque[:, 1]
