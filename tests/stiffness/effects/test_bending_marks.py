@@ -143,7 +143,7 @@ def test_a_link_without_marks_is_not_asked_how_its_marks_bend():
     assert {m.name: m.shape[0] for m in model.fit.members} == {
         ("link_bending", LINK): 1.0
     }
-    bare = ModelTerm(LinkBending(), "link_1", np.zeros(1))
+    bare = ModelTerm(library[-1], "link_1", np.zeros(1))
     search = exchange_search(replace(model, fine=(*model.fine, bare)))
     shapes = {float(t.shape[0]) for t in search.terms if t.name == bare.name}
     assert shapes == {0.0}
