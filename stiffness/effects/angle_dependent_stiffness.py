@@ -49,7 +49,7 @@ class AngleDependentStiffness(Hypothesis):
     effect: ClassVar[str] = "angle_dependent_stiffness"
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
     shape_names: ClassVar[tuple[str, ...]] = ("order",)
-    has_waves: ClassVar[bool] = True
+    is_sum: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (0.0, 1.0),
         "order": (0.0, 1e3),

@@ -64,8 +64,8 @@ class Hypothesis(ABC):
             the sensor.
         size_of_variants: What a unit of any of its `variants` adds to the coefficient
             of a law of one column; None: a variant is no other form of the same size.
-        has_waves: Whether it is a sum of waves of an angle; its shape is their orders,
-            `MOST_WAVES` at most.
+        is_sum: Whether its shape may repeat its shape parameters, once for each part of
+            a sum.
         log_prior: Log of its prior odds against others; 0 where nothing is known.
         shares_rate_with: Another effect that is of one kind with it, if any: where one
             is, the other is as likely elsewhere on the arm, and about as large.
@@ -80,7 +80,7 @@ class Hypothesis(ABC):
     linear: ClassVar[bool] = False
     turns_load: ClassVar[bool] = False
     size_of_variants: ClassVar[float | None] = None
-    has_waves: ClassVar[bool] = False
+    is_sum: ClassVar[bool] = False
     log_prior: ClassVar[float] = 0.0
     shares_rate_with: ClassVar[str] = ""
 
@@ -111,12 +111,13 @@ class Hypothesis(ABC):
     ) -> Float[np.ndarray, " joined"] | None:
         """Return the shape of one law that does what several of its shapes do.
 
-        None: the law has one shape. A law that is a sum repeats its shape parameters.
+        None: the law has one shape. The parts of a sum are waves unless overridden, of
+        which `MOST_WAVES` are kept.
 
         Args:
             shapes: What explains most comes first.
         """
-        if not self.has_waves:
+        if not self.is_sum:
             return None
         return np.array(orders_apart(np.concatenate([*shapes]))[:MOST_WAVES])
 

@@ -2,8 +2,8 @@
 
 ==========  ==========================================================================
 Equation    p + s (x, y, z) + s (rx, ry, rz) x p, s = T (1 - exp(-t/T)), t since the
-            start; at `base` along the base's axes, at `tracker` along the tracker's and
-            about it
+            start, or a sum of some of these; at `base` along the base's axes, at
+            `tracker` along the tracker's and about it
 Source      ISO 230-3, "Determination of thermal effects"; a body that warms up by
             Newton's law of cooling; T far above the recording's length: linear in time
 Valid       drifts of less than a millimetre; at `tracker` along the base's axes where
@@ -13,7 +13,7 @@ Ignores     t² and temperature (its variants); the changed direction of gravity
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -30,19 +30,24 @@ NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
 CONSTANTS = (0.05, 0.15, 0.5, 2.0, 100.0)
 """T over the recording's length; chosen: the last is a straight line within 0.5 %."""
+MOST, APART = 3, 2.0
+"""Time constants of a sum, and the factor by which they are apart at least; chosen: a
+course that turns back twice."""
 
 
 @dataclass(frozen=True)
 class Drift(Hypothesis):
     """Rigid motion of all readings that starts at a speed and comes to rest.
 
-    Its speeds are those of the start. Drift of the base and drift of the tracker have
-    the same columns.
+    A body whose parts warm up one after another may turn back: a sum, of which the part
+    that explains most is reported. Speeds are those of the start. Drift of the base and
+    drift of the tracker have the same columns.
     """
 
     effect: ClassVar[str] = "drift"
     shape_names: ClassVar[tuple[str, ...]] = ("time_s",)
     logarithmic: ClassVar[tuple[str, ...]] = ("time_s",)
+    is_sum: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         f"{name}_per_h": (-0.1, 0.1) for name in NAMES
     } | {"time_s": (0.0, 1e9)}
@@ -63,7 +68,24 @@ class Drift(Hypothesis):
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        return wander(situation, where, warmed(situation, shape[0]) / HOUR)
+        courses = [warmed(situation, constant) / HOUR for constant in shape]
+        return wander(situation, where, *courses)
+
+    @override
+    def joined(
+        self, shapes: Sequence[Float[np.ndarray, " _"]]
+    ) -> Float[np.ndarray, " joined"]:
+        found = list[float]()
+        for constant in np.concatenate([*shapes]):
+            if all(abs(np.log(constant / other)) >= np.log(APART) for other in found):
+                found.append(float(constant))
+        return np.array(found[:MOST])
+
+    @override
+    def further(
+        self, found: Mapping[str, float], shape: Shape, coefficients: Coeffs
+    ) -> list[dict[str, float]]:
+        return _parts(shape, coefficients)[1:]
 
     @override
     def variants(
@@ -80,8 +102,16 @@ class Drift(Hypothesis):
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
-        names = (f"{name}_per_h" for name in NAMES)
-        return dict(zip(names, coefficients, strict=True)) | {"time_s": shape[0]}
+        return _parts(shape, coefficients)[0]
+
+
+def _parts(shape: Shape, coefficients: Coeffs) -> list[dict[str, float]]:
+    """Return the parameters of each part of a sum, the one that comes first first."""
+    names = [f"{name}_per_h" for name in NAMES]
+    return [
+        dict(zip(names, speeds, strict=True)) | {"time_s": constant}
+        for constant, speeds in zip(shape, coefficients.reshape(-1, 6), strict=True)
+    ]
 
 
 def warmed(situation: StaticState, constant: float) -> Float[np.ndarray, " rows"]:

@@ -50,7 +50,7 @@ class TransmissionError(Hypothesis):
 
     effect: ClassVar[str] = "transmission_error"
     shape_names: ClassVar[tuple[str, ...]] = ("order",)
-    has_waves: ClassVar[bool] = True
+    is_sum: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "amplitude_rad": (0.0, 1e-2),
         "order": (0.0, 1e3),

@@ -110,7 +110,7 @@ def linear_share_of(found: Diagnosis, recording: Recording, arm: Arm) -> float:
             law
             for law in HYPOTHESES
             if law.effect == one.name.effect
-            and (len(law.shape_names) == len(shape) or law.has_waves)
+            and (len(law.shape_names) == len(shape) or law.is_sum)
         ]
         choices.append([ModelTerm(law, one.name.where, shape) for law in laws])
     arm = arm.for_recording(recording)

@@ -29,6 +29,7 @@ from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.creep import Creep
+from stiffness.effects.drift import HOUR, Drift, wander, warmed
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
@@ -36,6 +37,7 @@ from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.jacobian import EffectJacobian, hstack, rotate, turn, values
 from stiffness.effects.link_bending import LinkBending
 from stiffness.effects.lost_motion import LostMotion
+from stiffness.effects.marker_slip import MarkerSlip
 from stiffness.effects.mass_scale import MassScale
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_gain import WrenchGain
@@ -278,6 +280,24 @@ def test_gear_that_errs_in_several_orders_has_one_name_and_all_waves_in_the_patc
     true = [a * np.sin(n * angle + phase) for n, (a, phase) in sizes.items()]
     left = np.sum(seen, axis=0) - np.sum(true, axis=0)  # but for a_3's zero
     assert np.std(left) < 0.2 * np.std(np.sum(true, axis=0))
+
+
+def test_room_that_settles_ever_more_slowly_is_one_drift_with_its_course_in_the_patch():
+    """A stretched exponential: parts of a tracker warm up one after another."""
+    seen = prepared().situation
+    course = 1.0 - np.exp(-((seen.recording.time / 4e3) ** 0.6))
+    moved = wander(seen, "base", course)
+    size = np.array([1e-4, -5e-5, 3e-5, 5e-5, 2e-5, -3e-5])
+    made = moved_by(moved, size)
+    found = diagnose(made, arm(), (*FEW, Drift(), MarkerSlip()))
+    assert found.verdict == "explained"
+    assert [e.name.effect for e in found.named] == ["drift"]
+    parts = [e.parameters for e in patch_of_diagnosis(found, made, arm()).effects]
+    assert len(parts) > 1
+    table = np.array([[one["x_m_per_h"], one["time_s"]] for one in parts], float)
+    along = sum(speed / HOUR * warmed(seen, t) for speed, t in table)
+    left = along - 1e-4 * course
+    assert np.std(left) < 0.1 * np.std(1e-4 * course)
 
 
 def test_spring_that_varies_in_two_orders_has_one_name_and_both_waves_in_the_patch():
