@@ -1,12 +1,12 @@
-"""Compliance of the base under the whole arm: six springs at the base's origin.
+"""Compliance of the base under the whole arm: six springs at one point.
 
 ==========  ==========================================================================
 Equation    turn = compliance × moment about each axis of the base's frame, shift =
             compliance × force along each
-Source      six springs at the base's origin; size chosen: anchor bolts and plate give
-            1e6 to 5e6 N m/rad, a welded pedestal about 1e7
+Source      six springs at a point of the base's z axis; size chosen: anchor bolts and
+            plate give 1e6 to 5e6 N m/rad, a welded pedestal about 1e7
 Valid       small motions
-Ignores     coupling of tilt and shift: the pedestal bends about its top
+Ignores     a pedestal that bends: its tilt and its shift are about two points
 ==========  ==========================================================================
 """
 
@@ -14,9 +14,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import mujoco
+import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect, size
+from bench.effects.effect import ModelEffect, assumed, size
 from bench.effects.springs import add_spring
 from bench.kinematic_chain import Anatomy, pose_in
 
@@ -29,6 +30,7 @@ class BaseCompliance(ModelEffect):
         rx_rad_per_nm, ry_rad_per_nm, rz_rad_per_nm: Tilts about the base's x and y,
             turn about its z.
         x_m_per_n, y_m_per_n, z_m_per_n: Shifts along its axes.
+        centre_m: Height of the springs' point above the base's origin, along its z.
     """
 
     name: ClassVar[str] = "base_compliance"
@@ -39,12 +41,14 @@ class BaseCompliance(ModelEffect):
     x_m_per_n: float = size(0.0, 0.0)
     y_m_per_n: float = size(0.0, 0.0)
     z_m_per_n: float = size(0.0, 0.0)
+    centre_m: float = assumed(0.0, -10.0, 10.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
         # an arm that stands on the world without a base gives way below its first axis
         foot = arm.end(arm.axes[0]) if arm.base == "world" else arm.base
         rotation, origin = pose_in(spec.body(foot), spec.body(arm.base))
+        centre = rotation.T @ (np.array([0.0, 0.0, self.centre_m]) - origin)
         for i, (name, compliance) in enumerate(self.parameters().items()):
             if compliance > 0.0:
                 add_spring(
@@ -52,6 +56,6 @@ class BaseCompliance(ModelEffect):
                     f"base_{name.partition('_')[0]}",
                     rotation[i % 3],
                     1.0 / compliance,
-                    pos=-rotation.T @ origin,
+                    pos=centre,
                     slide=i >= 3,
                 )

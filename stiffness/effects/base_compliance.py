@@ -2,11 +2,11 @@
 
 ==========  ==========================================================================
 Equation    turn about each axis of the base = compliance x moment about it, shift along
-            it = compliance x force; about the base's origin
+            it = compliance x force; about a point of the base's z axis
 Source      six springs without coupling; Klimchik et al. 2011: diagonal compliance
 Valid       small motions
-Ignores     coupling of rotations with each other, and of a tilt with the shift across
-            it (its variants)
+Ignores     coupling of rotations with each other, and of each tilt with the shift
+            across it (its variants)
 ==========  ==========================================================================
 """
 
@@ -18,13 +18,16 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape
-from stiffness.effects.jacobian import BodyTwist, EffectJacobian
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
+from stiffness.effects.jacobian import BodyTwist, EffectJacobian, rotate, translate
 from stiffness.experiment.static_state import StaticState
 
 TURNS = ("rx_rad_per_nm", "ry_rad_per_nm", "rz_rad_per_nm")
 SHIFTS = ("x_m_per_n", "y_m_per_n", "z_m_per_n")
 
+CENTRES = (-0.5, -0.25, -0.1, 0.0, 0.1, 0.25)
+"""Heights of the springs' point above the base's origin in m; chosen: a plate on the
+floor, a pedestal below it, a flange above it."""
 SOFT_TURN, SOFT_SHIFT = 3e-6, 3e-7
 """Prior sigma of what a foot gives way by, in rad/(N m) and m/N. Chosen: three times
 what the softest pedestals do; what readings hold is not moved by it."""
@@ -34,12 +37,13 @@ what the softest pedestals do; what readings hold is not moved by it."""
 class BaseCompliance(Hypothesis):
     """Six springs between the floor and the base.
 
-    Springs along other directions, or about a point below, are its variants: they
-    couple two rotations, or a rotation about a level axis with the shift across it.
+    Springs along other directions, or about a point of their own for either tilt, are
+    its variants: they couple two rotations, or a tilt with the shift across it.
     """
 
     effect: ClassVar[str] = "base_compliance"
     linear: ClassVar[bool] = True
+    shape_names: ClassVar[tuple[str, ...]] = ("centre_m",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         **dict.fromkeys(TURNS, (0.0, 1e-4)),
         **dict.fromkeys(SHIFTS, (0.0, 1e-5)),
@@ -51,14 +55,18 @@ class BaseCompliance(Hypothesis):
         return ("base",)
 
     @override
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
+        return np.array(CENTRES)[:, None]
+
+    @override
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        give = np.zeros((situation.rows, 6, 6))
-        along = np.arange(3)
-        give[:, 3 + along, along] = situation.moment[:, 0]
-        give[:, along, 3 + along] = situation.force[:, 0]
-        return EffectJacobian(6, (BodyTwist(0, give),))
+        moment, centre = about(situation, shape[0])
+        eye, force = np.eye(3), situation.force[:, 0]
+        turn = rotate(0, eye * moment[:, None, :], centre).twist
+        shift = translate(0, eye * force[:, None, :]).twist
+        return EffectJacobian(6, (BodyTwist(0, np.concatenate([turn, shift], axis=2)),))
 
     @override
     def prior_sigma(
@@ -70,18 +78,27 @@ class BaseCompliance(Hypothesis):
     def variants(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        moment, force = situation.moment[:, 0], situation.force[:, 0]
-        give = np.zeros((situation.rows, 6, 5))
+        moment, centre = about(situation, shape[0])
+        force = situation.force[:, 0]
+        turn, shift = np.zeros((2, situation.rows, 3, 7))
         for column, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
-            give[:, 3 + i, column] = moment[:, j]
-            give[:, 3 + j, column] = moment[:, i]
-        for column, (i, j) in enumerate(((0, 1), (1, 0)), start=3):
-            give[:, i, column] = moment[:, j]
-            give[:, 3 + j, column] = force[:, i]
-        return EffectJacobian(5, (BodyTwist(0, give),))
+            turn[:, i, column], turn[:, j, column] = moment[:, j], moment[:, i]
+        pairs = ((0, 1), (1, 0), (2, 0), (2, 1))
+        for column, (i, j) in enumerate(pairs, start=3):
+            shift[:, i, column], turn[:, j, column] = moment[:, j], force[:, i]
+        twist = rotate(0, turn, centre).twist + translate(0, shift).twist
+        return EffectJacobian(7, (BodyTwist(0, twist),))
 
     @override
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return dict(zip((*TURNS, *SHIFTS), coefficients, strict=True))
+
+
+def about(
+    situation: StaticState, height: float
+) -> tuple[Float[np.ndarray, "rows 3"], Float[np.ndarray, "rows 3"]]:
+    """Return the moment on the base about a point of its z axis, and the point."""
+    centre = np.broadcast_to([0.0, 0.0, height], (situation.rows, 3))
+    return situation.moment[:, 0] - np.cross(centre, situation.force[:, 0]), centre

@@ -22,6 +22,9 @@ from stiffness.effects.base_compliance import TURNS, BaseCompliance
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian, values
 from stiffness.experiment.static_state import StaticState
 
+AT_ORIGIN = np.zeros(1)
+"""Height of the point about which it tilts; at another one, see `BaseCompliance`."""
+
 
 @dataclass(frozen=True)
 class BaseTilt(Hypothesis):
@@ -49,9 +52,9 @@ class BaseTilt(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         beside = springs(situation, where, (2, 3, 4, 5))
-        coupled = BaseCompliance().variants(situation, where, shape)
+        coupled = BaseCompliance().variants(situation, where, AT_ORIGIN)
         twists = [values(part) for part in (*beside.parts, *coupled.parts)]
-        return EffectJacobian(9, (BodyTwist(0, np.concatenate(twists, axis=2)),))
+        return EffectJacobian(11, (BodyTwist(0, np.concatenate(twists, axis=2)),))
 
     @override
     def parameters(
@@ -64,6 +67,6 @@ def springs(
     situation: StaticState, where: str, chosen: tuple[int, ...]
 ) -> EffectJacobian:
     """Return some of the six springs: rx, ry, rz, x, y, z."""
-    parts = BaseCompliance().jacobian(situation, where, np.zeros(0)).parts
+    parts = BaseCompliance().jacobian(situation, where, AT_ORIGIN).parts
     moved = [p.twist[:, :, chosen] for p in parts if isinstance(p, BodyTwist)]
     return EffectJacobian(len(chosen), tuple(BodyTwist(0, twist) for twist in moved))

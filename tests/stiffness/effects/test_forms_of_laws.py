@@ -169,6 +169,23 @@ def test_base_whose_springs_stand_askew_is_a_base_that_gives_way():
     assert found.verdict == "explained"
 
 
+@pytest.mark.parametrize(("height", "aside"), [(-0.3, 0.0), (0.1, 0.05)])
+def test_foot_that_turns_about_a_point_off_its_plate_has_its_size(height, aside):
+    """Nothing else is named, though a bearing above it could tilt as well."""
+    situation, point = prepared().situation, np.array([aside, -aside, height])
+    moment = situation.moment[:, 0] - np.cross(point, situation.force[:, 0])
+    rotation = (moment * np.array([6e-7, 5e-7, 2e-7]))[:, :, None]
+    tip = rotate(0, rotation, np.broadcast_to(point, moment.shape))
+    made = moved_by(EffectJacobian(1, (tip,)), np.ones(1))
+    found = diagnose(made, arm(), (*FEW, BaseTilt(), BaseCompliance()))
+    [one] = found.named
+    assert one.name.effect == "base_compliance"
+    for name, true in (("rx_rad_per_nm", 6e-7), ("ry_rad_per_nm", 5e-7)):
+        assert one.parameters[name].low < true < one.parameters[name].high
+    [entry] = patch_of_diagnosis(found, made, arm()).effects
+    assert entry.settings["centre_m"] == pytest.approx(height, abs=0.1)
+
+
 def test_wrench_about_another_point_is_a_sensor_beside_its_place():
     beside = "wrench_misalignment@wrench_sensor,x_m=0.03,z_m=-0.01"
     names = (*FEW, WrenchGain(), WrenchMisalignment())
