@@ -530,7 +530,7 @@ def _on_other_bodies(
                 ]
                 tried.append((left(other, ROUGH), group, body, other))
         least = min(one[0] for one in tried)
-        if least > best / ALIKE:
+        if least >= best / ALIKE:  # both are zero where a single visit was seen
             break
         best, group, body, markers = next(t for t in tried if t[0] < SAME * least)
         groups.remove(group)

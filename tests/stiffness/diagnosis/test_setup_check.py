@@ -435,6 +435,14 @@ def test_two_markers_of_a_body_that_are_swapped_are_named(cell):
     ]
 
 
+def test_places_that_do_not_fit_a_single_pose_are_told(cell):
+    recording, arm = cell
+    one = recording.take(np.flatnonzero(recording.visit == recording.visit[0]))
+    assert said(one, arm) == []
+    wrong = renamed(one, {0: 3, 3: 0})
+    assert said(wrong, arm) == [("marker_places", "markers")]
+
+
 def test_a_mirrored_tracker_is_not_taken_for_swapped_markers():
     """In some postures the mirror image of a body's marks is another order of them."""
     rig = Rig(MODELS["kr10"])
