@@ -388,7 +388,8 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     posture = some.posture
     sight = TrackerObservations.of(arm, some, posture)
     _, before = fit_tracker_frame(sight)
-    whole = _rigid_residual_rms(TrackerObservations.of(arm, every, posture))
+    others = TrackerObservations.of(arm, every, posture)
+    whole = _rigid_residual_rms(others)
     extent = extent_of(sight)
     assert some.tracker is not None
     noise = CLEAR * float(np.max(some.tracker.repeatability))
@@ -396,12 +397,14 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     least = max(DOUBT * extent, noise, places)
     if max(before, whole) <= least:
         return ()
+    if before <= least:  # what is wrong is about the other markers
+        some, sight, before = every, others, whole
     angles = list(of_angles(posture, arm.slides))
-    told = _single(some, arm, angles, sight) if before > least else []
+    told = _single(some, arm, angles, sight)
     if _least(told) > least:
         moved = _on_other_bodies(every, arm, DOUBT * extent)
-        if before <= least or _least(moved) <= least:
-            return _best(moved, whole)
+        if _least(moved) <= least and (said := _best(moved, whole)):
+            return said
     answer = _best(told, before)
     if not answer and mixed:
         return mixed

@@ -10,7 +10,7 @@ from bench.instruments import Instruments
 from bench.instruments.markers import Markers
 from bench.rig import Rig
 from bench.shared.plan import parse_path
-from bench.shared.recording import Recording
+from bench.shared.recording import Marker, Recording
 from bench.standard_plans import table_one_plan
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.synthetic_recording import Watching
@@ -433,6 +433,25 @@ def test_two_markers_of_a_body_that_are_swapped_are_named(cell):
     assert said(renamed(recording, {0: 1, 1: 2, 2: 0}), arm) == [
         ("marker_names", "markers")
     ]
+
+
+def test_names_mixed_up_between_the_first_and_the_last_of_a_body_are_told(cell):
+    recording, arm = cell
+    own, weights = recording.markers[-4:], np.array([1.2, -0.9, 0.8, -0.1])
+    place = weights @ np.array([m.position for m in own])
+    fifth = Marker("fifth", own[0].body, place)
+    assert recording.points is not None
+    seen = np.einsum("m,rmi->ri", weights, recording.points[:, -4:])
+    five = replace(
+        recording,
+        markers=(*recording.markers[:-1], fifth, own[-1]),
+        points=np.insert(recording.points, -1, seen, axis=1),
+    )
+    assert said(five, arm) == []
+    assert five.points is not None
+    points = five.points.copy()
+    points[:, [-4, -3, -2]] = five.points[:, [-3, -2, -4]]
+    assert said(replace(five, points=points), arm) == [("marker_names", "markers")]
 
 
 def test_places_that_do_not_fit_a_single_pose_are_told(cell):
