@@ -95,11 +95,15 @@ DIGESTS = 24
 
 
 def digests_of(recording: Recording, most: int | None = DIGESTS) -> tuple[str, ...]:
-    """Return digests of rows with a target that was seen, so many evenly taken."""
+    """Return digests of rows with a target that was seen, so many evenly taken.
+
+    Relative readings begin each visit at zero, in any recording of the same poses: such
+    rows tell nothing.
+    """
     points = recording.points
     if points is None:
         return ()
-    rows = np.flatnonzero(np.isfinite(points).any(axis=(1, 2)))
+    rows = np.flatnonzero(np.nan_to_num(points).any(axis=(1, 2)))
     if most is not None:
         rows = rows[:: max(-(-len(rows) // most), 1)]
     every = zip(recording.posture[rows], points[rows], strict=True)

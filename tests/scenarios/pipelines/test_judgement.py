@@ -23,6 +23,7 @@ from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.judgement import judge, patched_arm
 from scenarios.pipelines.patching import NEAR, digests_of, ranges_of
 from scenarios.report.sections.proof import first_sentence
+from scenarios.studies.damage import as_differences
 from scenarios.studies.public_recordings import MODEL as UR10
 from scenarios.studies.public_recordings import UR10_FILES, ur10_recording
 
@@ -87,6 +88,14 @@ def test_the_recording_that_taught_a_patch_proves_nothing(loaded, kr10):
     assert found.answer.taught
     assert first_sentence(found).startswith("This is the recording that taught")
     assert not judged(recorded(kr10, seed=4), kr10, taught).answer.taught
+
+
+def test_relative_readings_of_the_same_poses_are_told_apart(loaded, kr10):
+    """Each visit begins at zero by definition."""
+    first, second = (as_differences(r) for r in (loaded, recorded(kr10, seed=4)))
+    known = set(digests_of(first))
+    assert known and known <= set(digests_of(first, None))
+    assert not known & set(digests_of(second, None))
 
 
 def test_a_patch_is_compared_with_its_springs_alone_too(loaded, kr10):
