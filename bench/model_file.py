@@ -158,8 +158,9 @@ def _too_large(element: ElementTree.Element) -> list[str]:
 
 
 def _number(text: str) -> float:
-    """Return a count as written, however many digits it has; 1 where it is none."""
-    return float(text) if text.isdecimal() else 1.0
+    """Return a count as MuJoCo reads it, of however many digits; 1 where it is none."""
+    digits = text.strip().removeprefix("+")
+    return float(digits) if digits.isdecimal() else 1.0
 
 
 def _elsewhere(there: list[Path], home: Path, name: str) -> list[str]:

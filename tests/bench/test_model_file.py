@@ -200,6 +200,11 @@ HUGE = [
         id="hfield",
     ),
     pytest.param(
+        '<asset><hfield name="h" nrow="+6000 " ncol=" 6000" size="1 1 1 1"/></asset>',
+        r"hfield has 3.6e\+07 cells; the most is 10000000",
+        id="sign and spaces",
+    ),
+    pytest.param(
         '<asset><mesh name="m" file="../secret.stl"/></asset>',
         r"'\.\./secret\.stl' leaves the model's folder",
         id="elsewhere",
