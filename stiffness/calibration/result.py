@@ -343,7 +343,8 @@ def calibrated(
     """Calibrate an arm on the regions that are not kept back.
 
     `said` receives a line on each effect that is believed; tables of transmission error
-    end below the order `highest`. A table without a name is left out of a second fit.
+    end below the order `highest`. A table without a name is left out, and the rest is
+    fitted anew, until all have one.
     """
     keep = ~spatial_folds.kept_back
     fit_on = readings.take(keep)
@@ -368,14 +369,13 @@ def calibrated(
     if not any(blocks.entry[j] >= 0 and blocks.owner[j] != SILENT
                for j in chosen.columns):  # fmt: skip
         rigid = RigidFit(before.corrected_geometry, rigid.kept)
-    after = final_fit(readings, keep, rigid, wanted, sprung, highest, design)
-    result = _result(readings, spatial_folds, before, after, chosen)
-    tables = {("transmission_error", axis) for axis in result.error_tables}
-    if not tables - {*result.named}:
-        return result
-    wanted = {one for one in wanted if one[0] not in tables - {*result.named}}
-    after = final_fit(readings, keep, rigid, wanted, sprung, highest, design)
-    return _result(readings, spatial_folds, before, after, chosen)
+    while True:
+        after = final_fit(readings, keep, rigid, wanted, sprung, highest, design)
+        result = _result(readings, spatial_folds, before, after, chosen)
+        tables = {("transmission_error", axis) for axis in result.error_tables}
+        if tables <= {*result.named}:
+            return result
+        wanted = {one for one in wanted if one[0] not in tables - {*result.named}}
 
 
 def _result(

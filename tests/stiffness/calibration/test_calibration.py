@@ -190,6 +190,26 @@ def test_a_table_without_a_name_is_in_no_patch_and_is_told(recording, monkeypatc
     assert said.index("No name, taken out again") < said.index(f"{TABLE}@a2")
 
 
+def test_tables_that_lose_their_names_one_after_another_are_all_left_out(monkeypatch):
+    """Without one table another may be told from noise no more."""
+    waves = [
+        replace(e, where=where) for e in TRUTH for where in ("a2", "a3", "a4")
+        if e.effect == TABLE
+    ]  # fmt: skip
+    readings = readings_of(recorded(UR10, waves, 240, 3), arm_of(UR10))
+    own, gone = result.named, ["a2", "a3", "a4"]
+    tables: list[set[str]] = []
+
+    def named(chosen, estimates, harmonics, regions):
+        tables.append({*harmonics})
+        lost = {(TABLE, axis) for axis in gone[: len(tables)]}
+        return (k for k in own(chosen, estimates, harmonics, regions) if k not in lost)
+
+    monkeypatch.setattr(result, "named", named)
+    found = result.calibrated(readings, spatial_folds_of(readings), highest=33)
+    assert len(tables) > 2 and not found.error_tables
+
+
 def test_every_effect_that_was_tried_has_a_reason_and_the_result_a_figure(
     outcome, tmp_path
 ):
