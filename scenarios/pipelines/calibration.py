@@ -91,6 +91,7 @@ LIKE = {"hysteresis": ("lost_motion",), "reading_lag": ("hysteresis", "lost_moti
 moves between the poses are not known. Commanded angles may tell a lag."""
 IMPOSSIBLE_FIT = "the best fit is a size that the effect cannot have"
 NOT_MISSED = "fitted with the others, but taken out alone it is not missed"
+NOT_PROVED = "not proved: on regions kept back the simulator is not surely better by it"
 GONE = "taken out again: with all others in, it is not surely missed"
 
 
@@ -178,7 +179,11 @@ def without_a_name(found: Calibrated, names: tuple[Key, ...]) -> dict[Key, str]:
     fitted = {*found.estimates, *tables}
     taken = [s.key for s in found.selected.steps if s.verdict == BELIEVED]
     gone = {k: GONE for k in taken if k not in fitted and k != DRAWING}
-    kept = {k: NOT_MISSED for k in (*found.estimates, *tables) if k not in names}
+    kept = {
+        key: NOT_PROVED if key in found.named else NOT_MISSED
+        for key in (*found.estimates, *tables)
+        if key not in names
+    }
     return gone | kept
 
 
@@ -186,8 +191,8 @@ def names_told(found: Calibrated, answer: Answer) -> str:
     """Say which names stand in the end, and what was believed before and has none."""
     named = [f"{n.effect}@{n.where}" for n in answer.named]
     said = f"Named in the end: {', '.join(named) or 'nothing'}."
-    for why in (GONE, NOT_MISSED):
-        every = without_a_name(found, tuple((n.effect, n.where) for n in answer.named))
+    every = without_a_name(found, tuple((n.effect, n.where) for n in answer.named))
+    for why in (GONE, NOT_PROVED, NOT_MISSED):
         listed = ", ".join(f"{e}@{w}" for (e, w), own in every.items() if own == why)
         said += f" No name, {why}: {listed}." if listed else ""
     return said

@@ -24,7 +24,13 @@ from bench.shared.recording import (
     Payload,
     Recording,
 )
-from scenarios.pipelines.calibration import calibrate_and_prove, first_sentence
+from scenarios.pipelines.calibration import (
+    NOT_PROVED,
+    answer_of,
+    calibrate_and_prove,
+    first_sentence,
+    names_told,
+)
 from scenarios.pipelines.inputs import arm_of
 from scenarios.report.data_files import DECISIONS, read_table, write_decisions
 from scenarios.report.sections.calibration import figure, show, write_files
@@ -188,6 +194,15 @@ def test_a_table_without_a_name_is_in_no_patch_and_is_told(recording, monkeypatc
     said = told[-2]
     assert said.startswith("Named in the end: ")
     assert said.index("No name, taken out again") < said.index(f"{TABLE}@a2")
+
+
+def test_names_that_the_simulator_does_not_prove_are_withheld_for_that(outcome):
+    proof = replace(outcome.proof, improves=False)
+    answer = answer_of("seen", outcome.found, proof, outcome.residual, 1.0)
+    reasons = {(r.effect, r.where): r.reason for r in answer.refused}
+    assert not answer.named and outcome.found.named
+    assert {reasons[key] for key in outcome.found.named} == {NOT_PROVED}
+    assert f"No name, {NOT_PROVED}: " in names_told(outcome.found, answer)
 
 
 def test_tables_that_lose_their_names_one_after_another_are_all_left_out(monkeypatch):
