@@ -39,6 +39,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float, Int
 from scipy.optimize import nnls
 
 from bench.shared.errors import BenchError
@@ -211,15 +212,17 @@ def of_sag(
     """
     if recording.displacement != "absolute" or fit.explained < EXPLAINS:
         return None
-    some = some_visits(recording, POSTURES)
-    modelled = arm.at(some.posture[:1]).chain.gravity
-    pulls = _sag(some, arm, frames, fit, np.linalg.norm(modelled) * np.eye(3))
-    if pulls is not None and (told := _of_mounting(pulls, modelled)) is not None:
+    modelled = arm.chain.gravity
+    sag = _sag(some_visits(recording, POSTURES), arm, frames, fit)
+    if sag is None or not modelled.any():
+        return None
+    pulls = sag.shares(np.linalg.norm(modelled) * np.eye(3))
+    if pulls is not None and (told := _of_mounting(*pulls, modelled)) is not None:
         return told
-    found = _sag(some, arm, frames, fit, modelled[None])
+    found = sag.shares(modelled[:, None])
     if found is None:
         return None
-    ratio, error = float(found.share[0]), float(np.sqrt(found.covariance[0, 0]))
+    ratio, error = float(found[0][0]), float(np.sqrt(found[1][0, 0]))
     unit = _unit(ratio, ERRORS * error) if error <= SURE * abs(ratio) else ""
     if not unit:
         return None
@@ -237,15 +240,17 @@ def some_visits(recording: Recording, most: int) -> Recording:
     return recording.take(first[:: -(-len(first) // most)])
 
 
-def _of_mounting(pulls: "Sag", modelled: np.ndarray) -> Warned | None:
+def _of_mounting(
+    pulls: np.ndarray, covariance: np.ndarray, modelled: np.ndarray
+) -> Warned | None:
     """Doubt how the base is mounted where gravity surely pulls along another line."""
-    down, size = modelled / np.linalg.norm(modelled), np.linalg.norm(pulls.share)
-    off = float(np.linalg.norm(pulls.share - size * down))
-    error = float(np.sqrt(np.linalg.norm(pulls.covariance, 2)))
+    down, size = modelled / np.linalg.norm(modelled), np.linalg.norm(pulls)
+    off = float(np.linalg.norm(pulls - size * down))
+    error = float(np.sqrt(np.linalg.norm(covariance, 2)))
     if size < NEAR or off < NEAR * size or error > SURE * size or off < ERRORS * error:
         return None
-    angle = np.degrees(np.arccos(np.clip(down @ pulls.share / size, -1.0, 1.0)))
-    said = ", ".join(f"{part:.2f}" for part in pulls.share / size)
+    angle = np.degrees(np.arccos(np.clip(down @ pulls / size, -1.0, 1.0)))
+    said = ", ".join(f"{part:.2f}" for part in pulls / size)
     text = (
         f"the base looks mounted otherwise than in the model: its own weight turns the "
         f"arm as if gravity pulled along ({said}) of the base, {angle:.0f}° from where "
@@ -264,23 +269,57 @@ def _unit(ratio: float, off: float = np.inf) -> str:
 
 @dataclass(frozen=True)
 class Sag:
-    """How much of some accelerations' sag readings show, and its covariance."""
+    """What gravity along the base's axes would do to readings, and what they show.
 
-    share: np.ndarray
-    covariance: np.ndarray
+    Offsets, frame and markers' places, which do some of it too, are projected out.
+
+    Attributes:
+        columns: Sag per m/s^2 along each of the base's axes, in m.
+        residual: What the readings show of it, in m.
+        others: Orthonormal basis of what is projected out.
+        posture: Which posture each coordinate was read in.
+    """
+
+    columns: Float[np.ndarray, "coordinates 3"]
+    residual: Float[np.ndarray, " coordinates"]
+    others: Float[np.ndarray, "coordinates others"]
+    posture: Int[np.ndarray, " coordinates"]
+
+    def shares(
+        self, pulls: Float[np.ndarray, "3 pulls"]
+    ) -> tuple[Float[np.ndarray, " pulls"], Float[np.ndarray, "pulls pulls"]] | None:
+        """Return how much of some accelerations' sag is shown, and its covariance.
+
+        Errors are by leaving out each posture in turn. None where readings cannot tell
+        the accelerations, one a column in m/s^2, from each other.
+        """
+        own = self.columns @ pulls
+        along, scale, back = np.linalg.svd(own, full_matrices=False)
+        if scale[-1] <= RANK * scale[0]:
+            return None
+        inverse = (back.T / scale) @ along.T
+        share = inverse @ self.residual
+        rest = self.residual - own @ share
+        basis = np.column_stack([self.others, along])
+        covariance = np.zeros((len(share), len(share)))
+        for posture in np.unique(self.posture):
+            its = self.posture == posture
+            free = np.eye(its.sum()) - basis[its] @ basis[its].T
+            moved = inverse[:, its] @ np.linalg.lstsq(free, rest[its], rcond=RANK)[0]
+            covariance += np.outer(moved, moved)
+        return share, covariance
 
 
 def _sag(
-    some: Recording, arm: Arm, frames: TrackerFit, fit: LoadResponse, pulls: np.ndarray
+    some: Recording, arm: Arm, frames: TrackerFit, fit: LoadResponse
 ) -> Sag | None:
-    """Return the shares s, with errors by leaving out each posture in turn.
+    """Return the sag of an arm as readings show it; None where postures are too few.
 
     Args:
         some: One row of each visit.
         arm: The nominal arm, with the recording's names.
         frames: Where the tracker and the markers are.
         fit: What gives way under the load.
-        pulls: Accelerations along the base's axes, one a row, in m/s^2.
     """
     if len(some.posture) < FEWEST:
         return None
@@ -294,7 +333,7 @@ def _sag(
     for m, marker in enumerate(markers):
         places[:, m, :, 3 * m : 3 * m + 3] = standing.turn(marker.body)
     sags = []
-    for pull in pulls:
+    for pull in np.eye(3):
         pulled = replace(standing, chain=replace(standing.chain, gravity=pull))
         torque = fit.compliance * pulled.gravity_torque(some.tool)
         sags.append((jacobian * torque[:, None, None]).sum(axis=3))
@@ -303,23 +342,14 @@ def _sag(
     size = np.linalg.norm(others, axis=0)
     u, scale, _ = np.linalg.svd(others / np.where(size > 0, size, 1.0), False)
     u = u[:, scale > RANK * scale[0]]
-    aim = left[seen] - u @ (u.T @ left[seen])
-    own = np.stack([sag[seen] for sag in sags], axis=1)
-    own -= u @ (u.T @ own)
-    along, scale, back = np.linalg.svd(own, full_matrices=False)
-    if scale[-1] <= RANK * scale[0]:
-        return None
-    inverse = (back.T / scale) @ along.T
-    answer = inverse @ aim
-    of_posture = np.broadcast_to(np.arange(len(left))[:, None, None], left.shape)[seen]
-    rest, basis = aim - own @ answer, np.column_stack([u, along])
-    covariance = np.zeros((len(pulls), len(pulls)))
-    for posture in np.unique(of_posture):
-        its = of_posture == posture
-        free = np.eye(its.sum()) - basis[its] @ basis[its].T
-        moved = inverse[:, its] @ np.linalg.lstsq(free, rest[its], rcond=RANK)[0]
-        covariance += np.outer(moved, moved)
-    return Sag(answer, covariance)
+    columns = np.stack([sag[seen] for sag in sags], axis=1)
+    of_posture = np.broadcast_to(np.arange(len(left))[:, None, None], left.shape)
+    return Sag(
+        columns - u @ (u.T @ columns),
+        left[seen] - u @ (u.T @ left[seen]),
+        u,
+        of_posture[seen],
+    )
 
 
 # --- Errors of loads ------------------------------------------------------------------
