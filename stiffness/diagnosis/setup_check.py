@@ -53,7 +53,11 @@ from stiffness.diagnosis.setup_alternatives import (
     of_sight,
     of_signs,
 )
-from stiffness.diagnosis.setup_loads import load_setup_errors, some_visits
+from stiffness.diagnosis.setup_loads import (
+    ends_of_bodies,
+    load_setup_errors,
+    some_visits,
+)
 from stiffness.experiment.outliers import outliers_of, without_outliers
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import (
@@ -339,8 +343,8 @@ ALIKE = 1.1
 SAME = 1.001
 """Factor within which a body does as well as another, which nothing turned against it;
 chosen: rounding is below."""
-VISITS, OF_A_BODY = 30, 2
-"""Visits, and markers of a body, that this looks at; chosen for time."""
+VISITS = 30
+"""Visits that this looks at; chosen for time."""
 PARTNERS = 8
 """Readings that are tried together with each other one; chosen for time."""
 ROUGH, LIKELY = 1, 12
@@ -384,15 +388,17 @@ def _errors(recording: Recording, arm: Arm) -> Told:
 def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     """Doubt angles and the tracker, then the markers' names, then what is stated."""
     every = some_visits(recording, VISITS)
-    some = _some_markers(every, arm)
+    few = ends_of_bodies(every.markers, arm)
+    assert every.points is not None and every.tracker is not None
+    markers = tuple(every.markers[m] for m in few)
+    some = replace(every, markers=markers, points=every.points[:, few])
     posture = some.posture
     sight = TrackerObservations.of(arm, some, posture)
     _, before = fit_tracker_frame(sight)
     others = TrackerObservations.of(arm, every, posture)
     whole = _rigid_residual_rms(others)
     extent = extent_of(sight)
-    assert some.tracker is not None
-    noise = CLEAR * float(np.max(some.tracker.repeatability))
+    noise = CLEAR * float(np.max(every.tracker.repeatability))
     places = np.sqrt(3.0) * MARKER_POSITION_SIGMA if sight.given.any() else 0.0
     least = max(DOUBT * extent, noise, places)
     if max(before, whole) <= least:
@@ -575,18 +581,3 @@ def _rigid_groups(every: Recording, rigid: float) -> list[tuple[int, ...]]:
         else:
             groups[groups.index(near)] = (*near, k)
     return groups
-
-
-def _some_markers(every: Recording, arm: Arm) -> Recording:
-    """Take a few markers of each body, the first and the last among them."""
-    of_body: dict[int, list[int]] = {}
-    for m, marker in enumerate(every.markers):
-        of_body.setdefault(arm.attachment(marker.body).axis, []).append(m)
-    chosen = sorted(
-        own[i]
-        for own in of_body.values()
-        for i in {*np.linspace(0, len(own) - 1, OF_A_BODY, dtype=int).tolist()}
-    )
-    assert every.points is not None
-    markers = tuple(every.markers[m] for m in chosen)
-    return replace(every, markers=markers, points=every.points[:, chosen])

@@ -35,7 +35,7 @@ Ignores     everything that gives way but the axes
 ==========  ==========================================================================
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -43,7 +43,7 @@ from jaxtyping import Float, Int
 from scipy.optimize import nnls
 
 from bench.shared.errors import BenchError
-from bench.shared.recording import Recording
+from bench.shared.recording import Marker, Recording
 from stiffness.diagnosis.result import Warned
 from stiffness.diagnosis.setup_alternatives import (
     KGF,
@@ -240,6 +240,14 @@ def some_visits(recording: Recording, most: int) -> Recording:
     return recording.take(first[:: -(-len(first) // most)])
 
 
+def ends_of_bodies(markers: Sequence[Marker], arm: Arm) -> list[int]:
+    """Return the first and the last marker of each body: few that show it."""
+    of_body: dict[int, list[int]] = {}
+    for m, marker in enumerate(markers):
+        of_body.setdefault(arm.attachment(marker.body).axis, []).append(m)
+    return sorted({m for own in of_body.values() for m in (own[0], own[-1])})
+
+
 def _of_mounting(
     pulls: np.ndarray, covariance: np.ndarray, modelled: np.ndarray
 ) -> Warned | None:
@@ -366,9 +374,9 @@ RIGHT = 0.05
 a slip leaves all of an axis' or a component's, and that seldom is a twentieth."""
 ALIKE = 0.9
 """Rms over that of a reading told before from which this one fits alike; chosen."""
-FEW, OF_A_BODY, LIKELY = 60, 2, 8
-"""Pairs, and markers of a body, by which other readings are ranked, and how many of the
-best are then judged by all; chosen for time."""
+FEW, LIKELY = 60, 8
+"""Pairs by which other readings are ranked, and how many of the best are then judged by
+all; chosen for time."""
 
 
 def load_setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
@@ -393,7 +401,7 @@ def load_setup_errors(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
         return ()
     answer = None
     if written.residual_rms > RIGHT * written.whole:
-        few, seen = _few(some, frames)
+        few, seen = _few(some, frames, arm)
 
         def misfit(size: np.ndarray) -> float:
             assert few.wrench is not None
@@ -449,7 +457,7 @@ def _better(
     others = list(others)
     ranked = []
     for i, (_, other) in enumerate(others):
-        few = load_response(*_few(other, frames), arm)
+        few = load_response(*_few(other, frames, arm), arm)
         ranked.append((np.inf if few is None else few.residual_rms, i))
     likely = sorted(i for _, i in sorted(ranked)[:LIKELY])
     best, left, answer = min(written.residual_rms / BETTER, ALIKE * most), most, None
@@ -465,7 +473,7 @@ def _shifted(
     some: Recording, arm: Arm, frames: TrackerFit
 ) -> list[tuple[Warned, Recording]]:
     """Return the reading with the zero of one axis fitted, if it is another one."""
-    few, seen = _few(some, frames)
+    few, seen = _few(some, frames, arm)
 
     def misfit(posture: np.ndarray) -> float:
         fit = load_response(replace(few, posture=posture), seen, arm)
@@ -477,13 +485,12 @@ def _shifted(
     return [(found.warned, replace(some, posture=found.meant(some.posture)))]
 
 
-def _few(some: Recording, frames: TrackerFit) -> tuple[Recording, TrackerFit]:
+def _few(some: Recording, frames: TrackerFit, arm: Arm) -> tuple[Recording, TrackerFit]:
     """Return some of the pairs, with a few markers of each body."""
     assert some.points is not None
     pairs = np.arange(len(some.time)).reshape(-1, 2)
     rows = pairs[:: -(-len(pairs) // FEW)].ravel()
-    bodies = [m.body for m in some.markers]
-    kept = [i for i, b in enumerate(bodies) if bodies[:i].count(b) < OF_A_BODY]
+    kept = ends_of_bodies(some.markers, arm)
     markers = tuple(some.markers[i] for i in kept)
     return (
         replace(some, markers=markers, points=some.points[:, kept]).take(rows),
