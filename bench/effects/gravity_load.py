@@ -45,8 +45,8 @@ class GravityLoad(ModelEffect):
         if name == "tool" and name not in [b.name for b in spec.bodies]:
             name = arm.flange  # what hangs there, where the model has no such body
         body = spec.body(name)
-        if name == "tool" and body.mass + self.mass_kg <= 0.0 and not body.joints:
-            turned = np.zeros(3)  # of what is mounted, which the flange carries
+        if not body.joints and body.mass + self.mass_kg <= 0.0:
+            turned = np.zeros(3)  # then of what its carrier has, such as a stated tool
             mujoco.mju_rotVecQuat(turned, added, body.quat)
             added, body = turned + body.pos, body.parent
         own = float(body.mass) if body.explicitinertial else 0.0
