@@ -198,30 +198,29 @@ def _with_points(
 ) -> tuple[bytes, list[str]]:
     """Add the columns of the markers that stand for targets."""
     about = csv_of(manifest)
-    wanted = {c for t in targets.values() for c in columns_of(t)}
-    header, faults = open_csv(source, about, wanted | names_in(manifest))
+    own = {c for t in targets.values() for c in columns_of(t)}
+    header, faults = open_csv(source, about, own | names_in(manifest))
     if header is None:
         return source, []  # the format's reader says why
     faults = []  # as it says what else is wrong with the header
-    columns: dict[str, np.ndarray] = {}
-    rows = np.zeros(0, dtype=int)
     for name, target in targets.items():
-        missing = [c for c in columns_of(target) if c not in header.names]
-        if missing:
-            faults += [
-                f"{CSV_FILE}: column {c!r} is missing, which {FILE}, targets.{name} "
-                f"asks for.{nearest(c, header.names)}"
-                for c in missing
-            ]
-            continue
-        held = plain(dict.fromkeys(sorted(columns_of(target)), True))
-        cells, _ = kept_of(header, held)  # as it says what is wrong with rows
-        numbers, found = all_values_of(held, cells, about.mark)
-        faults += [*cells.faults, *found]
-        rows = cells.location.rows(cells.rows)
-        columns |= points_of(name, target, numbers.__getitem__)
+        faults += [
+            f"{CSV_FILE}: column {c!r} is missing, which {FILE}, targets.{name} "
+            f"asks for.{nearest(c, header.names)}"
+            for c in columns_of(target)
+            if c not in header.names
+        ]
+    # all at once, for the rows of one are those of the others
+    held = plain(dict.fromkeys(sorted(own.intersection(header.names)), True))
+    cells, _ = kept_of(header, held)  # as it says what is wrong with rows
+    numbers, found = all_values_of(held, cells, about.mark)
+    faults += [*cells.faults, *found]
     if faults:
         return source, faults
+    columns: dict[str, np.ndarray] = {}
+    for name, target in targets.items():
+        columns |= points_of(name, target, numbers.__getitem__)
+    rows = cells.location.rows(cells.rows)
     return with_columns(header, about.mark, columns, rows), []
 
 
@@ -250,7 +249,7 @@ def with_columns(
     above, separator = header.location.above, header.separator
     values = np.full((len(lines), len(columns)), np.nan)
     for k, column in enumerate(columns.values()):
-        values[rows + above + 1, k] = column[: len(rows)]
+        values[rows + above + 1, k] = column
     written = []
     for number, line in enumerate(lines):
         added = [

@@ -1,3 +1,4 @@
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -115,6 +116,27 @@ def test_a_target_in_6d_becomes_four_markers_of_one_name(lab):
     np.testing.assert_allclose(arms[0, 0], [0, 0.05, 0], atol=1e-12)
     np.testing.assert_allclose(arms[3, 2], [0.05, 0, 0], atol=1e-12)
     assert np.isnan(recording.points[2]).all()
+
+
+@pytest.mark.parametrize("last", ["t", "u"])
+def test_two_targets_keep_their_rows_where_one_of_them_is_not_seen(tmp_path, last):
+    header = HEADER.removesuffix(";Bemerkung") + ";X2;Y2;Z2;A2;B2;C2"
+    rows = [
+        f"{row.rpartition(';')[0]};{k},5;0;0,25;0;0;0" for k, row in enumerate(ROWS)
+    ]
+    other = re.sub(
+        r'"([XYZABC])"', r'"\g<1>2"', TARGET.replace("targets.t", "targets.u")
+    )
+    targets = (other, TARGET) if last == "t" else (TARGET, other)
+    (tmp_path / "lab.csv").write_text("\n".join([header, *rows]), encoding="utf-8")
+    mapping = MAPPING + "".join(targets)
+    (tmp_path / "map.toml").write_text(mapping, encoding="utf-8")
+    recording = imported(tmp_path)
+    assert recording.points is not None
+    names = [m.name for m in recording.markers]
+    always, sometimes = (recording.points[:, names.index(n)] for n in ("u_o", "t_o"))
+    np.testing.assert_allclose(always[:, 0], [0.5, 1.5, 2.5, 3.5])
+    np.testing.assert_allclose(sometimes[:, 0], [1.25, 1.250125, np.nan, 1.5])
 
 
 def test_a_target_s_quaternion_means_the_same(lab):
