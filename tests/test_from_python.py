@@ -14,6 +14,7 @@ import bench
 import stiffness
 from bench.shared.errors import UnknownName, Unusable
 from bench.shared.settings import SETTINGS
+from scenarios import pipelines
 from scenarios.pipelines import schema
 from scenarios.pipelines.inputs import arm_of, facts_of
 from scenarios.report import command_line
@@ -174,6 +175,15 @@ def test_names_that_came_furthest_are_the_strongest_that_were_withheld(found):
     assert [d.candidate[0] for d in stopped] == ["creep", "drift"]
     assert [d.gate for d in stopped] == ["left_out", "magnitude"]
     assert strongest_withheld(found, 1) == stopped[:1]
+
+
+def test_targets_that_are_hidden_under_every_load_get_a_report_all_the_same(tmp_path):
+    model = bench.load_model(ROOT / KR10)
+    seen = bench.simulate(model, bench.plan(poses=6), seed=1)
+    assert seen.points is not None and seen.load_mass is not None
+    points = np.where((seen.load_mass > 0.0)[:, None, None], np.nan, seen.points)
+    result = pipelines.diagnose(replace(seen, points=points), model)
+    assert result.report(tmp_path / "answer").is_file()
 
 
 def test_why_nothing_was_looked_for_is_said(found):

@@ -281,7 +281,10 @@ def _arm(
             " The ghost gives way as the patch does beyond the nominal arm, "
             f"{factor:g} times as far."
         )
-    usual = np.nanquantile(np.linalg.norm(left[0][rows], axis=2), 0.98)
+    missed_by = np.linalg.norm(left[0], axis=2)
+    if np.isfinite(missed_by[rows]).any():  # markers may be hidden under all loads
+        missed_by = missed_by[rows]
+    usual = np.nanquantile(missed_by, 0.98)
     magnified = _round(LONGEST / max(float(usual), 1e-9))
     visit = world.replay.visit
     for name, values, colour in zip(
