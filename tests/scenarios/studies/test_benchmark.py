@@ -1,8 +1,10 @@
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pytest
+from study_material import LAWS
 
 from bench.rig import Rig
 from bench.shared.plan import LoadStep
@@ -108,6 +110,8 @@ def test_benchmark_writes_ratios_of_every_task_with_their_range(
 ):
     short = tasks.diagnosis_race
     monkeypatch.setattr(tasks, "diagnosis_race", lambda _: short(poses=2))
+    among_few = partial(tasks.diagnose, hypotheses=LAWS)
+    monkeypatch.setattr(tasks, "diagnose", among_few)
     brief = (LoadStep(0.0, 1.0), LoadStep(10.0, 1.0))
     monkeypatch.setattr(tasks, "TWO_READINGS", brief)
     laps = main(Settings(out=tmp_path, repeats=1, poses=6))

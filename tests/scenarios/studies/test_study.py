@@ -7,12 +7,18 @@ import time
 from pathlib import Path
 
 import matplotlib as mpl
+import numpy as np
 import pytest
 from saved_view import entities, identity, still, timeline
 from study_material import few_effects
 
 from bench.shared.errors import Unusable
-from scenarios.studies.paper.published_values import TABLE_02_MM, TABLE_03_NM_PER_RAD
+from scenarios.studies.paper.budget import PLANS
+from scenarios.studies.paper.published_values import (
+    TABLE_02_MM,
+    TABLE_03_NM_PER_RAD,
+    TABLE_10_MM,
+)
 from scenarios.study import Settings, main
 
 COLUMNS_02 = [
@@ -21,25 +27,32 @@ COLUMNS_02 = [
 ]
 COLUMNS_03 = ["axis", "stiffness_nm_per_rad", "low", "high", "truth_secant", "paper"]
 POSES = 40
+OWN = "study_material:Mean"
 LARGEST = 5_000_000
 """Bytes of a recording that is committed."""
 TABLES = ("table_02.csv", "table_03.csv")
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory):
-    """A small study, and the same again, killed and gone on; two folders."""
+def studied(tmp_path_factory):
+    """A small study, and the same again, killed and gone on; and what it found."""
     whole, resumed = (tmp_path_factory.mktemp("study") / n for n in ("one", "two"))
     kill_halfway(resumed)
     with mpl.rc_context({"savefig.dpi": 20}), few_effects():
-        main(small(whole))
+        found = main(small(whole))
         main(small(resumed))
-    return whole, resumed
+    return (whole, resumed), found
+
+
+@pytest.fixture(scope="module")
+def study(studied):
+    """The folders of both."""
+    return studied[0]
 
 
 def kill_halfway(out: Path) -> None:
     """Begin the small study from the command line and end it by force."""
-    words = "--budget tiny --jobs 0 --seed 4".split()
+    words = f"--budget tiny --jobs 0 --seed 4 --method {OWN}".split()
     words += ["--poses", str(POSES), "--out", str(out)]
     root = Path(__file__).parents[3]
     paths = os.pathsep.join([str(root), str(root / "tests")])
@@ -64,7 +77,7 @@ def finished(out: Path) -> list[Path]:
 
 def small(out: Path) -> Settings:
     """As many postures as training folds need to show six axes, and few steps."""
-    return Settings(out=out, budget="tiny", jobs=0, poses=POSES, seed=4)
+    return Settings(out=out, budget="tiny", jobs=0, poses=POSES, seed=4, method=OWN)
 
 
 def rerun(*words):
@@ -121,6 +134,43 @@ def test_table_3_has_its_columns_and_six_axes(study):
         assert float(row["stiffness_nm_per_rad"]) <= float(row["high"])
         assert float(row["truth_secant"]) > 0.0
         assert float(row["paper"]) == paper
+
+
+@pytest.mark.slow
+def test_every_table_and_figure_of_the_networks_is_written(study):
+    names = {file.name for file in study[0].iterdir()}
+    assert names >= {f"table_{n:02}.csv" for n in (6, 7, 8, 9, 10)}
+    assert names >= {f"figure_{n:02}.png" for n in (5, 6, 7, 8, 9)}
+
+
+@pytest.mark.slow
+def test_every_number_of_table_10_stands_beside_the_papers(study):
+    _, rows = read(study[0] / "table_10.csv")
+    for method, directions in TABLE_10_MM.items():
+        for direction, measures in directions.items():
+            for ours, theirs in (("MAE", "MAE"), ("STDE_signed", "STDE"), ("ME", "ME")):
+                shown = {
+                    float(r["paper_mm"])
+                    for r in rows
+                    if (r["method"], r["direction"], r["metric"])
+                    == (method, direction, ours)
+                }
+                assert shown == {measures[theirs]}
+    assert {r["plan"] for r in rows if r["method"] == "ft_mlp"} == set(PLANS)
+    for row in rows:
+        if row["metric"] == "ME":
+            assert row["low_mm"] == row["high_mm"] == ""
+        else:
+            assert float(row["low_mm"]) <= float(row["high_mm"])
+
+
+@pytest.mark.slow
+def test_own_method_runs_through_the_same_protocol(studied):
+    """It answers as the springs do, and so stands beside them with their numbers."""
+    by_method = {c.method: c for c in studied[1].methods}
+    for judged in ("unseen", "held_out", "experiment"):
+        own, springs = (getattr(by_method[name], judged) for name in ("Mean", "vjm"))
+        np.testing.assert_array_equal(own, springs)
 
 
 @pytest.mark.slow

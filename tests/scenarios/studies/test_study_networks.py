@@ -4,7 +4,6 @@ import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,7 +13,6 @@ from study_material import (
     Careless,
     Mean,
     Misshapen,
-    few_laws,
     small_experiment,
 )
 from typing_extensions import override
@@ -22,9 +20,8 @@ from typing_extensions import override
 from bench import standard_plans
 from bench.postures import Room
 from bench.shared.errors import Unusable
-from scenarios.report import data_files
-from scenarios.studies.paper import fine_tuning, imitation, table_10, transfer
-from scenarios.studies.paper.budget import PLANS, budget
+from scenarios.studies.paper import imitation, transfer
+from scenarios.studies.paper.budget import budget
 from scenarios.studies.paper.cells import (
     Cell,
     CellResult,
@@ -32,13 +29,11 @@ from scenarios.studies.paper.cells import (
     _Shared,
     _worked,
     results,
-    swept,
 )
-from scenarios.studies.paper.comparison import MEASURES, contenders, p99, pooled
+from scenarios.studies.paper.comparison import MEASURES, p99, pooled
 from scenarios.studies.paper.experiment import GRID, fresh_postures
 from scenarios.studies.paper.imitation import of_doubling
 from scenarios.studies.paper.playback import curves, worst_poses
-from scenarios.studies.paper.published_values import TABLE_10_MM
 from scenarios.studies.paper.transfer import OwnMethod, checked
 from stiffness.methods.method import faults
 from stiffness.methods.vjm import Vjm
@@ -62,61 +57,7 @@ def material(small):
     return small[1]
 
 
-@pytest.fixture(scope="module")
-def worked(material, tmp_path_factory):
-    """Every cell of the smallest budget, and what the report makes of them."""
-    out = tmp_path_factory.mktemp("study")
-    own = OwnMethod.named("study_material:Mean")
-    cells = [*transfer.cells(TINY, own), *imitation.cells(TINY, 0)]
-    with few_laws():
-        found = swept(cells, material, Spread(out / "cells", jobs=0))
-    methods = contenders(TINY, found, own)
-    with mpl.rc_context({"savefig.dpi": 20}):
-        imitation.report(TINY, found, 0, out)
-        fine_tuning.layers_report(TINY, found, out)
-        fine_tuning.epochs_report(TINY, found, out)
-        table_10.report(methods, TINY.transfer.seeds, TINY.name, out)
-    return out, methods
-
-
-# --- Tables ---------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_every_table_and_figure_of_the_networks_is_written(worked):
-    names = {file.name for file in worked[0].iterdir()}
-    assert names >= {f"table_{n:02}.csv" for n in (6, 7, 8, 9, 10)}
-    assert names >= {f"figure_{n:02}.png" for n in (5, 6, 7, 8, 9)}
-
-
-@pytest.mark.slow
-def test_every_number_of_table_10_stands_beside_the_papers(worked):
-    rows = data_files.read_table(worked[0] / "table_10.csv")
-    for method, directions in TABLE_10_MM.items():
-        for direction, measures in directions.items():
-            for ours, theirs in (("MAE", "MAE"), ("STDE_signed", "STDE"), ("ME", "ME")):
-                shown = {
-                    float(r["paper_mm"])
-                    for r in rows
-                    if (r["method"], r["direction"], r["metric"])
-                    == (method, direction, ours)
-                }
-                assert shown == {measures[theirs]}
-    assert {r["plan"] for r in rows if r["method"] == "ft_mlp"} == set(PLANS)
-    for row in rows:
-        if row["metric"] == "ME":
-            assert row["low_mm"] == row["high_mm"] == ""
-        else:
-            assert float(row["low_mm"]) <= float(row["high_mm"])
-
-
-@pytest.mark.slow
-def test_own_method_runs_through_the_same_protocol(worked):
-    """It answers as the springs do, and so stands beside them with their numbers."""
-    by_method = {c.method: c for c in worked[1]}
-    for judged in ("unseen", "held_out", "experiment"):
-        own, springs = (getattr(by_method[name], judged) for name in ("Mean", "vjm"))
-        np.testing.assert_array_equal(own, springs)
+# --- Steps of training ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
