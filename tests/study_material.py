@@ -5,15 +5,15 @@ Run as a program it is the command `scenarios.study` on those effects.
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from unittest import mock
 
-import joblib
 import numpy as np
+from asked_once import once
 from typing_extensions import override
 
 from bench.effects.bearing_tilt import BearingTilt
 from bench.effects.hysteresis import Hysteresis
-from bench.shared.recording import Recording
 from bench.study_arm import Truth, default_truth
 from scenarios.report.command_line import run
 from scenarios.studies.paper import experiment as paper_experiment
@@ -57,20 +57,12 @@ def few_effects() -> Iterator[None]:
         yield
 
 
-def few_laws() -> "mock._patch[Callable[[Recording, Arm], Diagnosis]]":
+_among_few = once(partial(diagnose, hypotheses=LAWS))
+
+
+def few_laws() -> "mock._patch[Callable[..., Diagnosis]]":
     """Have named physics look among a few laws, once in a recording; a context."""
     return mock.patch.object(named_physics, "diagnose", _among_few)
-
-
-_known: dict[tuple[str | None, int], tuple[Arm, Diagnosis]] = {}
-"""What was found in a recording by an arm, which is kept so that its id stays its."""
-
-
-def _among_few(recording: Recording, arm: Arm) -> Diagnosis:
-    asked = joblib.hash(recording), id(arm)
-    if asked not in _known:
-        _known[asked] = arm, diagnose(recording, arm, LAWS)
-    return _known[asked][1]
 
 
 def small_experiment() -> tuple[Experiment, Material]:
