@@ -14,6 +14,19 @@ parsed = cache(ast.parse)
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
 
 
+@cache
+def nodes(source: str) -> tuple[ast.AST, ...]:
+    """Return every node of a source's tree."""
+    return tuple(ast.walk(parsed(source)))
+
+
+@cache
+def calls(source: str) -> tuple[tuple[ast.Call, str], ...]:
+    """Return every call of a source, with the name of what is called."""
+    found = (node for node in nodes(source) if isinstance(node, ast.Call))
+    return tuple((node, ast.unparse(node.func)) for node in found)
+
+
 def python_files(*folders: str) -> list[str]:
     """Return the Python files of some folders as paths from the root, sorted."""
     found = (path for folder in folders for path in (ROOT / folder).rglob("*.py"))
@@ -61,7 +74,7 @@ def imports(source: str, package: str = "") -> tuple[str, ...]:
         package: The package it lies in, from which relative imports are counted.
     """
     found: list[str] = []
-    for node in ast.walk(parsed(source)):
+    for node in nodes(source):
         if isinstance(node, ast.Import):
             found += (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -79,8 +92,7 @@ def within(name: str, parents: tuple[str, ...]) -> bool:
 
 def names_called(source: str) -> set[str]:
     """Return the names of all that a source calls."""
-    nodes = ast.walk(parsed(source))
-    return {ast.unparse(n.func) for n in nodes if isinstance(n, ast.Call)}
+    return {name for _, name in calls(source)}
 
 
 RISKY_CALLS = {
@@ -114,10 +126,7 @@ def _module_of(name: str, modules: Collection[str]) -> str:
 
 def risky_calls(source: str) -> Iterator[str]:
     """Yield every call that runs a text as code, or goes through pickle."""
-    for node in ast.walk(parsed(source)):
-        if not isinstance(node, ast.Call):
-            continue
-        called = ast.unparse(node.func)
+    for node, called in calls(source):
         if called in RISKY_CALLS:
             yield f"{called}, line {node.lineno}"
         for keyword in node.keywords:

@@ -22,6 +22,7 @@ from source import (
     imports,
     module_name,
     names_called,
+    nodes,
     python_files,
     risky_calls,
     scenario_files,
@@ -338,7 +339,7 @@ LARGE = {
 def unpacked(source: str) -> list[str]:
     """Return where a function takes a parameter apart whose parts no type names."""
     found = []
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes(source):
         if isinstance(node, ast.FunctionDef):
             unsaid = {
                 a.arg
@@ -373,7 +374,7 @@ def test_records_are_small():
     counts = {
         f"{file}: {node.name}": sum(isinstance(b, ast.AnnAssign) for b in node.body)
         for file in SOURCES
-        for node in ast.walk(ast.parse(text(file)))
+        for node in nodes(text(file))
         if isinstance(node, ast.ClassDef)
         and any("dataclass" in ast.unparse(d) for d in node.decorator_list)
     }

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import PurePosixPath
 
 import pytest
-from source import python_files, text
+from source import parsed, python_files, text
 
 SOURCES = python_files("bench", "stiffness", "scenarios")
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
@@ -231,7 +231,7 @@ def names(file: str) -> Iterator[tuple[str, str, bool]]:
     path = PurePosixPath(file)
     module = path.parent.name if path.name == "__init__.py" else path.stem
     yield "", module, False
-    for node in ast.parse(text(file)).body:
+    for node in parsed(text(file)).body:
         yield from _names(node, module)
 
 
