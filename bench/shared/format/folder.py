@@ -29,7 +29,7 @@ from bench.shared.format.checks import (
 )
 from bench.shared.format.columns import Layout, expected, layout_of
 from bench.shared.format.faults import SHOWN, Place, quoted
-from bench.shared.format.manifest import FILE, Csv, Manifest, parse
+from bench.shared.format.manifest import FILE, Manifest, parse
 from bench.shared.format.table import (
     CSV_FILE,
     MAX_BYTES,
@@ -83,12 +83,26 @@ class FolderRead:
 
 
 def read_as_far_as_possible(folder: Path, model: ModelFacts | None) -> FolderRead:
-    """Return what can be read of a recording, with all faults."""
+    """Return what can be read of a recording in a folder, with all faults."""
     if not folder.is_dir():
         return FolderRead(None, [], [IMPORT if folder.is_file() else NO_FOLDER])
     manifest, faults = _manifest(folder)
     header, found = _header(folder, manifest)
-    faults += found
+    return joined(folder.name, manifest, header, [*faults, *found], model)
+
+
+def joined(
+    name: str,
+    manifest: Manifest | None,
+    header: Header | None,
+    faults: list[str],
+    model: ModelFacts | None,
+) -> FolderRead:
+    """Return what a manifest makes of a table, with the faults that both have already.
+
+    The name is that of a recording whose manifest has none; what could not be read is
+    None.
+    """
     if manifest is None:
         return FolderRead(None, [], faults)
     joints, found = joints_of(manifest, model)
@@ -102,8 +116,7 @@ def read_as_far_as_possible(folder: Path, model: ModelFacts | None) -> FolderRea
     if header.separator != manifest.csv.separator:
         found = [f for f in found if not f.endswith(SAME_MARK)]  # that is said
     faults += found
-    faults += layout.faults
-    faults += faults_of_rules(manifest, layout)
+    faults += [*layout.faults, *faults_of_rules(manifest, layout)]
     file = header.location.file
     notes = [f"{file}: column {n!r} {LEFT_ALONE}" for n in layout.unknown]
     known = (model, joints) if model is not None and joints is not None else None
@@ -113,7 +126,7 @@ def read_as_far_as_possible(folder: Path, model: ModelFacts | None) -> FolderRea
     if faults:
         return FolderRead(None, notes, faults)
     try:
-        recording, said = assemble(folder.name, manifest, layout, values)
+        recording, said = assemble(name, manifest, layout, values)
     except Unusable as error:
         return FolderRead(None, notes, error.faults)
     rows = np.repeat(cells.location.rows(cells.rows), 2 if manifest.pulled else 1)
@@ -168,14 +181,20 @@ def _header(folder: Path, manifest: Manifest | None) -> tuple[Header | None, lis
         return None, [f"{there[0]} is empty."]
     if there[0] == PARQUET_FILE:
         return open_parquet(source)
-    about, wanted = Csv(), set()
-    if manifest is not None:
-        about = manifest.csv
-        wanted = {*expected(12, manifest.markers)}
-        for name, entry in manifest.columns.items():
-            names = entry if isinstance(entry, str) else entry.from_ or name
-            wanted |= {names} if isinstance(names, str) else {*names}
-    return open_csv(source, about, wanted)
+    return open_as_said(source, manifest)
+
+
+def open_as_said(
+    source: bytes, manifest: Manifest | None
+) -> tuple[Header | None, list[str]]:
+    """Read the header of a CSV file as its manifest says, where that is known."""
+    if manifest is None:
+        return open_csv(source)
+    wanted = {*expected(12, manifest.markers)}
+    for name, entry in manifest.columns.items():
+        names = entry if isinstance(entry, str) else entry.from_ or name
+        wanted |= {names} if isinstance(names, str) else {*names}
+    return open_csv(source, manifest.csv, wanted)
 
 
 def _values(

@@ -306,6 +306,11 @@ def parse(text: str) -> tuple[Manifest | None, list[str]]:
         table = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         return None, [f"{FILE} is not TOML: {first_line(error)}.{twice(text)}"]
+    return manifest_of(table)
+
+
+def manifest_of(table: dict[str, Any]) -> tuple[Manifest | None, list[str]]:
+    """Read the manifest that a table is; None, and all faults, as in `parse`."""
     manifest, faults = fill(Manifest, _lifted(table), "")
     tables = (table.get(name, {}) for name in ("columns", "markers", "csv"))
     if not all(isinstance(t, dict) for t in tables):

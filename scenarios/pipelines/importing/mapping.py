@@ -5,7 +5,6 @@ It is `recording.toml` of the format, with `[columns]`, `[csv]` and beyond them
 files, each with a clock of its own) and `[topics]` (bags).
 """
 
-import json
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -208,30 +207,6 @@ def _clocks(files: Mapping[str, Log], known: Sequence[str]) -> list[str]:
             say = f"no file with a clock of its own is called so; there are: {there}."
             faults.append(f"{place}.clock: {say}")
     return faults
-
-
-def text_of(table: Mapping[str, Any], name: str = "") -> str:
-    """Write a table as TOML."""
-    lines = [f"\n[{name}]"] if name else []
-    inner = []
-    for key, value in table.items():
-        quoted = json.dumps(key)
-        if isinstance(value, dict):
-            inner.append(text_of(value, f"{name}.{quoted}" if name else quoted))
-        else:
-            lines.append(f"{quoted} = {_value(value)}")
-    return "\n".join([*lines, *inner])
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, list):
-        return f"[{', '.join(map(_value, value))}]"
-    if isinstance(value, dict):
-        entries = ", ".join(f"{json.dumps(k)} = {_value(v)}" for k, v in value.items())
-        return f"{{{entries}}}"
-    if isinstance(value, (bool, str)):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(value) if isinstance(value, (int, float)) else json.dumps(str(value))
 
 
 def contradictions(extras: Extras, rows: str, in_bag: bool) -> Iterator[str]:

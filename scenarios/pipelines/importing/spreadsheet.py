@@ -17,7 +17,6 @@ import io
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -29,8 +28,8 @@ from bench.shared.format.cells import all_values_of, readings_of
 from bench.shared.format.checks import said_of_repeats
 from bench.shared.format.columns import COORDINATES, Column, Held, Layout, Unit
 from bench.shared.format.faults import nearest
-from bench.shared.format.folder import LEFT_ALONE, read_as_far_as_possible
-from bench.shared.format.manifest import FILE, Csv, fill
+from bench.shared.format.folder import LEFT_ALONE, joined, open_as_said
+from bench.shared.format.manifest import FILE, Csv, fill, manifest_of
 from bench.shared.format.table import (
     CSV_FILE,
     MAX_BYTES,
@@ -42,7 +41,7 @@ from bench.shared.format.table import (
 )
 from bench.shared.models import ModelFacts
 from bench.shared.recording import Recording
-from scenarios.pipelines.importing.mapping import Target, text_of
+from scenarios.pipelines.importing.mapping import Target
 
 # --- Targets measured in 6D -----------------------------------------------------------
 
@@ -170,10 +169,9 @@ def recording_of(
         manifest = {**manifest, "markers": markers}
         source, found = _with_points(source, manifest, targets)
         faults += found
-    with TemporaryDirectory(prefix="import-") as folder:
-        (Path(folder) / FILE).write_text(text_of(manifest), encoding="utf-8")
-        (Path(folder) / CSV_FILE).write_bytes(source)
-        read = read_as_far_as_possible(Path(folder), model)
+    read_as, found = manifest_of(manifest)
+    header, more = open_as_said(source, read_as)
+    read = joined(Path(names[0]).stem, read_as, header, [*found, *more], model)
     follow = tuple(f"{CSV_FILE}: column {c!r} is missing" for c in _points(targets))
     faults += [f for f in read.faults if not f.startswith(follow)]
     if read.recording is not None:
