@@ -29,14 +29,12 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from bench.kinematic_chain import Anatomy
-from bench.model_file import RIGID
+from bench.model_file import LEAST_KG, RIGID
 from bench.rig import Rig
 
 FILE = "controller.csv"
 PARALLEL = np.sin(np.radians(5.0))
 """Sine of the angle below which two axes count as parallel; chosen."""
-LEAST_KG = 1e-9
-"""Mass below which a body counts as having none; chosen."""
 LEAST_LENGTH = 1e-9
 """Length in m below which a direction is not taken from it."""
 

@@ -277,8 +277,13 @@ class _Arms:
         self.model, self.axes, self.creep = model, axes, creep
         runs = batch.Batch(model, nsim=len(schedule.hold), nthread=_threads())
         self.runs = runs
-        self.reference = schedule.reference
-        _command(runs, model, axes, schedule)
+        lengths = runs.expand("tendon_lengthspring")
+        for t in np.flatnonzero(model.tendon_plasticadr >= 0):
+            slot = model.tendon_plasticadr[t]
+            runs.bind("plastic")[:, slot : slot + 2] = lengths[:, t]
+        runs.bind("qpos")[:] = runs.expand("qpos_spring")
+        self.reference = model.qpos_spring[model.jnt_qposadr[axes]]
+        self._stand(schedule.reference, schedule.stiffness)
         self.gravity = runs.expand("opt.gravity")
         self.full_gravity = self.gravity.copy()
         self.ctrl, self.push = runs.bind("ctrl"), runs.bind("xfrc_applied")
@@ -364,30 +369,6 @@ def _threads() -> int:
     """Return the number of threads that OMP_NUM_THREADS allows this process."""
     allowed = os.environ.get("OMP_NUM_THREADS", "")
     return int(allowed) if allowed.isdigit() else os.cpu_count() or 1
-
-
-def _command(
-    runs: batch.Batch,
-    model: mujoco.MjModel,
-    axes: Int[np.ndarray, " axes"],
-    schedule: Schedule,
-) -> None:
-    reference = runs.expand("qpos_spring")
-    stiffness = runs.expand("jnt_stiffness")
-    lengths = runs.expand("tendon_lengthspring")
-    qpos, plastic = runs.bind("qpos"), runs.bind("plastic")
-    address = model.jnt_qposadr[axes]
-    turned = np.zeros_like(qpos)
-    turned[:, address] = schedule.reference - model.qpos_spring[address]
-    reference[:] = reference + turned
-    stiffness[:, axes] = schedule.stiffness
-    qpos[:] = reference
-    for t, moved in _along_tendons(model, turned):
-        for one in moved:
-            lengths[:, t] += one[:, None]
-        slot = model.tendon_plasticadr[t]
-        if slot >= 0:
-            plastic[:, slot : slot + 2] = lengths[:, t]
 
 
 def _along_tendons(

@@ -23,16 +23,11 @@ from jaxtyping import Float
 from numpy.polynomial import Polynomial
 from scipy.spatial.transform import Rotation
 
-from bench.model_file import PATCH, followers_of, plain_mjcf
+from bench.model_file import PATCH, SPECK, followers_of, plain_mjcf
 from bench.shared.errors import UnknownName, Unusable
 from bench.shared.recording import Recording
 
 # --- Anatomy --------------------------------------------------------------------------
-
-SPECK = 1e-12
-"""Mass in kg and inertia in kg m² of a seat; the least that MuJoCo accepts for a moving
-body. Its weight at 1 m is 1e-11 N m, below the 1e-10 at which an equilibrium
-converges."""
 
 
 @dataclass(frozen=True)

@@ -15,9 +15,11 @@ from jaxtyping import Float
 from bench.cell import HOOK_SITE, MOUNT
 from bench.effects.effect import Command
 from bench.effects.encoder_offset import EncoderOffset
+from bench.effects.springs import ARMATURE, MOST_JOINTS
 from bench.kinematic_chain import Anatomy, wraps_on_joints
 from bench.model_file import (
     GEAR,
+    LEAST_KG,
     PATCH,
     RIGID,
     SLIDE,
@@ -71,14 +73,8 @@ def parent_of(root: Element, child: Element) -> Element:
     return next(parent for parent in root.iter() if child in list(parent))
 
 
-MOST_JOINTS = 6
-"""That MuJoCo allows one body."""
 LIGHT_KG, LIGHT_KG_M2 = 1e-6, 1e-6
 """Mass and inertia of an inserted body; chosen: 10 µN of weight, far from singular."""
-LEAST_KG = 1e-9
-"""Mass below which a body counts as having none; chosen."""
-ARMATURE = 1e-3
-"""Inertia of a gear's own joint, kg m² or kg; chosen: negligible beside a link."""
 STAND_KEYS = ("pos", "quat", "axisangle", "euler", "xyaxes", "zaxis")
 
 

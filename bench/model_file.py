@@ -178,9 +178,13 @@ def _elsewhere(there: list[Path], home: Path, name: str) -> list[str]:
 # --- Loading --------------------------------------------------------------------------
 
 SPECK = 1e-12
-"""Least mass in kg and inertia in kg m² of a URDF's link, whose file may give none."""
+"""Mass in kg and inertia in kg m² of a seat, and the least of a URDF's link, whose file
+may give none; the least that MuJoCo accepts for a moving body. Its weight at 1 m is
+1e-11 N m, below the 1e-10 at which an equilibrium converges."""
 ROOT = "everything"
 """Body on which all hangs where several stand in the world."""
+LEAST_KG = 1e-9
+"""Mass below which a body counts as having none; chosen."""
 HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 
 PATCH = "patch:"

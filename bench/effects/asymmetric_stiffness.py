@@ -16,11 +16,8 @@ import mujoco
 from typing_extensions import override
 
 from bench.effects.effect import ModelEffect, size
-from bench.effects.springs import add_parallel
+from bench.effects.springs import NEVER, add_parallel
 from bench.kinematic_chain import Anatomy
-
-NEVER = 1e3
-"""A wind-up that no axis reaches, in rad."""
 
 
 @dataclass(frozen=True)

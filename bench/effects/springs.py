@@ -10,7 +10,8 @@ import mujoco
 import numpy as np
 from jaxtyping import Float
 
-from bench.kinematic_chain import SPECK, Anatomy
+from bench.kinematic_chain import Anatomy
+from bench.model_file import HINGE, SLIDE, SPECK
 from bench.shared.errors import Unusable
 
 ARMATURE = 1e-3
@@ -19,7 +20,8 @@ ARMATURE = 1e-3
 MOST_JOINTS = 6
 """Maximum number of joints that MuJoCo allows one body."""
 
-HINGE, SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
+NEVER = 1e3
+"""A deflection that no spring reaches, in rad: the end of a slack that has none."""
 
 
 def own_name(name: str, taken: Iterable[str]) -> str:

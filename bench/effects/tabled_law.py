@@ -23,12 +23,10 @@ from typing_extensions import override
 
 from bench.effects.effect import ModelEffect, assumed, size
 from bench.effects.hysteresis import Hysteresis
-from bench.effects.springs import add_parallel
+from bench.effects.springs import NEVER, add_parallel
 from bench.kinematic_chain import Anatomy
 from bench.shared.errors import refuse
 
-NEVER = 1e3
-"""A wind-up that no axis reaches, in rad."""
 STEEPEST = 0.02
 """Minimum compliance of a piece over the axis' own; chosen: practically rigid."""
 

@@ -18,13 +18,11 @@ import numpy as np
 from typing_extensions import override
 
 from bench.effects.effect import ModelEffect, form, size
-from bench.effects.springs import add_parallel, add_spring
+from bench.effects.springs import NEVER, add_parallel, add_spring
 from bench.kinematic_chain import Anatomy
 
 CLOSED = 1000.0
 """Stiffness of the foot on its plate over that of the gap; chosen: rigid."""
-NEVER = 1e3
-"""A turn that no foot reaches, in rad."""
 
 
 @dataclass(frozen=True)

@@ -18,13 +18,11 @@ import numpy as np
 from typing_extensions import override
 
 from bench.effects.effect import ModelEffect, form, size
-from bench.effects.springs import add_parallel, add_spring, frame_along
+from bench.effects.springs import NEVER, add_parallel, add_spring, frame_along
 from bench.kinematic_chain import Anatomy
 
 CLOSED = 300.0
 """Stiffness of the closed side over that of the open one; chosen: practically rigid."""
-NEVER = 1e3
-"""A tilt that no bearing reaches, in rad."""
 
 
 @dataclass(frozen=True)
