@@ -41,7 +41,6 @@ class BeltRatio(CommandEffect):
     """
 
     name: ClassVar[str] = "belt_ratio"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     ratio: float = 5e-4
 
     @override

@@ -30,7 +30,6 @@ class AngleDependentStiffness(CommandEffect):
     """
 
     name: ClassVar[str] = "angle_dependent_stiffness"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     ratio: float = size(0.05, -0.9, 0.9)
     order: float = form(2.0)
     phase_rad: float = form(0.0)

@@ -29,7 +29,6 @@ class AsymmetricStiffness(ModelEffect):
     """
 
     name: ClassVar[str] = "asymmetric_stiffness"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     ratio: float = size(1.3, 1e-2, 100.0, off=1.0)
 
     @override

@@ -34,7 +34,6 @@ class BaseCompliance(ModelEffect):
     """
 
     name: ClassVar[str] = "base_compliance"
-    places: ClassVar[tuple[str, ...]] = ("base",)
     rx_rad_per_nm: float = size(5e-7, 0.0)
     ry_rad_per_nm: float = size(5e-7, 0.0)
     rz_rad_per_nm: float = size(0.0, 0.0)

@@ -36,7 +36,6 @@ class BearingTilt(ModelEffect):
     """
 
     name: ClassVar[str] = "bearing_tilt"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     u_rad_per_nm: float = size(1 / 480e3, 0.0)
     v_rad_per_nm: float = size(1 / 480e3, 0.0)
     centre_m: float = form(0.0)

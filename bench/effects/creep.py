@@ -30,7 +30,6 @@ class Creep(ModelEffect):
     """
 
     name: ClassVar[str] = "creep"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     ratio: float = size(0.03, 0.0, 10.0)
     time_s: float = form(20.0, 1e-3, 10000000.0)
 

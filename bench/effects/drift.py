@@ -36,7 +36,6 @@ class Drift(InstrumentEffect):
     """
 
     name: ClassVar[str] = "drift"
-    places: ClassVar[tuple[str, ...]] = ("tracker", "base")
     x_m_per_h: float = 3e-5
     y_m_per_h: float = 0.0
     z_m_per_h: float = 0.0

@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from bench.instruments import Instruments
 from bench.kinematic_chain import Anatomy
+from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.errors import refuse
 from bench.shared.recording import LastMoves
 
@@ -65,7 +66,8 @@ class Effect(ABC):
 
     Attributes:
         name: Its name in the diagnosis' vocabulary.
-        places: Kinds of parts it can sit in, see `bench.effects.places`.
+        places: Kinds of parts it can sit in, see `bench.effects.places`; those of the
+            catalogue, where that has the name.
         where: The part it sits in: an axis `a1` …, a link `link_k` (between axes k
             and k+1), `arm`, `base`, `flange`, `tool`, `rig`, `tracker`,
             `wrench_sensor` or `marker:<name>`.
@@ -74,6 +76,12 @@ class Effect(ABC):
     name: ClassVar[str]
     places: ClassVar[tuple[str, ...]]
     where: str
+
+    def __init_subclass__(cls):
+        """Take the places from the catalogue."""
+        name = getattr(cls, "name", "")
+        if name in CATALOGUE:
+            cls.places = CATALOGUE[name].sites
 
     def __post_init__(self):
         """Check the sizes, naming every fault."""

@@ -29,7 +29,6 @@ class EncoderOffset(CommandEffect):
     """
 
     name: ClassVar[str] = "encoder_offset"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     offset_rad: float = 5e-4
 
     @override

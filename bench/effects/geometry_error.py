@@ -34,7 +34,6 @@ class GeometryError(ModelEffect):
     """
 
     name: ClassVar[str] = "geometry_error"
-    places: ClassVar[tuple[str, ...]] = ("link",)
     x_m: float = 3e-4
     y_m: float = 0.0
     z_m: float = 0.0

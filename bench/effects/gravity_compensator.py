@@ -36,7 +36,6 @@ class GravityCompensator(ModelEffect):
     """
 
     name: ClassVar[str] = "gravity_compensator"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     torque_nm: float = 50.0
     phase_rad: float = form(0.0)
 

@@ -32,7 +32,6 @@ class GravityLoad(ModelEffect):
     """
 
     name: ClassVar[str] = "gravity_load"
-    places: ClassVar[tuple[str, ...]] = ("link", "tool")
     mass_kg: float = 1.0
     com_x_m: float = form(0.1)
     com_y_m: float = form(0.0)

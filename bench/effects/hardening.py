@@ -31,7 +31,6 @@ class Hardening(ModelEffect):
     """
 
     name: ClassVar[str] = "hardening"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     stiffness_ratio: float = size(1.79, 1.0, 100.0, off=1.0)
     torque_nm: float = form(29.0, 0.0, 1000000.0)
     middle_share: float = assumed(0.81, 0.0, 1.0)

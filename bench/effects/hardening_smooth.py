@@ -36,7 +36,6 @@ class SmoothHardening(ModelEffect):
     """
 
     name: ClassVar[str] = "hardening"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     stiffness_ratio: float = size(1.79, 1.0, off=1.0)
     torque_nm: float = form(29.0, 1e-3)
 

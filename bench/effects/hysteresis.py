@@ -33,7 +33,6 @@ class Hysteresis(ModelEffect):
     """
 
     name: ClassVar[str] = "hysteresis"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     width_rad: float = size(1.5e-4, 0.0, 0.1)
     elements: int = assumed(4, 1, 100)
     stiffening: float = assumed(0.6, 1e-3, 100.0)

@@ -29,7 +29,6 @@ class JointCompliance(ModelEffect):
     """
 
     name: ClassVar[str] = "joint_compliance"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     compliance_rad_per_nm: float = size(2e-5, 0.0)
 
     @override

@@ -38,7 +38,6 @@ class LinkBending(ModelEffect):
     """
 
     name: ClassVar[str] = "link_bending"
-    places: ClassVar[tuple[str, ...]] = ("link",)
     bending_nm2: float = size(6.3e5, 1.0, off=math.inf)
     torsion_nm2: float = size(4.7e5, 1.0, off=math.inf)
 

@@ -41,7 +41,6 @@ class LostMotion(ModelEffect):
     """
 
     name: ClassVar[str] = "lost_motion"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     width_rad: float = size(1.5e-4, 0.0, 0.1)
     closing_nm: float = assumed(0.3, 1e-6, 10000.0)
     across: int = assumed(0, 0, 1)

@@ -35,7 +35,6 @@ class SmoothLostMotion(ModelEffect):
     """
 
     name: ClassVar[str] = "lost_motion"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     width_rad: float = size(1.5e-4, 0.0, 0.1)
     closing_nm: float = assumed(1.5, 1e-6, 10000.0)
 

@@ -27,7 +27,6 @@ class MarkerSlip(InstrumentEffect):
     """
 
     name: ClassVar[str] = "marker_slip"
-    places: ClassVar[tuple[str, ...]] = ("marker",)
     x_m: float = 5e-5
     y_m: float = 0.0
     z_m: float = 0.0

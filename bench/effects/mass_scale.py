@@ -33,7 +33,6 @@ class MassScale(ModelEffect):
     """
 
     name: ClassVar[str] = "mass_scale"
-    places: ClassVar[tuple[str, ...]] = ("arm",)
     ratio: float = size(1.3, 0.01, off=1.0)
 
     @override

@@ -29,7 +29,6 @@ class PulleyFriction(RopeEffect):
     """
 
     name: ClassVar[str] = "pulley_friction"
-    places: ClassVar[tuple[str, ...]] = ("rig",)
     ratio: float = size(0.02, 0.0, 0.5)
 
     @override

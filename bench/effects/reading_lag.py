@@ -35,7 +35,6 @@ class ReadingLag(CommandEffect):
     """
 
     name: ClassVar[str] = "reading_lag"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     lag_rad: float = 3e-4
     share_lag_rad: float = 0.0
 

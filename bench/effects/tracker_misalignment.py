@@ -30,7 +30,6 @@ class TrackerMisalignment(InstrumentEffect):
     """
 
     name: ClassVar[str] = "tracker_misalignment"
-    places: ClassVar[tuple[str, ...]] = ("tracker",)
     x_m: float = 5e-4
     y_m: float = 0.0
     z_m: float = 0.0

@@ -27,7 +27,6 @@ class TrackerScale(InstrumentEffect):
     """
 
     name: ClassVar[str] = "tracker_scale"
-    places: ClassVar[tuple[str, ...]] = ("tracker",)
     ratio: float = size(5e-5, -0.5)
 
     @override

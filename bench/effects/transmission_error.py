@@ -32,7 +32,6 @@ class TransmissionError(CommandEffect):
     """
 
     name: ClassVar[str] = "transmission_error"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     amplitude_rad: float = 1.45e-4
     order: float = form(2.0)
     phase_rad: float = form(0.0)

@@ -28,7 +28,6 @@ class WrenchBias(InstrumentEffect):
     """
 
     name: ClassVar[str] = "wrench_bias"
-    places: ClassVar[tuple[str, ...]] = ("wrench_sensor",)
     fx_n: float = 0.5
     fy_n: float = 0.0
     fz_n: float = 0.0

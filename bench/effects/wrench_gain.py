@@ -29,7 +29,6 @@ class WrenchGain(InstrumentEffect):
     """
 
     name: ClassVar[str] = "wrench_gain"
-    places: ClassVar[tuple[str, ...]] = ("wrench_sensor",)
     fx: float = 0.01
     fy: float = 0.0
     fz: float = 0.0

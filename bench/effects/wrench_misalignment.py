@@ -31,7 +31,6 @@ class WrenchMisalignment(InstrumentEffect):
     """
 
     name: ClassVar[str] = "wrench_misalignment"
-    places: ClassVar[tuple[str, ...]] = ("wrench_sensor",)
     rx_rad: float = 0.0
     ry_rad: float = 0.0
     rz_rad: float = 0.0087

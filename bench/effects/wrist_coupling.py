@@ -42,7 +42,6 @@ class WristCoupling(ModelEffect):
     """
 
     name: ClassVar[str] = "wrist_coupling"
-    places: ClassVar[tuple[str, ...]] = ("axis",)
     with_axis: str = form("a4")
     compliance_rad_per_nm: float = 5e-6
 
