@@ -31,6 +31,7 @@ from scipy.spatial.transform import Rotation
 from bench.kinematic_chain import Anatomy
 from bench.model_file import LEAST_KG, RIGID
 from bench.rig import Rig
+from bench.shared.recording import transform_of
 
 FILE = "controller.csv"
 PARALLEL = np.sin(np.radians(5.0))
@@ -63,7 +64,7 @@ class Step:
         about = Rotation.from_rotvec([0, 0, self.theta + turn])
         askew = about * Rotation.from_euler("XY", [self.alpha, self.beta])
         place = about.apply([self.a, 0.0, self.d + stroke])
-        return _pose(askew.as_matrix(), place)
+        return transform_of(askew.as_matrix(), place)
 
 
 @dataclass(frozen=True)
@@ -130,10 +131,10 @@ def _lines(
     data.qpos[:] = 0.0
     mujoco.mj_kinematics(model, data)
     base, flange = data.body(arm.base), data.body(arm.hands[mount])
-    stand = _pose(base.xmat.reshape(3, 3), base.xpos)
+    stand = transform_of(base.xmat.reshape(3, 3), base.xpos)
     joints = [data.joint(arm.axes[k]) for k in arm.carriers(mount)]
     lines = [_seen(stand, _Line(joint.xanchor, joint.xaxis)) for joint in joints]
-    hand = _pose(flange.xmat.reshape(3, 3), flange.xpos)
+    hand = transform_of(flange.xmat.reshape(3, 3), flange.xpos)
     return lines, np.linalg.inv(stand) @ hand
 
 
@@ -149,7 +150,7 @@ def _on_first(line: _Line, drawn: _Line) -> Float[np.ndarray, "4 4"]:
     x = x - (x @ line.along) * line.along
     x /= np.linalg.norm(x)
     turn = np.column_stack([x, np.cross(line.along, x), line.along])
-    return _pose(turn, line.point)
+    return transform_of(turn, line.point)
 
 
 def _step(line: _Line, drawn: _Line) -> Step:
@@ -173,12 +174,6 @@ def _step(line: _Line, drawn: _Line) -> Step:
     return Step(
         theta, float(foot[2]), a, float(np.arctan2(across @ normal, along[2])), 0.0
     )
-
-
-def _pose(turn: np.ndarray, place: np.ndarray) -> Float[np.ndarray, "4 4"]:
-    whole = np.eye(4)
-    whole[:3, :3], whole[:3, 3] = turn, place
-    return whole
 
 
 # --- The table ------------------------------------------------------------------------

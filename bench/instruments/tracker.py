@@ -34,6 +34,7 @@ from scipy.spatial.transform import Rotation
 from bench.instruments.random_streams import Streams
 from bench.shared.errors import not_sizes, not_vectors, refuse
 from bench.shared.instrument_specs import TrackerSpec
+from bench.shared.recording import transform_of
 
 # --- Volumetric error -----------------------------------------------------------------
 
@@ -105,10 +106,7 @@ def standpoint(random: np.random.Generator) -> Float[np.ndarray, "4 4"]:
     right /= np.linalg.norm(right)
     aim = np.column_stack([right, np.cross(forward, right), forward])
     tilt = Rotation.from_rotvec(TILT * random.standard_normal(3)).as_matrix()
-    transform = np.eye(4)
-    transform[:3, :3] = aim @ tilt
-    transform[:3, 3] = MIDDLE + away
-    return transform
+    return transform_of(aim @ tilt, MIDDLE + away)
 
 
 def inverse(
@@ -116,6 +114,12 @@ def inverse(
 ) -> Float[np.ndarray, "*rows 3"]:
     """Return points of the base's frame in the tracker's: Rᵀ (p - t), in m."""
     return (point - base_from_tracker[:3, 3]) @ base_from_tracker[:3, :3]
+
+
+def misplacement(error: tuple[float, ...]) -> Float[np.ndarray, "4 4"]:
+    """Return the error of a stated pose: shift in m, then rotation vector in rad."""
+    turn = Rotation.from_rotvec(error[3:]).as_matrix()
+    return transform_of(turn, np.array(error[:3]))
 
 
 # --- Drift ----------------------------------------------------------------------------
@@ -262,7 +266,4 @@ class Tracker:
     ) -> Float[np.ndarray, "4 4"] | None:
         if self.frame_error is None:
             return None
-        error = np.eye(4)
-        error[:3, :3] = Rotation.from_rotvec(self.frame_error[3:]).as_matrix()
-        error[:3, 3] = self.frame_error[:3]
-        return error @ base_from_tracker
+        return misplacement(self.frame_error) @ base_from_tracker

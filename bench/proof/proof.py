@@ -24,7 +24,7 @@ from bench.proof.refinement import Place, Sensitivity, refined, with_effects
 from bench.proof.setup import for_simulator, replay_simulation_of
 from bench.proof.simulation import NominalState, ReplaySimulation
 from bench.rig import RIGID, Memory
-from bench.shared.recording import Recording
+from bench.shared.recording import Recording, transform_of
 
 MOST_ROWS = 3000
 """Rows that are simulated at most: whole visits (instants of a stream) are left out."""
@@ -243,8 +243,7 @@ def _as_fitted(
     patch: Patch, patched: NominalState, own: Sequence[Effect], world: ReplaySimulation
 ) -> Patch:
     rig = patched.rig
-    frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = patched.turn, patched.shift
+    frame = transform_of(patched.turn, patched.shift)
     named_now = tuple(named(e) for e in own if e.name != "tabled_law")
     springs = {
         axis: None if k >= RIGID else float(k)

@@ -34,9 +34,9 @@ from scipy.spatial.transform import Rotation
 from bench.effects.effect import Effect, InstrumentEffect, RopeEffect
 from bench.experiment import faulty
 from bench.instruments import ForceSensor, Instruments, Markers, Tracker
-from bench.instruments.tracker import STILL, displaced, inverse
+from bench.instruments.tracker import STILL, displaced, inverse, misplacement
 from bench.rig import Memory, Rig, States
-from bench.shared.recording import LastMoves, Recording
+from bench.shared.recording import LastMoves, Recording, transform_of
 
 # --- Replay ---------------------------------------------------------------------------
 
@@ -172,13 +172,8 @@ def reading_of(
     if (tracker.base_drift, tracker.drift, tracker.frame_error) == ((), (), None):
         seen = (point - frame[1]) @ frame[0]
         return (1.0 + tracker.scale) * seen
-    stated = np.eye(4)
-    stated[:3, :3], stated[:3, 3] = frame
-    error = np.eye(4)
-    shift, vector = np.split(np.array(tracker.frame_error or STILL), 2)
-    error[:3, :3] = Rotation.from_rotvec(vector).as_matrix()
-    error[:3, 3] = shift
-    true = np.linalg.inv(error) @ stated
+    error = misplacement(tracker.frame_error or STILL)
+    true = np.linalg.inv(error) @ transform_of(*frame)
     seen = inverse(true, displaced(point, tracker.base_drift, time))
     return displaced((1.0 + tracker.scale) * seen, tracker.drift, time)
 

@@ -295,6 +295,15 @@ class Recording:
         return replace(self, **kept, last_move=self.moves.take(rows))
 
 
+def transform_of(
+    turn: Float[np.ndarray, "3 3"], shift: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "4 4"]:
+    """Return the transform of points that turns them, then shifts them by m."""
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = turn, shift
+    return transform
+
+
 def targets_of(recording: Recording) -> dict[str, list[int]]:
     """Return the markers of each 6D target; of a single point itself, by its name."""
     found: dict[str, list[int]] = {}

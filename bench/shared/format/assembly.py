@@ -39,6 +39,7 @@ from bench.shared.recording import (
     Marker,
     Payload,
     Recording,
+    transform_of,
 )
 
 # --- Visits, stages and ages of a load ------------------------------------------------
@@ -359,10 +360,8 @@ def _base_from_tracker(manifest: Manifest) -> np.ndarray | None:
     stated = manifest.frames.tracker
     if stated is None:
         return None
-    transform = np.eye(4)
-    transform[:3, :3] = matrix_of(unit_quaternion(np.array(stated.quaternion_wxyz)))
-    transform[:3, 3] = np.array(stated.position_mm) / 1e3
-    return transform
+    turn = matrix_of(unit_quaternion(np.array(stated.quaternion_wxyz)))
+    return transform_of(turn, np.array(stated.position_mm) / 1e3)
 
 
 # --- Writing as text ------------------------------------------------------------------

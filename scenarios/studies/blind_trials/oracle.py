@@ -38,7 +38,7 @@ from bench.patch import Patch, can_build, named
 from bench.proof.proof import prove
 from bench.rig import RIGID, Rig
 from bench.shared.errors import BenchError
-from bench.shared.recording import Recording
+from bench.shared.recording import Recording, transform_of
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.studies.blind_trials.effects import OutOfReach, as_large_as
 from scenarios.studies.blind_trials.linear_model import (
@@ -403,8 +403,7 @@ def oracle_gain_mm(folder: Path, model: Path, rig: Rig) -> float | None:
         return None
     recording, arm, _ = read_for(folder, arm_of(model))
     frames = prepare(recording, arm).frames
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = frames.turn, frames.shift
+    transform = transform_of(frames.turn, frames.shift)
     held_out = np.unique(recording.posture_id)[split_of(recording).held_out]
     springs = zip(rig.anatomy.axes, rig.springs, strict=True)
     patch = Patch(
