@@ -14,7 +14,7 @@ Expect: the same with either base: both effects named, springs of the patch with
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -73,9 +73,8 @@ def main(settings: Settings) -> list[ArmTrial]:
     first = f"Both effects were named or declared in {right} of {len(trials)} trials."
     table = arm_trials.summary_of(trials)
     page.write(s.out, "Arms of any model file", first, [table])
-    command = f"python -m scenarios.arm_trials --models DIR --trials {s.trials}"
-    command += f" --poses {s.poses} --seed {s.seed} --stated {s.stated}"
-    command += f" --out {s.out.as_posix()}"
+    anywhere = replace(s, models=Path("DIR"))
+    command = data_files.command_of("scenarios.arm_trials", anywhere)
     data_files.write_run_file(s.out, command, asdict(s) | {"models": len(models)})
     print(f"{first}\n{s.out / 'report.html'}")
     return trials

@@ -59,7 +59,7 @@ def main(settings: Settings) -> tuple[Lap, ...]:
     race.show(laps, skipped)
     data_files.write_table(settings.out / "benchmark.csv", [lap.row for lap in laps])
     race.write(settings.out, laps, skipped)
-    command = f"python -m scenarios.benchmark --out {settings.out.as_posix()}"
+    command = data_files.command_of("scenarios.benchmark", settings)
     facts = {"cores": os.cpu_count(), "load": os.getloadavg()[0]}
     data_files.write_run_file(settings.out, command, asdict(settings), **facts)
     return tuple(laps)

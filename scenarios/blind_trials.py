@@ -91,14 +91,8 @@ def main(settings: Settings) -> list[TrialScore]:
         "code_sha256": sorted(codes),
     }
     report.write(s.out, scores, facts)
-    command = f"python -m scenarios.blind_trials --trials {s.trials} --seed {s.seed}"
-    if s.first:
-        command += f" --first {s.first}"
-    if s.arm != "kr10":
-        command += f" --arm {s.arm}"
-    if s.strata != USUAL:
-        command += f" --strata {' '.join(s.strata)}"
-    data_files.write_run_file(s.out, f"{command} --out {s.out.as_posix()}", asdict(s))
+    command = data_files.command_of("scenarios.blind_trials", s)
+    data_files.write_run_file(s.out, command, asdict(s))
     print_summary(scores, s.out)
     return scores
 

@@ -109,7 +109,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
         page.Paragraph(columns_against_simulator(results[named])),
     ]
     page.write(out, "What is the floor?", summary(rows), blocks)
-    command = f"python -m scenarios.floor --seed {seed} --out {out.as_posix()}"
+    command = data_files.command_of("scenarios.floor", settings)
     data_files.write_run_file(out, command, asdict(settings))
     print(f"Report: {out / 'report.html'}")
     return rows

@@ -105,12 +105,8 @@ def main(settings: Settings) -> list[dict[str, object]]:
         ),
     ]
     page.write(out, "How many poses are enough?", few_poses.summary(rows), blocks)
-    command = "python -m scenarios.how_many_poses --counts"
-    command += f" {' '.join(map(str, settings.counts))} --splits {settings.splits}"
-    command += f" --network-splits {settings.network_splits} --seed {seed}"
-    data_files.write_run_file(
-        out, f"{command} --out {out.as_posix()}", asdict(settings)
-    )
+    command = data_files.command_of("scenarios.how_many_poses", settings)
+    data_files.write_run_file(out, command, asdict(settings))
     print(f"Report: {out / 'report.html'}")
     return rows
 

@@ -61,7 +61,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
         "stretches wall seconds most.",
         [Table(CAPTION, HEADS, cells)],
     )
-    command = f"python -m scenarios.many_poses --out {settings.out.as_posix()}"
+    command = data_files.command_of("scenarios.many_poses", settings)
     facts = {"cores": os.cpu_count(), "load": os.getloadavg()[0]}
     data_files.write_run_file(settings.out, command, asdict(settings), **facts)
     return found

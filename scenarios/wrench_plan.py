@@ -102,10 +102,7 @@ def main(settings: Settings) -> list[dict[str, object]]:
     study.draw(errors, angle, study.LOADS, out / "wrench_plan.png")
     blocks = study.report_blocks(rows, tuned, springs, n, by_plan)
     page.write(out, "What does the wrench plan cost?", study.summary(rows), blocks)
-    command = f"python -m scenarios.wrench_plan --seed {seed} --seeds"
-    command += f" {' '.join(map(str, settings.seeds))} --seeds-of-table-5"
-    command += f" {' '.join(map(str, by_plan['table 5']))}"
-    command += f" --out {out.as_posix()}"
+    command = data_files.command_of("scenarios.wrench_plan", settings)
     data_files.write_run_file(out, command, asdict(settings))
     print(f"Report: {out / 'report.html'}")
     return rows

@@ -17,8 +17,8 @@ import platform
 import re
 import shutil
 import sys
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
 from tempfile import mkdtemp
@@ -79,15 +79,27 @@ LIBRARIES = ("mujoco", "pin", "numpy", "scipy", "torch", "rerun-sdk")
 
 
 def command_of(module: str, settings: Any) -> str:
-    """Return the command that reproduces a result, with all its flags."""
-    given = {f.name: getattr(settings, f.name) for f in fields(settings)}
-    out = given.pop("out").as_posix()
-    flags = [
-        f"--{name.replace('_', '-')}" + ("" if value is True else f" {value}")
-        for name, value in given.items()
-        if value is not None and value is not False
-    ]
-    return " ".join([f"python -m {module}", *flags, f"--out {out}"])
+    """Return the command that reproduces a result: all flags that are not as usual."""
+    usual = {
+        f.name: f.default_factory() if callable(f.default_factory) else f.default
+        for f in fields(settings)
+    }
+    out = settings.out.as_posix()
+    return " ".join([f"python -m {module}", *_flags(settings, usual), f"--out {out}"])
+
+
+def _flags(settings: Any, usual: Mapping[str, Any], above: str = "") -> Iterator[str]:
+    for name, value in vars(settings).items():
+        flag = f"--{above}{name}".replace("_", "-")
+        if name == "out" or value == usual[name]:
+            continue
+        if is_dataclass(value):
+            yield from _flags(value, vars(usual[name]), f"{above}{name}.")
+        elif isinstance(value, bool):
+            yield flag if value else f"--{above}no-{name}".replace("_", "-")
+        else:
+            words = value if isinstance(value, tuple) else (value,)
+            yield " ".join([flag, *map(str, words)])
 
 
 def write_run_file(
