@@ -282,63 +282,70 @@ class Ability:
     add: str = ""
 
 
+def _ability(question: str, can: object, yes: str, no: str, add: str) -> Ability:
+    """Say why a question can be answered; or why not, and what to add."""
+    return Ability(question, True, yes) if can else Ability(question, False, no, add)
+
+
 def abilities(
     recording: Recording, arm: Arm, views: list[AxisView]
 ) -> Iterator[Ability]:
     """Say what a recording can and cannot show, and what to add."""
     r = recording
-    falls = UNLOADING in r.stage
-    yield Ability(
+    yield _ability(
         "hysteresis, lost motion",
-        falls,
-        "the load rises and falls" if falls else "the load never reverses in a visit",
-        "" if falls else "unload in the same steps as you load",
+        UNLOADING in r.stage,
+        "the load rises and falls",
+        "the load never reverses in a visit",
+        "unload in the same steps as you load",
     )
     stood = (np.diff(r.visit) == 0) & (r.load_time[1:] < r.time[:-1])
     dwell = float(np.max(np.diff(r.time)[stood], initial=0.0))
-    yield Ability(
+    yield _ability(
         "creep",
-        dwell > 0,
-        f"read again up to {dwell:.0f} s later" if dwell else "each load is read once",
-        "" if dwell else "read twice under one load, minutes apart (load_time_s)",
+        dwell,
+        f"read again up to {dwell:.0f} s later",
+        "each load is read once",
+        "read twice under one load, minutes apart (load_time_s)",
     )
     axes = {arm.attachment(m.body).axis for m in r.markers}
-    links = len(axes - {-1}) > 1 or r.link_posture is not None
-    yield Ability(
+    yield _ability(
         "on which link it gives way",
-        links,
-        "markers or encoders on several bodies" if links else "one body is watched",
-        "" if links else "three markers on each link; till then places are inferred",
+        len(axes - {-1}) > 1 or r.link_posture is not None,
+        "markers or encoders on several bodies",
+        "one body is watched",
+        "three markers on each link; till then places are inferred",
     )
-    loaded = r.wrench is not None
-    yield Ability(
+    yield _ability(
         "how it gives way to a load",
-        loaded,
-        "the wrench is measured" if loaded else "no wrench: weight is the only load",
-        "" if loaded else "a force sensor, fx_n … tz_nm",
+        r.wrench is not None,
+        "the wrench is measured",
+        "no wrench: weight is the only load",
+        "a force sensor, fx_n … tz_nm",
     )
-    if loaded and (others := unpulled_axes(r, arm)):
+    if r.wrench is not None and (others := unpulled_axes(r, arm)):
         yield Ability(
             "how the other arm gives way to a load",
             False,
             f"one wrench is read, and it pulls none of {', '.join(others)}",
             "a recording of its own with the other hand pulled",
         )
-    warm, absolute = r.temperature is not None, r.displacement == "absolute"
     found = replicate_noise(r)
-    yield Ability(
+    yield _ability(
         "whether the stated noise is real",
-        found is not None,
-        f"{found[1]} degrees of freedom" if found else "no pose is visited twice",
-        "" if found else "visit five poses again at the end; noise is taken as stated",
+        found,
+        f"{found[1]} degrees of freedom" if found else "",
+        "no pose is visited twice",
+        "visit five poses again at the end; noise is taken as stated",
     )
-    yield Ability(
+    warm, absolute = r.temperature is not None, r.displacement == "absolute"
+    heat = "temperature is recorded" if warm else "no temperature_c"
+    yield _ability(
         "drift with temperature",
         warm and absolute,
-        ("temperature is recorded" if warm else "no temperature_c")
-        + ("" if absolute else "; displacements are relative"),
-        ("" if absolute else "absolute places")
-        or ("" if warm else "temperature_c; till then drift is in time"),
+        heat,
+        heat if absolute else f"{heat}; displacements are relative",
+        "temperature_c; till then drift is in time" if absolute else "absolute places",
     )
     if r.link_posture is not None and not r.markers:
         yield _between_encoders(r)
@@ -354,13 +361,12 @@ def abilities(
     yield Ability("geometry, offsets of encoders", shown, *_of_places(r))
     yield from _of_axes(views, absolute)
     pairs = [f"{a} and {b}" for a, b in confounded_axes(r, arm)]
-    yield Ability(
+    yield _ability(
         "which of two axes gives way",
         not pairs,
-        f"{', '.join(pairs)} move the markers alike"
-        if pairs
-        else "no two axes move the markers alike",
-        "other directions of load, or a marker between these axes" if pairs else "",
+        "no two axes move the markers alike",
+        f"{', '.join(pairs)} move the markers alike",
+        "other directions of load, or a marker between these axes",
     )
 
 
@@ -399,34 +405,27 @@ def _of_places(r: Recording) -> tuple[str, str]:
 
 
 def _of_axes(views: list[AxisView], absolute: bool) -> Iterator[Ability]:
-    idle = [v.name for v in views if v.torque < SMALL_TORQUE]
-    yield Ability(
+    idle = ", ".join(v.name for v in views if v.torque < SMALL_TORQUE)
+    yield _ability(
         "how soft each axis is",
         not idle,
-        f"{', '.join(idle)}: torque hardly varies" if idle else "its torque varies",
-        "a load whose line of action passes beside these axes" if idle else "",
+        "its torque varies",
+        f"{idle}: torque hardly varies",
+        "a load whose line of action passes beside these axes",
     )
-    hidden = [v.name for v in views if not v.seen]
-    yield Ability(
+    hidden = ", ".join(v.name for v in views if not v.seen)
+    yield _ability(
         "how far each axis really turns",
         not hidden,
-        f"{', '.join(hidden)}: nothing shows it turn"
-        if hidden
-        else "each moves a marker, or has an encoder after its gear",
-        "a marker beside these axes, beyond them" if hidden else "",
+        "each moves a marker, or has an encoder after its gear",
+        f"{hidden}: nothing shows it turn",
+        "a marker beside these axes, beyond them",
     )
-    still = [v.name for v in views if v.travel < SMALL_TRAVEL]
-    yield Ability(
+    still = ", ".join(v.name for v in views if v.travel < SMALL_TRAVEL)
+    yield _ability(
         "errors that vary with an axis' angle",
         absolute and not still,
-        "displacements are relative"
-        if not absolute
-        else f"{', '.join(still)}: moved by less than 1°"
-        if still
-        else "each moves by 1° or more",
-        "absolute places"
-        if not absolute
-        else "poses in which these axes move"
-        if still
-        else "",
+        "each moves by 1° or more",
+        f"{still}: moved by less than 1°" if absolute else "displacements are relative",
+        "poses in which these axes move" if absolute else "absolute places",
     )
