@@ -428,99 +428,90 @@ def _array(column: np.ndarray) -> pa.Array:
 
 def manifest_text(recording: Recording) -> str:
     """Return the manifest as text."""
-    r = recording
-    robot = r.robot and not (r.axes or r.bodies)
-    lines = [
-        "format = 1",
-        f"name = {_text(r.name)}",
-        *([f"robot = {_text(r.robot)}"] if robot else []),
-        f"rows = {_text(r.rows)}",
-        f"displacement = {_text(r.displacement)}",
-    ]
-    if r.axes or r.bodies:
-        named = {"name": _text(r.robot)} if r.robot else {}
-        axes = {"axes": f"[{', '.join(map(_text, r.axes))}]"} if r.axes else {}
-        lines += _section("robot", {**named, **axes})
-        if r.bodies:
-            bodies = {_text(k): _text(v) for k, v in r.bodies.items()}
-            lines += _section("robot.bodies", bodies)
-    lines += _sensors(r)
-    if r.tool is not None:
-        entries = {"mass_kg": _number(r.tool.mass), "com_mm": _millimetres(r.tool.com)}
-        lines += _section("tool", entries)
+    sections = _sections(recording)
+    return "\n\n".join("\n".join(_lines(*one)) for one in sections.items()) + "\n"
+
+
+Section = Mapping[str, object]
+"""Entries of a part of the manifest; those that are None are not written."""
+
+
+def _sections(r: Recording) -> dict[str, Section]:
+    named = bool(r.axes or r.bodies)
+    robot = r.robot or None
+    every: dict[str, Section | None] = {
+        "": {
+            "format": 1,
+            "name": r.name,
+            "robot": None if named else robot,
+            "rows": r.rows,
+            "displacement": r.displacement,
+        },
+        "robot": {"name": robot, "axes": r.axes or None} if named else None,
+        "robot.bodies": {_value(k): v for k, v in r.bodies.items()} or None,
+        **_sensors(r),
+        "tool": r.tool
+        and {"mass_kg": float(r.tool.mass), "com_mm": MILLIMETRE.outward(r.tool.com)},
+    }
     if r.drawing != DrawingAccuracy():
-        entries = {
-            "length_mm": _number(r.drawing.length * 1e3),
-            "angle_deg": _number(np.degrees(r.drawing.angle)),
-            "offset_deg": _number(np.degrees(r.drawing.offset)),
-            "mass_ratio": _number(r.drawing.mass_ratio),
+        every["model"] = {
+            "length_mm": r.drawing.length * 1e3,
+            "angle_deg": np.degrees(r.drawing.angle),
+            "offset_deg": np.degrees(r.drawing.offset),
+            "mass_ratio": r.drawing.mass_ratio,
         }
-        lines += _section("model", entries)
-    if r.base_from_tracker is not None:
-        entries = {
-            "position_mm": _millimetres(r.base_from_tracker[:3, 3]),
-            "quaternion_wxyz": _list(quaternion_of(r.base_from_tracker[:3, :3])),
+    if (frame := r.base_from_tracker) is not None:
+        every["frames.tracker"] = {
+            "position_mm": MILLIMETRE.outward(frame[:3, 3]),
+            "quaternion_wxyz": quaternion_of(frame[:3, :3]),
         }
-        lines += _section("frames.tracker", entries)
-    for marker in r.markers:
-        entries = {"body": _text(marker.body)}
-        if marker.position is not None:
-            entries["position_mm"] = _millimetres(marker.position)
-        if marker.target is not None:
-            entries["target"] = _text(marker.target)
-        lines += _section(f"markers.{_text(marker.name)}", entries)
-    return "\n".join(lines) + "\n"
+    for m in r.markers:
+        place = None if m.position is None else MILLIMETRE.outward(m.position)
+        entries = {"body": m.body, "position_mm": place, "target": m.target}
+        every[f"markers.{_value(m.name)}"] = entries
+    return {name: entries for name, entries in every.items() if entries is not None}
 
 
-def _sensors(r: Recording) -> list[str]:
-    lines = []
-    if r.tracker is not None:
-        entries = {}
-        if r.tracker.is_stated:
-            entries["repeatability_mm"] = _millimetres(r.tracker.repeatability)
-        if r.tracker.volumetric is not None:
-            entries["volumetric_mm"] = _number(r.tracker.volumetric * 1e3)
-        lines += _section("sensors.tracker", entries)
+def _sensors(r: Recording) -> dict[str, Section | None]:
+    found: dict[str, Section | None] = {}
+    if (tracker := r.tracker) is not None:
+        sigma, more = MILLIMETRE.outward(tracker.repeatability), tracker.volumetric
+        found["sensors.tracker"] = {
+            "repeatability_mm": sigma if tracker.is_stated else None,
+            "volumetric_mm": None if more is None else more * 1e3,
+        }
     if (sensor := r.wrench_sensor) is not None:
-        entries = {
-            "accuracy_n": _number(sensor.accuracy_force),
-            "accuracy_nm": _number(sensor.accuracy_torque),
-            "body": _text(sensor.body),
-            "position_mm": _millimetres(sensor.position),
-            "quaternion_wxyz": _list(sensor.quaternion_wxyz),
-            "frame": _text(sensor.frame),
-            "includes_tool_weight": str(sensor.includes_tool_weight).lower(),
+        found["sensors.wrench"] = {
+            "accuracy_n": float(sensor.accuracy_force),
+            "accuracy_nm": float(sensor.accuracy_torque),
+            "body": sensor.body,
+            "position_mm": MILLIMETRE.outward(sensor.position),
+            "quaternion_wxyz": sensor.quaternion_wxyz,
+            "frame": sensor.frame,
+            "includes_tool_weight": sensor.includes_tool_weight,
         }
-        lines += _section("sensors.wrench", entries)
-    if r.encoder_repeatability is not None:
-        degrees = float(DEGREE.outward(np.array([r.encoder_repeatability]))[0])
-        entries = {"repeatability_deg": _number(degrees)}
-        lines += _section("sensors.encoder", entries)
-    if r.torque_accuracy is not None:
-        entries = {"accuracy_nm": _number(r.torque_accuracy)}
-        lines += _section("sensors.torque", entries)
-    return lines
+    if (sigma := r.encoder_repeatability) is not None:
+        (degrees,) = DEGREE.outward(np.array([sigma]))
+        found["sensors.encoder"] = {"repeatability_deg": degrees}
+    if (sigma := r.torque_accuracy) is not None:
+        found["sensors.torque"] = {"accuracy_nm": float(sigma)}
+    return found
 
 
-def _section(name: str, entries: dict[str, str]) -> list[str]:
-    return ["", f"[{name}]", *(f"{key} = {value}" for key, value in entries.items())]
+def _lines(name: str, entries: Section) -> list[str]:
+    written = [f"{k} = {_value(v)}" for k, v in entries.items() if v is not None]
+    return [f"[{name}]", *written] if name else written
 
 
-def _text(value: str) -> str:
-    """Return a text quoted for TOML: as in JSON, with two more characters escaped."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-
-
-def _number(value: float) -> str:
-    return repr(float(value))
-
-
-def _list(values: np.ndarray) -> str:
-    return f"[{', '.join(_number(v) for v in values)}]"
-
-
-def _millimetres(metres: np.ndarray) -> str:
-    return _list(MILLIMETRE.outward(metres))
+def _value(value: object) -> str:
+    """Write a value in TOML: texts as in JSON, with one more character escaped."""
+    if isinstance(value, str | bool):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.astype(float).tolist()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_value, value))}]"
+    return repr(value)
 
 
 # --- Quaternions ----------------------------------------------------------------------
