@@ -95,6 +95,32 @@ class Anatomy:
         """Return the name of the body where the link before an axis ends."""
         return f"{axis}_end"
 
+    def end_of(self, where: str) -> str:
+        """Return the body at the end of a link, or the hand.
+
+        A link is `link_k`, or the link's own name. It ends at the bearing of the next
+        axis, the last one at the flange; one that carries several axes, as a torso
+        does, has as many ends: `link_2:a10` is where a10 sits.
+
+        Raises:
+            Unusable: Where the link carries several axes and none of them is named, or
+                one that it does not carry.
+        """
+        k = self.links.index(self.body(where))
+        ends = {f"a{n + 1}": self.axes[n] for n in self.carried(k)}
+        if not ends:
+            return self.hands[k]
+        _, colon, name = where.partition(":")
+        axis = self.axis(name) if colon else next(iter(ends.values()))
+        if axis not in ends.values() or (len(ends) > 1 and not colon):
+            fault = (
+                f"{where!r} is no end of one link: it carries "
+                f"{', '.join([*ends, *ends.values()])}; write "
+                f"{' or '.join(f'link_{k + 1}:{end}' for end in ends)}."
+            )
+            raise Unusable("The place of an effect", [fault])
+        return self.end(axis)
+
     def body(self, name: str) -> str:
         """Return the model's body for `base`, `link_k`, `flange` or its own name.
 

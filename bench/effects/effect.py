@@ -106,6 +106,13 @@ class Effect(ABC):
         sizes = {f.name: f.metadata.get("off", 0.0) for f in fields(self)[1:]}
         return replace(self, **{n: v for n, v in sizes.items() if v is not None})
 
+    @classmethod
+    def shapes(cls) -> frozenset[str]:
+        """Return the parameters that are no sizes."""
+        own = [f for f in fields(cls)[1:] if not f.metadata.get("assumed")]
+        kept = (f.name for f in own if f.metadata.get("off", 0.0) is None)
+        return frozenset(name.removesuffix("_axis") for name in kept)
+
     def parameters(self) -> Mapping[str, Any]:
         """Return its parameters in SI under the names of the diagnosis' vocabulary.
 

@@ -19,7 +19,6 @@ from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
 from bench.effects.effect import ModelEffect
-from bench.effects.links import end_of
 from bench.kinematic_chain import Anatomy, pose_in, rotation_of
 
 
@@ -43,7 +42,7 @@ class GeometryError(ModelEffect):
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
-        end, link = spec.body(end_of(arm, self.where)), spec.body(arm.body(self.where))
+        end, link = spec.body(arm.end_of(self.where)), spec.body(arm.body(self.where))
         below = pose_in(end.parent, link)[0]  # what the end hangs on may be turned
         shift, turn = np.reshape(list(self.parameters().values()), (2, 3)) @ below
         end.pos = np.asarray(end.pos, float) + shift

@@ -22,7 +22,6 @@ import numpy as np
 from typing_extensions import override
 
 from bench.effects.effect import ModelEffect, size
-from bench.effects.links import end_of
 from bench.effects.springs import add_spring, frame_along
 from bench.kinematic_chain import Anatomy, pose_in
 from bench.shared.errors import Unusable
@@ -44,7 +43,7 @@ class LinkBending(ModelEffect):
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
         link = arm.body(self.where)
-        end = spec.body(end_of(arm, self.where))
+        end = spec.body(arm.end_of(self.where))
         rotation, origin = pose_in(end, spec.body(link))
         start = rotation.T @ (_anchor(spec, arm, link) - origin)  # in the end's frame
         tip = _anchor(spec, arm, end.name)

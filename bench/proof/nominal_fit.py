@@ -30,6 +30,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
+from bench.kinematic_chain import carriers_of
 from bench.proof.comparison import ComparisonMode, centred, residual_of, sigma_of
 from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.rig import RIGID, Rig
@@ -159,14 +160,8 @@ def carried(
     model: mujoco.MjModel, link: str, bodies: tuple[str, ...]
 ) -> Bool[np.ndarray, " bodies"]:
     """Return whether each body hangs on a link or is it."""
-    root = model.body(link).id
-
-    def hangs(b: int) -> bool:
-        while b and b != root:
-            b = int(model.body_parentid[b])
-        return b == root
-
-    return np.array([hangs(model.body(body).id) for body in bodies], dtype=bool)
+    root, own = model.body(link).id, (model.body(body).id for body in bodies)
+    return np.array([root in carriers_of(model, b) for b in own], dtype=bool)
 
 
 def _on_encoders(

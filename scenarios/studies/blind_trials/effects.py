@@ -266,14 +266,6 @@ FEWEST = 20.0
 a quarter."""
 TRIES = 7
 """Most simulations to find a size; chosen, three are usual."""
-OUT_OF_LIBRARY_SHAPES = {
-    "softening": ("torque_nm",),
-    "thrust_turn": ("lead_m",),
-    "loose_bearing": ("angle_rad",),
-    "foot_lift_off": ("angle_rad", "preload_nm"),
-    "warming_gear": ("visits",),
-}
-"""Parameters that are not magnitudes, of effects that are not in the catalogue."""
 GROWS: dict[str, Callable[[float, float], float]] = {
     "hardening": lambda value, factor: 1.0 + (value - 1.0) * factor,
     "softening": lambda value, factor: 1.0 + (value - 1.0) * factor,
@@ -299,7 +291,7 @@ def scaled(effect: Effect, factor: float) -> Effect:
     sizes = {
         name: float(grow(value, factor))
         for name, value in effect.parameters().items()
-        if name not in _shapes(effect) and not isinstance(value, str)
+        if name not in effect.shapes() and not isinstance(value, str)
     }
     largest = max(map(abs, sizes.values()))
     if effect.name == "asymmetric_stiffness":  # either side may be the stiffer one
@@ -312,17 +304,9 @@ def scaled(effect: Effect, factor: float) -> Effect:
         raise OutOfReach(str(error)) from error
 
 
-def _shapes(effect: Effect) -> tuple[str, ...]:
-    if effect.name in CATALOGUE:
-        return CATALOGUE[effect.name].shapes
-    return OUT_OF_LIBRARY_SHAPES.get(effect.name, ())
-
-
 def _largest(effect: Effect) -> float:
-    if effect.name in CATALOGUE:
-        largest = CATALOGUE[effect.name].largest
-    else:
-        largest = OUT_OF_LIBRARY_LARGEST.get(effect.name)
+    known = CATALOGUE.get(effect.name)
+    largest = known.largest if known else OUT_OF_LIBRARY_LARGEST.get(effect.name)
     return np.inf if largest is None else largest
 
 
