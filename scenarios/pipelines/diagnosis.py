@@ -8,6 +8,7 @@ story, report and playback show.
 
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -84,6 +85,18 @@ ODD_NUMBERS = (ArithmeticError, np.linalg.LinAlgError)
 """What arithmetic raises on numbers that no sensor gives; all else is a defect here."""
 
 
+@contextmanager
+def _told_of(recording: Recording) -> Iterator[None]:
+    """Say of which recording the numbers are that break the engine's arithmetic."""
+    try:
+        yield
+    except ODD_NUMBERS as error:
+        raise BenchError(
+            f"Recording {recording.name!r} cannot be diagnosed: its numbers lead to "
+            f"{type(error).__name__} ({error}). Look for values that no sensor gives."
+        ) from error
+
+
 def asked(recording: Recording, arm: Arm) -> Diagnosis:
     """Ask the engine.
 
@@ -91,10 +104,8 @@ def asked(recording: Recording, arm: Arm) -> Diagnosis:
         BenchError: Where the recording has nothing to compare, or its numbers break the
             engine's arithmetic.
     """
-    try:
+    with _told_of(recording):
         return diagnose(recording, arm)
-    except ODD_NUMBERS as error:
-        raise _odd(recording, error) from error
 
 
 def setup_errors_of(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
@@ -103,10 +114,8 @@ def setup_errors_of(recording: Recording, arm: Arm) -> tuple[Warned, ...]:
     Raises:
         BenchError: Where the recording's numbers break the engine's arithmetic.
     """
-    try:
+    with _told_of(recording):
         return setup_errors(recording, arm)
-    except ODD_NUMBERS as error:
-        raise _odd(recording, error) from error
 
 
 def springs_warning_of(recording: Recording, arm: Arm) -> Warned | None:
@@ -120,12 +129,11 @@ def springs_warning_of(recording: Recording, arm: Arm) -> Warned | None:
     seen = recording.markers and recording.tracker is not None
     if not seen or not states_no_springs(recording, arm):
         return None
-    try:
-        stiffness = with_load_springs(recording, arm).stiffness
-    except ODD_NUMBERS as error:
-        raise _odd(recording, error) from error
-    except BenchError:  # no diagnosis of it, and its own reason there
-        return None
+    with _told_of(recording):
+        try:
+            stiffness = with_load_springs(recording, arm).stiffness
+        except BenchError:  # no diagnosis of it, and its own reason there
+            return None
     return springs_warning(np.flatnonzero(stiffness).tolist(), len(stiffness))
 
 
@@ -177,13 +185,6 @@ def _folds_of(found: Diagnosis) -> list[Fold]:
         Fold(s.held_out, frozenset((n.effect, n.where) for n in s.names & given))
         for s in found.splits[1:]
     ]
-
-
-def _odd(recording: Recording, error: Exception) -> BenchError:
-    return BenchError(
-        f"Recording {recording.name!r} cannot be diagnosed: its numbers lead to "
-        f"{type(error).__name__} ({error}). Look for values that no sensor gives."
-    )
 
 
 # --- Where another engine is called for -----------------------------------------------

@@ -94,23 +94,12 @@ def of_bodies(simulated: Proof, proved: bool, file: Path) -> None:
     before, after = by_body(simulated)
     figure = Figure(figsize=(10.5, 2.8), layout="constrained")
     axes = figure.subplots()
-    at = np.arange(len(before))
-    wide = 0.38 if proved else 0.6
-    axes.bar(
-        at - 0.2 * proved,
-        [MICRO * v for v in before.values()],
-        wide,
-        color=GREY,
-        label="nominal arm, fitted",
-    )
-    if proved:
-        axes.bar(
-            at + 0.2,
-            [MICRO * v for v in after.values()],
-            wide,
-            color=ORANGE,
-            label="with the patch",
-        )
+    at, wide, aside = np.arange(len(before)), 0.38 if proved else 0.6, 0.2 * proved
+    drawn = [(before, -aside, GREY, "nominal arm, fitted")]
+    drawn += [(after, aside, ORANGE, "with the patch")] * proved
+    for sizes, shift, colour, label in drawn:
+        height = [MICRO * v for v in sizes.values()]
+        axes.bar(at + shift, height, wide, color=colour, label=label)
     axes.set_xticks(at, list(before))
     axes.set_ylabel("rms error [µm]")
     axes.grid(visible=False, axis="x")
@@ -138,26 +127,14 @@ def by_body(simulated: Proof) -> tuple[dict[str, float], dict[str, float]]:
 def _one(axes: Axes, curves: Curves, k: int, rows: np.ndarray, named: bool) -> None:
     limit = _limit(curves, k)
     unit, torque = ("µm", "force [N]") if curves.slides[k] else ("µrad", "torque [N m]")
-    axes.plot(
-        curves.torque[rows, k],
-        MICRO * curves.before[rows, k],
-        ".",
-        color=GREY,
-        ms=2.5,
-        alpha=0.45,
-        label="measured, beyond the nominal arm",
-        rasterized=True,
-    )
-    axes.plot(
-        curves.torque[rows, k],
-        MICRO * curves.law[rows, k],
-        ".",
-        color=ORANGE,
-        ms=2.5 if named else 1.2,
-        alpha=0.9 if named else 0.35,
-        label="patch, simulated",
-        rasterized=True,
-    )
+    ms, alpha = (2.5, 0.9) if named else (1.2, 0.35)
+    for turn, colour, size, shade, label in (
+        (curves.before, GREY, 2.5, 0.45, "measured, beyond the nominal arm"),
+        (curves.law, ORANGE, ms, alpha, "patch, simulated"),
+    ):
+        look = {"color": colour, "ms": size, "alpha": shade, "rasterized": True}
+        x, y = curves.torque[rows, k], MICRO * turn[rows, k]
+        axes.plot(x, y, ".", label=label, **look)
     axes.set_title(
         f"{curves.axes[k]}{', named' if named else ''}",
         loc="left",

@@ -14,16 +14,16 @@ Of a comparison of encoders: their difference over time, before and after.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from bench.meshes import Shape, shapes
+from bench.meshes import shapes
 from bench.proof.comparison import residual_of
 from bench.proof.proof import Proof
 from bench.proof.simulation import NominalState
@@ -113,28 +113,6 @@ def shown_axes(finding: Result, curves: Curves) -> list[int]:
 COLD, WARM, HOT = (196, 200, 204), (240, 100, 0), (150, 20, 30)
 
 
-def bodies(
-    stream: rr.RecordingStream,
-    root: str,
-    simulated: Proof,
-    pose: Float[np.ndarray, "rows bodies 4 4"],
-    colours: Mapping[str, np.ndarray | Colour],
-    times: list[rr.TimeColumn],
-) -> None:
-    """Log the bodies, their poses and their colours.
-
-    Poses are base_from_body of all bodies, in m; colours are by row or one for all,
-    grey where a body has none.
-    """
-    names = simulated.simulation.see(simulated.patched).states.bodies
-    arm = simulated.patched.rig.nominal, names
-
-    def colour_of(shape: Shape) -> Colour | np.ndarray:
-        return colours.get(shape.body, (*COLD, 255))
-
-    draw_arm(stream, root, arm, pose, times, colour_of)
-
-
 def poses_of(
     simulated: Proof, assumed: NominalState, rows: np.ndarray
 ) -> Float[np.ndarray, "rows bodies 4 4"]:
@@ -200,18 +178,24 @@ def heat_of(simulated: Proof, residual: np.ndarray) -> dict[str, np.ndarray]:
     """Return the error of every body by visit, scaled: 0 the noise, 1 the worst."""
     world = simulated.simulation
     visit, noise = world.replay.visit, simulated.mode.sigma * np.sqrt(3.0)
-    square = np.sum(residual**2, axis=2)
-    found = {}
-    for body in dict.fromkeys(world.body):
-        own = square[:, [name == body for name in world.body]]
-        total = np.bincount(visit, np.nansum(own, axis=1))
-        number = np.bincount(visit, np.isfinite(own).sum(axis=1))
-        found[body] = np.sqrt(total / np.maximum(number, 1))
+    found = {
+        body: _rms_of_visits(visit, residual[:, [name == body for name in world.body]])
+        for body in dict.fromkeys(world.body)
+    }
     worst = max(np.quantile(np.concatenate(list(found.values())), 0.98), 2.0 * noise)
     return {
         body: np.clip((values - noise) / (worst - noise), 0.0, 1.0)
         for body, values in found.items()
     }
+
+
+def _rms_of_visits(
+    visit: Int[np.ndarray, " rows"], residual: Float[np.ndarray, "rows markers 3"]
+) -> Float[np.ndarray, " visits"]:
+    square = np.sum(residual**2, axis=2)
+    total = np.bincount(visit, np.nansum(square, axis=1))
+    number = np.bincount(visit, np.isfinite(square).sum(axis=1))
+    return np.sqrt(total / np.maximum(number, 1))
 
 
 def _colours(heat: Float[np.ndarray, " rows"]) -> np.ndarray:
@@ -271,12 +255,12 @@ def _arm(
     else:
         colours = _colours_of_shares(simulated, budget)
         marked_places(stream, simulated, budget, pose, times)
-    bodies(stream, "/cell/arm", simulated, pose, colours, times)
+    arm, grey = (simulated.patched.rig.nominal, seen.states.bodies), (*COLD, 255)
+    draw_arm(stream, "/cell/arm", arm, pose, times, lambda s: colours.get(s.body, grey))
     said = ""
     if proved:
         factor, larger = ghost_poses(simulated, rows)
-        faint = dict.fromkeys(seen.states.bodies, FAINT)
-        bodies(stream, "/cell/ghost", simulated, larger, faint, times)
+        draw_arm(stream, "/cell/ghost", arm, larger, times, lambda _: FAINT)
         said = (
             " The ghost gives way as the patch does beyond the nominal arm, "
             f"{factor:g} times as far."
@@ -294,10 +278,7 @@ def _arm(
             missed = arrows(seen.point[rows], magnified * np.nan_to_num(values[rows]))
             style = rr.Arrows3D.from_fields(colors=[colour], radii=0.004)
             draw(stream, f"/cell/{name}", times, missed, style)
-        square = np.sum(values**2, axis=2)
-        sums = [np.bincount(visit, np.nansum(square, axis=1)),
-                np.bincount(visit, np.isfinite(square).sum(axis=1))]  # fmt: skip
-        rms = MICRO * np.sqrt(sums[0] / np.maximum(sums[1], 1))
+        rms = MICRO * _rms_of_visits(visit, values)
         lines = rr.SeriesLines(names=f"{name} [µm]", colors=[colour])
         scalars = rr.Scalars.columns(scalars=rms)
         draw(stream, f"/error/{name}", times, scalars, lines)
