@@ -183,14 +183,27 @@ def tour(
     if is_kr10(rig):
         return table_one_plan(poses, path, revisits, pulleys)
     room = Room(rig.nominal, rig.anatomy, rig.mounted)
-    once = Plan(
-        name=f"{Path(rig.arm_file).stem}, {poses} postures",
-        posture=postures.spread_in(room, poses, seed, widest),
-        posture_id=np.arange(poses),
-        pulley=mixed_pulleys(poses, pulleys),
-        path=path,
-    )
-    return repeated(once, revisits)
+    posture = postures.spread_in(room, poses, seed, widest)
+    name = f"{Path(rig.arm_file).stem}, {poses} postures"
+    return repeated(once_each(name, rig, posture, path), revisits)
+
+
+def once_each(
+    name: str,
+    rig: Rig,
+    posture: Float[np.ndarray, "poses axes"],
+    path: tuple[LoadStep, ...],
+) -> Plan:
+    """Return the plan that visits postures, in rad, once each, with pulleys in turn."""
+    poses = len(posture)
+    pulley = mixed_pulleys(poses, len(rig.mounted.pulley))
+    return Plan(name, posture, np.arange(poses), pulley, path)
+
+
+def spread_plan(name: str, rig: Rig, poses: int, path: tuple[LoadStep, ...]) -> Plan:
+    """Return the plan of as many postures spread over all of the joints' ranges."""
+    room = Room(rig.nominal, rig.anatomy, rig.mounted)
+    return once_each(name, rig, postures.spread(room.limits, poses, 0, room), path)
 
 
 def is_kr10(rig: Rig) -> bool:

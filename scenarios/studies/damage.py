@@ -70,6 +70,11 @@ class Samples:
         ]
         return replace(self, rows=tuple(rows))
 
+    def swapping(self, *pairs: tuple[str, str]) -> "Samples":
+        """Return a copy in which the columns of each pair are exchanged."""
+        cells = {a: self.column(b) for a, b in pairs}
+        return self.having(**cells, **{b: self.column(a) for a, b in pairs})
+
     def scaled(self, factor: float, *names: str) -> "Samples":
         """Return a copy with the numbers of some columns times a factor."""
         return self.having(
@@ -234,28 +239,22 @@ def in_meaning(good: Samples, random: np.random.Generator) -> Iterator[Damage]:
     for name in moved:
         yield _physics_damage(f"{name} reversed", good.scaled(-1.0, name))
     for one, other in combinations(moved, 2):
-        swapped = {one: good.column(other), other: good.column(one)}
-        yield _physics_damage(f"{one} and {other} swapped", good.having(**swapped))
+        swapped = good.swapping((one, other))
+        yield _physics_damage(f"{one} and {other} swapped", swapped)
     for one, other in combinations(moved, 2):
-        yield _physics_damage(
-            f"{one} and {other} reversed", good.scaled(-1.0, one, other)
-        )
+        both = good.scaled(-1.0, one, other)
+        yield _physics_damage(f"{one} and {other} reversed", both)
     yield _physics_damage("angles in radians", good.scaled(np.pi / 180, *axes))
     seen = [n for n in good.header if n.endswith(("_x_mm", "_y_mm", "_z_mm"))]
     for factor in (1e-3, 1e3):
         yield _physics_damage(f"markers times {factor:g}", good.scaled(factor, *seen))
-    for end in ("_x_mm", "_y_mm", "_z_mm"):
-        some = [n for n in seen if n.endswith(end)]
-        yield _physics_damage(
-            f"{end} of the markers mirrored", good.scaled(-1.0, *some)
-        )
-    for one, other in combinations(("_x_mm", "_y_mm", "_z_mm"), 2):
-        names = [n[:-5] for n in seen if n.endswith("_x_mm")]
-        cells = {m + one: good.column(m + other) for m in names}
-        cells |= {m + other: good.column(m + one) for m in names}
-        yield _physics_damage(
-            f"{one} and {other} of the markers swapped", good.having(**cells)
-        )
+    for end in ENDS:
+        some = good.scaled(-1.0, *(n for n in seen if n.endswith(end)))
+        yield _physics_damage(f"{end} of the markers mirrored", some)
+    for one, other in combinations(ENDS, 2):
+        names = [n[:-5] for n in seen if n.endswith(ENDS[0])]
+        swapped = good.swapping(*((m + one, m + other) for m in names))
+        yield _physics_damage(f"{one} and {other} of the markers swapped", swapped)
     wrench = [n for n in good.header if n.endswith(("_n", "_nm")) and n[0] in "ft"]
     yield _physics_damage("wrench reversed", good.scaled(-1.0, *wrench))
     for factor in (1e-3, 9.81):
@@ -292,25 +291,23 @@ def in_set_up(good: Samples) -> Iterator[Damage]:
     for one, other in combinations(range(3), 2):
         for name, parts in (("forces", (FORCES,)), ("wrench", (FORCES, MOMENTS))):
             pairs = [(part[one], part[other]) for part in parts]
-            cells = {a: good.column(b) for a, b in pairs}
-            cells |= {b: good.column(a) for a, b in pairs}
             what = " and ".join(f"{a}, {b}" for a, b in pairs)
-            yield _named(f"{name}: {what} swapped", "wrench_columns", good, cells)
+            swapped = good.swapping(*pairs)
+            yield _set_up(f"{name}: {what} swapped", "wrench_columns", swapped)
     for by in (1, 2):
         both = (FORCES, MOMENTS)
         cells = {p[k]: good.column(p[(k + by) % 3]) for p in both for k in range(3)}
-        yield _named(f"wrench's axes turned by {by}", "wrench_columns", good, cells)
-    cells = dict(zip(FORCES, map(good.column, MOMENTS), strict=True))
-    cells |= dict(zip(MOMENTS, map(good.column, FORCES), strict=True))
-    yield _named("moments before forces", "wrench_columns", good, cells)
+        turned = good.having(**cells)
+        yield _set_up(f"wrench's axes turned by {by}", "wrench_columns", turned)
+    first = good.swapping(*zip(FORCES, MOMENTS, strict=True))
+    yield _set_up("moments before forces", "wrench_columns", first)
     for by, whose in ((1, "before"), (-1, "after")):
-        cells = {n: _rolled(good.column(n), by) for n in (*FORCES, *MOMENTS)}
-        yield _named(f"wrench of the row {whose}", "wrench_rows", good, cells)
+        own = {n: good.column(n) for n in (*FORCES, *MOMENTS)}
+        rolled = good.having(**{n: c[-by:] + c[:-by] for n, c in own.items()})
+        yield _set_up(f"wrench of the row {whose}", "wrench_rows", rolled)
     for unit, size in SCALES:
-        scaled = rewritten(
-            f"forces in {unit}", "physics", good.scaled(1.0 / size, *FORCES)
-        )
-        yield replace(scaled, code="units", word=unit)
+        scaled = good.scaled(1.0 / size, *FORCES)
+        yield replace(_set_up(f"forces in {unit}", "units", scaled), word=unit)
 
 
 def _markers(good: Samples) -> Iterator[Damage]:
@@ -324,15 +321,11 @@ def _markers(good: Samples) -> Iterator[Damage]:
                 cells[one + end] = a[:start] + b[start:]
                 cells[other + end] = b[:start] + a[start:]
             what = f"{one} and {other} swapped{much}"
-            yield _named(what, "marker_names", good, cells)
+            yield _set_up(what, "marker_names", good.having(**cells))
 
 
-def _rolled(cells: list[str], by: int) -> list[str]:
-    return cells[-by:] + cells[:-by]
-
-
-def _named(name: str, code: str, good: Samples, cells: dict[str, list[str]]) -> Damage:
-    return replace(rewritten(name, "physics", good.having(**cells)), code=code)
+def _set_up(name: str, code: str, samples: Samples) -> Damage:
+    return replace(_physics_damage(name, samples), code=code)
 
 
 # --- Draws and outcomes ---------------------------------------------------------------

@@ -10,15 +10,14 @@ from typing import Literal
 
 import numpy as np
 
-from bench import postures
 from bench.effects.parse import parse_all
 from bench.experiment import record
-from bench.postures import Room
 from bench.rig import Rig
 from bench.shared.errors import BenchError
 from bench.shared.format import folder as files
-from bench.shared.plan import LoadStep, Plan, mixed_pulleys
+from bench.shared.plan import LoadStep
 from bench.shared.recording import Recording
+from bench.standard_plans import spread_plan
 from scenarios.pipelines.synthetic_recording import KR10
 
 # --- Limits and growth ----------------------------------------------------------------
@@ -98,16 +97,9 @@ def recorded(kind: Kind, poses: int) -> Recording:
     """Return the recording of an experiment of many poses on the bench."""
     bare = Rig(KR10)
     rig = Rig(KR10, parse_all(UNEVEN if kind == "weight" else LOADED, bare.nominal))
-    room = Room(rig.nominal, rig.anatomy, rig.mounted)
     masses = (0.0,) if kind == "weight" else (0.0, 5.0, 10.0, 5.0)
-    plan = Plan(
-        name=f"{poses} poses, {kind}",
-        posture=postures.spread(room.limits, poses, 0, room),
-        posture_id=np.arange(poses),
-        pulley=mixed_pulleys(poses, len(rig.mounted.pulley)),
-        path=tuple(map(LoadStep, masses)),
-    )
-    recording = record(rig, plan)
+    path = tuple(map(LoadStep, masses))
+    recording = record(rig, spread_plan(f"{poses} poses, {kind}", rig, poses, path))
     if kind == "loads" or recording.points is None:
         return recording
     k = [marker.body for marker in recording.markers].index("flange")

@@ -40,16 +40,15 @@ from jaxtyping import Float
 from mujoco import batch, minimize, sysid
 from scipy.optimize import least_squares
 
-from bench import postures
 from bench.cell import GRAVITY
 from bench.effects.hysteresis import Hysteresis
 from bench.experiment import record
 from bench.instruments import Instruments
-from bench.postures import Room
 from bench.rig import Rig
 from bench.shared.format import folder as files
 from bench.shared.format.table import CSV_FILE
-from bench.shared.plan import LoadStep, Plan, mixed_pulleys
+from bench.shared.plan import LoadStep, Plan
+from bench.standard_plans import spread_plan
 from bench.standard_plans import table_one_plan as table_one
 from bench.study_arm import default_truth
 from scenarios.pipelines.synthetic_recording import KR10
@@ -420,7 +419,8 @@ def diagnosis_race(poses: int) -> Race:
     """Return the race over the diagnosis of one hysteretic axis."""
     rig, plan = Rig(KR10, (Hysteresis("a2", width_rad=2.9e-4),)), table_one(poses)
     recording, arm = record(rig, plan), Arm.from_mjcf(KR10)
-    longer = record(rig, _longer(rig, plan))
+    many = LONGER * len(plan.posture)
+    longer = record(rig, spread_plan(f"{many} postures", rig, many, plan.path))
     count = len(HYPOTHESES)
     return Race(
         task=f"diagnosis: {len(recording.time)} rows, {count} hypotheses",
@@ -438,17 +438,4 @@ def diagnosis_race(poses: int) -> Race:
             ),
         ),
         bar=3.0 if poses == PAPERS else None,
-    )
-
-
-def _longer(rig: Rig, plan: Plan) -> Plan:
-    """Return a plan with postures spread over the joint limits."""
-    poses = LONGER * plan.posture.shape[0]
-    room = Room(rig.nominal, rig.anatomy, rig.mounted)
-    return Plan(
-        name=f"{poses} postures",
-        posture=postures.spread(room.limits, poses, 0, room),
-        posture_id=np.arange(poses),
-        pulley=mixed_pulleys(poses, len(rig.mounted.pulley)),
-        path=plan.path,
     )
