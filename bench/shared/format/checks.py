@@ -246,44 +246,33 @@ def faults_in(
     with the joint of each axis.
     """
 
-    def at(name: str, wrong: np.ndarray, say: Callable[[int], str]) -> list[str]:
+    def at(name: str, wrong: np.ndarray, say: str, *told: np.ndarray) -> list[str]:
         source = layout.held[name].source if name in layout.held else name
-        return place.at(source, np.flatnonzero(wrong), say)
+        rows = np.flatnonzero(wrong)
+        return place.at(source, rows, lambda r: say.format(*(t[r] for t in told)))
 
     faults = []
     if "time_s" in values:
         time = values["time_s"]
         back = np.concatenate([[False], np.diff(time) < 0.0])
-        faults += at(
-            "time_s",
-            back,
-            lambda r: f"time runs backwards, {time[r]:g} s after {time[r - 1]:g} s.",
-        )
+        say = "time runs backwards, {:g} s after {:g} s."
+        faults += at("time_s", back, say, time, np.roll(time, 1))
         if "load_time_s" in values:
             late = values["load_time_s"] > time
-            faults += at(
-                "load_time_s", late, lambda r: "later than time_s of the same row."
-            )
+            faults += at("load_time_s", late, "later than time_s of the same row.")
     if "stage" in values:
-        stage = values["stage"]
-        known = ", ".join(STAGES)
-        unknown = ~np.isin(stage, STAGES)
-        faults += at(
-            "stage",
-            unknown,
-            lambda r: f"{quoted(str(stage[r]))} is not one of {known}.",
-        )
+        unknown = ~np.isin(values["stage"], STAGES)
+        shown = np.array([quoted(str(word)) for word in values["stage"]])
+        say = "{} is not one of " + ", ".join(STAGES) + "."
+        faults += at("stage", unknown, say, shown)
     for name, least in (("frames", 1.0), ("load_kg", 0.0)):
         if name in values:
-            column, say = values[name], f"{{:g}} is less than {least:g}."
-            faults += at(
-                name, column < least, lambda r, c=column, s=say: s.format(c[r])
-            )
+            say = f"{{:g}} is less than {least:g}."
+            faults += at(name, values[name] < least, say, values[name])
     faults += _too_strong(values, at)
     for name in (n for n in values if SPREAD.search(n)):
-        column = 1e3 * values[name]
         say = "a spread of {:g} mm; one sigma is not below 0."
-        faults += at(name, column < 0.0, lambda r, c=column, s=say: s.format(c[r]))
+        faults += at(name, values[name] < 0.0, say, 1e3 * values[name])
     for name, held in layout.held.items():
         if (
             name in values
@@ -292,9 +281,7 @@ def faults_in(
         ):
             most, unit = LARGEST_READING[held.column.kind]
             say = f"{{:.4g}} {unit} is beyond {most:.4g}; is its unit right?"
-            column = values[name]
-            beyond = np.abs(column) > most
-            faults += at(name, beyond, lambda r, c=column, s=say: s.format(c[r]))
+            faults += at(name, np.abs(values[name]) > most, say, values[name])
     if "pose" in values:
         faults += _odd_visits(values, relative, at)
     if "pose" in values and plateaus:
@@ -304,7 +291,8 @@ def faults_in(
     return faults
 
 
-At = Callable[[str, np.ndarray, Callable[[int], str]], list[str]]
+At = Callable[..., list[str]]
+"""Returns faults of a column where it is wrong, told with numbers of its row."""
 
 
 def _too_strong(values: Mapping[str, np.ndarray], at: At) -> list[str]:
@@ -322,7 +310,7 @@ def _too_strong(values: Mapping[str, np.ndarray], at: At) -> list[str]:
         for axis, name in enumerate(names):
             wrong = (sizes > limit) & (largest == axis)
             say = f"{kind} of {{:.4g}} is above {shown}; is its unit right?"
-            faults += at(name, wrong, lambda r, n=sizes, s=say: s.format(n[r]))
+            faults += at(name, wrong, say, sizes)
     return faults
 
 
@@ -335,21 +323,14 @@ def _odd_visits(values: Mapping[str, np.ndarray], relative: bool, at: At) -> lis
         same = np.diff(visit) == 0
         two = np.concatenate([[False], same & other[1:]])
         back = np.concatenate([[False], np.diff(visit) < 0])
-        faults += at(
-            "pose", two, lambda r: f"visit {visit[r]:.0f} has another pose above."
-        )
-        faults += at(
-            "visit",
-            back,
-            lambda r: f"{visit[r]:.0f} after {visit[r - 1]:.0f}; visits are counted.",
-        )
+        faults += at("pose", two, "visit {:.0f} has another pose above.", visit)
+        say = "{:.0f} after {:.0f}; visits are counted."
+        faults += at("visit", back, say, visit, np.roll(visit, 1))
     if relative:
         _, where, counts = np.unique(visit, return_inverse=True, return_counts=True)
-        faults += at(
-            "visit" if "visit" in values else "pose",
-            (counts == 1)[where],
-            lambda r: "one row in its visit, and relative displacements need two.",
-        )
+        name = "visit" if "visit" in values else "pose"
+        say = "one row in its visit, and relative displacements need two."
+        faults += at(name, (counts == 1)[where], say)
     return faults
 
 
@@ -359,17 +340,12 @@ def _other_postures(values: Mapping[str, np.ndarray], at: At) -> list[str]:
     if not np.isfinite(pose).all():
         return []
     _, first, which = np.unique(pose, return_index=True, return_inverse=True)
+    say = "{:.3g}° from where pose {:.0f} stood first; give another posture an id of "
     faults = []
     for name in (n for n in values if re.fullmatch(r"a[0-9]+_deg", n)):
         away = np.degrees(values[name] - values[name][first[which]])
-        faults += at(
-            name,
-            np.abs(away) > np.degrees(SAME_POSTURE),
-            lambda r, a=away: (
-                f"{a[r]:.3g}° from where pose {pose[r]:.0f} stood first; give another "
-                "posture an id of its own."
-            ),
-        )
+        wrong = np.abs(away) > np.degrees(SAME_POSTURE)
+        faults += at(name, wrong, f"{say}its own.", away, pose)
     return faults
 
 
@@ -392,7 +368,7 @@ def _beyond_limits(
         shown = f"{low * factor:g} to {high * factor:g}{unit}"
         say = f"{{:.6g}}{unit} is beyond the limits of {model.joints[joint]!r}, {shown}"
         say += "; with the other sign all rows are inside." if mirrored else "."
-        faults += at(name, wrong, lambda r, c=column * factor, s=say: s.format(c[r]))
+        faults += at(name, wrong, say, column * factor)
     return faults
 
 
