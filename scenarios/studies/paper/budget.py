@@ -169,3 +169,8 @@ def budget(name: Literal["quick", "full", "tiny"], seed: int) -> Budget:
         )
         return Budget(name, 16, sweep, transfer)
     raise UnknownName("budget", name, ("quick", "full", "tiny"))
+
+
+def said_seeds(n: int) -> str:
+    """Return the number of seeds in words."""
+    return "one seed" if n == 1 else f"{n} seeds"

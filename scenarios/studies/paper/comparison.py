@@ -26,7 +26,7 @@ import numpy as np
 from jaxtyping import Float
 
 from scenarios.report.page import Table, table_of
-from scenarios.studies.paper.budget import PLANS, Budget
+from scenarios.studies.paper.budget import PLANS, Budget, said_seeds
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.transfer import (
     ConvolutionCell,
@@ -77,6 +77,16 @@ class Draws:
         """Value and interval of an error in mm as cells of a table."""
         value = self.interval
         return {"value_mm": value.estimate, "low_mm": value.low, "high_mm": value.high}
+
+    @property
+    def percent(self) -> dict[str, float]:
+        """Value and interval of a relative difference in % as cells of a table."""
+        value = self.interval
+        return {
+            "change_percent": 100 * value.estimate,
+            "low_percent": 100 * value.low,
+            "high_percent": 100 * value.high,
+        }
 
     def change_from(self, other: "Draws") -> "Draws":
         """Return the relative difference from another, replicate by replicate."""
@@ -177,9 +187,9 @@ class Contender:
         error = self.held_out[:, :, direction].reshape(1, -1)
         return pooled(error, MEASURES[measure])
 
-    def overall(self) -> Draws:
-        """Return the MAE over all directions on the fresh poses, pooled over seeds."""
-        return pooled(np.abs(self.unseen).mean(axis=2), MEASURES["MAE"])
+    def overall(self, measure: str = "MAE") -> Draws:
+        """Return a measure over all directions on the fresh poses."""
+        return pooled(np.abs(self.unseen).mean(axis=2), MEASURES[measure])
 
     @property
     def name(self) -> str:
@@ -259,19 +269,13 @@ def best_method_rows(everyone: Sequence[Contender]) -> list[dict[str, object]]:
         if other.method in NAMED or other.seeds != best.seeds:
             continue
         for metric in ("MAE", "P99"):
-            own, theirs = (
-                pooled(np.abs(c.unseen).mean(axis=2), MEASURES[metric])
-                for c in (best, other)
-            )
-            change = own.change_from(theirs).interval
+            change = best.overall(metric).change_from(other.overall(metric))
             rows.append(
                 {
                     "method": best.method,
                     "against": other.name,
                     "metric": metric,
-                    "change_percent": 100 * change.estimate,
-                    "low_percent": 100 * change.low,
-                    "high_percent": 100 * change.high,
+                    **change.percent,
                     "n": best.unseen.shape[1],
                     "seeds": " ".join(map(str, best.seeds)),
                 }
@@ -323,7 +327,7 @@ def gain_rows(c: Contender, springs: Contender) -> list[dict[str, object]]:
     rows = []
     for k, direction in enumerate(DIRECTIONS):
         for metric in MEASURES:
-            change = c.draws(k, metric).change_from(springs.draws(k, metric)).interval
+            change = c.draws(k, metric).change_from(springs.draws(k, metric))
             tuned = c.method == "ft_mlp"
             paper = -100 * GAINS[metric][k] if tuned and metric in GAINS else None
             bar = -100 * BARS[metric] if tuned and metric in BARS else None
@@ -333,12 +337,12 @@ def gain_rows(c: Contender, springs: Contender) -> list[dict[str, object]]:
                     "plan": c.plan,
                     "direction": direction,
                     "metric": metric,
-                    "change_percent": 100 * change.estimate,
-                    "low_percent": 100 * change.low,
-                    "high_percent": 100 * change.high,
+                    **change.percent,
                     "paper_percent": paper,
                     "bar_percent": bar,
-                    "reached": None if bar is None else _reached(change, bar / 100),
+                    "reached": None
+                    if bar is None
+                    else _reached(change.interval, bar / 100),
                     "n": c.unseen.shape[1],
                     "seeds": " ".join(map(str, c.seeds)),
                 }
@@ -391,8 +395,7 @@ def verdict(tuned: Sequence[Contender], springs: Contender) -> str:
         missed = [row for row in rows if row["reached"] == NO]
         surely = sum(row["reached"] == SURELY for row in rows)
         reached, seeds = len(rows) - len(missed), len(c.seeds)
-        count = "one seed" if seeds == 1 else f"{seeds} seeds"
-        text = f"Pre-trained on the {c.plan} plan ({count}) FT-MLP reaches "
+        text = f"Pre-trained on the {c.plan} plan ({said_seeds(seeds)}) FT-MLP reaches "
         if reached == 0:
             text += f"none of these {len(rows)} gains"
         else:

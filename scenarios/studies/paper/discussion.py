@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenarios.report.page import Block, Heading, Paragraph
-from scenarios.studies.paper.budget import Budget
+from scenarios.studies.paper.budget import Budget, said_seeds
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import Contender, overall, perceptrons
 from scenarios.studies.paper.imitation import (
@@ -233,7 +233,7 @@ def _pretrained(results: Mapping[Cell, CellResult]) -> str:
             for c, r in results.items()
             if isinstance(c, PerceptronCell) and c.plan == plan
         ]
-        seeds = "one seed" if len(test) == 1 else f"{len(test)} seeds"
+        seeds = said_seeds(len(test))
         parts.append(f"{np.mean(test):.4f} mm ({plan} plan, {seeds})")
     return (
         "Pre-trained to imitate the springs, the network's test MAE over the three "

@@ -17,7 +17,7 @@ from typing_extensions import override
 
 from scenarios.report import data_files, style
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
-from scenarios.studies.paper.budget import Budget
+from scenarios.studies.paper.budget import Budget, said_seeds
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.experiment import Material
 from scenarios.studies.paper.published_values import TABLE_06_MM, TABLE_07_MM
@@ -218,11 +218,6 @@ def report_table(
 def said_range(low: float, high: float, seeds: int) -> str:
     """Return the range over seeds in words; of one seed, that it is one."""
     return "one seed" if seeds == 1 else f"{low:.4f} to {high:.4f}"
-
-
-def said_seeds(n: int) -> str:
-    """Return the number of seeds in words."""
-    return "one seed" if n == 1 else f"{n} seeds"
 
 
 # --- Findings in words ----------------------------------------------------------------

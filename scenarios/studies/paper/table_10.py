@@ -8,6 +8,7 @@ from matplotlib.figure import Figure as Picture
 
 from scenarios.report import data_files, style
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from scenarios.studies.paper.budget import said_seeds
 from scenarios.studies.paper.comparison import (
     MEASURES,
     Contender,
@@ -168,11 +169,10 @@ def _table_10(
                 if metric != "P99":
                     line.append("" if published is None else f"{published:.3f}")
             rows.append(line)
-    count = "one seed" if seeds == 1 else f"{seeds} seeds"
     return Table(
-        f"Table 10. Errors on {n} fresh poses, {count} [mm], budget {budget}; in "
-        "brackets 95 % intervals, beside them the paper's numbers; STDE is of signed "
-        "errors.",
+        f"Table 10. Errors on {n} fresh poses, {said_seeds(seeds)} [mm], budget "
+        f"{budget}; in brackets 95 % intervals, beside them the paper's numbers; "
+        "STDE is of signed errors.",
         ("method", "", "MAE", "paper", "STDE", "paper", "ME", "paper", "99 %"),
         rows,
     )

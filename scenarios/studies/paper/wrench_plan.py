@@ -108,17 +108,6 @@ def tidy(methods: Sequence[Contender], loads: Sequence[str]) -> list[dict[str, o
     return rows
 
 
-def report_table(rows: Sequence[dict]) -> tuple[list[str], list[list[str]]]:
-    """Return header and cells of the report's table."""
-    header = ["method", "loads", "measure", "value", "95 % interval"]
-    names = ("method", "loads", "metric")
-    return header, [
-        [str(r[name]) for name in names]
-        + [f"{r['value_mm']:.3f}", f"{r['low_mm']:.3f} to {r['high_mm']:.3f}"]
-        for r in rows
-    ]
-
-
 def finding(rows: Sequence[dict]) -> str:
     """Return the best method under each kind of loads, and the ratios of errors."""
     kinds = dict.fromkeys(r["loads"] for r in rows)
@@ -256,10 +245,17 @@ def report_blocks(
             "used.",
             "wrench_plan.png",
         ),
-        page.Table(
+        page.table_of(
             f"MAE and 99th percentile over all directions on {poses} fresh postures "
             f"each, seeds: {'; '.join(each)} [mm]",
-            *report_table(rows),
+            rows,
+            {
+                "method": lambda r: r["method"],
+                "loads": lambda r: r["loads"],
+                "measure": lambda r: r["metric"],
+                "value": lambda r: f"{r['value_mm']:.3f}",
+                "95 % interval": lambda r: f"{r['low_mm']:.3f} to {r['high_mm']:.3f}",
+            },
         ),
         page.Heading("Is the paper's gain reached?"),
         page.Paragraph(verdict(tuned, springs)),
