@@ -16,6 +16,7 @@ import stiffness
 from bench.shared.errors import UnknownName, Unusable
 from bench.shared.settings import SETTINGS
 from scenarios import pipelines
+from scenarios.pipelines import diagnosis as pipeline
 from scenarios.pipelines import schema
 from scenarios.pipelines.inputs import arm_of, facts_of
 from scenarios.report import command_line

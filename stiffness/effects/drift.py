@@ -30,7 +30,7 @@ NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
 CONSTANTS = (0.05, 0.15, 0.5, 2.0, 100.0)
 """T over the recording's length; chosen: the last is a straight line within 0.5 %."""
-MOST, APART = 3, 2.0
+MOST_PARTS, APART = 3, 2.0
 """Time constants of a sum, and the factor by which they are apart at least; chosen: a
 course that turns back twice."""
 
@@ -79,7 +79,7 @@ class Drift(Hypothesis):
         for constant in np.concatenate([*shapes]):
             if all(abs(np.log(constant / other)) >= np.log(APART) for other in found):
                 found.append(float(constant))
-        return np.array(found[:MOST])
+        return np.array(found[:MOST_PARTS])
 
     @override
     def further(

@@ -242,7 +242,7 @@ def test_generic_stiffness_with_waves_of_an_angle_does_not_hold_the_spring(reach
 def test_generic_term_competes_only_with_more_than_laws_at_its_place_may_err_by():
     """A gear of two stiffnesses leaves nothing of torque; another place is asked."""
     case = build_problem(prepared("asymmetric_stiffness@a2", "hysteresis@a4"), FEW)
-    gear = ModelTerm(AsymmetricStiffness(), "a2", np.zeros(0))
+    gear = ModelTerm(AsymmetricStiffness(), "a2", np.full(1, 1e-9))
     blocks = [b for b in case.library.map if (b.where, b.kind) in OFFERED]
     search = Search.of(case, [gear], generic=blocks)
     kept = _without_slight_terms(search, 1)
