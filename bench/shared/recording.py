@@ -6,7 +6,7 @@ writing.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
@@ -293,6 +293,17 @@ class Recording:
             if getattr(self, name) is not None
         }
         return replace(self, **kept, last_move=self.moves.take(rows))
+
+    def watching(
+        self, markers: Sequence[int] | Int[np.ndarray, " markers"]
+    ) -> "Recording":
+        """Return the same recording with only these markers, by their numbers."""
+        kept = {
+            name: value[:, np.asarray(markers, dtype=int)]
+            for name in ("points", "spread")
+            if (value := getattr(self, name)) is not None
+        }
+        return replace(self, **kept, markers=tuple(self.markers[m] for m in markers))
 
 
 def transform_of(

@@ -388,16 +388,14 @@ def _errors(recording: Recording, arm: Arm) -> Told:
 def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     """Doubt angles and the tracker, then the markers' names, then what is stated."""
     every = some_visits(recording, VISITS)
-    few = ends_of_bodies(every.markers, arm)
-    assert every.points is not None and every.tracker is not None
-    markers = tuple(every.markers[m] for m in few)
-    some = replace(every, markers=markers, points=every.points[:, few])
+    some = every.watching(ends_of_bodies(every.markers, arm))
     posture = some.posture
     sight = TrackerObservations.of(arm, some, posture)
     _, before = fit_tracker_frame(sight)
     others = TrackerObservations.of(arm, every, posture)
     whole = _rigid_residual_rms(others)
     extent = extent_of(sight)
+    assert every.tracker is not None
     noise = CLEAR * float(np.max(every.tracker.repeatability))
     places = np.sqrt(3.0) * MARKER_POSITION_SIGMA if sight.given.any() else 0.0
     least = max(DOUBT * extent, noise, places)

@@ -487,12 +487,10 @@ def _shifted(
 
 def _few(some: Recording, frames: TrackerFit, arm: Arm) -> tuple[Recording, TrackerFit]:
     """Return some of the pairs, with a few markers of each body."""
-    assert some.points is not None
     pairs = np.arange(len(some.time)).reshape(-1, 2)
     rows = pairs[:: -(-len(pairs) // FEW)].ravel()
     kept = ends_of_bodies(some.markers, arm)
-    markers = tuple(some.markers[i] for i in kept)
     return (
-        replace(some, markers=markers, points=some.points[:, kept]).take(rows),
+        some.watching(kept).take(rows),
         replace(frames, marker_positions=frames.marker_positions[kept]),
     )

@@ -92,12 +92,7 @@ class NamedPhysics(Method):
         springs = Vjm(self.arm, self.held).fit(recording)
         recording = recording.take(np.argsort(recording.visit, kind="stable"))
         if self.targets == "flange":
-            seen = end_effector_markers(arm, recording)
-            markers = tuple(recording.markers[k] for k in seen)
-            assert recording.points is not None
-            recording = replace(
-                recording, markers=markers, points=recording.points[:, seen]
-            )
+            recording = recording.watching(end_effector_markers(arm, recording))
         diagnosis = diagnose(recording, self.arm)
         if diagnosis.verdict == "no_mismatch" or diagnosis.nominal is None:
             return NamedPhysicsFit(springs, diagnosis, None)

@@ -567,6 +567,15 @@ def test_a_controller_that_takes_out_sag_is_no_other_unit(share, tmp_path):
     assert said(unhung(lambda r: replace(r, points=points))(recording), arm) == []
 
 
+def test_a_recording_whose_readings_have_a_spread_is_looked_at_as_any_other(cell):
+    recording, arm = cell
+    assert recording.points is not None
+    spread = np.full(recording.points.shape, 2e-5)
+    assert said(replace(recording, spread=spread), arm) == []
+    turned = summed(2, a2=1.0)(recording)
+    assert said(replace(turned, spread=spread), arm) == said(turned, arm) != []
+
+
 def test_of_many_visits_some_are_looked_at_and_the_text_says_so(cell, monkeypatch):
     recording, arm = cell
     monkeypatch.setattr(setup_check, "MANY", 10)
