@@ -43,6 +43,7 @@ from bench.shared.recording import (
     Payload,
     Recording,
     targets_of,
+    transform_of,
 )
 from stiffness.experiment.visits import commanded_lags
 from stiffness.robot.arm import Arm
@@ -390,9 +391,8 @@ class Geometry:
     def stepped(self, step: Float[np.ndarray, " silent"]) -> "Geometry":
         """Add a step of parameters, frame (3 + 3), target positions, and mounts."""
         n, last = len(self.values), len(self.values) + 6 + self.places.size
-        away = np.eye(4)
-        away[:3, :3] = Rotation.from_rotvec(-step[n + 3 : n + 6]).as_matrix()
-        away[:3, 3] = -step[n : n + 3]
+        back = Rotation.from_rotvec(-step[n + 3 : n + 6]).as_matrix()
+        away = transform_of(back, -step[n : n + 3])
         return Geometry(
             self.values + step[:n],
             away @ self.base_from_tracker,

@@ -46,7 +46,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from bench.shared.errors import Unusable
-from bench.shared.recording import UNLOADED, Recording
+from bench.shared.recording import UNLOADED, Recording, transform_of
 from stiffness.robot.arm import Arm
 from stiffness.robot.equilibrium import equilibrium
 from stiffness.robot.kinematics import point_jacobian
@@ -150,10 +150,7 @@ def kabsch(
             "The markers", ["they lie on one line; a turn about it is free."]
         )
     turn = Rotation.align_vectors(target - aim, source - middle)[0].as_matrix()
-    transform = np.eye(4)
-    transform[:3, :3] = turn
-    transform[:3, 3] = aim - turn @ middle
-    return transform
+    return transform_of(turn, aim - turn @ middle)
 
 
 def unloaded_rows(recording: Recording) -> Int[np.ndarray, " unloaded"]:
@@ -213,9 +210,7 @@ class TrackerFit:
     @property
     def transform(self) -> Float[np.ndarray, "4 4"]:
         """Transform from the tracker's frame to the base's, in m."""
-        whole = np.eye(4)
-        whole[:3, :3], whole[:3, 3] = self.turn, self.shift
-        return whole
+        return transform_of(self.turn, self.shift)
 
     def displaced(
         self, twist: Float[np.ndarray, "6"], marker_step: Float[np.ndarray, "markers 3"]

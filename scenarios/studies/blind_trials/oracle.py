@@ -38,7 +38,7 @@ from bench.patch import Patch, can_build, named
 from bench.proof.proof import prove
 from bench.rig import RIGID, Rig
 from bench.shared.errors import BenchError
-from bench.shared.recording import Recording, transform_of
+from bench.shared.recording import Recording
 from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.studies.blind_trials.effects import OutOfReach, as_large_as
 from scenarios.studies.blind_trials.linear_model import (
@@ -403,13 +403,13 @@ def oracle_gain_mm(folder: Path, model: Path, rig: Rig) -> float | None:
         return None
     recording, arm, _ = read_for(folder, arm_of(model))
     frames = prepare(recording, arm).frames
-    transform = transform_of(frames.turn, frames.shift)
+    frame = frames.transform.tolist()
     held_out = np.unique(recording.posture_id)[split_of(recording).held_out]
     springs = zip(rig.anatomy.axes, rig.springs, strict=True)
     patch = Patch(
         stiffness_nm_per_rad={a: None if k >= RIGID else float(k) for a, k in springs},
         effects=tuple(named(effect) for effect in rig.effects),
-        base_from_tracker=tuple((a, b, c, d) for a, b, c, d in transform.tolist()),
+        base_from_tracker=tuple((a, b, c, d) for a, b, c, d in frame),
         markers={
             marker.name: (float(x), float(y), float(z))
             for marker, (x, y, z) in zip(
