@@ -11,11 +11,13 @@ Ignores     hardening of either side; u tanh(u/w) for |u| (its variants)
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, reversing, sprung
@@ -25,9 +27,6 @@ from stiffness.experiment.static_state import CurvedSpring, StaticState
 ROUND = (1e-3, 0.03, 0.1, 0.3)
 """w over the largest torque: how gradually the slope turns over. Chosen: a thousandth,
 so that a torque of rounding has no side; beyond the last neither side has a slope."""
-
-LEAST = 1e-9
-"""Least width in N m, of an axis that is never loaded."""
 
 
 @dataclass(frozen=True)
@@ -57,20 +56,24 @@ class AsymmetricStiffness(Hypothesis):
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        k = situation.axis(where)
-        wound = situation.wound(k, situation.torque[:, k], self.effect)
-        even = np.hypot(wound, shape[0]) - shape[0]
-        return turn(k, situation.softness_of(k, self.effect) * even)
+        return self._turn(situation, where, partial(_even, width=shape[0]))
 
     @override
     def variants(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
+        widths = (x * float(shape[0]) for x in (0.5, 1.0, 2.0))
+        smooth = (partial(_even_by_tanh, width=width) for width in widths)
+        return self._turn(situation, where, *smooth)
+
+    def _turn(
+        self, situation: StaticState, where: str, *laws: Callable[..., np.ndarray]
+    ) -> EffectJacobian:
+        """Return how an axis turns by laws of u, as soft as its other laws leave it."""
         k = situation.axis(where)
         wound = situation.wound(k, situation.torque[:, k], self.effect)
-        widths = (x * float(shape[0]) for x in (0.5, 1.0, 2.0))
-        tanh = [wound * np.tanh(wound / max(width, LEAST)) for width in widths]
-        return turn(k, *(situation.softness_of(k, self.effect) * f for f in tanh))
+        softness = situation.softness_of(k, self.effect)
+        return turn(k, *(softness * law(wound) for law in laws))
 
     @override
     def acting(
@@ -89,7 +92,7 @@ class AsymmetricStiffness(Hypothesis):
             return 1.0 - (1.0 - stiffer) * share
 
         def wound(torque: np.ndarray) -> np.ndarray:
-            on_side = 0.5 * (torque + side * (np.hypot(torque, width) - width))
+            on_side = 0.5 * (torque + side * _even(torque, width))
             return torque - (1.0 - stiffer) * on_side
 
         spring = CurvedSpring(1.0 + abs(half) / fitted, wound, slope)
@@ -102,3 +105,17 @@ class AsymmetricStiffness(Hypothesis):
         mean = situation.unloaded_compliance(situation.axis(where), self.effect)
         half = coefficients[0]
         return {"ratio": (mean - half) / (mean + half)}
+
+
+def _even(
+    torque: Float[np.ndarray, "*rows"], width: float
+) -> Float[np.ndarray, "*rows"]:
+    """Return |u|, rounded over a width; both in N m."""
+    return np.hypot(torque, width) - width
+
+
+def _even_by_tanh(
+    torque: Float[np.ndarray, "*rows"], width: float
+) -> Float[np.ndarray, "*rows"]:
+    """Return another law that is |u| far from no torque."""
+    return torque * np.tanh(torque / width)
