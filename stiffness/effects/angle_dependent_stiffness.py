@@ -23,12 +23,13 @@ from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import (
+    ORDERS_APART,
     Coeffs,
     Hypothesis,
     Shape,
     Shapes,
+    apart,
     orders,
-    orders_apart,
     sprung,
 )
 from stiffness.effects.jacobian import EffectJacobian, hstack, turn
@@ -112,7 +113,7 @@ class AngleDependentStiffness(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         multiples = (m * order for order in shape for m in (2.0, 3.0))
-        found = orders_apart(multiples, shape)
+        found = apart(multiples, ORDERS_APART, shape)
         others = [self.jacobian(situation, where, np.array([n])) for n in found]
         k = situation.axis(where)
         if situation.is_curved(k):

@@ -12,7 +12,7 @@ visible; `axes_of`, `point_of` and the like return where bodies and markers are.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -111,15 +111,16 @@ class Hypothesis(ABC):
     ) -> Float[np.ndarray, " joined"] | None:
         """Return the shape of one law that does what several of its shapes do.
 
-        None: the law has one shape. The parts of a sum are waves unless overridden, of
-        which `MOST_WAVES` are kept.
+        None: the law has one shape. The parts of a sum are waves unless overridden;
+        `MOST_PARTS` are kept.
 
         Args:
             shapes: What explains most comes first.
         """
         if not self.is_sum:
             return None
-        return np.array(orders_apart(np.concatenate([*shapes]))[:MOST_WAVES])
+        orders = apart(np.concatenate([*shapes]), ORDERS_APART)
+        return np.array(orders[:MOST_PARTS])
 
     def further(
         self, found: Mapping[str, float], shape: Shape, coefficients: Coeffs
@@ -264,18 +265,30 @@ def orders(situation: StaticState, axis: int) -> Float[np.ndarray, " orders"]:
     return ORDERS[ORDERS * span >= LEAST_PHASE]
 
 
-MOST_WAVES, APART = 3, 0.75
-"""Waves of one law, and how far apart their orders are at least; chosen: postures a
-radian or two apart show no more."""
+MOST_PARTS, ORDERS_APART = 3, 0.75
+"""Parts of a law that is a sum, and how far apart the orders of waves are at least;
+chosen: postures a radian or two apart show no more."""
 
 
-def orders_apart(some: Iterable[float], given: Iterable[float] = ()) -> list[float]:
-    """Return orders of waves that are apart from given ones and from each other."""
+def apart(
+    some: Iterable[float],
+    least: float,
+    given: Iterable[float] = (),
+    scale: Callable[[float], float] = float,
+) -> list[float]:
+    """Return values that are apart from given ones and from each other.
+
+    Args:
+        some: The values; what comes first is kept.
+        least: By how much, on the scale.
+        given: Values that are there already.
+        scale: On which values are compared, such as a logarithm.
+    """
     first = [*given]
     found = [*first]
-    for order in some:
-        if all(abs(order - other) >= APART for other in found):
-            found.append(float(order))
+    for value in some:
+        if all(abs(scale(value) - scale(other)) >= least for other in found):
+            found.append(float(value))
     return found[len(first) :]
 
 

@@ -13,6 +13,7 @@ Ignores     t² and temperature (its variants); the changed direction of gravity
 ==========  ==========================================================================
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -21,7 +22,14 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
+from stiffness.effects.base import (
+    MOST_PARTS,
+    Coeffs,
+    Hypothesis,
+    Shape,
+    Shapes,
+    apart,
+)
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian, rotate, translate
 from stiffness.experiment.static_state import StaticState
 
@@ -30,9 +38,9 @@ NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
 CONSTANTS = (0.05, 0.15, 0.5, 2.0, 100.0)
 """T over the recording's length; chosen: the last is a straight line within 0.5 %."""
-MOST_PARTS, APART = 3, 2.0
-"""Time constants of a sum, and the factor by which they are apart at least; chosen: a
-course that turns back twice."""
+APART = 2.0
+"""Factor by which the time constants of a sum are apart at least; chosen: three of them
+make a course that turns back twice."""
 
 
 @dataclass(frozen=True)
@@ -75,11 +83,8 @@ class Drift(Hypothesis):
     def joined(
         self, shapes: Sequence[Float[np.ndarray, " _"]]
     ) -> Float[np.ndarray, " joined"]:
-        found = list[float]()
-        for constant in np.concatenate([*shapes]):
-            if all(abs(np.log(constant / other)) >= np.log(APART) for other in found):
-                found.append(float(constant))
-        return np.array(found[:MOST_PARTS])
+        constants = apart(np.concatenate([*shapes]), math.log(APART), scale=math.log)
+        return np.array(constants[:MOST_PARTS])
 
     @override
     def further(
