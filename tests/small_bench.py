@@ -57,9 +57,9 @@ def prepared(*effects: str) -> Prepared:
     return prepare(recording(*effects), arm())
 
 
-def moved_by(law: EffectJacobian, size: np.ndarray) -> Recording:
+def moved_by(law: EffectJacobian, size: np.ndarray, *effects: str) -> Recording:
     """Return the recording plus an effect Jacobian times its coefficients."""
-    made, ready = recording(), prepared()
+    made, ready = recording(*effects), prepared(*effects)
     assert made.points is not None
     moved = truth.moved(ready.situation, law) @ size
     return replace(made, points=made.points + moved @ ready.frames.transform[:3, :3])

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import replace
 
-import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -109,16 +108,14 @@ def test_law_of_another_form_comes_back_under_the_same_name(law, name):
 def test_asymmetry_that_turns_over_gradually_costs_no_name_of_the_arm(rounding):
     """Whatever the width over which a spring's slope changes from side to side."""
     others = {"hysteresis@a3": "width_rad=1e-4", "bearing_tilt@a4": "", "creep@a2": ""}
-    made = recording(*(f"{name},{size}".strip(",") for name, size in others.items()))
-    ready = prepare(made, arm())
-    torque, compliance = ready.situation.torque[:, 1], ready.situation.compliance[1]
+    effects = [f"{name},{size}".strip(",") for name, size in others.items()]
+    situation = prepared(*effects).situation
+    torque, compliance = situation.torque[:, 1], situation.compliance[1]
     width = rounding * np.abs(torque).max()
     even = 0.2 * compliance * torque * np.tanh(torque / width)
-    moved = truth.moved(ready.situation, turn(1, even)) @ np.ones(1)
-    assert made.points is not None
-    seen = made.points + moved @ ready.frames.transform[:3, :3]
+    seen = moved_by(turn(1, even), np.ones(1), *effects)
     library = (*GEAR, BearingTilt(), AsymmetricStiffness())
-    found = diagnose(replace(made, points=seen), arm(), library)
+    found = diagnose(seen, arm(), library)
     named = {f"{e.name.effect}@{e.name.where}" for e in found.named}
     assert named == {"asymmetric_stiffness@a2", *others}
 
