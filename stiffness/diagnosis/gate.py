@@ -162,7 +162,8 @@ def second_order_name(
 ) -> Decision | None:
     """Return the slightest name that is less than what a found load may be wrong by.
 
-    What a load and what gives way under it do to each other is in neither's columns.
+    What a load and what gives way under it do to each other is in neither's columns;
+    what two loads do is, where columns were laid out under the larger one.
 
     Args:
         case: What may be looked at.
@@ -171,11 +172,14 @@ def second_order_name(
     """
     here = case.situation
     loads = [t for t in terms if _changes_loads(here, t)]
+    acting = frozenset() if case.named is None else case.named.names
     strong = [t for t in terms if t.hypothesis.linear or t in loads] if loads else []
     lost = dict(zip(gated.names, (float(x.sum()) for x in gated.lost), strict=True))
     found = []
     for term in terms:
-        near = [t for t in strong if are_near(t.where, term.where)]
+        known = acting if term in loads else ()
+        rest = (t for t in strong if t.name not in known)
+        near = [t for t in rest if are_near(t.where, term.where)]
         most = max((lost[t.name] for t in near), default=0.0)
         share = lost[term.name] / max(most, 1e-300)
         if share < SECOND_ORDER:

@@ -39,6 +39,7 @@ from stiffness.effects import HYPOTHESES
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
+from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.lost_motion import LostMotion
@@ -55,6 +56,7 @@ EIGHT = (
     "bearing_tilt@a4",
     "base_compliance@base",
 )
+NONE = np.zeros(0)
 TWO = ("hysteresis@a2,width_rad=1.2e-4", "bearing_tilt@a3")
 
 
@@ -282,6 +284,21 @@ def test_name_that_a_load_found_near_it_may_be_wrong_by_is_none(load):
     if slight is not None:
         assert slight.candidate == names[1]
         assert slight.statistic == pytest.approx(1e-3)
+
+
+def test_a_second_load_is_held_against_none_that_its_columns_were_laid_out_under():
+    some, ready = (GravityLoad(),), prepared("gravity_load@link_2,mass_kg=8")
+    terms = [ModelTerm(some[0], where, NONE) for where in ("link_2", "link_3")]
+    here = build_problem(ready, some)
+    names = tuple(t.name for t in terms)
+    first = gate_terms(pose_statistics(here, terms))[0]
+    lost = tuple(np.full_like(first.gain, size) for size in (1e3, 1.0))
+    gated = replace(first, names=names, lost=lost)
+    slight = second_order_name(here, terms, gated)
+    assert slight is not None
+    assert slight.candidate == names[1]
+    under = build_problem(ready, some, named=fit_model(here, terms[:1]))
+    assert second_order_name(under, terms, gated) is None
 
 
 def test_mismatch_of_nothing_is_noise_of_either_sign():
