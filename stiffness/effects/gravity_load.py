@@ -35,6 +35,9 @@ from stiffness.experiment.static_state import StaticState
 NAMES = ("mass_kg", "x", "y", "z")
 LENGTH = 0.1
 """Length that scales first moments to masses, in m; chosen: a link's breadth."""
+ARM_LENGTH = 0.5
+"""Distance at which a mass has its first moment, before any reading, in m; chosen: half
+the length of a long link."""
 UNSEEN = 1e-6
 """Below this share of the largest possible wind-up a column is rounding; chosen."""
 
@@ -63,6 +66,19 @@ class GravityLoad(Hypothesis):
         """Return limits that leave no negative mass in the model."""
         highest = self.limits["mass_kg"][1]
         return {**self.limits, "mass_kg": (-carried(situation, where), highest)}
+
+    @override
+    def prior_sigma(
+        self, situation: StaticState, where: str
+    ) -> Float[np.ndarray, " columns"]:
+        """Return the mass of the model's arm, and its first moment.
+
+        A mass at the end of a link and a moment of that link pull alike: of two that
+        were found, readings hold the sum alone.
+        """
+        mass = carried(situation, "link_1")
+        sigma = mass * np.array([1.0, ARM_LENGTH, ARM_LENGTH, ARM_LENGTH])
+        return sigma[seen(situation, torques(situation, where))]
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:

@@ -39,7 +39,7 @@ from stiffness.effects import HYPOTHESES
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
-from stiffness.effects.gravity_load import GravityLoad
+from stiffness.effects.gravity_load import GravityLoad, carried
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.lost_motion import LostMotion
@@ -299,6 +299,15 @@ def test_a_second_load_is_held_against_none_that_its_columns_were_laid_out_under
     assert slight.candidate == names[1]
     under = build_problem(ready, some, named=fit_model(here, terms[:1]))
     assert second_order_name(under, terms, gated) is None
+
+
+def test_a_load_is_taken_for_no_heavier_than_the_arm_before_any_reading():
+    """A mass at the end of link_2 and the moment of link_2 pull alike."""
+    here = prepared().situation
+    of_arm = carried(here, "link_1")
+    sigma = GravityLoad().prior_sigma(here, "link_3")
+    assert sigma.shape == (GravityLoad().jacobian(here, "link_3", NONE).columns,)
+    assert_allclose(sigma, of_arm * np.array([1.0, 0.5, 0.5]))
 
 
 def test_mismatch_of_nothing_is_noise_of_either_sign():
