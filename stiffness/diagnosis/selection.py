@@ -221,7 +221,11 @@ def exchange_search(model: SelectedModel) -> Search:
 
 MUCH_OPEN = 0.01
 """Share of the mismatch that a set does not explain on poses left out, from which loads
-are tried in place of its terms; chosen: a tenth of its amplitude, squared."""
+that are little like a term are tried in its place, too; chosen: a tenth of its
+amplitude, squared."""
+IMITATED = 0.5
+"""Share of what a term does that a load which is much like it may do less; chosen: what
+is not alike does nothing of it."""
 MOST_LOADS = 6
 """Loads that are tried in place of terms, the most alike first; chosen for time."""
 
@@ -231,10 +235,9 @@ def select_model(
 ) -> SelectedModel:
     """Search the set that explains best, and withhold what does not hold.
 
-    A term may do alone what a load does, but a load also acts on all others: where much
-    stays unexplained, the search runs again under loads in the place of such terms that
-    all others do as well with, and its set is kept where it surely predicts poses left
-    out better.
+    A term may do alone what a load does, but a load also acts on all others: the search
+    runs again under loads in the place of such terms that all others do as well with,
+    and its set is kept where it surely predicts poses left out better.
 
     Courses of the base in time compete from the first, as many slips and drifts would
     share out what no single one of them does. Other forms of a law come in with the
@@ -249,8 +252,6 @@ def select_model(
     layout = Layout(prepared, hypotheses)
     search = Search.of(case, generic=courses, every_form=False)
     model = _selected_under(layout, search, first_search(search.problem))
-    if model.share > 1.0 - MUCH_OPEN:
-        return model
     point = _with_loads(layout, model)
     if point is None:
         return model
@@ -293,8 +294,11 @@ def _loads_like_terms(model: SelectedModel) -> dict[Name, tuple[float, ModelTerm
     """Return the load that does best alone what each term of a set does.
 
     Each with what it does less than the term: no more than what stays unexplained,
-    which what it does to others may make up for.
+    which what it does to others may make up for; where that is little, no more than
+    half of what the term does.
     """
+    if model.unexplained_square <= 0.0:
+        return {}
     search = exchange_search(model)
     found = dict[Name, tuple[float, ModelTerm]]()
     here, members = model.case.situation, model.fit.members
@@ -313,7 +317,10 @@ def _loads_like_terms(model: SelectedModel) -> dict[Name, tuple[float, ModelTerm
         ]
         best = max(alike, key=lambda one: one[:2], default=None)
         less = np.inf if best is None else alone[member.name] - best[0]
-        if best is not None and less < 0.5 * model.unexplained_square:
+        most = 0.5 * model.unexplained_square
+        if model.share > 1.0 - MUCH_OPEN:
+            most = min(most, IMITATED * (alone[member.name] - every.none))
+        if best is not None and less < most:
             found[member.name] = less, best[2]
     return found
 
