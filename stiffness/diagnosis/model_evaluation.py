@@ -403,7 +403,8 @@ class _Errors:
     Attributes:
         covariance: By how the fit moves as poses are left out.
         held: The same of springs and coefficients, the shapes of all members held.
-        unsure: What terms that were not selected add to it.
+        unsure: What terms that were not selected, assumed constants and the form of
+            laws add to it.
         shift: How far the fit moves beside other forms of the laws.
     """
 

@@ -93,7 +93,8 @@ def select_groups(problem: GroupProblem, start: Sequence[int] = ()) -> GroupSele
         start: A set to begin with, such as the last solution.
 
     Returns:
-        A set that no group's leaving, coming or exchange makes worth more.
+        A set that no group's leaving, coming or exchange makes worth more; of as many
+        groups as a set may have, one that no group's leaving does.
     """
     groups = tuple(start)
     for _ in range(ROUNDS):
