@@ -21,6 +21,7 @@ from typing_extensions import override
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian, rotate, translate
 from stiffness.experiment.static_state import StaticState
+from stiffness.robot.kinematics import cross
 
 TURNS = ("rx_rad_per_nm", "ry_rad_per_nm", "rz_rad_per_nm")
 SHIFTS = ("x_m_per_n", "y_m_per_n", "z_m_per_n")
@@ -101,4 +102,4 @@ def about(
 ) -> tuple[Float[np.ndarray, "rows 3"], Float[np.ndarray, "rows 3"]]:
     """Return the moment on the base about a point of its z axis, and the point."""
     centre = np.broadcast_to([0.0, 0.0, height], (situation.rows, 3))
-    return situation.moment[:, 0] - np.cross(centre, situation.force[:, 0]), centre
+    return situation.moment[:, 0] - cross(centre, situation.force[:, 0]), centre

@@ -22,6 +22,7 @@ from typing_extensions import override
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
 from stiffness.effects.jacobian import EffectJacobian, rotate
 from stiffness.experiment.static_state import StaticState
+from stiffness.robot.kinematics import cross
 
 
 @dataclass(frozen=True)
@@ -85,5 +86,5 @@ def _across(
     if situation.arm.slides[place - 1]:  # its guide stays where it is
         along -= situation.recording.posture[:, place - 1]
     arm = along[:, None] * seat[:, :, 2]
-    moment = situation.moment[:, place] - np.cross(arm, situation.force[:, place])
+    moment = situation.moment[:, place] - cross(arm, situation.force[:, place])
     return seat[:, :, :2], moment, situation.origin[:, place] + arm

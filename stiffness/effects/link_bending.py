@@ -32,7 +32,7 @@ from stiffness.effects.jacobian import (
     translate,
 )
 from stiffness.experiment.static_state import StaticState
-from stiffness.robot.kinematics import point_jacobian
+from stiffness.robot.kinematics import cross, point_jacobian
 
 HINGES = (0.125, 0.375, 0.625, 0.875)
 """Shares of a link at which it may bend in other forms of the law: where the beam's
@@ -175,7 +175,7 @@ def _hinge(
     point = start + share * (end - start)
     w = (end - start) / np.linalg.norm(end - start, axis=1, keepdims=True)
     force, moment = situation.force[:, place], situation.moment[:, place]
-    moment = moment + np.cross(end - point, force)
+    moment = moment + cross(end - point, force)
     twist = w * np.sum(w * moment, axis=1, keepdims=True)
     turned = np.stack([moment - twist, twist], axis=2)
     marks, bent = _marks(situation, ends), {}
@@ -212,7 +212,7 @@ def _bend(
     force, moment = situation.force[:, ends[1]], situation.moment[:, ends[1]]
     twist = w * np.sum(w * moment, axis=1, keepdims=True)
     across = force - w * np.sum(w * force, axis=1, keepdims=True)
-    slope = x * (length - x / 2) * np.cross(w, force) + x * (moment - twist)
-    sag = x**2 / 2 * ((length - x / 3) * across + np.cross(moment, w))
+    slope = x * (length - x / 2) * cross(w, force) + x * (moment - twist)
+    sag = x**2 / 2 * ((length - x / 3) * across + cross(moment, w))
     turned = np.stack([slope, x * twist], axis=2)
     return turned, np.stack([sag, np.zeros_like(sag)], axis=2)
