@@ -38,7 +38,7 @@ The first columns are the nominal ones: the springs, a nuisance.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -46,7 +46,7 @@ from jaxtyping import Float, Int
 from typing_extensions import override
 
 from stiffness.effects.base import Hypothesis, absolute, marked_point
-from stiffness.effects.design_matrix import Deferred, deferred
+from stiffness.effects.design_matrix import Deferred, KeptColumns, deferred
 from stiffness.effects.jacobian import (
     NOTHING,
     BodyTwist,
@@ -481,6 +481,11 @@ class Library:
     nominal: int
     candidates: tuple[Candidate, ...]
     map: tuple[Mapped, ...]
+
+    @cached_property
+    def columns(self) -> KeptColumns:
+        """All signatures, laid out once."""
+        return KeptColumns(self.jacobians)
 
 
 def library_of(

@@ -359,12 +359,13 @@ def residual_after(case: SelectionProblem, fit: ModelFit) -> After:
 
 @dataclass(frozen=True)
 class ResidualEquations:
-    """Normal equations of all columns once a set is named.
+    """Normal equations of all columns over the training poses once a set is named.
 
     Attributes:
         after: The recording once the set is named.
         library: Candidates without the names of the set, and the map.
-        normal_equations: Of the columns that the set explains with, then the library's.
+        normal_equations: Of the columns that the set explains with, then the library's;
+            one fold.
         known: Numbers of the columns that the set explains with.
     """
 
@@ -380,11 +381,11 @@ def residual_equations(case: SelectionProblem, fit: ModelFit) -> ResidualEquatio
     after = residual_after(case, fit)
     known, own = after.known, after.normal_equations
     count = own.gram.shape[1]
-    every = [*known, *case.library.jacobians]
-    side, score = cross_gram(after.data, known, every, fold)
-    gram = given_many(side, case.normal_equations.gram)
+    side, score = cross_gram(after.data, known, case.library.columns, fold)
+    gram = given_many(side[1], case.normal_equations.gram[1])
     raw = np.concatenate([own.raw, case.normal_equations.raw])
-    joint = NormalEquations(gram, score, fold, raw)
+    score = score[~case.split.held_out]
+    joint = NormalEquations(gram[None], score, np.zeros(len(score), dtype=int), raw)
     library = _with_offset_columns(case.library, count, fit.names)
     return ResidualEquations(after, library, joint, np.arange(count))
 
@@ -431,7 +432,7 @@ def imitated_share(
     if not place:  # an instrument or a marker: it has no columns there
         return 1.0
     used = np.concatenate([own, others, *place])
-    gram, unexplained = beyond.normal_equations.gram[1][np.ix_(used, used)], []
+    gram, unexplained = beyond.normal_equations.gram[0][np.ix_(used, used)], []
     for end in (len(own) + len(others), len(used)):
         known = np.arange(len(own), end)
         share = projection_coefficients(gram, known)
@@ -456,7 +457,7 @@ def residual_test(case: SelectionProblem, beyond: ResidualEquations) -> Detectio
         equations,
         equations.score,
         beyond.known,
-        ~case.split.held_out,
+        np.ones(len(equations.score), dtype=bool),
         case.seed + 1,
         scatter_of(beyond.after.data, case.dispersion_limit),
     )
@@ -472,12 +473,10 @@ def significant_blocks(case: SelectionProblem, fit: ModelFit) -> list[Mapped]:
         fit: The set; other forms of its laws are allowed.
     """
     beyond = residual_equations(case, fit)
-    given, mask = beyond.normal_equations, ~case.split.held_out
+    given = beyond.normal_equations
     some = [k for k, b in enumerate(beyond.library.map) if b.kind != "geometry"]
     columns = [beyond.library.map[k].columns for k in some]
-    white = white_scores(
-        given.gram[1], given.score[mask], beyond.known, columns, given.raw
-    )
+    white = white_scores(given.gram[0], given.score, beyond.known, columns, given.raw)
     tested = sign_flip_test(white, case.seed + 3)
     found = zip(some, tested.together, strict=True)
     return [case.library.map[k] for k, p in found if p < SIGNIFICANCE]

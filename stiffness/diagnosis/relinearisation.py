@@ -86,7 +86,7 @@ def build_problem(
     """
     case = nominal_problem(prepared, softer, named)
     library = library_of(case.situation, case.springs, hypotheses)
-    evidence = normal_equations_of(case.data, library.jacobians, training(case.split))
+    evidence = normal_equations_of(case.data, library.columns, training(case.split))
     return replace(case, library=library, normal_equations=evidence)
 
 

@@ -86,10 +86,9 @@ class Search:
         width, owned = 0, []
         if found:
             own = [term.jacobian(case.situation) for term in found]
-            side, score = cross_gram(
-                case.data, own, [*own, *case.library.jacobians], given.fold
-            )
-            gram = given_many(side, given.gram)[1]
+            library = case.library.columns
+            side, score = cross_gram(case.data, own, library, given.fold)
+            gram = given_many(side[1], given.gram[1])
             width = sum(law.columns for law in own)
             total = side.sum(axis=0)
             raw = np.concatenate([np.maximum(np.diag(total), 0.0), raw])

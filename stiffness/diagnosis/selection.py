@@ -392,7 +392,7 @@ def select_again(model: SelectedModel, split: Split) -> SelectedModel:
     """
     first = model.case
     library = Library(first.nominal, first.library.nominal, (), ())
-    found = normal_equations_of(first.data, library.jacobians, training(split))
+    found = normal_equations_of(first.data, first.nominal, training(split))
     case = replace(first, library=library, normal_equations=found, split=split)
     fine = [term for term in model.fine if term.name not in model.refused]
     search = Search.of(case, [*model.fit.members, *fine])

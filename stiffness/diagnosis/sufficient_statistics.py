@@ -25,7 +25,12 @@ from jaxtyping import Float, Int
 
 from stiffness.diagnosis.between_visit import BetweenVisitModel
 from stiffness.diagnosis.within_visit import WithinVisitModel
-from stiffness.effects.design_matrix import Deferred, design_matrix_of, site_means_of
+from stiffness.effects.design_matrix import (
+    KeptColumns,
+    design_matrix_of,
+    side_by_side,
+    site_means_of,
+)
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.visits import Visits, stretches
 from stiffness.regression.normal_equations import NormalEquations
@@ -106,7 +111,7 @@ def mismatch_of_poses(data: SufficientStatistics) -> Float[np.ndarray, " poses"]
 
 def normal_equations_of(
     data: SufficientStatistics,
-    signatures: Sequence[EffectJacobian | Deferred],
+    signatures: Sequence[EffectJacobian] | KeptColumns,
     fold: Int[np.ndarray, " poses"],
 ) -> NormalEquations:
     """Return what the readings say about effects' columns.
@@ -118,15 +123,18 @@ def normal_equations_of(
     """
     visits, between = data.visits, data.between
     of_visit, folds = fold[visits.posture_index], int(fold.max()) + 1
-    empty = design_matrix_of(signatures, visits.row[:1])
+    if not isinstance(signatures, KeptColumns):
+        signatures = KeptColumns(signatures)
+    pieces = stretches(len(visits.row), of_visit)
+    empty = signatures.of(visits.row, pieces[0])
     slots = len(empty.column)
     gram, of_means = np.zeros((2, folds, slots, slots))
     asked = np.zeros((folds, data.nuisance_count, slots))
     by_unknown = np.zeros((visits.poses(), data.nuisance_count))
     score = np.zeros((visits.poses(), empty.count))
-    for some in stretches(len(visits.row), of_visit):
+    for some in pieces:
         f, pose = of_visit[some[0]], visits.posture_index[some]
-        columns = design_matrix_of(signatures, visits.row[some])
+        columns = signatures.of(visits.row, some)
         within = data.within.some(some)
         within.add_gram(columns, gram[f])
         own = within.of_each(columns, within.weighted_residual)
@@ -157,10 +165,12 @@ def normal_equations_of(
 def cross_gram(
     data: SufficientStatistics,
     few: Sequence[EffectJacobian],
-    many: Sequence[EffectJacobian | Deferred],
+    many: KeptColumns,
     fold: Int[np.ndarray, " poses"],
-) -> tuple[Float[np.ndarray, "folds few many"], Float[np.ndarray, "poses many"]]:
-    """Return the products of a few columns with many by fold, and the many's scores.
+) -> tuple[Float[np.ndarray, "folds few both"], Float[np.ndarray, "poses both"]]:
+    """Return the products of a few columns with all by fold, and the scores of all.
+
+    All are the few and then many more.
 
     Args:
         data: The readings.
@@ -170,23 +180,25 @@ def cross_gram(
     """
     visits, between = data.visits, data.between
     of_visit, folds = fold[visits.posture_index], int(fold.max()) + 1
-    one, other = (design_matrix_of(s, visits.row[:1]) for s in (few, many))
+    pieces = stretches(len(visits.row), of_visit)
+    one = design_matrix_of(few, visits.row[:1])
+    other = side_by_side(one, many.of(visits.row, pieces[0]))
     slots, unknowns = len(other.column), data.nuisance_count
     gram = np.zeros((folds, one.count, slots))
     near = np.zeros((folds, unknowns, one.count))
     far = np.zeros((folds, unknowns, slots))
     by_unknown = np.zeros((visits.poses(), unknowns))
     score = np.zeros((visits.poses(), other.count))
-    for some in stretches(len(visits.row), of_visit):
+    for some in pieces:
         f, pose = of_visit[some[0]], visits.posture_index[some]
         few_here = design_matrix_of(few, visits.row[some])
-        many_here = design_matrix_of(many, visits.row[some])
+        all_here = side_by_side(few_here, many.of(visits.row, some))
         within = data.within.some(some)
-        gram[f] += within.products(few_here, many_here)
-        own = within.of_each(many_here, within.weighted_residual)
+        gram[f] += within.products(few_here, all_here)
+        own = within.of_each(all_here, within.weighted_residual)
         if between is not None:
             means = between.some(some)
-            sites = site_means_of(many_here, means.share, means.screw)
+            sites = site_means_of(all_here, means.share, means.screw)
             moved = means.displacement(few_here)
             pull = means.whitening.back(means.whitening.white(moved))
             residual = means.whitening.back(between.residual[some])
@@ -196,7 +208,7 @@ def cross_gram(
             own += means.of_each(sites, slots, residual)
             back = means.nuisance.swapaxes(1, 2) @ residual
             np.add.at(by_unknown, pose, back[..., 0])
-        np.add.at(score, pose, many_here.joined(own[:, 0]))
+        np.add.at(score, pose, other.joined(own[:, 0]))
     total = other.joined(gram)
     if between is not None:
         far = other.joined(far)
@@ -206,17 +218,16 @@ def cross_gram(
 
 
 def given_many(
-    cross: Float[np.ndarray, "folds few both"],
-    gram: Float[np.ndarray, "folds many many"],
-) -> Float[np.ndarray, "folds both both"]:
+    cross: Float[np.ndarray, "few both"], gram: Float[np.ndarray, "many many"]
+) -> Float[np.ndarray, "both both"]:
     """Return the products of a few columns and many, the few first, with each other.
 
     Args:
         cross: Of the few with themselves, then with the many.
         gram: Of the many.
     """
-    below = np.concatenate([cross[..., cross.shape[1] :].swapaxes(1, 2), gram], axis=2)
-    return np.concatenate([cross, below], axis=1)
+    few = len(cross)
+    return np.block([[cross[:, :few], cross[:, few:]], [cross[:, few:].T, gram]])
 
 
 # --- Statistics of each pose ----------------------------------------------------------

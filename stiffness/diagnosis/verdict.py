@@ -72,7 +72,6 @@ from stiffness.diagnosis.selection import (
 )
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.regression.group_selection import LIVE, exchange_worths
-from stiffness.regression.normal_equations import NormalEquations
 from stiffness.regression.testing import SIGNIFICANCE
 
 # --- Rejection ------------------------------------------------------------------------
@@ -254,11 +253,9 @@ def _unexplained_places(
         if term.is_generic
     ]
     if beyond is not None:
-        mask, given = ~model.case.split.held_out, beyond.normal_equations
-        fold = given.fold[mask] - 1
-        fitted = NormalEquations(given.gram[1:], given.score[mask], fold, given.raw)
+        given = beyond.normal_equations
         found += places_of_map(
-            beyond.library, fitted, fitted.score, beyond.known, model.case.seed + 2
+            beyond.library, given, given.score, beyond.known, model.case.seed + 2
         )
     return _joined(
         UnexplainedPlace(where, p, float(captured) / model.statistics.whole, depends_on)

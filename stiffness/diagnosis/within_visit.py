@@ -337,9 +337,13 @@ class WithinVisitContrasts:
             net[..., group.slots] = -self.kernel @ pulled
         along += self.raw @ net
         of_motions: dict[tuple[int, tuple[int, ...]], np.ndarray] = {}
+        at_places: dict[int, np.ndarray] = {}
         for group in groups:
             if group.values.ndim == 3:
                 yield group, along[:, group.site * rows : (group.site + 1) * rows]
+                continue
+            if group.site in at_places:
+                yield group, at_places[group.site]
                 continue
             pulled = info.through(group.site).swapaxes(1, 2) @ net
             for motion in columns.twists:
@@ -349,6 +353,7 @@ class WithinVisitContrasts:
                     laid = motion.values.reshape(visits, 6 * rows, -1)
                     of_motions[key] = info.of(bodies) @ laid
                 pulled[..., motion.slots] += of_motions[key]
+            at_places[group.site] = pulled
             yield group, pulled
 
 

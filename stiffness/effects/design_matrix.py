@@ -15,7 +15,7 @@ What a group of columns does to the mean of a visit, it does at one site.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import prod
 
@@ -33,6 +33,7 @@ from stiffness.effects.jacobian import (
     values,
 )
 from stiffness.experiment.static_state import StaticState
+from stiffness.experiment.visits import Kept
 
 # --- Columns worked out on demand -----------------------------------------------------
 
@@ -211,6 +212,56 @@ def design_matrix_of(
     of_slot = np.concatenate(column) if column else np.zeros(0, dtype=int)
     turns, motions, shifts = (tuple(of_kind) for of_kind in groups)
     return DesignMatrix(count, of_slot, turns, motions, shifts)
+
+
+KEPT_VISITS = 400
+"""Visits up to which the columns of a library are kept; chosen: half a gigabyte."""
+
+
+@dataclass(frozen=True, eq=False)
+class KeptColumns:
+    """Signatures that are asked for again and again, laid out once in each stretch.
+
+    Attributes:
+        signatures: Each with columns of its own.
+        kept: Their design matrices.
+    """
+
+    signatures: Sequence[EffectJacobian | Deferred]
+    kept: Kept[DesignMatrix] = field(default_factory=Kept[DesignMatrix])
+
+    def of(
+        self, row: Int[np.ndarray, "visits longest"], some: Int[np.ndarray, " some"]
+    ) -> DesignMatrix:
+        """Return the columns in some visits.
+
+        Args:
+            row: The recording's rows of all visits.
+            some: Numbers of the visits.
+        """
+
+        def lay(visits: Int[np.ndarray, " some"]) -> DesignMatrix:
+            return design_matrix_of(self.signatures, row[visits])
+
+        return self.kept.of(some, lay) if len(row) <= KEPT_VISITS else lay(some)
+
+
+def side_by_side(one: DesignMatrix, other: DesignMatrix) -> DesignMatrix:
+    """Return the columns of one and then those of another; nothing is copied."""
+    first = len(one.column)
+
+    def after(groups: tuple[Group, ...]) -> tuple[Group, ...]:
+        ends = [(first + g.slots.start, first + g.slots.stop) for g in groups]
+        each = zip(groups, ends, strict=True)
+        return tuple(replace(g, slots=slice(*at)) for g, at in each)
+
+    return DesignMatrix(
+        one.count + other.count,
+        np.concatenate([one.column, one.count + other.column]),
+        one.rotations + after(other.rotations),
+        one.twists + after(other.twists),
+        one.marker_displacements + after(other.marker_displacements),
+    )
 
 
 def contract(
