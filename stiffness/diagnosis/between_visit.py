@@ -250,20 +250,25 @@ class Means:
             total[:, :, site.slots] = at.swapaxes(1, 2) @ site.mean
         return total
 
-    def add_gram(
-        self, sites: list[SiteMean], total: Float[np.ndarray, "slots slots"]
-    ) -> None:
-        """Add the products of all slots, summed over visits."""
-        seen, precision = self._shared, self._precision
-        shared = np.empty((*seen.shape[:2], len(total)))
+    def shared(
+        self, sites: list[SiteMean], slots: int
+    ) -> Float[np.ndarray, "errors slots"]:
+        """Return H x of all slots, visits one after the other."""
+        seen = self._shared
+        total = np.empty((*seen.shape[:2], slots))
         for site in sites:
             if site.marker >= 0:
                 at = seen[..., 3 * site.marker : 3 * site.marker + 3]
             else:
                 at = seen @ self._onto(site.site)
-            shared[..., site.slots] = at @ site.mean
-        flat = shared.reshape(seen.shape[0] * seen.shape[1], len(total))
-        total -= flat.T @ flat
+            total[..., site.slots] = at @ site.mean
+        return total.reshape(seen.shape[0] * seen.shape[1], slots)
+
+    def add_gram(
+        self, sites: list[SiteMean], total: Float[np.ndarray, "slots slots"]
+    ) -> None:
+        """Add the products of all slots, summed over visits, H left out."""
+        precision = self._precision
         heavy = precision @ self.lever
         self._of_places([s for s in sites if s.site >= 0], heavy, total)
         self._of_markers(sites, heavy, precision, total)

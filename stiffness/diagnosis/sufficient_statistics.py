@@ -129,6 +129,7 @@ def normal_equations_of(
     empty = signatures.of(visits.row, pieces[0])
     slots = len(empty.column)
     gram, of_means = np.zeros((2, folds, slots, slots))
+    shared: list[list[np.ndarray]] = [[] for _ in range(folds)]
     asked = np.zeros((folds, data.nuisance_count, slots))
     by_unknown = np.zeros((visits.poses(), data.nuisance_count))
     score = np.zeros((visits.poses(), empty.count))
@@ -142,6 +143,7 @@ def normal_equations_of(
             means = between.some(some)
             sites = site_means_of(columns, means.share, means.screw)
             means.add_gram(sites, of_means[f])
+            shared[f].append(columns.joined(means.shared(sites, slots)))
             asked[f] += means.of_nuisance(sites, slots)
             pull = means.whitening.back(between.residual[some])
             own += means.of_each(sites, slots, pull)
@@ -149,13 +151,17 @@ def normal_equations_of(
             np.add.at(by_unknown, pose, back[..., 0])
         np.add.at(score, pose, columns.joined(own[:, 0]))
     total = np.stack([empty.both_joined(own) for own in gram + of_means])
+    raw = np.diag(empty.both_joined(of_means.sum(axis=0))).copy()
+    for f, own in enumerate(shared):
+        errors = np.concatenate([np.zeros((0, empty.count)), *own])
+        total[f] -= errors.T @ errors
+        raw -= np.sum(errors**2, axis=0)
     if between is not None:
         by_fold = empty.joined(asked)
         taken = between.nuisance_removed(by_fold.sum(axis=0))
         total -= between.project_out(by_fold, by_fold, of_visit)
         score -= by_unknown @ taken
-    whole = empty.both_joined(of_means.sum(axis=0))
-    raw = np.maximum(np.diagonal(total.sum(axis=0)), 0.0) + np.diag(whole)
+    raw += np.maximum(np.einsum("fcc->c", total), 0.0)
     return NormalEquations(total, score, fold, raw)
 
 
