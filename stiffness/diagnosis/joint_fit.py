@@ -17,7 +17,7 @@ Ignores     what springs change of the others' columns beyond their gear; sets o
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -300,16 +300,19 @@ class _JointFit:
             state: With that.
         """
         softer, named = self.at(parameters)
-        before, found = _moved_by(named, state), dict[int, EffectJacobian]()
-        steps = self._steps(parameters, stands)
-        for changed in self._changed_together(stands):
+        steps, found = self._steps(parameters, stands), dict[int, EffectJacobian]()
+        turning = self._turning(stands)
+        of_axes, of_all = (_moved_by(named, state, some) for some in (turning, None))
+        for changed in self._changed_together(stands, turning):
             moved = parameters.copy()
             moved[list(changed)] += steps[list(changed)]
-            after = _moved_by(named, self._acting(moved, stands))
+            everywhere = None in changed.values()
+            before, some = (of_all, None) if everywhere else (of_axes, turning)
+            after = _moved_by(named, self._acting(moved, stands), some)
             for j, axis in changed.items():
                 one = difference(after, before, np.array([[1.0 / steps[j]]]))
-                some = (p for p in one.parts if axis is None or _rotates(p, axis))
-                parts = tuple(p for p in some if np.any(values(p) != 0.0))
+                on = (p for p in one.parts if axis is None or _rotates(p, axis))
+                parts = tuple(p for p in on if np.any(values(p) != 0.0))
                 if parts:
                     found[j] = EffectJacobian(1, parts)
         # a spring's own column has a load's torque, and so have what loads displace,
@@ -332,15 +335,21 @@ class _JointFit:
         compliance = softened(self.prepared, softer + self.more(named))
         return state_under(stands.with_compliance(compliance), named)
 
-    def _changed_together(self, situation: StaticState) -> list[dict[int, int | None]]:
+    def _turning(self, situation: StaticState) -> frozenset[int]:
+        """Return the numbers of the names that turn axes."""
+        return frozenset(
+            k
+            for k, m in enumerate(self.first.members)
+            if not m.is_generic
+            and any(isinstance(p, JointRotation) for p in m.jacobian(situation).parts)
+        )
+
+    def _changed_together(
+        self, situation: StaticState, turning: Collection[int]
+    ) -> list[dict[int, int | None]]:
         """Return parameters with the axis that they turn; None: they act everywhere."""
         index = {where: k for k, where in enumerate(situation.axes)}
         members = self.first.members
-        turning = [
-            not m.is_generic
-            and any(isinstance(p, JointRotation) for p in m.jacobian(situation).parts)
-            for m in members
-        ]
         owners = [*self.owners, *(shape.term for shape in self.shapes)]
         together, alone = list[dict[int, int | None]](), list[dict[int, int | None]]()
         on = Counter[int]()
@@ -348,7 +357,7 @@ class _JointFit:
         of_members = (
             (j, index.get(members[k].where))
             for j, k in enumerate(owners, len(self.prepared.springs))
-            if turning[k]
+            if k in turning
         )
         for j, axis in (*of_springs, *of_members):
             if axis is None:
@@ -372,12 +381,19 @@ class _JointFit:
         return np.array([*(SMALL * max(step, TINY**2) for step in steps), *of_shapes])
 
 
-def _moved_by(fit: ModelFit, state: StaticState) -> EffectJacobian:
-    """Return what names displace in a state, as one column."""
-    every = zip(fit.members, fit.coefficients, strict=True)
-    named = [(m.jacobian(state), c) for m, c in every if not m.is_generic]
-    sizes = np.concatenate([np.zeros(0), *(c for _, c in named)])
-    return mixture(hstack([law for law, _ in named]), sizes[:, None])
+def _moved_by(
+    fit: ModelFit, state: StaticState, some: Collection[int] | None
+) -> EffectJacobian:
+    """Return what names, all or some, displace in a state, as one column."""
+    every = enumerate(zip(fit.members, fit.coefficients, strict=True))
+    return added(
+        EffectJacobian(1),
+        *(
+            mixture(m.jacobian(state), c[:, None])
+            for k, (m, c) in every
+            if not m.is_generic and (some is None or k in some)
+        ),
+    )
 
 
 def _rotates(part: JacobianBlock, axis: int) -> bool:

@@ -35,6 +35,7 @@ from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import (
     EffectJacobian,
     hstack,
+    mixed,
     mixture,
     values,
     with_values,
@@ -420,7 +421,7 @@ def difference(
     """Return mixtures of the columns by which two laws differ."""
     parts = []
     for one, other in zip(high.parts, low.parts, strict=True):
-        parts.append(with_values(one, (values(one) - values(other)) @ weight))
+        parts.append(with_values(one, mixed(values(one) - values(other), weight)))
     return EffectJacobian(weight.shape[1], tuple(parts))
 
 

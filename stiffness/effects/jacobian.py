@@ -175,11 +175,24 @@ def mixture(
     law: EffectJacobian, mix: Float[np.ndarray, "columns others"]
 ) -> EffectJacobian:
     """Return the Jacobian of sums of a law's columns."""
-    parts = tuple(with_values(part, values(part) @ mix) for part in law.parts)
+    parts = tuple(with_values(part, mixed(values(part), mix)) for part in law.parts)
     return EffectJacobian(mix.shape[1], parts)
 
 
-def added(one: EffectJacobian, other: EffectJacobian) -> EffectJacobian:
-    """Return what two Jacobians of as many coefficients displace together."""
-    mix = np.vstack([np.eye(one.columns), np.eye(other.columns)])
-    return mixture(hstack([one, other]), mix)
+def mixed(
+    columns: Float[np.ndarray, "*many columns"],
+    mix: Float[np.ndarray, "columns others"],
+) -> Float[np.ndarray, "*many others"]:
+    """Return sums of columns, all rows by one product of matrices."""
+    flat = columns.reshape(-1, columns.shape[-1]) @ mix
+    return flat.reshape(*columns.shape[:-1], mix.shape[1])
+
+
+def added(*laws: EffectJacobian) -> EffectJacobian:
+    """Return what Jacobians of as many coefficients displace together."""
+    parts: dict[tuple[type, int], JacobianBlock] = {}
+    for part in (part for law in laws for part in law.parts):
+        where = type(part), site_number(part)
+        before = values(parts[where]) if where in parts else 0.0
+        parts[where] = with_values(part, before + values(part))
+    return EffectJacobian(laws[0].columns, tuple(parts.values()))
