@@ -280,6 +280,15 @@ class StaticState:
             axis: Its index, counted from 0.
             effect: Whose curve does not count; empty: all curves do.
         """
+        if (axis, effect) not in self._softness:
+            self._softness[axis, effect] = self._mean_slope(axis, effect)
+        return self._softness[axis, effect]
+
+    @cached_property
+    def _softness(self) -> dict[tuple[int, str], np.ndarray]:
+        return {}
+
+    def _mean_slope(self, axis: int, effect: str) -> Float[np.ndarray, " rows"]:
         whole, spring = self.torque[:, axis], self.spring_torque(axis)
         gear = self.gears.get(axis, LINEAR)
         (far, slope), near = gear.curve(whole, effect), gear.curve(spring, effect)[0]
