@@ -20,7 +20,7 @@ Ignores     that the set was chosen with the same units
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -170,10 +170,11 @@ def decisions_beside(
         more: Columns of terms without a name.
         asked: Whose verdict, and which of these terms are fitted too.
     """
-    white = _WhiteUnits.of(units, nominal, [*(own for _, own in terms), *more])
-    decisions = []
+    some = sorted({k for _, beside in asked for k in beside})
+    blocks = [*(own for _, own in terms), *(more[k] for k in some)]
+    white, decisions = _WhiteUnits.of(units, nominal, blocks), []
     for name, beside in asked:
-        used = [*range(len(terms)), *(len(terms) + k for k in beside)]
+        used = [*range(len(terms)), *(len(terms) + some.index(k) for k in beside)]
         own = [t for t, (other, _) in enumerate(terms) if other == name]
         gain, (without,) = white.predict(used, [own], white.precision_of(used))
         decisions.append(_decision(name, sign_flip_p_value(gain - without)))
@@ -201,14 +202,14 @@ class _WhiteUnits:
     """The same statistics in columns that are white beside the nominal ones.
 
     Attributes:
-        gram: Of each unit; nominal directions come first.
+        gram: Of each unit, fold by fold; nominal directions come first.
         score: Of each unit.
         fold: Of each unit.
         nominal: How many directions are nominal.
         owned: Columns of each term.
     """
 
-    gram: Float[np.ndarray, "units columns columns"]
+    gram: Mapping[int, Float[np.ndarray, "_ columns columns"]]
     score: Float[np.ndarray, "units columns"]
     fold: Int[np.ndarray, " units"]
     nominal: int
@@ -243,9 +244,14 @@ class _WhiteUnits:
             mix[block, at:end] = turn
             mix[nominal, at:end] -= explained
             at = end
-        gram, score = mix.T @ gram @ mix, score @ mix
         fold = units.fold[units.fold >= 0]
-        return cls(gram, score, fold, known.shape[1], tuple(owned))
+        white = {int(f): mix.T @ gram[fold == f] @ mix for f in np.unique(fold)}
+        return cls(white, score @ mix, fold, known.shape[1], tuple(owned))
+
+    @cached_property
+    def totals(self) -> Mapping[int, Float[np.ndarray, "columns columns"]]:
+        """Gram matrix of each fold."""
+        return {f: own.sum(axis=0) for f, own in self.gram.items()}
 
     def precision_of(self, terms: Sequence[int]) -> Float[np.ndarray, " columns"]:
         """Return the prior precision of each column, by a fit of some terms to all.
@@ -253,8 +259,8 @@ class _WhiteUnits:
         0 for the nominal columns and those of other terms.
         """
         used = self._used(terms)
-        gram = self.gram.sum(axis=0)[np.ix_(used, used)]
-        fitted = np.zeros(self.gram.shape[1])
+        gram = sum(own[np.ix_(used, used)] for own in self.totals.values())
+        fitted = np.zeros(self.score.shape[1])
         score = self.score.sum(axis=0)[used]
         fitted[used] = np.linalg.lstsq(gram, score, rcond=1e-10)[0]
         precision = np.zeros(len(fitted))
@@ -287,12 +293,14 @@ class _WhiteUnits:
             np.array([at[int(c)] for t in some for c in self.owned[t]], dtype=int)
             for some in left_out
         ]
-        gram, score = self.gram[:, used[:, None], used], self.score[:, used]
-        whole, asked = gram.sum(axis=0), score.sum(axis=0)
+        score = self.score[:, used]
+        grams = {f: own[np.ix_(used, used)] for f, own in self.totals.items()}
+        whole, asked = sum(grams.values()), score.sum(axis=0)
         gain = np.zeros((1 + len(gone), len(score)))
-        for f in np.unique(self.fold):
+        coefficients = np.zeros((self.score.shape[1], len(gain)))
+        for f, own_gram in grams.items():
             inside = self.fold == f
-            inner = whole - gram[inside].sum(axis=0) + np.diag(precision[used])
+            inner = whole - own_gram + np.diag(precision[used])
             inverse = np.linalg.pinv(inner, rcond=1e-12, hermitian=True)
             beta = inverse @ (asked - score[inside].sum(axis=0))
             every = np.repeat(beta[:, None], 1 + len(gone), axis=1)
@@ -301,7 +309,8 @@ class _WhiteUnits:
                     step = np.linalg.solve(inverse[np.ix_(own, own)], beta[own])
                     every[:, k] -= inverse[:, own] @ step
                     every[own, k] = 0.0
-            curve = np.sum((gram[inside] @ every) * every, axis=1)
+            coefficients[used] = every
+            curve = np.sum((self.gram[f] @ coefficients) * coefficients, axis=1)
             gain[:, inside] = (score[inside] @ every - 0.5 * curve).T
         return gain[0], list(gain[1:])
 
