@@ -283,14 +283,13 @@ def per_pose_scores(
         f, pose = of_visit[some[0]], visits.posture_index[some]
         columns = design_matrix_of(signatures, visits.row[some])
         within = data.within.some(some)
-        slots = len(columns.column)
+        slots = columns.body_slots
         of_slots = np.zeros((len(some), slots, slots))
         within.add_gram(columns, of_slots)
-        each = columns.each_joined(of_slots)
         asks = within.of_each(columns, within.weighted_residual)
-        gram[f] += each.sum(axis=0)
-        for p, one in zip(pose, each, strict=True):
-            own[p] += one
+        gram[f] += columns.both_joined(of_slots.sum(axis=0))
+        for p, one in zip(pose, of_slots, strict=True):
+            own[p] += columns.both_joined(one)
         np.add.at(score, pose, columns.joined(asks[:, 0]))
         if between is not None:
             means = between.some(some)

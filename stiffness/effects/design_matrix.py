@@ -128,6 +128,15 @@ class DesignMatrix:
         shape = (self.count, len(slots))
         return sparse.csr_array((np.ones(len(slots)), (self.column, slots)), shape)
 
+    @cached_property
+    def body_slots(self) -> int:
+        """How many slots move bodies; those of single markers come after them."""
+        return max((g.slots.stop for g in (*self.rotations, *self.twists)), default=0)
+
+    @cached_property
+    def _body_sums(self) -> sparse.csr_array:
+        return self._sums[:, : self.body_slots]
+
     def joined(
         self, slots: Float[np.ndarray, "*many slots"]
     ) -> Float[np.ndarray, "*many columns"]:
@@ -156,21 +165,12 @@ class DesignMatrix:
     def both_joined(
         self, slots: Float[np.ndarray, "slots slots"]
     ) -> Float[np.ndarray, "columns columns"]:
-        """Add up the slots of rows and of columns."""
-        return self._sums @ slots @ self._sums.T
+        """Add up the slots of rows and of columns of a symmetric matrix.
 
-    def each_joined(
-        self, slots: Float[np.ndarray, "visits slots slots"]
-    ) -> Float[np.ndarray, "visits columns columns"]:
-        """Add up the slots of rows and of columns, visit by visit."""
-        visits, many, _ = slots.shape
-        rows = np.zeros((visits, self.count, many))
-        total = np.zeros((visits, self.count, self.count))
-        for slot, to in enumerate(self.column):
-            rows[:, to] += slots[:, slot]
-        for slot, to in enumerate(self.column):
-            total[..., to] += rows[..., slot]
-        return total
+        It may be that of the slots which move bodies alone; they come first.
+        """
+        sums = self._sums if len(slots) == len(self.column) else self._body_sums
+        return sums @ (sums @ slots).T
 
 
 def design_matrix_of(
