@@ -260,7 +260,9 @@ class Means:
             if site.marker >= 0:
                 at = seen[..., 3 * site.marker : 3 * site.marker + 3]
             else:
-                at = seen @ self._onto(site.site)
+                if site.site not in self._shared_at:
+                    self._shared_at[site.site] = seen @ self._onto(site.site)
+                at = self._shared_at[site.site]
             total[..., site.slots] = at @ site.mean
         return total.reshape(seen.shape[0] * seen.shape[1], slots)
 
@@ -268,12 +270,10 @@ class Means:
         self, sites: list[SiteMean], total: Float[np.ndarray, "slots slots"]
     ) -> None:
         """Add the products of all slots, summed over visits, H left out."""
-        precision = self._precision
-        heavy = precision @ self.lever
-        self._of_places([s for s in sites if s.site >= 0], heavy, total)
-        self._of_markers(sites, heavy, precision, total)
+        self._of_places([s for s in sites if s.site >= 0], total)
+        self._of_markers(sites, total)
 
-    def _of_places(self, sites: list[SiteMean], heavy: np.ndarray, gram: np.ndarray):
+    def _of_places(self, sites: list[SiteMean], gram: np.ndarray) -> None:
         """Add the products of motions of bodies with each other, H left out."""
         sums = self._inner
         for j, far in enumerate(sites):
@@ -283,7 +283,7 @@ class Means:
                 key = both.tobytes()
                 if key not in sums:
                     lever = self.lever[:, both].swapaxes(2, 3)
-                    sums[key] = (lever @ heavy[:, both]).sum(axis=1)
+                    sums[key] = (lever @ self._heavy[:, both]).sum(axis=1)
                 if key not in pulled:
                     pulled[key] = sums[key] @ far.mean
                 block = contract(near.mean, pulled[key])
@@ -291,8 +291,9 @@ class Means:
                 if near is not far:
                     gram[far.slots, near.slots] += block.T
 
-    def _of_markers(self, sites, heavy, precision, gram) -> None:
+    def _of_markers(self, sites: list[SiteMean], gram: np.ndarray) -> None:
         """Add the products of shifts with motions and with each other, H left out."""
+        heavy, precision = self._heavy, self._precision
         shifts = [s for s in sites if s.marker >= 0]
         if not shifts:
             return
@@ -326,9 +327,13 @@ class Means:
 
     def _onto(self, site: int) -> np.ndarray:
         """Return what takes a place's twist to displacements: (visits, n, 6)."""
-        visits, markers = self.lever.shape[:2]
-        apart = self.lever.reshape(visits, 3 * markers, 6)
-        return apart * np.repeat(self.carries[site], 3)[:, None]
+        if site not in self._point_jacobians:
+            visits, markers = self.lever.shape[:2]
+            apart = self.lever.reshape(visits, 3 * markers, 6)
+            self._point_jacobians[site] = (
+                apart * np.repeat(self.carries[site], 3)[:, None]
+            )
+        return self._point_jacobians[site]
 
     @cached_property
     def _nuisance_weighted(self) -> np.ndarray:
@@ -337,6 +342,19 @@ class Means:
     @cached_property
     def _nuisance_at(self) -> dict[int, np.ndarray]:
         return {}
+
+    @cached_property
+    def _point_jacobians(self) -> dict[int, np.ndarray]:
+        return {}
+
+    @cached_property
+    def _shared_at(self) -> dict[int, np.ndarray]:
+        return {}
+
+    @cached_property
+    def _heavy(self) -> np.ndarray:
+        """Levers times what noise alone makes of a marker's precision."""
+        return self._precision @ self.lever
 
     @cached_property
     def _shared(self) -> np.ndarray:

@@ -377,7 +377,7 @@ class WithinVisitModel:
         weighted_residual: Of the readings, without what the wrench's errors induced.
         square: Whitened sum of squares of each visit's differences, the same taken out.
         degrees_of_freedom: How many differences of coordinates each visit has.
-        kept: What is laid out for the visits asked for last.
+        kept: What is laid out for the visits asked for last, whatever the residual.
     """
 
     weight: Float[np.ndarray, "visits rows markers"]
@@ -392,7 +392,7 @@ class WithinVisitModel:
     weighted_residual: Float[np.ndarray, "bodies visits n 1"]
     square: Float[np.ndarray, " visits"]
     degrees_of_freedom: Float[np.ndarray, " visits"]
-    kept: Kept[FisherInformation] = field(default_factory=Kept[FisherInformation])
+    kept: Kept[WithinVisitContrasts] = field(default_factory=Kept[WithinVisitContrasts])
 
     @classmethod
     def of(
@@ -453,24 +453,24 @@ class WithinVisitModel:
 
     def some(self, visits: Int[np.ndarray, " some"]) -> WithinVisitContrasts:
         """Return what differences within some visits say."""
-        info = self.kept.of(visits, self._information)
-        kernel, raw, turns = (
-            self.kernel[visits],
-            self.raw[visits],
-            self.rotation_information[visits],
-        )
-        return WithinVisitContrasts(
-            info, kernel, raw, turns, self.weighted_residual[:, visits]
-        )
+        laid = self.kept.of(visits, self._contrasts)
+        return replace(laid, weighted_residual=self.weighted_residual[:, visits])
 
-    def _information(self, visits: Int[np.ndarray, " some"]) -> FisherInformation:
-        return FisherInformation(
+    def _contrasts(self, visits: Int[np.ndarray, " some"]) -> WithinVisitContrasts:
+        information = FisherInformation(
             self.weight[visits],
             self.lever[visits],
             self.inverse,
             self.body,
             self.carried,
             self.screw[visits],
+        )
+        return WithinVisitContrasts(
+            information,
+            self.kernel[visits],
+            self.raw[visits],
+            self.rotation_information[visits],
+            self.weighted_residual[:, visits],
         )
 
     def with_residual(
