@@ -132,7 +132,9 @@ class GroupProblem:
         live = raw > 0.0
         scale = np.where(live, 1.0 / np.sqrt(np.where(live, raw, 1.0)), 0.0)
         prior = prior * scale**2
-        gram = gram * scale * scale[:, None] + np.diag(prior)
+        gram = gram * scale
+        gram *= scale[:, None]
+        np.einsum("cc->c", gram)[:] += prior
         score = score * scale
         share = projection_coefficients(gram, nominal)
         inner = schur_complement(gram, nominal, share, columns)
@@ -142,7 +144,9 @@ class GroupProblem:
             replace(g, columns=np.arange(a, b))
             for g, a, b in zip(groups, ends[:-1], ends[1:], strict=True)
         )
-        return cls(0.5 * (inner + inner.T), asked, own, units, prior[columns])
+        inner = inner + inner.T
+        inner *= 0.5
+        return cls(inner, asked, own, units, prior[columns])
 
     @cached_property
     def names(self) -> tuple[Name, ...]:

@@ -169,8 +169,11 @@ def schur_complement(
     """
     own, side = share[:, block], gram[np.ix_(block, known)]
     inner = gram[np.ix_(known, known)]
-    cross = side @ own
-    return gram[np.ix_(block, block)] - cross - cross.T + own.T @ inner @ own
+    cross, total = side @ own, gram[np.ix_(block, block)]
+    total -= cross
+    total -= cross.T
+    total += own.T @ inner @ own
+    return total
 
 
 def whitening_transform(
