@@ -128,7 +128,7 @@ def normal_equations_of(
     pieces = stretches(len(visits.row), of_visit)
     empty = signatures.of(visits.row, pieces[0])
     slots = len(empty.column)
-    gram, of_means = np.zeros((2, folds, slots, slots))
+    gram, raw = np.zeros((folds, slots, slots)), np.zeros(empty.count)
     shared: list[list[np.ndarray]] = [[] for _ in range(folds)]
     asked = np.zeros((folds, data.nuisance_count, slots))
     by_unknown = np.zeros((visits.poses(), data.nuisance_count))
@@ -142,7 +142,9 @@ def normal_equations_of(
         if between is not None:
             means = between.some(some)
             sites = site_means_of(columns, means.share, means.screw)
-            means.add_gram(sites, of_means[f])
+            raw -= empty.diagonal(gram[f])
+            means.add_gram(sites, gram[f])
+            raw += empty.diagonal(gram[f])
             shared[f].append(columns.joined(means.shared(sites, slots)))
             asked[f] += means.of_nuisance(sites, slots)
             pull = means.whitening.back(between.residual[some])
@@ -150,8 +152,7 @@ def normal_equations_of(
             back = means.nuisance.swapaxes(1, 2) @ pull
             np.add.at(by_unknown, pose, back[..., 0])
         np.add.at(score, pose, columns.joined(own[:, 0]))
-    total = np.stack([empty.both_joined(own) for own in gram + of_means])
-    raw = np.diag(empty.both_joined(of_means.sum(axis=0))).copy()
+    total = np.stack([empty.both_joined(own) for own in gram])
     for f, own in enumerate(shared):
         errors = np.concatenate([np.zeros((0, empty.count)), *own])
         total[f] -= errors.T @ errors

@@ -162,6 +162,20 @@ class DesignMatrix:
             for slot, to in enumerate(column):
                 total[body][..., to] += moved[..., slot]
 
+    @cached_property
+    def _of_one_column(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of slots that belong to the same column."""
+        return (self._sums.T @ self._sums).nonzero()
+
+    def diagonal(
+        self, slots: Float[np.ndarray, "slots slots"]
+    ) -> Float[np.ndarray, " columns"]:
+        """Return the diagonal of `both_joined`."""
+        one, other = self._of_one_column
+        total = np.zeros(self.count)
+        np.add.at(total, self.column[one], slots[one, other])
+        return total
+
     def both_joined(
         self, slots: Float[np.ndarray, "slots slots"]
     ) -> Float[np.ndarray, "columns columns"]:
