@@ -501,13 +501,14 @@ class BetweenVisitModel:
         """
         one = self.nuisance_removed(near.sum(axis=0))
         other = one if near is far else self.nuisance_removed(far.sum(axis=0))
-        prior = one.T @ (self.nuisance.sigma[:, None] ** -2.0 * other)
+        prior = self.nuisance.sigma[:, None] ** -2.0 * other
         lost = np.empty((len(near), one.shape[1], other.shape[1]))
         inner = self._nuisance_gram(label, len(near))
         share = np.bincount(label, minlength=len(near)) / len(label)
         for f, own in enumerate(inner):
-            back = far[f] - own @ other
-            lost[f] = near[f].T @ other + one.T @ back - share[f] * prior
+            back = far[f] - own @ other - share[f] * prior
+            np.matmul(near[f].T, other, out=lost[f])
+            lost[f] += one.T @ back
         return lost
 
     def _nuisance_gram(

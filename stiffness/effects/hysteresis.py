@@ -195,18 +195,17 @@ def _along(
             NOTHING.
         is_stop: Whether they sum changes of torque between bounds.
     """
-    law = (Hysteresis.effect, situation.axes[axis])
-    torque = situation.spring_torque(axis, law)
-    path = situation.wound(axis, torque[situation.steps])
-    beside = situation.gears.get(axis, LINEAR).parallel.get(law)
-    if beside is not None and memory != BEFORE:  # of a way between visits it is unknown
-        torque = situation.spring_torque(axis)
-        path = (situation.wound(axis, torque) + beside)[situation.steps]
+    carries = memory == BEFORE
+    key = ("path", axis, carries)
+    path = situation.once(key, lambda: _path(situation, axis, carries))
     start, skipped = np.zeros((len(bounds), len(path))), 0
-    if memory == BEFORE:
+    if carries:
         before = np.concatenate([[0.0], path[:-1, -1]])
         change = path[:, -1] - before if is_stop else None
-        way = situation.wound(axis, situation.way_torque[:, :, axis])
+        way = situation.once(
+            ("way", axis),
+            lambda: situation.wound(axis, situation.way_torque[:, :, axis]),
+        )
         path, skipped = np.hstack([way, path]), way.shape[1]
         either = np.array([-1.0, 1.0])[:, None, None] * bounds[:, None]
         least, most = _states(path, before, start + either, moved)[-1]
@@ -216,6 +215,25 @@ def _along(
         before = path[:, 0] if memory == GRAVITY else np.zeros(len(path))
     states = _states(path, before, start, moved)[skipped:]
     return np.stack([situation.from_steps(states[:, k].T) for k in range(len(bounds))])
+
+
+def _path(
+    situation: StaticState, axis: int, carries: bool
+) -> Float[np.ndarray, "visits steps"]:
+    """Return the torque that an axis' play follows through each visit.
+
+    Args:
+        situation: With the torque and the order of rows.
+        axis: Its index, counted from 0.
+        carries: Whether the play remembers the visits before.
+    """
+    law = (Hysteresis.effect, situation.axes[axis])
+    beside = situation.gears.get(axis, LINEAR).parallel.get(law)
+    if beside is None or carries:  # of a way between visits it is unknown
+        torque = situation.spring_torque(axis, law)
+        return situation.wound(axis, torque[situation.steps])
+    torque = situation.spring_torque(axis)
+    return (situation.wound(axis, torque) + beside)[situation.steps]
 
 
 def _states(

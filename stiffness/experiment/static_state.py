@@ -18,7 +18,7 @@ Ignores     compliance beyond the axes' own springs
 ==========  ==========================================================================
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -280,12 +280,22 @@ class StaticState:
             axis: Its index, counted from 0.
             effect: Whose curve does not count; empty: all curves do.
         """
-        if (axis, effect) not in self._softness:
-            self._softness[axis, effect] = self._mean_slope(axis, effect)
-        return self._softness[axis, effect]
+        key = ("softness", axis, effect)
+        return self.once(key, lambda: self._mean_slope(axis, effect))
+
+    def once(self, key: Hashable, work: Callable[[], np.ndarray]) -> np.ndarray:
+        """Return what is worked out once for this state.
+
+        Args:
+            key: What it is.
+            work: How it is worked out.
+        """
+        if key not in self._worked_out:
+            self._worked_out[key] = work()
+        return self._worked_out[key]
 
     @cached_property
-    def _softness(self) -> dict[tuple[int, str], np.ndarray]:
+    def _worked_out(self) -> dict[Hashable, np.ndarray]:
         return {}
 
     def _mean_slope(self, axis: int, effect: str) -> Float[np.ndarray, " rows"]:
