@@ -37,7 +37,7 @@ The first columns are the nominal ones: the springs, a nuisance.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import ClassVar
 
@@ -486,6 +486,15 @@ class Library:
     def columns(self) -> KeptColumns:
         """All signatures, laid out once."""
         return KeptColumns(self.jacobians)
+
+    @cached_property
+    def of_map(self) -> "Library":
+        """The residual map alone, which comes last; columns are counted in it."""
+        count = len(self.map)
+        first = min((int(block.columns[0]) for block in self.map), default=0)
+        blocks = [replace(block, columns=block.columns - first) for block in self.map]
+        last = self.jacobians[len(self.jacobians) - count :]
+        return Library(last, 0, (), tuple(blocks))
 
 
 def library_of(

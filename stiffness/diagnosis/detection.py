@@ -375,18 +375,27 @@ class ResidualEquations:
     known: Int[np.ndarray, " known"]
 
 
-def residual_equations(case: SelectionProblem, fit: ModelFit) -> ResidualEquations:
-    """Lay out what a set explains, in any accepted form, beside the library."""
-    fold = case.normal_equations.fold
+def residual_equations(
+    case: SelectionProblem, fit: ModelFit, library: Library | None = None
+) -> ResidualEquations:
+    """Lay out what a set explains, in any accepted form, beside the library.
+
+    Args:
+        case: What may be looked at.
+        fit: The set.
+        library: The last columns of the case's library; None: all of it.
+    """
+    given, library = case.normal_equations, library or case.library
     after = residual_after(case, fit)
     known, own = after.known, after.normal_equations
     count = own.gram.shape[1]
-    side, score = cross_gram(after.data, known, case.library.columns, fold)
-    gram = given_many(side[1], case.normal_equations.gram[1])
-    raw = np.concatenate([own.raw, case.normal_equations.raw])
+    side, score = cross_gram(after.data, known, library.columns, given.fold)
+    first = count + len(given.raw) - side.shape[2]
+    gram = given_many(side[1], given.gram[1][first:, first:])
+    raw = np.concatenate([own.raw, given.raw[first:]])
     score = score[~case.split.held_out]
     joint = NormalEquations(gram[None], score, np.zeros(len(score), dtype=int), raw)
-    library = _with_offset_columns(case.library, count, fit.names)
+    library = _with_offset_columns(library, count, fit.names)
     return ResidualEquations(after, library, joint, np.arange(count))
 
 
@@ -472,7 +481,7 @@ def significant_blocks(case: SelectionProblem, fit: ModelFit) -> list[Mapped]:
         case: What may be looked at.
         fit: The set; other forms of its laws are allowed.
     """
-    beyond = residual_equations(case, fit)
+    beyond = residual_equations(case, fit, case.library.of_map)
     given = beyond.normal_equations
     some = [k for k, b in enumerate(beyond.library.map) if b.kind != "geometry"]
     columns = [beyond.library.map[k].columns for k in some]
