@@ -29,6 +29,7 @@ Ignores     a direction of which others have less than `SURVIVES`
 ==========  ==========================================================================
 """
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -55,6 +56,8 @@ BEYOND_PRIOR = 3.0
 """Information of a new direction over that of its prior from which it counts. Chosen:
 of two columns that the units cannot tell apart, the second has twice its prior's, so
 that the rank of a set does not depend on the order of its groups."""
+RECENT = 4
+"""Factorised sets that are kept; chosen: most sets begin as one of the last did."""
 NOTHING = np.zeros(1, dtype=int)
 """Where the rows of an empty set begin and end."""
 
@@ -147,6 +150,12 @@ class GroupProblem:
         inner = inner + inner.T
         inner *= 0.5
         return cls(inner, asked, own, units, prior[columns])
+
+    @cached_property
+    def recent(self) -> deque[tuple]:
+        """Groups and arrays of the sets that were factorised last, none at first."""
+        nothing = self.score[None][:0], np.zeros(0), np.zeros(0, dtype=int), NOTHING
+        return deque([((), *nothing, ((0, 0),))], RECENT)
 
     @cached_property
     def names(self) -> tuple[Name, ...]:
@@ -261,6 +270,7 @@ class FactorisedSet:
         rank: Directions that count.
         columns: Of the groups, in their order.
         widths: Where each group's columns begin among these, and the end.
+        ends: Basis and rank without any group, and with each one more.
     """
 
     problem: GroupProblem
@@ -270,6 +280,7 @@ class FactorisedSet:
     rank: int
     columns: Int[np.ndarray, " own"]
     widths: Int[np.ndarray, " _"]
+    ends: tuple[tuple[int, int], ...]
 
     @classmethod
     def of(
@@ -285,15 +296,15 @@ class FactorisedSet:
             groups: What comes in.
             start: A set that comes before them; None: nothing.
         """
-        none = np.zeros(0, dtype=int)
-        empty = problem.score[None][:0], np.zeros(0)
-        nothing = cls(problem, (), *empty, 0, none, NOTHING)
-        before = start or nothing
+        before = start
+        if before is None:
+            before = cls._begun(problem, tuple(groups))
+            groups = groups[len(before.groups) :]
         own = [problem.groups[k].columns for k in groups]
         width = len(before.aim) + sum(map(len, own))
         rows, aim = np.zeros((width, len(problem.score))), np.zeros(width)
         rows[: len(before.aim)], aim[: len(before.aim)] = before.rows, before.aim
-        at, rank = len(before.aim), before.rank
+        at, rank, ends = len(before.aim), before.rank, [*before.ends]
         for columns in own:
             known, unit = rows[:at, columns], problem.unit[columns]
             inner = problem.gram[np.ix_(columns, columns)] - known.T @ known
@@ -304,16 +315,30 @@ class FactorisedSet:
             rows[at:end] = turn.T @ (problem.gram[columns] - known.T @ rows[:at])
             aim[at:end] = turn.T @ (problem.score[columns] - known.T @ aim[:at])
             at, rank = end, rank + int(problem.counts(value, columns).sum())
+            ends.append((at, rank))
         widths = np.cumsum([before.widths[-1], *map(len, own)])
+        columns = np.concatenate([before.columns, *own])
+        widths = np.concatenate([before.widths[:-1], widths])
+        groups = (*before.groups, *groups)
+        problem.recent.append((groups, rows, aim, columns, widths, tuple(ends)))
         return cls(
-            problem,
-            (*before.groups, *groups),
-            rows[:at],
-            aim[:at],
-            rank,
-            np.concatenate([before.columns, *own]),
-            np.concatenate([before.widths[:-1], widths]),
+            problem, groups, rows[:at], aim[:at], rank, columns, widths, tuple(ends)
         )
+
+    @classmethod
+    def _begun(cls, problem: GroupProblem, groups: tuple[int, ...]) -> "FactorisedSet":
+        """Return as many of the first groups as a recent set began with."""
+        count, best = 0, problem.recent[-1]
+        for recent in problem.recent:
+            alike = sum(
+                np.cumprod([a == b for a, b in zip(recent[0], groups, strict=False)])
+            )
+            if alike > count:
+                count, best = int(alike), recent
+        _, rows, aim, columns, widths, ends = best
+        (end, rank), widths = ends[count], widths[: count + 1]
+        first = groups[:count], rows[:end], aim[:end], rank
+        return cls(problem, *first, columns[: widths[-1]], widths, ends[: count + 1])
 
     @property
     def own(self) -> Float[np.ndarray, "basis own"]:
