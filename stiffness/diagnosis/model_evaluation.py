@@ -34,6 +34,7 @@ from stiffness.diagnosis.model_fit import (
 )
 from stiffness.diagnosis.sufficient_statistics import (
     PerPoseScores,
+    normal_equations_of,
     per_pose_scores,
 )
 from stiffness.effects.base import Hypothesis
@@ -80,7 +81,7 @@ class ModelEvaluation:
         count = self.slopes.gram.shape[1] - sum(map(len, self.unselected))
         first = PerPoseScores(
             self.slopes.gram[:, :count, :count],
-            self.slopes.own[:, :count, :count],
+            self.slopes.own,
             self.slopes.score[:, :count],
         )
         return replace(self, slopes=first, unselected=(), unselected_terms=())
@@ -134,10 +135,12 @@ def evaluate_model(
     forms += [m.hypothesis.assumed(situation, m.where, m.shape) for m in members]
     forms += [m.jacobian(situation) for m in beside]
     some = [form for form in forms if form.columns]
-    every = per_pose_scores(data, [*nominal, *own, *steps, *some], training(split))
+    fold, held = training(split), [*nominal, *own, *steps]
+    found = normal_equations_of(data, [*held, *some], fold)
     widths = [law.columns for law in own]
-    given = with_priors(every.gram[1], len(nominal), members, widths, situation)
-    every = replace(every, gram=np.stack([every.gram[0], given]))
+    given = with_priors(found.gram[1], len(nominal), members, widths, situation)
+    of_poses = per_pose_scores(data, held, fold).own
+    every = PerPoseScores(np.stack([found.gram[0], given]), of_poses, found.score)
     first = sum(s.columns for s in (*nominal, *own))
     score = every.score[~split.held_out].sum(axis=0)
     fit = fit_of(members, own, every.gram[1][:first, :first], score[:first])
@@ -159,7 +162,7 @@ def evaluate_model(
     count = len(members)
     return ModelEvaluation(
         fit,
-        every.mixed(mix),
+        every.mixed(mix, known),
         blocks[:count],
         blocks[count : 2 * count],
         blocks[2 * count :],

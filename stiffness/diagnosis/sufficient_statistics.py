@@ -246,17 +246,21 @@ class PerPoseScores:
 
     Attributes:
         gram: Of each fold, the unknown marginalised.
-        own: Of each pose, the unknown where all poses together put it.
+        own: Of each pose, the unknown where all poses together put it; of all columns
+            or of the first ones alone.
         score: Of each pose.
     """
 
     gram: Float[np.ndarray, "folds columns columns"]
-    own: Float[np.ndarray, "poses columns columns"]
+    own: Float[np.ndarray, "poses first first"]
     score: Float[np.ndarray, "poses columns"]
 
-    def mixed(self, mix: Float[np.ndarray, "columns others"]) -> "PerPoseScores":
-        """Return the same of sums of the columns."""
-        gram, own = mix.T @ self.gram @ mix, mix.T @ self.own @ mix
+    def mixed(
+        self, mix: Float[np.ndarray, "columns others"], first: int
+    ) -> "PerPoseScores":
+        """Return the same of sums of the columns, each pose's of the first ones."""
+        some = mix[: self.own.shape[1], :first]
+        gram, own = mix.T @ self.gram @ mix, some.T @ self.own @ some
         return PerPoseScores(gram, own, self.score @ mix)
 
 
