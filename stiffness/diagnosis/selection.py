@@ -224,8 +224,7 @@ MUCH_OPEN = 0.01
 that are little like a term are tried in its place, too; chosen: a tenth of its
 amplitude, squared."""
 IMITATED = 0.5
-"""Share of what a term does that a load which is much like it may do less; chosen: what
-is not alike does nothing of it."""
+"""Share of what a term does that a load much like it may do less; chosen."""
 MOST_LOADS = 6
 """Loads that are tried in place of terms, the most alike first; chosen for time."""
 
@@ -258,8 +257,8 @@ def select_model(
     refused = model.fit.names - point.fit.names
     # what has no name there may be the load's
     at = {where for _, where in refused}
-    kept = (m for m in point.fit.members if not (m.is_generic and m.where in at))
-    first = tuple(kept)
+    own = point.fit.members
+    first = tuple(m for m in own if not (m.is_generic and m.where in at))
     search = Search.of(layout.at(point), first, refused)
     start = select_groups(search.problem, range(len(first)))
     other = _selected_under(layout, search, start, refused, before=point)
