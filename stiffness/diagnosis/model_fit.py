@@ -37,6 +37,7 @@ from stiffness.effects.jacobian import (
     hstack,
     mixed,
     mixture,
+    orthogonal_to,
     values,
     with_values,
 )
@@ -122,11 +123,20 @@ class SelectionProblem:
 
 @dataclass(frozen=True)
 class ModelTerm:
-    """One hypothesis at one place with one shape."""
+    """One hypothesis at one place with one shape.
+
+    Attributes:
+        hypothesis: Which.
+        where: The place.
+        shape: Of its law.
+        beyond: Terms that take off its columns what they displace, whatever their size
+            and a little beside their shape.
+    """
 
     hypothesis: Hypothesis
     where: str
     shape: Float[np.ndarray, " parameters"]
+    beyond: tuple["ModelTerm", ...] = ()
 
     @property
     def name(self) -> tuple[str, str]:
@@ -135,7 +145,13 @@ class ModelTerm:
 
     def jacobian(self, situation: StaticState) -> EffectJacobian:
         """Return its columns."""
-        return self.hypothesis.jacobian(situation, self.where, self.shape)
+        own = self.hypothesis.jacobian(situation, self.where, self.shape)
+        if not self.beyond:
+            return own
+        known = [t.jacobian(situation) for t in self.beyond]
+        moved = free_shapes(situation, self.beyond)
+        known += [shape.slope(situation, self.beyond[shape.term]) for shape in moved]
+        return orthogonal_to(own, hstack(known))
 
     @property
     def is_generic(self) -> bool:

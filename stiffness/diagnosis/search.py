@@ -76,12 +76,14 @@ class Search:
 
         Args:
             case: What may be looked at.
-            first: Terms that come before those of the library.
+            first: Terms that come before those of the library. Of a generic term that
+                is there twice, the one without what names displace counts.
             refused: Names of the library that are left out.
             generic: Blocks of the residual map that may be selected too.
             every_form: Whether forms of a law other than its first may be selected.
         """
-        given, found = case.normal_equations, tuple(first)
+        given, less = case.normal_equations, {t.name for t in first if t.beyond}
+        found = tuple(t for t in first if t.beyond or t.name not in less)
         gram, score, raw = given.gram[1], given.score, given.raw
         width, owned = 0, []
         if found:
@@ -248,11 +250,12 @@ def one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
 
     Reported parameters are of one law; what a second shape mends is left to the other
     forms of the law, which the residual test allows. Shapes of a law that is a sum are
-    joined.
+    joined. Of a law that is at two places which nothing tells apart, one stays.
     """
     several: dict[Name, list[int]] = {}
     for k in groups:
-        several.setdefault(search.terms[k].name, []).append(k)
+        term = search.terms[k]
+        several.setdefault((term.name[0], _site(term)), []).append(k)
     best = {name: own[0] for name, own in several.items()}
     found = {}
     for name, own in several.items():
@@ -260,8 +263,10 @@ def one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
         gain = [FactorisedSet.of(search.problem, [*others, k]).gain for k in own]
         order = [own[i] for i in np.argsort(-np.array(gain), kind="stable")]
         best[name] = order[0]
-        term, shapes = search.terms[order[0]], [search.terms[k].shape for k in order]
-        shape = term.hypothesis.joined(shapes) if len(own) > 1 else None
+        term = search.terms[order[0]]
+        every = (search.terms[k] for k in order)
+        shapes = [other.shape for other in every if other.name == term.name]
+        shape = term.hypothesis.joined(shapes) if len(shapes) > 1 else None
         found[name] = term if shape is None else replace(term, shape=shape)
     return tuple(found.values())
 
@@ -290,12 +295,86 @@ def with_generic_terms(
         for block in significant_blocks(case, fit)
         if _generic_term(block).name not in held
     ]
-    if not blocks:
+    if not blocks and not any(t.is_generic and not t.beyond for t in terms):
         return terms, ()
     search = Search.of(case, [*terms, *fine], refused, blocks)
     search = _without_slight_terms(search, len(terms))
     selected = select_groups(search.problem, range(len(terms)))
+    first = _names_before_generic_terms(search, selected.groups)
+    if any(term.beyond for term in first):
+        search = Search.of(case, [*first, *fine], refused)
+        selected = select_groups(search.problem, range(len(first)))
     return fit_shapes(case, one_each(search, selected.groups)), selected.decisions
+
+
+LEFT_BY_A_NAME = 0.1
+"""Share of what a generic term explains that a name may leave of it and stand before
+it. Chosen: as a name may stand beside an unknown effect that is ten times weaker."""
+STILL = "base", "tracker"
+"""Places that only what stands still tells apart."""
+
+
+def _names_before_generic_terms(
+    search: Search, groups: Sequence[int]
+) -> tuple[ModelTerm, ...]:
+    """Return a set where generic terms are what names at their places leave.
+
+    The many columns of a generic term do what the true name does and a little more: it
+    would take the place of a name whose law is not wholly true.
+
+    Args:
+        search: What the set was selected from.
+        groups: The set.
+    """
+    terms, chosen, before = search.terms, list(groups), dict[int, ModelTerm]()
+    for generic in groups:
+        if not terms[generic].is_generic or terms[generic].beyond:
+            continue
+        left = _left_by_names(search, chosen, generic)
+        best = min(left, key=left.__getitem__, default=generic)
+        if left.get(best, 1.0) <= LEFT_BY_A_NAME:
+            before[generic] = terms[best]
+            chosen += [best] if best not in chosen else []
+    return tuple(
+        replace(terms[k], beyond=(before[k],)) if k in before else terms[k]
+        for k in chosen
+    )
+
+
+def _left_by_names(
+    search: Search, groups: Sequence[int], generic: int
+) -> dict[int, float]:
+    """Return what each name at the place of a generic term leaves of it, as a share."""
+    problem, terms = search.problem, search.terms
+    rest = [k for k in groups if k != generic]
+    worth = FactorisedSet.of(problem, groups).own_gain([list(groups).index(generic)])
+    beside, alone = (gains_beside(problem, some) for some in (groups, rest))
+    left = dict[int, float]()
+    for k, other in enumerate(terms):
+        if other.is_generic or _site(other) != _site(terms[generic]):
+            continue
+        if k in rest:
+            less = [j for j in rest if j != k]
+            without = float(gains_beside(problem, less)[generic])
+            left[k] = worth / max(without, 1e-12)
+        else:
+            left[k] = float(worth + beside[k] - alone[k]) / max(worth, 1e-12)
+    return left
+
+
+def beyond_present_names(terms: Sequence[ModelTerm]) -> tuple[ModelTerm, ...]:
+    """Return a set where generic terms leave out what its own names displace alone."""
+    own = {(term.name[0], _site(term)): term for term in terms}
+    sites = [[(n.name[0], _site(n)) for n in term.beyond] for term in terms]
+    return tuple(
+        replace(term, beyond=tuple(own[n] for n in names if n in own))
+        for term, names in zip(terms, sites, strict=True)
+    )
+
+
+def _site(term: ModelTerm) -> str:
+    """Return the place of a term; one for all that stand still."""
+    return STILL[0] if term.where in STILL else term.where
 
 
 LOADS = frozenset({"torque", "load", "direction", "history"})

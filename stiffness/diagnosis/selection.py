@@ -59,6 +59,7 @@ from stiffness.diagnosis.relinearisation import acts_on_others, changes, loads_o
 from stiffness.diagnosis.search import (
     Search,
     at_fine_shapes,
+    beyond_present_names,
     first_search,
     from_rivals,
     one_each,
@@ -411,7 +412,9 @@ def _judged(
     Where a name is physically impossible, another is searched in its place.
     """
     decisions, refused = list(first), dict[Name, Name]()  # and for whose sake
+    here = case.situation, case.springs
     while True:
+        terms = beyond_present_names(terms)
         statistics = pose_statistics(case, terms)
         gated, slight = gate_terms(statistics)
         decisions += [*gated.decisions, *slight]
@@ -423,16 +426,13 @@ def _judged(
             continue
         beside = _of_the_same_kinds(case, terms, refused)
         look = _evaluated(case, terms, beside)
-        alone = look.selected_alone
-        parameters = parameters_of(case.situation, case.springs, alone, case.split)
+        parameters = parameters_of(*here, look.selected_alone, case.split)
         gains = _own_gains(statistics, [[term] for term in terms])
         columns = [len(own) for own in look.fit.coefficients]
         withheld = _withheld(case, terms, parameters, gains, columns)
         if not withheld:
             if beside:
-                parameters = parameters_of(
-                    case.situation, case.springs, look, case.split
-                )
+                parameters = parameters_of(*here, look, case.split)
             break
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])

@@ -196,3 +196,23 @@ def added(*laws: EffectJacobian) -> EffectJacobian:
         before = values(parts[where]) if where in parts else 0.0
         parts[where] = with_values(part, before + values(part))
     return EffectJacobian(laws[0].columns, tuple(parts.values()))
+
+
+def orthogonal_to(law: EffectJacobian, others: EffectJacobian) -> EffectJacobian:
+    """Return a Jacobian less what others displace along it, all rows alike.
+
+    Equation: A - B B^+ A, A and B the values of blocks that both have.
+
+    Args:
+        law: Whose columns are made orthogonal.
+        others: To which.
+    """
+    kinds = {(type(p), site_number(p)): values(p) for p in others.parts}
+    own, far = [np.zeros((0, law.columns))], [np.zeros((0, others.columns))]
+    for part in law.parts:
+        beside = kinds.get((type(part), site_number(part)))
+        if beside is not None:
+            own.append(values(part).reshape(-1, law.columns))
+            far.append(beside.reshape(-1, others.columns))
+    share = np.linalg.lstsq(np.concatenate(far), np.concatenate(own), rcond=1e-9)[0]
+    return mixture(hstack([law, others]), np.vstack([np.eye(law.columns), -share]))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import FEW, MODEL, arm, prepared, recording
+from small_bench import FEW, MODEL, arm, moved_by, prepared, recording
 
 from bench.effects.out_of_library.axis_crosstalk import AxisCrosstalk
 from bench.effects.out_of_library.foot_lift_off import FootLiftOff
@@ -19,6 +19,7 @@ from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.candidates import (
     KNOTS,
     TOLD_APART,
+    GenericTerm,
     _from_zero,
     _told_apart,
     residual_map,
@@ -27,16 +28,23 @@ from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.result import Diagnosis
-from stiffness.diagnosis.search import Search, _without_slight_terms
+from stiffness.diagnosis.result import Diagnosis, Name
+from stiffness.diagnosis.search import (
+    Search,
+    _without_slight_terms,
+    beyond_present_names,
+)
 from stiffness.diagnosis.selection import select_model
 from stiffness.diagnosis.verdict import judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.drift import Drift
-from stiffness.effects.jacobian import BodyTwist
+from stiffness.effects.encoder_offset import EncoderOffset
+from stiffness.effects.hardening import Hardening
+from stiffness.effects.jacobian import BodyTwist, hstack, orthogonal_to
 from stiffness.effects.marker_slip import MarkerSlip
+from stiffness.effects.transmission_error import TransmissionError
 
 OFFERED = {("a2", "torque"), ("a4", "direction")}
 
@@ -260,3 +268,52 @@ def test_a_course_in_time_takes_no_name_that_depends_on_no_time():
     found = diagnose(waved(made, 1.0, 2e-4), arm(), (*FEW, BaseCompliance()))
     assert names(found) == [("base_compliance", "base")]
     assert found.unexplained_places[0].depends_on == ("time",)
+
+
+@pytest.mark.parametrize(
+    ("true", "block", "share"),
+    [
+        ("transmission_error@a2,amplitude_rad=4e-4,order=1.5", ("a2", "angle"), 0.2),
+        ("drift@base,x_m_per_h=2e-4,rz_rad_per_h=5e-5", ("base", "time"), 0.02),
+    ],
+)
+def test_a_name_stands_before_a_generic_term_that_does_a_little_more(
+    true, block, share
+):
+    """Many columns took the place of the law that is there, for a tenth more."""
+    blocks = residual_map(prepared(true).situation)
+    (more,) = (b.jacobian for b in blocks if (b.where, b.kind) == block)
+    size = np.random.default_rng(1).normal(size=more.columns)
+    made = moved_by(more, share * 4e-4 * size / np.linalg.norm(size), true)
+    laws = (TransmissionError(), Hardening(), EncoderOffset(), Drift())
+    found = diagnose(made, arm(), laws)
+    effect, where = true.split(",")[0].split("@")
+    (only,) = found.named
+    alike = {only.name, *only.equivalents}
+    assert Name(effect, where) in alike
+    assert only.share is not None
+    assert only.share > 0.8
+    assert {one.where for one in found.unexplained_places} <= {where}
+
+
+def test_a_generic_term_beyond_a_name_displaces_nothing_as_the_name_does():
+    """Equation: A - B B^+ A, of the columns of a wave and of their slopes."""
+    here = prepared().situation
+    wave = ModelTerm(TransmissionError(), "a2", np.array([1.5]))
+    block = next(b for b in residual_map(here) if (b.where, b.kind) == ("a2", "angle"))
+    law = block.jacobian
+    laws = hstack([wave.jacobian(here), law])
+    beyond = orthogonal_to(law, wave.jacobian(here))
+    own, whole = (np.asarray(j.parts[0].law) for j in (beyond, laws))
+    known, all_of = whole[:, : -law.columns], whole[:, -law.columns :]
+    assert_allclose(known.T @ own, 0.0, atol=1e-9 * np.abs(known).sum())
+    assert_allclose(own, all_of - known @ np.linalg.pinv(known) @ all_of, atol=1e-9)
+
+
+def test_a_generic_term_does_all_again_once_the_name_before_it_has_gone():
+    wave = ModelTerm(TransmissionError(), "a2", np.array([1.5]))
+    term = GenericTerm("generic_angle", "angle", "angle")
+    rest = ModelTerm(term, "a2", np.zeros(0), (wave,))
+    other = replace(wave, shape=np.array([1.6]))
+    assert beyond_present_names([rest])[0].beyond == ()
+    assert beyond_present_names([rest, other])[0].beyond == (other,)
