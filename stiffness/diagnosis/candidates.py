@@ -130,6 +130,8 @@ COURSE = 7
 WANDER, VISITS_A_KNOT = 25, 6
 """Knots of its quick course, which shifts alone, and visits that each knot has at
 least; chosen: half an hour of a day's work."""
+GROWTH = 4
+"""Knots of a link's course; chosen: fast at first, slow at last."""
 HARMONICS = (1, 2, 3)
 TOLD_APART = 0.1
 """Part of the largest displacement of a generic law that each of its columns makes at
@@ -289,6 +291,9 @@ def _of_axis(situation: StaticState, k: int) -> list[MapBlock]:
     )
     blocks.append(MapBlock(where, "compliance", "load", _compliance(situation, place)))
     blocks.append(MapBlock(where, "geometry", "geometry", _constant(situation, place)))
+    parent = situation.arm.chain.parent
+    if parent[k] >= 0 and parent.count(parent[k]) == 1 and time.shape[1]:
+        blocks.append(_warming(situation, parent[k] + 1, place))
     return blocks
 
 
@@ -379,6 +384,43 @@ def _constant(situation: StaticState, place: int) -> EffectJacobian:
     return EffectJacobian(6, (BodyTwist(place, twist),))
 
 
+def _warming(situation: StaticState, link: int, place: int) -> MapBlock:
+    """Return courses in time of where a link holds the axis after it.
+
+    A link that warms up grows, or its end alone, which turns where one side is warmer.
+    Markers of a link that grows move by as much as they lie along it.
+
+    Args:
+        situation: Where the arm stood.
+        link: Its number, that of the axis that carries it.
+        place: The place of the axis after it.
+    """
+    seat = situation.seat[:, place]
+    courses = hats(situation.recording.time, GROWTH)[:, 1:]
+
+    def over_time(columns: np.ndarray) -> np.ndarray:
+        every = columns[..., None] * courses[:, None, None, :]
+        return every.reshape(*columns.shape[:2], -1)
+
+    grows = translate(place, seat).twist
+    turns = rotate(place, seat, situation.origin[:, place]).twist
+    twist = over_time(np.concatenate([grows, grows, turns], axis=2))
+    parts: list[JacobianBlock] = [BodyTwist(place, twist)]
+    start = situation.origin[:, link]
+    along = situation.origin[:, place] - start
+    square = np.maximum(np.sum(along**2, axis=1), 1e-12)
+    for m, marker in enumerate(situation.recording.markers):
+        if situation.arm.attachment(marker.body).axis == link - 1:
+            lever = marked_point(situation, m) - start
+            share = np.clip(np.sum(lever * along, axis=1) / square, 0.0, 1.0)
+            still = np.zeros_like(seat)
+            moved = np.concatenate([seat, still, still], axis=2)
+            shift = over_time(share[:, None, None] * moved)
+            parts.append(MarkerDisplacement(m, shift))
+    law = EffectJacobian(twist.shape[2], tuple(parts))
+    return MapBlock(f"link_{link}", "warming", "time", law)
+
+
 def _of_base(situation: StaticState) -> list[MapBlock]:
     def scaled(values: np.ndarray) -> np.ndarray:
         return values / max(float(np.max(np.abs(values))), 1e-9)
@@ -446,6 +488,10 @@ class Candidate:
         return len(self.columns[0]) + self.shapes.shape[1]
 
 
+COURSES = frozenset({"time", "wander", "warming"})
+"""Blocks of the base and of links that follow the time alone."""
+
+
 @dataclass(frozen=True)
 class Mapped:
     """A part of the residual map, with the numbers of its columns."""
@@ -462,8 +508,8 @@ class Mapped:
 
     @property
     def is_course(self) -> bool:
-        """Whether it is a course of the base in time, whatever pulls at the arm."""
-        return self.where == "base" and self.depends_on == "time"
+        """Whether it is a course in time of the base or a link, whatever pulls."""
+        return self.kind in COURSES and not self.where.startswith("a")
 
 
 @dataclass(frozen=True)
