@@ -177,9 +177,12 @@ def second_order_name(
     lost = dict(zip(gated.names, (float(x.sum()) for x in gated.lost), strict=True))
     found = []
     for term in terms:
-        known = acting if term in loads else ()
-        rest = (t for t in strong if t.name not in known)
-        near = [t for t in rest if are_near(t.where, term.where)]
+        near = [
+            t
+            for t in strong
+            if are_near(t.where, term.where)
+            and not (term in loads and t in loads and t.name in acting)
+        ]
         most = max((lost[t.name] for t in near), default=0.0)
         share = lost[term.name] / max(most, 1e-300)
         if share < SECOND_ORDER:

@@ -36,8 +36,10 @@ NAMES = ("mass_kg", "x", "y", "z")
 LENGTH = 0.1
 """Length that scales first moments to masses, in m; chosen: a link's breadth."""
 ARM_LENGTH = 0.5
-"""Distance at which a mass has its first moment, before any reading, in m; chosen: half
-the length of a long link."""
+"""Lever of the prior of first moments, in m; chosen: half the length of a long link."""
+LEAST_MASS = 1.0
+"""Least standard deviation of a mass before any reading, in kg; chosen: models whose
+links have masses for show."""
 UNSEEN = 1e-6
 """Below this share of the largest possible wind-up a column is rounding; chosen."""
 
@@ -71,12 +73,14 @@ class GravityLoad(Hypothesis):
     def prior_sigma(
         self, situation: StaticState, where: str
     ) -> Float[np.ndarray, " columns"]:
-        """Return the mass of the model's arm, and its first moment.
+        """Return the mass of the whole model, and that mass at half a metre.
 
         A mass at the end of a link and a moment of that link pull alike: of two that
         were found, readings hold the sum alone.
         """
-        mass = carried(situation, "link_1")
+        tool = situation.recording.tool
+        mass = float(situation.arm.chain.mass.sum())
+        mass = max(mass + (0.0 if tool is None else tool.mass), LEAST_MASS)
         sigma = mass * np.array([1.0, ARM_LENGTH, ARM_LENGTH, ARM_LENGTH])
         return sigma[seen(situation, torques(situation, where))]
 

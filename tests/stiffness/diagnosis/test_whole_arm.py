@@ -39,7 +39,7 @@ from stiffness.effects import HYPOTHESES
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
-from stiffness.effects.gravity_load import GravityLoad, carried
+from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.lost_motion import LostMotion
@@ -287,7 +287,7 @@ def test_name_that_a_load_found_near_it_may_be_wrong_by_is_none(load):
 
 
 def test_a_second_load_is_held_against_none_that_its_columns_were_laid_out_under():
-    some, ready = (GravityLoad(),), prepared("gravity_load@link_2,mass_kg=8")
+    some, ready = (GravityLoad(), BearingTilt()), prepared("gravity_load@link_2")
     terms = [ModelTerm(some[0], where, NONE) for where in ("link_2", "link_3")]
     here = build_problem(ready, some)
     names = tuple(t.name for t in terms)
@@ -299,12 +299,17 @@ def test_a_second_load_is_held_against_none_that_its_columns_were_laid_out_under
     assert slight.candidate == names[1]
     under = build_problem(ready, some, named=fit_model(here, terms[:1]))
     assert second_order_name(under, terms, gated) is None
+    tilt = ModelTerm(some[1], "a3", np.zeros(1))  # gives way under what it is not
+    under = build_problem(ready, some, named=fit_model(here, [tilt]))
+    gated = replace(gated, names=(tilt.name, terms[1].name))
+    assert second_order_name(under, [tilt, terms[1]], gated) is not None
 
 
-def test_a_load_is_taken_for_no_heavier_than_the_arm_before_any_reading():
-    """A mass at the end of link_2 and the moment of link_2 pull alike."""
+def test_prior_of_a_load_is_the_mass_of_the_arm_at_half_a_metre():
     here = prepared().situation
-    of_arm = carried(here, "link_1")
+    tool = here.recording.tool
+    assert tool is not None
+    of_arm = float(here.arm.chain.mass.sum()) + tool.mass
     sigma = GravityLoad().prior_sigma(here, "link_3")
     assert sigma.shape == (GravityLoad().jacobian(here, "link_3", NONE).columns,)
     assert_allclose(sigma, of_arm * np.array([1.0, 0.5, 0.5]))
