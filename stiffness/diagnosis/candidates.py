@@ -131,7 +131,7 @@ WANDER, VISITS_A_KNOT = 25, 6
 """Knots of its quick course, which shifts alone, and visits that each knot has at
 least; chosen: half an hour of a day's work."""
 GROWTH = 4
-"""Knots of a link's course; chosen: fast at first, slow at last."""
+"""Knots of a link's course; chosen: with three a link's warm-up was taken for slips."""
 HARMONICS = (1, 2, 3)
 TOLD_APART = 0.1
 """Part of the largest displacement of a generic law that each of its columns makes at
@@ -488,10 +488,6 @@ class Candidate:
         return len(self.columns[0]) + self.shapes.shape[1]
 
 
-COURSES = frozenset({"time", "wander", "warming"})
-"""Blocks of the base and of links that follow the time alone."""
-
-
 @dataclass(frozen=True)
 class Mapped:
     """A part of the residual map, with the numbers of its columns."""
@@ -509,7 +505,7 @@ class Mapped:
     @property
     def is_course(self) -> bool:
         """Whether it is a course in time of the base or a link, whatever pulls."""
-        return self.kind in COURSES and not self.where.startswith("a")
+        return self.depends_on == "time" and not self.where.startswith("a")
 
 
 @dataclass(frozen=True)

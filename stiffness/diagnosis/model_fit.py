@@ -129,8 +129,8 @@ class ModelTerm:
         hypothesis: Which.
         where: The place.
         shape: Of its law.
-        beyond: Terms that take off its columns what they displace, whatever their size
-            and a little beside their shape.
+        beyond: Terms to whose columns, and their slopes by shapes, its own are made
+            orthogonal.
     """
 
     hypothesis: Hypothesis

@@ -77,13 +77,15 @@ class Search:
         Args:
             case: What may be looked at.
             first: Terms that come before those of the library. Of a generic term that
-                is there twice, the one without what names displace counts.
+                is there whole and beyond a name, the one that comes first counts.
             refused: Names of the library that are left out.
             generic: Blocks of the residual map that may be selected too.
             every_form: Whether forms of a law other than its first may be selected.
         """
-        given, less = case.normal_equations, {t.name for t in first if t.beyond}
-        found = tuple(t for t in first if t.beyond or t.name not in less)
+        given, less = case.normal_equations, {t.name: t.beyond for t in first[::-1]}
+        found = tuple(
+            t for t in first if not t.is_generic or bool(t.beyond) == bool(less[t.name])
+        )
         gram, score, raw = given.gram[1], given.score, given.raw
         width, owned = 0, []
         if found:
@@ -311,7 +313,7 @@ LEFT_BY_A_NAME = 0.1
 """Share of what a generic term explains that a name may leave of it and stand before
 it. Chosen: as a name may stand beside an unknown effect that is ten times weaker."""
 STILL = "base", "tracker"
-"""Places that only what stands still tells apart."""
+"""Sites of the same columns: a motion of the base is one of the tracker."""
 
 
 def _names_before_generic_terms(
@@ -331,7 +333,7 @@ def _names_before_generic_terms(
         if not terms[generic].is_generic or terms[generic].beyond:
             continue
         left = _left_by_names(search, chosen, generic)
-        best = min(left, key=left.__getitem__, default=generic)
+        best = min(left, key=lambda k: (round(left[k], 9), k), default=generic)
         if left.get(best, 1.0) <= LEFT_BY_A_NAME:
             before[generic] = terms[best]
             chosen += [best] if best not in chosen else []
@@ -344,14 +346,20 @@ def _names_before_generic_terms(
 def _left_by_names(
     search: Search, groups: Sequence[int], generic: int
 ) -> dict[int, float]:
-    """Return what each name at the place of a generic term leaves of it, as a share."""
+    """Return what each name at the place of a generic term leaves of it, as a share.
+
+    Of those that depend on what it depends on: a strong law of another kind takes its
+    part of what both imitate, but is not what it does.
+    """
     problem, terms = search.problem, search.terms
     rest = [k for k in groups if k != generic]
     worth = FactorisedSet.of(problem, groups).own_gain([list(groups).index(generic)])
     beside, alone = (gains_beside(problem, some) for some in (groups, rest))
     left = dict[int, float]()
     for k, other in enumerate(terms):
-        if other.is_generic or _site(other) != _site(terms[generic]):
+        here = _site(other) == _site(terms[generic])
+        alike = not set(other.depends_on).isdisjoint(terms[generic].depends_on)
+        if other.is_generic or not (here and alike):
             continue
         if k in rest:
             less = [j for j in rest if j != k]

@@ -225,7 +225,7 @@ MUCH_OPEN = 0.01
 that are little like a term are tried in its place, too; chosen: a tenth of its
 amplitude, squared."""
 IMITATED = 0.5
-"""Share of what a term does that a load much like it may do less; chosen."""
+"""Largest share of a term's gain that a load in its place may lose; chosen."""
 MOST_LOADS = 6
 """Loads that are tried in place of terms, the most alike first; chosen for time."""
 
@@ -239,7 +239,7 @@ def select_model(
     runs again under loads in the place of such terms that all others do as well with,
     and its set is kept where it surely predicts poses left out better.
 
-    Courses of the base in time compete from the first, as many slips and drifts would
+    Courses in time compete from the first, as many slips and drifts would
     share out what no single one of them does. Other forms of a law come in with the
     fine shapes: at coarse ones a smooth hardening and a play may cancel each other.
 
@@ -282,8 +282,8 @@ def _with_loads(layout: Layout, model: SelectedModel) -> OperatingPoint | None:
         load = tried[name][1]
         if load.name in {member.name for member in members}:
             continue
-        with_load = [load if m.name == name else m for m in members]
-        point = layout.fitted_jointly(case, fit_model(case, with_load))
+        some = beyond_present_names([load if m.name == name else m for m in members])
+        point = layout.fitted_jointly(case, fit_model(case, some))
         found = point.worth(case.poses)
         if found > most - SETTINGS.equivalent_log_bayes:
             best, members, most = point, point.fit.members, found
@@ -479,8 +479,8 @@ def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Dec
     for term in fit.members:
         if term.where != where or term.is_generic:
             continue
-        rest = fit_shapes(case, [other for other in fit.members if other is not term])
-        less = fit_model(case, rest)
+        rest = beyond_present_names([m for m in fit.members if m is not term])
+        less = fit_model(case, fit_shapes(case, rest))
         every = zip(less.members, less.coefficients, strict=True)
         if not any(_has_wrong_sign(case, m, c) for m, c in every if m.where == where):
             price = less.degrees_of_freedom * np.log(case.poses)

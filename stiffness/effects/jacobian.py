@@ -189,7 +189,14 @@ def mixed(
 
 
 def added(*laws: EffectJacobian) -> EffectJacobian:
-    """Return what Jacobians of as many coefficients displace together."""
+    """Return what Jacobians of as many coefficients displace together.
+
+    Raises:
+        Unusable: Where one has another number of coefficients than the first.
+    """
+    if len({law.columns for law in laws}) > 1:
+        counts = [f"{law.columns} coefficients" for law in laws]
+        raise Unusable("Jacobians that add up have one number of coefficients", counts)
     parts: dict[tuple[type, int], JacobianBlock] = {}
     for part in (part for law in laws for part in law.parts):
         where = type(part), site_number(part)
@@ -198,10 +205,20 @@ def added(*laws: EffectJacobian) -> EffectJacobian:
     return EffectJacobian(laws[0].columns, tuple(parts.values()))
 
 
+ROUNDING = 1e-6
+"""Part of a column's length below which what is left of it is rounding; chosen."""
+
+
 def orthogonal_to(law: EffectJacobian, others: EffectJacobian) -> EffectJacobian:
     """Return a Jacobian less what others displace along it, all rows alike.
 
-    Equation: A - B B^+ A, A and B the values of blocks that both have.
+    ==========  ======================================================================
+    Equation    A - B B^+ A, A and B the values of blocks that both have, in rad and m
+    Source      least squares
+    Valid       blocks of the same kind at the same site; others stay as they are
+    Ignores     that rows are not equally well known; what is left of a column that
+                the others span is nothing, not rounding
+    ==========  ======================================================================
 
     Args:
         law: Whose columns are made orthogonal.
@@ -214,5 +231,13 @@ def orthogonal_to(law: EffectJacobian, others: EffectJacobian) -> EffectJacobian
         if beside is not None:
             own.append(values(part).reshape(-1, law.columns))
             far.append(beside.reshape(-1, others.columns))
-    share = np.linalg.lstsq(np.concatenate(far), np.concatenate(own), rcond=1e-9)[0]
-    return mixture(hstack([law, others]), np.vstack([np.eye(law.columns), -share]))
+    one, other = np.concatenate(own), np.concatenate(far)
+    length = np.linalg.norm(other, axis=0)
+    unit = other / np.where(length > 0.0, length, 1.0)
+    share = np.linalg.lstsq(unit, one, rcond=1e-9)[0]
+    left = np.linalg.norm(one - unit @ share, axis=0)
+    whole = np.linalg.norm(one, axis=0)
+    keep = (left > ROUNDING * whole) | (whole == 0.0)
+    share /= np.where(length > 0.0, length, 1.0)[:, None]
+    mix = np.vstack([np.eye(law.columns), -share]) * keep
+    return mixture(hstack([law, others]), mix)

@@ -47,10 +47,11 @@ from stiffness.effects.jacobian import (
     BodyTwist,
     EffectJacobian,
     JacobianBlock,
+    JointRotation,
     MarkerDisplacement,
-    hstack,
     orthogonal_to,
     translate,
+    values,
 )
 from stiffness.effects.marker_slip import MarkerSlip
 from stiffness.effects.transmission_error import TransmissionError
@@ -329,17 +330,51 @@ def test_a_name_stands_before_a_generic_term_that_does_a_little_more(
 
 
 def test_a_generic_term_beyond_a_name_displaces_nothing_as_the_name_does():
-    """Equation: A - B B^+ A, of the columns of a wave and of their slopes."""
+    """Equation: A - B B^+ A, B the columns of a wave and their slopes by its order."""
+    here, order, step = prepared().situation, 1.5, 1e-5
+
+    def wave(order: float) -> ModelTerm:
+        return ModelTerm(TransmissionError(), "a2", np.array([order]))
+
+    def turns(law: EffectJacobian) -> np.ndarray:
+        (part,) = (p for p in law.parts if isinstance(p, JointRotation))
+        return part.law
+
+    term = ModelTerm(GenericTerm("generic_angle", "angle", "angle"), "a2", np.zeros(0))
+    high, low = (turns(wave(o).jacobian(here)) for o in (order + step, order - step))
+    known = np.concatenate([(high + low) / 2, (high - low) / (2 * step)], axis=1)
+    whole = turns(term.jacobian(here))
+    left = turns(replace(term, beyond=(wave(order),)).jacobian(here))
+    want = whole - known @ np.linalg.lstsq(known, whole)[0]
+    assert_allclose(left, want, atol=1e-4)
+
+
+def test_columns_that_a_name_spans_are_nothing_and_not_rounding():
     here = prepared().situation
+    foot = ModelTerm(BaseCompliance(), "base", np.array([0.1])).jacobian(here)
+    load = next(
+        b for b in residual_map(here) if (b.where, b.kind) == ("base", "load")
+    ).jacobian
+    (part,) = orthogonal_to(load, foot).parts
+    left = np.linalg.norm(values(part), axis=(0, 1))
+    whole = np.linalg.norm(values(load.parts[0]), axis=(0, 1))
+    share = left / whole
+    assert np.any(share == 0.0)
+    assert np.all((share == 0.0) | (share > 1e-6))
+
+
+def test_the_set_comes_first_whatever_else_is_offered():
+    """Of a generic term that is in the set whole, what a name leaves is no rival."""
+    ready = prepared("transmission_error@a2")
+    case = build_problem(ready, (TransmissionError(),))
     wave = ModelTerm(TransmissionError(), "a2", np.array([1.5]))
-    block = next(b for b in residual_map(here) if (b.where, b.kind) == ("a2", "angle"))
-    law = block.jacobian
-    laws = hstack([wave.jacobian(here), law])
-    beyond = orthogonal_to(law, wave.jacobian(here))
-    own, whole = (np.asarray(j.parts[0].law) for j in (beyond, laws))
-    known, all_of = whole[:, : -law.columns], whole[:, -law.columns :]
-    assert_allclose(known.T @ own, 0.0, atol=1e-9 * np.abs(known).sum())
-    assert_allclose(own, all_of - known @ np.linalg.pinv(known) @ all_of, atol=1e-9)
+    term = ModelTerm(GenericTerm("generic_angle", "angle", "angle"), "a2", np.zeros(0))
+    less = replace(term, beyond=(wave,))
+    for own, other in ((term, less), (less, term)):
+        found = Search.of(case, [own, wave, other]).terms[:3]
+        assert found[0] is own
+        assert found[1] is wave
+        assert found[2] is not other
 
 
 def test_a_generic_term_does_all_again_once_the_name_before_it_has_gone():
