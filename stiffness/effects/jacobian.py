@@ -206,7 +206,7 @@ def added(*laws: EffectJacobian) -> EffectJacobian:
 
 
 ROUNDING = 1e-6
-"""Part of a column's length below which what is left of it is rounding; chosen."""
+"""Part of a column's length below which its remainder is rounding; chosen."""
 
 
 def orthogonal_to(law: EffectJacobian, others: EffectJacobian) -> EffectJacobian:
@@ -216,7 +216,7 @@ def orthogonal_to(law: EffectJacobian, others: EffectJacobian) -> EffectJacobian
     Equation    A - B B^+ A, A and B the values of blocks that both have, in rad and m
     Source      least squares
     Valid       blocks of the same kind at the same site; others stay as they are
-    Ignores     that rows are not equally well known; what is left of a column that
+    Ignores     that rows are not equally well known; the remainder of a column that
                 the others span is nothing, not rounding
     ==========  ======================================================================
 
