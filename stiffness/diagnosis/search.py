@@ -34,8 +34,10 @@ from stiffness.diagnosis.model_fit import (
 from stiffness.diagnosis.sufficient_statistics import cross_gram, given_many
 from stiffness.regression.group_selection import (
     LIVE,
+    RISES,
     GroupSelection,
     exchange_worths,
+    first_of_best,
     gains_beside,
     select_groups,
 )
@@ -171,9 +173,13 @@ def first_search(problem: GroupProblem) -> GroupSelection:
     starts = [k for _, k in sorted(single.values(), reverse=True)[1 : STARTS + 1]]
     for k in starts:
         if k not in best.groups:
-            other = select_groups(problem, [k])
-            best = max(best, other, key=lambda found: found.log_evidence)
+            best = _worth_more(best, select_groups(problem, [k]))
     return best
+
+
+def _worth_more(one: GroupSelection, other: GroupSelection) -> GroupSelection:
+    """Return the set that is worth more; the first where rounding would decide."""
+    return other if other.log_evidence > one.log_evidence + RISES else one
 
 
 def from_rivals(search: Search, selected: GroupSelection, fine: int) -> GroupSelection:
@@ -189,7 +195,7 @@ def from_rivals(search: Search, selected: GroupSelection, fine: int) -> GroupSel
     problem, terms, groups = search.problem, search.terms, selected.groups
     if not 0 < len(groups) <= SMALL_SET:
         return selected
-    held = {terms[k].name for k in groups}
+    held = dict.fromkeys(terms[k].name for k in groups)
     best = selected
     for name in held:
         rest = [k for k in groups if terms[k].name != name]
@@ -198,8 +204,7 @@ def from_rivals(search: Search, selected: GroupSelection, fine: int) -> GroupSel
             if terms[k].name not in held and gain > gains.get(terms[k].name, (0.0,))[0]:
                 gains[terms[k].name] = (float(gain), k)
         for _, k in sorted(gains.values(), reverse=True)[:STARTS]:
-            other = select_groups(problem, [*rest, k])
-            best = max(best, other, key=lambda found: found.log_evidence)
+            best = _worth_more(best, select_groups(problem, [*rest, k]))
     return best
 
 
@@ -260,11 +265,14 @@ def one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
         several.setdefault((term.name[0], _site(term)), []).append(k)
     best = {name: own[0] for name, own in several.items()}
     found = {}
-    for name, own in several.items():
+    for name, found_first in several.items():
+        own = sorted(found_first)
         others = [k for n, k in best.items() if n != name]
         gain = [FactorisedSet.of(search.problem, [*others, k]).gain for k in own]
+        most = own[first_of_best(np.array(gain), 2.0 * RISES)]
         order = [own[i] for i in np.argsort(-np.array(gain), kind="stable")]
-        best[name] = order[0]
+        order.insert(0, order.pop(order.index(most)))
+        best[name] = most
         term = search.terms[order[0]]
         every = (search.terms[k] for k in order)
         shapes = [other.shape for other in every if other.name == term.name]

@@ -28,8 +28,9 @@ from stiffness.regression.group_sets import (
 )
 from stiffness.regression.predictive_gate import Decision, Name
 
-RISES = 1e-6
-"""By how much the worth must rise for a change; chosen: rounding is below."""
+RISES = 0.01
+"""By how much the worth must rise for a change; chosen: a factor of 1.01 of probability
+is no reason, and of 10^6 that a strong mechanism is worth rounding stays below."""
 MANY_COLUMNS, AT_MOST_FOR_ONE = 3, 4
 """Columns of a name from which several others are tried in its place, and how many;
 chosen: a length, a mass or a drift imitates two or three offsets."""
@@ -110,6 +111,15 @@ def select_groups(problem: GroupProblem, start: Sequence[int] = ()) -> GroupSele
     here = FactorisedSet.of(problem, groups)
     decisions = _decisions(here)
     return GroupSelection(groups, here.gain, here.worth, decisions)
+
+
+def first_of_best(values: Float[np.ndarray, " n"], slack: float = RISES) -> int:
+    """Return the number of the first value that is the largest but for some slack.
+
+    Of two laws that nothing tells apart, rounding would choose: another on each kind of
+    processor.
+    """
+    return int(np.argmax(values >= np.max(values) - slack))
 
 
 def _residual(here: FactorisedSet) -> Residual:
@@ -203,7 +213,7 @@ def _grown(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
     here = FactorisedSet.of(problem, groups)
     while len(here.groups) < min(len(problem.groups), _most(problem)):
         rise = _additions(problem, _residual(here))
-        best = int(np.argmax(rise))
+        best = first_of_best(rise)
         if rise[best] <= RISES:
             break
         here = FactorisedSet.of(problem, [best], here)
@@ -217,7 +227,7 @@ def _pruned(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
         ways = [*_places_of_names(problem, groups).values()]
         ways += [[p] for p in range(len(groups)) if [p] not in ways]
         after = [here.reduced(places).worth for places in ways]
-        best = int(np.argmax(after))
+        best = first_of_best(np.array(after))
         if after[best] <= here.worth + RISES:
             break
         groups = tuple(k for p, k in enumerate(groups) if p not in ways[best])
@@ -234,7 +244,7 @@ def _with_exchanges(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int
         place = here.groups.index(k)
         rest = _residual_without(here, whole, here.reduced([place]))
         rise = _additions(problem, rest)
-        best = int(np.argmax(rise))
+        best = first_of_best(rise)
         if best != k and rest.worth + max(rise[best], 0.0) > whole.worth + RISES:
             more = (best,) if rise[best] > 0.0 else ()
             here = FactorisedSet.of(problem, (*rest.groups, *more))
@@ -261,7 +271,7 @@ def _with_several_for_one(
         left, tried = _residual_without(here, whole, here.reduced(own)), None
         for _ in range(AT_MOST_FOR_ONE):
             rise = np.where(wide, -np.inf, _additions(problem, left))
-            best = int(np.argmax(rise))
+            best = first_of_best(rise)
             most = np.sort(rise)[-AT_MOST_FOR_ONE:]
             hoped = left.worth + TOGETHER * float(most[most > 0.0].sum())
             if rise[best] <= RISES or hoped <= whole.worth + RISES:
@@ -366,7 +376,7 @@ def _best_group(
 ) -> int:
     """Return the number of a name's group of the largest value."""
     own = problem.number_of_name == problem.names.index(name)
-    return int(np.argmax(np.where(own, rise, -np.inf)))
+    return first_of_best(np.where(own, rise, -np.inf))
 
 
 def _best_of_names(

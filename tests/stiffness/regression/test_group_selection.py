@@ -294,3 +294,21 @@ def test_numbers_of_a_name_cost_half_a_logarithm_of_the_units_each():
     exchanges = exchange_worths(case, found.groups, TRUE[3])
     costs = np.array([*exchanges.size.values()])  # two columns and one shape
     assert_allclose(costs, 1.5 * np.log(UNITS))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_of_two_laws_that_do_the_same_the_first_is_found_however_sums_are_rounded(seed):
+    """Another kind of processor adds up in another order, by so much."""
+    rng = np.random.default_rng(seed)
+    turned = columns()[:, 9:11] @ np.linalg.qr(rng.standard_normal((2, 2)))[0]
+    x = np.hstack([columns()[:, :NOMINAL], columns()[:, 9:11], turned])
+    y = 1e3 * columns()[:, 9:11] @ [0.5, -0.4] + readings(seed)
+    x *= 1.0 + 1e-12 * rng.standard_normal(x.shape)
+    twins = [
+        ColumnGroup(("law", where), NOMINAL + 2 * k + np.arange(2))
+        for k, where in enumerate("ab")
+    ]
+    gram, known = x.T @ x, np.arange(NOMINAL)
+    case = GroupProblem.of(gram, x.T @ y, np.diag(gram), known, twins, UNITS)
+    for start in ((), (0,)):
+        assert select_groups(case, start).groups == (0,)
