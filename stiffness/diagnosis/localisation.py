@@ -36,20 +36,27 @@ Ignores     what the law does beyond the torques seen
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from stiffness.diagnosis.candidates import KNOTS, Library, hats
 from stiffness.diagnosis.model_fit import (
+    ModelFit,
     ModelTerm,
     SelectionProblem,
     held_out_gain,
+    losses_without,
+    shape_columns,
     solve,
     training,
 )
 from stiffness.diagnosis.result import Located, Name
-from stiffness.diagnosis.sufficient_statistics import normal_equations_of
+from stiffness.diagnosis.sufficient_statistics import (
+    SufficientStatistics,
+    normal_equations_of,
+)
 from stiffness.effects.jacobian import EffectJacobian, JointRotation
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.normal_equations import (
@@ -114,9 +121,48 @@ def places_of_map(
     return found
 
 
+def displaced_by_places(
+    case: SelectionProblem, data: SufficientStatistics, fit: ModelFit
+) -> dict[str, float]:
+    """Return the whitened square of what each place of a set alone can displace.
+
+    Terms at one place may take each other's part, so that each alone does little.
+
+    ==========  ======================================================================
+    Equation    b_B' (G^-1)_BB^-1 b_B, b the sizes of all terms, B those of a place; in
+                G also slopes of shapes, which take part of what others displace
+    Source      the noncentrality of Wald's test of a block of columns
+    Valid       sizes and shapes as found, which are taken for true
+    Ignores     how well axes return to a posture: of that many readings of a visit say
+                as little as one, and what hangs on angles would count for a fraction
+    ==========  ======================================================================
+
+    Args:
+        case: As laid out under the set.
+        data: Readings with the weights of the instruments alone.
+        fit: The set.
+    """
+    here, laws, ends = case.situation, list(case.nominal), [case.library.nominal]
+    sizes = [np.zeros(case.library.nominal)]
+    for term, size in zip(fit.members, fit.coefficients, strict=True):
+        slopes = [part for part in shape_columns(here, term, size) if part.parts]
+        width = sum(part.columns for part in slopes)
+        laws += [term.jacobian(here), *slopes]
+        sizes += [size, np.zeros(width)]
+        ends.append(ends[-1] + len(size) + width)
+    poses = np.zeros(len(case.split.fold), dtype=int)
+    gram = normal_equations_of(data, laws, poses).gram[0]
+    at: dict[str, list[np.ndarray]] = {}
+    for term, (start, end) in zip(fit.members, pairwise(ends), strict=True):
+        at.setdefault(term.where, []).append(np.arange(start, end))
+    owned = [np.concatenate(own) for own in at.values()]
+    lost = losses_without(gram, gram @ np.concatenate(sizes), owned)
+    return dict(zip(at, lost, strict=True))
+
+
 def places_of_names(
     members: Sequence[ModelTerm],
-    gains: Mapping[str, float],
+    displaced: Mapping[str, float],
     p_value: float,
     situation: StaticState,
 ) -> tuple[Located, ...]:
@@ -124,17 +170,17 @@ def places_of_names(
 
     Args:
         members: The set, the strongest first.
-        gains: What the terms at each place explain that those elsewhere do not.
+        displaced: Whitened square of what the terms at each place alone displace.
         p_value: Of the mismatch.
         situation: For the zone in words.
     """
-    total = max(sum(gains.values()), 1e-12)
+    total = max(sum(displaced.values()), 1e-12)
     found = []
-    for where, gain in gains.items():
+    for where, square in displaced.items():
         own = [member for member in members if member.where == where]
         words = tuple(dict.fromkeys(w for member in own for w in member.depends_on))
         zone = zone_of(situation, own[0])
-        found.append(Located(where, p_value, gain / total, words, zone))
+        found.append(Located(where, p_value, square / total, words, zone))
     return tuple(sorted(found, key=lambda place: -place.share))
 
 

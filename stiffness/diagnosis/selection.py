@@ -138,35 +138,22 @@ class SelectedModel:
         return self.statistics.share_of(self.lost[k])
 
 
-def _own_gains(
-    found: PoseStatistics, groups: Sequence[Sequence[ModelTerm]]
+def _drop_one_gains(
+    found: PoseStatistics, terms: Sequence[ModelTerm]
 ) -> tuple[float, ...]:
-    """Return what each group of terms explains that others do not, springs adapting.
+    """Return what each term explains that others do not, springs adapting.
 
     Args:
         found: What poses say of these terms, or of more.
-        groups: The set, in groups.
+        terms: The set.
     """
-    blocks = [np.concatenate(found.owned_by(group)) for group in groups]
+    blocks = found.owned_by(terms)
     used = np.concatenate([found.nominal, *blocks]).astype(int)
     some = found.units.fold >= 0
     gram = found.units.gram[some].sum(axis=0)[np.ix_(used, used)]
     score = found.units.score[some].sum(axis=0)[used]
     ends = np.cumsum([len(found.nominal), *map(len, blocks)])
     return losses_without(gram, score, [np.arange(a, b) for a, b in pairwise(ends)])
-
-
-def gains_of_places(model: SelectedModel) -> dict[str, float]:
-    """Return what the terms at each place explain that those elsewhere do not.
-
-    Terms at one place may take each other's part, so that each explains little alone.
-
-    Args:
-        model: The set.
-    """
-    at = dict.fromkeys(term.where for term in model.fit.members)
-    groups = [[t for t in model.fit.members if t.where == where] for where in at]
-    return dict(zip(at, _own_gains(model.statistics, groups), strict=True))
 
 
 def budget_parts(model: SelectedModel) -> tuple[float, ...]:
@@ -427,7 +414,7 @@ def _judged(
         beside = _of_the_same_kinds(case, terms, refused)
         look = _evaluated(case, terms, beside)
         parameters = parameters_of(*here, look.selected_alone, case.split)
-        gains = _own_gains(statistics, [[term] for term in terms])
+        gains = _drop_one_gains(statistics, terms)
         columns = [len(own) for own in look.fit.coefficients]
         withheld = _withheld(case, terms, parameters, gains, columns)
         if not withheld:

@@ -39,6 +39,7 @@ from stiffness.diagnosis.detection import (
 from stiffness.diagnosis.gate import acts_at, are_near, may_show_at
 from stiffness.diagnosis.localisation import (
     confounded_with,
+    displaced_by_places,
     law_of,
     places_of_map,
     places_of_names,
@@ -52,7 +53,7 @@ from stiffness.diagnosis.model_fit import (
     SelectionProblem,
     training,
 )
-from stiffness.diagnosis.nominal_fit import Prepared
+from stiffness.diagnosis.nominal_fit import Prepared, blocks
 from stiffness.diagnosis.result import (
     Decision,
     Located,
@@ -67,7 +68,6 @@ from stiffness.diagnosis.selection import (
     SelectedModel,
     budget_parts,
     exchange_search,
-    gains_of_places,
     last_of_each,
 )
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
@@ -326,7 +326,8 @@ def exchange_posteriors(model: SelectedModel) -> tuple[ExchangePosterior, ...]:
         log = np.array([*(evidence - price), exchanged.none / phi])
         weight = np.exp(log - log.max())
         weight /= weight.sum()
-        order = [int(k) for k in np.argsort(-weight[:-1], kind="stable") if k != own]
+        by_weight = np.argsort(-np.round(weight[:-1], 6), kind="stable")
+        order = [int(k) for k in by_weight if k != own]
         alike = [k for k in order if behind[k] < ALIKE][:MOST_EQUIVALENTS]
         found.append(
             ExchangePosterior(
@@ -401,9 +402,11 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     verdict = "explained" if explained else "partly_explained"
     verdict = verdict if effects else "unexplained"
     named = {(e.name.effect, e.name.where) for e in effects}
-    gains, of_places = model.drop_one_gains, gains_of_places(model)
-    by_gain = [members[k] for k in np.argsort(gains)[::-1]]
-    located = places_of_names(by_gain, of_places, found.p_value, case.situation)
+    by_gain = [members[k] for k in np.argsort(model.drop_one_gains)[::-1]]
+    exactly = np.zeros(len(prepared.pose_repeatability))
+    data, _ = blocks(case.situation, case.data.visits, prepared.readings, exactly)
+    displaced = displaced_by_places(case, data, model.fit)
+    located = places_of_names(by_gain, displaced, found.p_value, case.situation)
     if not effects:
         located = _located_by_map(case)
     unexplained = None
@@ -431,7 +434,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         "verdict": verdict,
         "located": located,
         "named": tuple(
-            sorted(effects, key=lambda e: (-e.probability, -(e.share or 0.0)))
+            sorted(effects, key=lambda e: (-round(e.probability, 6), -(e.share or 0.0)))
         ),
         "rivals": _rivals(model.fit.members, posteriors, stands),
         "unexplained": unexplained,

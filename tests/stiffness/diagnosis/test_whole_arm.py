@@ -18,22 +18,28 @@ from stiffness.diagnosis.gate import (
     pose_statistics,
     second_order_name,
 )
+from stiffness.diagnosis.localisation import displaced_by_places
 from stiffness.diagnosis.model_fit import (
     ModelTerm,
     SelectionProblem,
     fit_model,
     fit_shapes,
+    shape_columns,
 )
+from stiffness.diagnosis.nominal_fit import Prepared, blocks
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Decision, Diagnosis, Name
 from stiffness.diagnosis.selection import (
     SelectedModel,
     _needed_least,
     budget_parts,
-    gains_of_places,
     select_model,
 )
-from stiffness.diagnosis.sufficient_statistics import mismatch_of_poses
+from stiffness.diagnosis.sufficient_statistics import (
+    SufficientStatistics,
+    mismatch_of_poses,
+    normal_equations_of,
+)
 from stiffness.diagnosis.verdict import judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.bearing_tilt import BearingTilt
@@ -45,6 +51,7 @@ from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.regression.intervals import jackknife_covariance
+from stiffness.regression.normal_equations import minimum_norm_fit
 
 EIGHT = (
     "hysteresis@a1",
@@ -211,14 +218,46 @@ def test_members_explain_beside_each_other_what_fits_without_them_lose():
         assert_allclose(gain, found.fit.gain - less.gain, rtol=1e-3)
 
 
-def test_place_explains_what_a_fit_without_all_its_members_loses():
+def by_instruments_alone(case: SelectionProblem, at: Prepared) -> SufficientStatistics:
+    exactly = np.zeros(len(at.pose_repeatability))
+    return blocks(case.situation, case.data.visits, at.readings, exactly)[0]
+
+
+def test_place_displaces_what_fits_of_all_others_leave():
+    """Fits of the other places' columns and slopes to what the place alone does."""
     gear = ("hysteresis@a2", "hardening@a2", "bearing_tilt@a3")
-    found, case = selected(*gear), selected(*gear).case
-    assert len(gains_of_places(found)) < len(found.fit.members)
-    for where, gain in gains_of_places(found).items():
-        rest = [m for m in found.fit.members if m.where != where]
-        less = fit_model(case, rest)
-        assert_allclose(gain, found.fit.gain - less.gain, rtol=1e-3)
+    found, at = selected(*gear), prepared(*gear)
+    case, fit = found.case, found.fit
+    data = by_instruments_alone(case, at)
+    displaced = displaced_by_places(case, data, fit)
+    assert len(displaced) < len(fit.members)
+    for where, square in displaced.items():
+        own, others, size = [], list(case.nominal), []
+        for term, coefficients in zip(fit.members, fit.coefficients, strict=True):
+            law = term.jacobian(case.situation)
+            slopes = shape_columns(case.situation, term, coefficients)
+            if term.where == where:
+                own.append(law)
+                size.append(coefficients)
+            else:
+                others += [law, *(part for part in slopes if part.parts)]
+        fold = np.zeros(len(case.split.fold), dtype=int)
+        gram = normal_equations_of(data, [*own, *others], fold).gram[0]
+        alone, beta = sum(law.columns for law in own), np.concatenate(size)
+        signal, cross = beta @ gram[:alone, :alone] @ beta, beta @ gram[:alone, alone:]
+        taken = cross @ minimum_norm_fit(gram[alone:, alone:], cross)
+        assert_allclose(square, signal - taken, rtol=1e-3)
+
+
+def test_wave_between_visits_displaces_far_more_than_axes_that_return_ill_let_show():
+    both = ("transmission_error@a3", "hysteresis@a1")
+    found, at = selected(*both), prepared(*both)
+    data = by_instruments_alone(found.case, at)
+    displaced = displaced_by_places(found.case, data, found.fit)
+    members, gains = found.fit.members, found.drop_one_gains
+    shows = {m.where: gain for m, gain in zip(members, gains, strict=True)}
+    assert displaced["a3"] > 8.0 * shows["a3"]
+    assert displaced["a1"] < 2.0 * shows["a1"]  # a loop shows within visits
 
 
 @pytest.mark.parametrize(
