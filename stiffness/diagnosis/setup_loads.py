@@ -208,18 +208,20 @@ def of_sag(
 ) -> Warned | None:
     """Doubt mounting and units where its own weight turns the arm otherwise than loads.
 
-    First where gravity pulls, by what three directions of it would turn; then how much.
+    First where gravity pulls, by what three directions of it would turn, beside what a
+    compensator of any axis would; then how much.
     """
+    modelled, some = arm.chain.gravity, some_visits(recording, POSTURES)
     if recording.displacement != "absolute" or fit.explained < EXPLAINS:
         return None
-    modelled = arm.chain.gravity
-    sag = _sag(some_visits(recording, POSTURES), arm, frames, fit)
-    if sag is None or not modelled.any():
+    if len(some.posture) < FEWEST or not modelled.any():
         return None
-    pulls = sag.shares(np.linalg.norm(modelled) * np.eye(3))
+    pulls = _sag(some, arm, frames, fit, with_compensators=True).shares(
+        np.linalg.norm(modelled) * np.eye(3)
+    )
     if pulls is not None and (told := _of_mounting(*pulls, modelled)) is not None:
         return told
-    found = sag.shares(modelled[:, None])
+    found = _sag(some, arm, frames, fit).shares(modelled[:, None])
     if found is None:
         return None
     ratio, error = float(found[0][0]), float(np.sqrt(found[1][0, 0]))
@@ -319,18 +321,22 @@ class Sag:
 
 
 def _sag(
-    some: Recording, arm: Arm, frames: TrackerFit, fit: LoadResponse
-) -> Sag | None:
-    """Return the sag of an arm as readings show it; None where postures are too few.
+    some: Recording,
+    arm: Arm,
+    frames: TrackerFit,
+    fit: LoadResponse,
+    with_compensators: bool = False,
+) -> Sag:
+    """Return the sag of an arm as readings show it.
 
     Args:
         some: One row of each visit.
         arm: The nominal arm, with the recording's names.
         frames: Where the tracker and the markers are.
         fit: What gives way under the load.
+        with_compensators: Whether a wave of each axis' angle is projected out, too:
+            what a compensator there turns it by, as gravity along another line would.
     """
-    if len(some.posture) < FEWEST:
-        return None
     standing, markers = arm.at(some.posture), some.markers
     jacobian = jacobians(some, standing, frames)  # (rows, markers, 3, axes)
     placed = zip(markers, frames.marker_positions, strict=True)
@@ -346,7 +352,11 @@ def _sag(
         torque = fit.compliance * pulled.gravity_torque(some.tool)
         sags.append((jacobian * torque[:, None, None]).sum(axis=3))
     seen = np.isfinite(left)
-    others = np.concatenate([point_jacobian(points), jacobian, places], axis=3)[seen]
+    every = [point_jacobian(points), jacobian, places]
+    if with_compensators:
+        angle = some.posture[:, None, None]
+        every += [jacobian * np.sin(angle), jacobian * np.cos(angle)]
+    others = np.concatenate(every, axis=3)[seen]
     size = np.linalg.norm(others, axis=0)
     u, scale, _ = np.linalg.svd(others / np.where(size > 0, size, 1.0), False)
     u = u[:, scale > RANK * scale[0]]

@@ -539,11 +539,17 @@ def test_one_marker_on_another_body_than_is_said_is_named(tmp_path):
     assert f"{markers[k].name} to 'link_2'" in told.text
 
 
+COMPENSATOR = "gravity_compensator@a2,torque_nm=120,phase_rad=-2.4"
+"""It turns its axis as gravity along another line would, and no other axis."""
+
+
+@pytest.mark.parametrize("effects", [(), (COMPENSATOR,)])
 @pytest.mark.parametrize("degrees", [20.0, 90.0, 180.0])
 def test_a_base_that_is_mounted_otherwise_is_told_by_where_gravity_pulls(
-    degrees, tmp_path
+    degrees, effects, tmp_path
 ):
-    recording, arm = recorded(tmp_path / "r", "kr10", "all", False)
+    recording, arm = recorded(tmp_path / "r", "kr10", "all", False, *effects)
+    assert said(recording, arm) == []
     angle = np.radians(degrees)
     turned_down = 9.81 * np.array([np.sin(angle), 0.0, -np.cos(angle)])
     other = replace(arm, chain=replace(arm.chain, gravity=turned_down))
