@@ -291,8 +291,6 @@ def _loads_like_terms(model: SelectedModel) -> dict[Name, tuple[float, ModelTerm
     here, members = model.case.situation, model.fit.members
     acting = [acts_on_others(here, term) for term in search.terms]
     for member in members:
-        if acts_on_others(here, member):
-            continue
         every = exchange_worths(search.problem, range(len(members)), member.name)
         alone = {n: w + every.price[n] for n, w in every.worth.items()}
         rest = [j for j, other in enumerate(members) if other is not member]
@@ -417,9 +415,10 @@ def _judged(
         gains = _drop_one_gains(statistics, terms)
         columns = [len(own) for own in look.fit.coefficients]
         withheld = _withheld(case, terms, parameters, gains, columns)
+        if not withheld and beside:  # what is reported may hold nothing, too
+            parameters = parameters_of(*here, look, case.split)
+            withheld = _held_by_nothing(terms, parameters)
         if not withheld:
-            if beside:
-                parameters = parameters_of(*here, look, case.split)
             break
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
@@ -520,14 +519,11 @@ def _withheld(
 
     A law of one size that has the wrong sign has no other part that could be right.
     """
-    decisions = []
+    decisions = _held_by_nothing(terms, parameters)
+    nothing = {decision.candidate for decision in decisions}
     every = zip(terms, parameters, gains, columns, strict=True)
     for term, own, gain, count in every:
-        if may_be_nothing(term.hypothesis, own):
-            reason = "the intervals of all its magnitudes contain zero"
-            decisions.append(
-                Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
-            )
+        if term.name in nothing:
             continue
         share = cost_of_limits(case.situation, term, own) / max(gain, 1e-12)
         sizes = {name: found.estimate for name, found in own.items()}
@@ -542,6 +538,18 @@ def _withheld(
                 Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
             )
     return decisions
+
+
+def _held_by_nothing(
+    terms: Sequence[ModelTerm], parameters: Sequence[dict[str, Interval]]
+) -> list[Decision]:
+    """Return the names whose magnitudes may all be zero, by their intervals."""
+    reason = "the intervals of all its magnitudes contain zero"
+    return [
+        Decision(term.name, "magnitude", False, 0.0, 0.0, reason, own)
+        for term, own in zip(terms, parameters, strict=True)
+        if may_be_nothing(term.hypothesis, own)
+    ]
 
 
 DISPERSED = 1.5

@@ -309,6 +309,21 @@ def test_a_load_is_tried_in_the_place_of_a_term_without_a_name():
     assert load.name == ("gravity_compensator", "a1")
 
 
+def test_a_load_is_tried_in_the_place_of_another_load():
+    """Masses of two links imitate a compensator behind a gear that hardens."""
+    some = (Hardening(), GravityLoad(), GravityCompensator())
+    ready = prepared(
+        "gravity_compensator@a2,torque_nm=40,phase_rad=0.5",
+        "hardening@a2,stiffness_ratio=2,torque_nm=20",
+    )
+    few, both = some[:2], build_problem(ready, some)
+    model = select_model(build_problem(ready, few), ready, few)
+    masses = {m.name for m in model.fit.members if m.name[0] == "gravity_load"}
+    tried = _loads_like_terms(replace(model, case=both, share=0.0))
+    loads = {name: load.name for name, (_, load) in tried.items()}
+    assert ("gravity_compensator", "a2") in {loads.get(name) for name in masses}
+
+
 def test_a_load_takes_the_place_of_a_term_where_all_then_are_worth_as_much():
     """A compensator behind a gear that hardens: its torque moves along the law."""
     some = (TransmissionError(), GravityCompensator(), Hardening())
