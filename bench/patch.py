@@ -122,14 +122,14 @@ def _possible(kind: type[Effect], name: str, value: float, usual: object) -> obj
 
 
 def _from_moments(wanted: Mapping[str, float | str]) -> dict[str, float | str]:
-    """Turn first moments into a light mass far out, which pulls the same."""
+    """Turn first moments without a mass into a light mass far out: it pulls alike."""
     moment = {
         name.replace("moment", "com").replace("_kg_m", "_m"): value
         for name, value in wanted.items()
         if name.startswith("moment_") and not isinstance(value, str)
     }
     rest = {k: v for k, v in wanted.items() if not k.startswith("moment_")}
-    if not moment:
+    if not moment or "mass_kg" in rest:
         return rest
     zero = {"com_x_m": 0.0, "com_y_m": 0.0, "com_z_m": 0.0}
     far = {name: value / LIGHT for name, value in moment.items()}

@@ -37,6 +37,7 @@ class ChannelDelay(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "delay_s": (-10.0, 10.0),
     }
+    magnitudes: ClassVar[tuple[str, ...]] = ("delay_s",)
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:

@@ -50,8 +50,9 @@ class GravityLoad(Hypothesis):
 
     Only those of mass and first moments are coefficients that these postures make
     identifiable: on a link that turns about a horizontal axis the moments across it,
-    and not the mass. Where the mass is identifiable, `com_x_m` … are reported; else the
-    moments `moment_x_kg_m` ….
+    and not the mass. Where the mass is identifiable, `mass_kg` and `com_x_m` … are
+    reported beside the moments `moment_x_kg_m` …; beside another load these may be all
+    that readings hold.
     """
 
     effect: ClassVar[str] = "gravity_load"
@@ -60,6 +61,10 @@ class GravityLoad(Hypothesis):
         **{f"com_{axis}_m": (-np.inf, np.inf) for axis in "xyz"},
         **{f"moment_{axis}_kg_m": (-100.0, 100.0) for axis in "xyz"},
     }
+    magnitudes: ClassVar[tuple[str, ...]] = (
+        "mass_kg",
+        *(f"moment_{axis}_kg_m" for axis in "xyz"),
+    )
 
     @override
     def limits_at(
@@ -117,10 +122,11 @@ class GravityLoad(Hypothesis):
         names = [NAMES[i] for i in seen(situation, torques(situation, where))]
         found = dict(zip(names, coefficients, strict=True))
         mass = found.pop("mass_kg", None)
+        moments = {f"moment_{axis}_kg_m": value for axis, value in found.items()}
         if mass is None:
-            return {f"moment_{axis}_kg_m": value for axis, value in found.items()}
+            return moments
         centre = {f"com_{axis}_m": value / mass for axis, value in found.items()}
-        return {"mass_kg": mass, **centre}
+        return {"mass_kg": mass, **centre, **moments}
 
     @override
     def acting(

@@ -35,6 +35,8 @@ class TrackerScale(Hypothesis):
         "ratio": (-LARGEST_SCALE, LARGEST_SCALE),
     }
 
+    magnitudes: ClassVar[tuple[str, ...]] = ("ratio",)
+
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:
         seen = situation.recording.markers and absolute(situation)

@@ -41,6 +41,7 @@ class WrenchBias(Hypothesis):
         **dict.fromkeys(NAMES[:3], (-200.0, 200.0)),
         **dict.fromkeys(NAMES[3:], (-50.0, 50.0)),
     }
+    magnitudes: ClassVar[tuple[str, ...]] = NAMES
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:

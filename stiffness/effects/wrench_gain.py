@@ -44,6 +44,7 @@ class WrenchGain(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         name: (-0.5, 0.5) for name in NAMES
     }
+    magnitudes: ClassVar[tuple[str, ...]] = NAMES
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:

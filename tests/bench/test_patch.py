@@ -223,6 +223,9 @@ def test_a_first_moment_without_a_mass_is_a_light_mass_far_out():
     sizes = pull.parameters()
     assert sizes["mass_kg"] == LIGHT
     assert float(sizes["mass_kg"]) * float(sizes["com_x_m"]) == pytest.approx(0.25)
+    known = {"mass_kg": 2.0, "com_x_m": 0.125}
+    mass = PatchEffect("gravity_load", "link_3", {**known, "moment_x_kg_m": 0.25})
+    assert known.items() <= effect_of(mass).parameters().items()
 
 
 @pytest.mark.parametrize("name", ALONG)

@@ -32,13 +32,18 @@ def test_mechanism_has_the_sites_and_parameters_of_its_entry(kind):
 
 @pytest.mark.parametrize("law", HYPOTHESES, ids=lambda law: type(law).__name__)
 def test_claim_reports_parameters_of_its_entry(law):
-    """A first moment of mass stands for mass and centre, which it shows together."""
+    """First moments of mass stand beside mass and centre, or for them."""
     known = {p.name for p in CATALOGUE[law.effect].parameters}
-    moments = (
-        {f"moment_{i}_kg_m" for i in "xyz"} if law.effect == "gravity_load" else ()
-    )
-    assert set(law.limits) <= known | set(moments)
-    assert set(law.magnitudes) <= set(CATALOGUE[law.effect].magnitudes)
+    is_load = law.effect == "gravity_load"
+    moments = {f"moment_{i}_kg_m" for i in "xyz"} if is_load else set()
+    assert set(law.limits) <= known | moments
+    assert set(law.magnitudes) <= {*CATALOGUE[law.effect].magnitudes, *moments}
+
+
+@pytest.mark.parametrize("law", HYPOTHESES, ids=lambda law: type(law).__name__)
+def test_claim_says_at_which_sizes_it_is_nothing(law):
+    """Else no interval takes its name; of a compensator two parts are told together."""
+    assert law.magnitudes or law.neutral or law.effect == "gravity_compensator"
 
 
 @pytest.mark.parametrize("info", CATALOGUE.values(), ids=lambda info: info.name)
