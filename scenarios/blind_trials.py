@@ -10,6 +10,7 @@ is finished is kept in OUT/rows: the same command goes on, and a larger N adds t
 are copied beside those of the first, and the report is on all that are there. Whole
 arms of 6, 12 or all effects (`arm_12`), effects that have a twin, and one mark whose
 noise is stated rightly, wrongly or not are tried where `--strata` asks for them.
+`--against FOLDER` compares each mark with that of another run of the same trials.
 
 Run:    python -m scenarios.blind_trials --trials 4 --seed 0 --out results/blind_trials
 Takes:  about 15 s of one core a trial: 10 min for 48 trials on two; of a whole arm 40 s
@@ -58,6 +59,8 @@ class Settings:
     """Trials that run side by side on this machine; 0: in this process."""
     scheduler: str = "local"
     """Where trials run: local, dask:ADDRESS or ray:ADDRESS; see scenarios/README.md."""
+    against: Path | None = None
+    """Folder of another run of the same seed, with which the marks are compared."""
 
 
 def main(settings: Settings) -> list[TrialScore]:
@@ -65,9 +68,11 @@ def main(settings: Settings) -> list[TrialScore]:
     from scenarios.report import data_files
     from scenarios.studies.blind_trials import report
     from scenarios.studies.blind_trials.arms import arm_of
+    from scenarios.studies.blind_trials.rates import paired_rates
     from scenarios.studies.blind_trials.report import print_summary
     from scenarios.studies.blind_trials.run import (
         Sweep,
+        marks_of_a_run,
         refuse_other_trials,
         run_trials,
         scored,
@@ -84,13 +89,10 @@ def main(settings: Settings) -> list[TrialScore]:
         for done in run_trials(sweep, s.strata, s.first, s.trials):
             progress.update(task, advance=done)
     scores, codes = scored(sweep)
-    facts = {
-        "seed": s.seed,
-        "arm": s.arm,
-        "poses": s.poses,
-        "code_sha256": sorted(codes),
-    }
-    report.write(s.out, scores, facts)
+    others = marks_of_a_run(s.against) if s.against else ()
+    drawn: dict[str, object] = {"seed": s.seed, "arm": s.arm, "poses": s.poses}
+    facts = drawn | {"code_sha256": sorted(codes)}
+    report.write(s.out, scores, facts, paired_rates(scores, others))
     command = data_files.command_of("scenarios.blind_trials", s)
     data_files.write_run_file(s.out, command, asdict(s))
     print_summary(scores, s.out)
@@ -98,12 +100,17 @@ def main(settings: Settings) -> list[TrialScore]:
 
 
 def _check(settings: Settings) -> None:
+    from scenarios.studies.blind_trials.run import faults_of_another_run
+
     faults = []
     least_of = {"trials": 1, "first": 0, "seed": 0, "poses": 1, "jobs": 0}
     for flag, least in least_of.items():
         value = getattr(settings, flag)
         if value < least:
             faults.append(f"--{flag} is {value}, expected at least {least}.")
+    if settings.against is not None:
+        own = {flag: getattr(settings, flag) for flag in ("seed", "arm", "poses")}
+        faults += faults_of_another_run(settings.against, own)
     unknown = [name for name in settings.strata if name not in STRATA]
     faults += [str(UnknownName("kind of trial", name, STRATA)) for name in unknown]
     refuse("Flags", faults)

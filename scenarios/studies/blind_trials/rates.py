@@ -8,15 +8,27 @@ Source      Clopper and Pearson 1934, "The use of confidence or fiducial limits"
 Valid       trials drawn independently
 Ignores     nothing; trials that failed count as wrong
 ==========  ==========================================================================
+
+Comparison of two runs of the same trials (`paired_rates`):
+
+==========  ==========================================================================
+Equation    p of as many losses or more, or as few, among the trials whose mark differs,
+            each as likely a gain: Binomial(losses + gains, 1/2), both sides
+Source      McNemar 1947, "Note on the sampling error of the difference between
+            correlated proportions", in its exact form
+Valid       trials drawn independently, tried by both
+Ignores     that several marks are looked at
+==========  ==========================================================================
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from scenarios.studies.blind_trials.score import VISIBLE, Covered, TrialScore
 from scenarios.studies.blind_trials.strata import BARS, SIGN, SIGNED, SIZE, STRATA, Bar
@@ -89,6 +101,62 @@ def bars(scores: Sequence[TrialScore]) -> list[Rate]:
     rates.append(rate(f"answers within {SECONDS:g} s", quick, least=0.5))
     found = [*rates, *arm_bars(scores), *twin_bars(scores), *sign_bars(scores)]
     return [*found, *split_bars(scores), *noise_bars(scores)]
+
+
+SURELY, POINTS = 0.05, 0.02
+"""p-value below which losses outnumber gains surely, and by what share of its trials a
+row may fall; both are the project's bars for a change of the method."""
+
+
+@dataclass(frozen=True)
+class PairedRate:
+    """A mark of the same trials in two runs.
+
+    Attributes:
+        before: Trials that had it rightly in the run that is compared with.
+        after: Trials that have it rightly now.
+        lost: Trials that had it and have not.
+        gained: Trials that had it not and have.
+        p_value: McNemar's, exact.
+        met: Whether it neither falls surely nor by more than `POINTS`.
+    """
+
+    stratum: str
+    mark: str
+    trials: int
+    before: int
+    after: int
+    lost: int
+    gained: int
+    p_value: float
+    met: bool
+
+
+def paired_rates(
+    scores: Sequence[TrialScore], others: Sequence[Mapping[str, str]]
+) -> list[PairedRate]:
+    """Compare the marks that have a bar with those of another run.
+
+    Args:
+        scores: Of this run.
+        others: Rows of the other's trials.csv; trials that one of both lacks are left
+            out.
+    """
+    known, found = {row["trial"]: row for row in others}, []
+    for bar in BARS:
+        for stratum in bar.strata:
+            own = [s for s in scores if s.stratum == stratum and s.label in known]
+            after = np.array([getattr(s, bar.mark) for s in own], bool) ^ bar.at_most
+            old = [known[s.label][bar.mark] == "1" for s in own]
+            before = np.array(old, bool) ^ bar.at_most
+            lost, gained = int(np.sum(before & ~after)), int(np.sum(after & ~before))
+            p = binomtest(lost, lost + gained).pvalue if lost + gained else 1.0
+            falls = lost - gained > POINTS * len(own)
+            met = not falls and not (lost > gained and p < SURELY)
+            counts = len(own), int(before.sum()), int(after.sum()), lost, gained
+            if own:
+                found.append(PairedRate(stratum, bar.mark, *counts, float(p), met))
+    return found
 
 
 def by_stratum(scores: Sequence[TrialScore]) -> list[dict[str, object]]:

@@ -15,6 +15,7 @@ from scenarios.report.style import BLUE, GREY, ORANGE, RED, save
 from scenarios.studies.blind_trials.rates import (
     MARKS,
     MEANINGS,
+    PairedRate,
     Rate,
     bars,
     by_arm,
@@ -106,6 +107,31 @@ def of_arms(rows: Sequence[dict[str, Any]]) -> list[page.Block]:
         "seconds": lambda r: f"{r['median_seconds']:.1f}",
     }
     return [page.Heading("Whole arms"), page.table_of(ARM_WORDS, rows, columns)]
+
+
+def of_pairs(rows: Sequence[PairedRate]) -> list[page.Block]:
+    """Return the table of the same trials in another run; nothing without any."""
+    if not rows:
+        return []
+    words = (
+        "The same trials in both runs. Lost and gained: trials whose mark is right in "
+        "one of both alone; p: McNemar's, exact."
+    )
+    columns: dict[str, Callable[[PairedRate], str]] = {
+        "kind": lambda r: r.stratum,
+        "mark": lambda r: r.mark.replace("_", " "),
+        "trials": lambda r: str(r.trials),
+        "right before": lambda r: str(r.before),
+        "right now": lambda r: str(r.after),
+        "lost": lambda r: str(r.lost),
+        "gained": lambda r: str(r.gained),
+        "p": lambda r: f"{r.p_value:.2g}",
+        "met": lambda r: "yes" if r.met else "NO",
+    }
+    return [
+        page.Heading("Against the other run"),
+        page.table_of(words, rows, columns),
+    ]
 
 
 def _of(key: str) -> Callable[[dict[str, Any]], str]:
@@ -214,8 +240,13 @@ def draw_calibration(rows: Rows) -> Figure:
 # --- The report -----------------------------------------------------------------------
 
 
-def write(out: Path, scores: Sequence[TrialScore], facts: dict[str, object]) -> None:
-    """Write summary.json, tables, pictures and the page."""
+def write(
+    out: Path,
+    scores: Sequence[TrialScore],
+    facts: dict[str, object],
+    against: Sequence[PairedRate] = (),
+) -> None:
+    """Write summary.json, tables, pictures and the page, with another run beside it."""
     rates, calibrated = bars(scores), calibration(scores)
     matrix = confusion(scores)
     summary = facts | {
@@ -225,6 +256,7 @@ def write(out: Path, scores: Sequence[TrialScore], facts: dict[str, object]) -> 
         "strata": by_stratum(scores),
         "whole_arms": by_arm(scores),
         "calibration": calibrated,
+        "against": [asdict(r) for r in against],
     }
     text = json.dumps(summary, indent=2, ensure_ascii=False)
     (out / "summary.json").write_text(text + "\n", encoding="utf-8")
@@ -234,7 +266,7 @@ def write(out: Path, scores: Sequence[TrialScore], facts: dict[str, object]) -> 
     for name, rows in (("arms", arms), ("twins", twins)):
         if rows:
             data_files.write_table(out / f"{name}.csv", rows)
-    blocks = tables_of(scores, rates)
+    blocks = [*tables_of(scores, rates), *of_pairs(against)]
     if matrix:
         data_files.write_table(out / "confusion.csv", matrix)
         save(draw_confusion(matrix), out / "confusion.png")

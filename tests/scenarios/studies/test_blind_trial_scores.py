@@ -1,14 +1,19 @@
 """How answers to blind trials are marked, and what rates follow."""
 
+from dataclasses import replace
+
 import pytest
 
 from bench.effects.hysteresis_many import ManyContacts
 from scenarios.studies.blind_trials.rates import (
     BINS,
+    MARKS,
+    PairedRate,
     bars,
     calibration,
     confusion,
     failures,
+    paired_rates,
 )
 from scenarios.studies.blind_trials.score import covered_by, score_answer
 from scenarios.studies.blind_trials.strata import BARS, STRATA, USUAL
@@ -239,6 +244,31 @@ def test_noise_statements_are_held_against_the_same_trial_with_true_noise():
     rates = {r.what: r for r in bars(found)}
     kept = rates["right of those right with the true noise: one_mark_small"]
     assert (kept.successes, kept.trials) == (1, 2)
+
+
+def test_same_trials_of_two_runs_are_compared_by_those_that_differ():
+    """Seven lost and none gained are surely fewer, by 2 × 2^-7; one is not."""
+    right, wrong = (s for s in scores() if s.label in ("one_400 0", "one_400 9"))
+
+    def found(lost: int, gained: int) -> PairedRate:
+        now = [wrong] * lost + [right] * (100 - lost)
+        now = [replace(s, label=f"one_400 {k}") for k, s in enumerate(now)]
+        missed = range(lost, lost + gained)
+        before = [
+            {"trial": s.label, **dict.fromkeys(MARKS, "0" if k in missed else "1")}
+            for k, s in enumerate(now)
+        ]
+        rows = paired_rates(now, before[:-1])
+        (row,) = [r for r in rows if r.mark == "right"]
+        assert (row.trials, row.lost, row.gained) == (99, lost, gained)
+        assert (row.before, row.after) == (99 - gained, 99 - lost)
+        return row
+
+    assert found(7, 0).p_value == pytest.approx(2.0**-6)
+    assert not found(7, 0).met
+    assert found(1, 0).met and found(5, 5).met
+    assert not found(6, 3).met  # three in a hundred fewer
+    assert found(0, 9).met
 
 
 def test_failures_are_those_that_speak_against_a_bar():

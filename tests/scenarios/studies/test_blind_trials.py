@@ -445,6 +445,22 @@ def test_finished_trials_are_kept_and_reported(finished, monkeypatch, capsys):
     assert "met    detected: null and null_nuisance: 0/2" in capsys.readouterr().out
 
 
+def test_marks_are_compared_with_those_of_another_run_of_the_same_trials(finished):
+    own = finished.folder
+    blind_trials.main(settings(own))
+    blind_trials.main(settings(own, against=own))
+    against = json.loads((own / "summary.json").read_text())["against"]
+    assert [(r["stratum"], r["before"], r["after"]) for r in against] == [
+        ("null", 1, 1),
+        ("null_nuisance", 1, 1),
+    ]
+    assert "| null_nuisance | detected | 1 | 1 | 1 |" in (own / "report.md").read_text()
+    with pytest.raises(BenchError, match="has --seed 0, this run 1: other trials"):
+        blind_trials.main(settings(own.parent / "other", seed=1, against=own))
+    with pytest.raises(BenchError, match="is no run of blind trials"):
+        blind_trials.main(settings(own.parent / "other", against=own.parent))
+
+
 def test_folder_of_another_seed_is_refused(finished):
     blind_trials.main(settings(finished.folder))
     with pytest.raises(Unusable, match="it holds trials of kr10, seed 0, 4 poses"):
