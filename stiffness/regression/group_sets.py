@@ -152,10 +152,12 @@ class GroupProblem:
         return cls(inner, asked, own, units, prior[columns])
 
     @cached_property
-    def recent(self) -> deque[tuple]:
-        """Groups and arrays of the sets that were factorised last, none at first."""
-        nothing = self.score[None][:0], np.zeros(0), np.zeros(0, dtype=int), NOTHING
-        return deque([((), *nothing, ((0, 0),))], RECENT)
+    def recent(self) -> "deque[KeptBasis]":
+        """Bases of the sets that were factorised last, of the empty set at first."""
+        rows, none = self.score[None][:0], np.zeros(0, dtype=int)
+        return deque(
+            [KeptBasis((), rows, np.zeros(0), none, NOTHING, ((0, 0),))], RECENT
+        )
 
     @cached_property
     def names(self) -> tuple[Name, ...]:
@@ -259,6 +261,26 @@ class GroupProblem:
 
 
 @dataclass(frozen=True, eq=False)
+class KeptBasis:
+    """What a problem keeps of a factorised set; all but the problem, as there.
+
+    Rows and aim may go on behind the set's own.
+    """
+
+    groups: tuple[int, ...]
+    rows: Float[np.ndarray, "some columns"]
+    aim: Float[np.ndarray, " some"]
+    columns: Int[np.ndarray, " own"]
+    widths: Int[np.ndarray, " _"]
+    ends: tuple[tuple[int, int], ...]
+
+    def common_count(self, groups: Sequence[int]) -> int:
+        """Return how many of the first groups are the same."""
+        pairs = zip(self.groups, groups, strict=False)
+        return int(np.sum(np.cumprod([one == other for one, other in pairs])))
+
+
+@dataclass(frozen=True, eq=False)
 class FactorisedSet:
     """A set of groups with an orthonormal basis Q of its span.
 
@@ -320,7 +342,8 @@ class FactorisedSet:
         columns = np.concatenate([before.columns, *own])
         widths = np.concatenate([before.widths[:-1], widths])
         groups = (*before.groups, *groups)
-        problem.recent.append((groups, rows, aim, columns, widths, tuple(ends)))
+        kept = KeptBasis(groups, rows, aim, columns, widths, tuple(ends))
+        problem.recent.append(kept)
         return cls(
             problem, groups, rows[:at], aim[:at], rank, columns, widths, tuple(ends)
         )
@@ -328,17 +351,14 @@ class FactorisedSet:
     @classmethod
     def _begun(cls, problem: GroupProblem, groups: tuple[int, ...]) -> "FactorisedSet":
         """Return as many of the first groups as a recent set began with."""
-        count, best = 0, problem.recent[-1]
-        for recent in problem.recent:
-            alike = sum(
-                np.cumprod([a == b for a, b in zip(recent[0], groups, strict=False)])
-            )
-            if alike > count:
-                count, best = int(alike), recent
-        _, rows, aim, columns, widths, ends = best
-        (end, rank), widths = ends[count], widths[: count + 1]
-        first = groups[:count], rows[:end], aim[:end], rank
-        return cls(problem, *first, columns[: widths[-1]], widths, ends[: count + 1])
+        common = [kept.common_count(groups) for kept in problem.recent]
+        count = max(common)
+        best = problem.recent[common.index(count)]
+        end, rank = best.ends[count]
+        widths = best.widths[: count + 1]
+        first = groups[:count], best.rows[:end], best.aim[:end], rank
+        own = best.columns[: widths[-1]]
+        return cls(problem, *first, own, widths, best.ends[: count + 1])
 
     @property
     def own(self) -> Float[np.ndarray, "basis own"]:
