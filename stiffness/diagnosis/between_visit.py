@@ -118,8 +118,8 @@ class Whitening:
         """Return R' x."""
         return _blockwise(self.half, self._shrunk(white))
 
-    def shared(self) -> Float[np.ndarray, "visits errors n"]:
-        """Return H."""
+    def error_factor(self) -> Float[np.ndarray, "visits errors n"]:
+        """Return H: what shared errors take of information is H'H."""
         along = _blockwise(self.half, self.error).swapaxes(1, 2)
         return np.sqrt(self.size / (1.0 + self.size))[..., None] * along
 
@@ -250,19 +250,19 @@ class Means:
             total[:, :, site.slots] = at.swapaxes(1, 2) @ site.mean
         return total
 
-    def shared(
+    def error_products(
         self, sites: list[SiteMean], slots: int
     ) -> Float[np.ndarray, "errors slots"]:
         """Return H x of all slots, visits one after the other."""
-        seen = self._shared
+        seen = self._error_factor
         total = np.empty((*seen.shape[:2], slots))
         for site in sites:
             if site.marker >= 0:
                 at = seen[..., 3 * site.marker : 3 * site.marker + 3]
             else:
-                if site.site not in self._shared_at:
-                    self._shared_at[site.site] = seen @ self._onto(site.site)
-                at = self._shared_at[site.site]
+                if site.site not in self._error_factor_at:
+                    self._error_factor_at[site.site] = seen @ self._onto(site.site)
+                at = self._error_factor_at[site.site]
             total[..., site.slots] = at @ site.mean
         return total.reshape(seen.shape[0] * seen.shape[1], slots)
 
@@ -283,7 +283,7 @@ class Means:
                 key = both.tobytes()
                 if key not in sums:
                     lever = self.lever[:, both].swapaxes(2, 3)
-                    sums[key] = (lever @ self._heavy[:, both]).sum(axis=1)
+                    sums[key] = (lever @ self._weighted_lever[:, both]).sum(axis=1)
                 if key not in pulled:
                     pulled[key] = sums[key] @ far.mean
                 block = contract(near.mean, pulled[key])
@@ -293,7 +293,7 @@ class Means:
 
     def _of_markers(self, sites: list[SiteMean], gram: np.ndarray) -> None:
         """Add the products of shifts with motions and with each other, H left out."""
-        heavy, precision = self._heavy, self._precision
+        heavy, precision = self._weighted_lever, self._precision
         shifts = [s for s in sites if s.marker >= 0]
         if not shifts:
             return
@@ -348,17 +348,17 @@ class Means:
         return {}
 
     @cached_property
-    def _shared_at(self) -> dict[int, np.ndarray]:
+    def _error_factor_at(self) -> dict[int, np.ndarray]:
         return {}
 
     @cached_property
-    def _heavy(self) -> np.ndarray:
+    def _weighted_lever(self) -> np.ndarray:
         """Levers times what noise alone makes of a marker's precision."""
         return self._precision @ self.lever
 
     @cached_property
-    def _shared(self) -> np.ndarray:
-        return self.whitening.shared()
+    def _error_factor(self) -> np.ndarray:
+        return self.whitening.error_factor()
 
     @cached_property
     def _precision(self) -> np.ndarray:

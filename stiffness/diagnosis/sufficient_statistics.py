@@ -145,7 +145,7 @@ def normal_equations_of(
             raw -= empty.diagonal(gram[f])
             means.add_gram(sites, gram[f])
             raw += empty.diagonal(gram[f])
-            shared[f].append(columns.joined(means.shared(sites, slots)))
+            shared[f].append(columns.joined(means.error_products(sites, slots)))
             asked[f] += means.of_nuisance(sites, slots)
             pull = means.whitening.back(between.residual[some])
             own += means.of_each(sites, slots, pull)

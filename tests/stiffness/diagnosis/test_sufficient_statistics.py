@@ -248,7 +248,7 @@ def test_the_square_root_of_an_inverse_covariance_is_one():
     covariance = spread + feigned @ feigned.T
     np.testing.assert_allclose(root.T @ root @ covariance, np.eye(6), atol=1e-12)
     np.testing.assert_allclose(roots.back(np.eye(6)[None])[0], root.T, atol=1e-12)
-    plain, shared = np.linalg.inv(spread), roots.shared()[0]
+    plain, shared = np.linalg.inv(spread), roots.error_factor()[0]
     np.testing.assert_allclose(plain - shared.T @ shared, root.T @ root, atol=1e-12)
 
 
