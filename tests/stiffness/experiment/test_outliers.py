@@ -91,7 +91,7 @@ def test_mark_that_stays_where_it_slipped_to_is_no_outlier():
 
 @pytest.mark.parametrize("count", [1, 4])
 def test_wild_readings_cost_nothing_but_themselves(count):
-    made = only(recording("hysteresis@a2,width_rad=4e-4"), count)
+    made = only(recording("hysteresis@a2,width_rad=4e-4", poses=20), count)
     seen, wild = with_wild(made, 3)
     plain, found = diagnose(made, arm(), FEW), diagnose(seen, arm(), FEW)
     assert listed(found.outliers) == listed(wild)
