@@ -121,6 +121,41 @@ def places_of_map(
     return found
 
 
+@dataclass(frozen=True, eq=False)
+class ColumnsWithSlopes:
+    """Nominal columns, then those of each term of a set with slopes of its shapes.
+
+    Attributes:
+        laws: All of them.
+        terms: Where each term's own columns and slopes stand, its own first.
+        places: Where those of all terms at each place stand.
+    """
+
+    laws: tuple[EffectJacobian, ...]
+    terms: tuple[Int[np.ndarray, " _"], ...]
+    places: dict[str, Int[np.ndarray, " _"]]
+
+
+def columns_with_slopes(case: SelectionProblem, fit: ModelFit) -> ColumnsWithSlopes:
+    """Lay out a set so that shapes may move, too.
+
+    Args:
+        case: As laid out under the set.
+        fit: The set.
+    """
+    here, laws, ends = case.situation, list(case.nominal), [case.library.nominal]
+    at: dict[str, list[np.ndarray]] = {}
+    for term, size in zip(fit.members, fit.coefficients, strict=True):
+        slopes = [part for part in shape_columns(here, term, size) if part.parts]
+        own = [term.jacobian(here), *slopes]
+        laws += own
+        ends.append(ends[-1] + sum(law.columns for law in own))
+        at.setdefault(term.where, []).append(np.arange(*ends[-2:]))
+    terms = tuple(np.arange(a, b) for a, b in pairwise(ends))
+    places = {where: np.concatenate(own) for where, own in at.items()}
+    return ColumnsWithSlopes(tuple(laws), terms, places)
+
+
 def displaced_by_places(
     case: SelectionProblem, data: SufficientStatistics, fit: ModelFit
 ) -> dict[str, float]:
@@ -142,22 +177,14 @@ def displaced_by_places(
         data: Readings with the weights of the instruments alone.
         fit: The set.
     """
-    here, laws, ends = case.situation, list(case.nominal), [case.library.nominal]
-    sizes = [np.zeros(case.library.nominal)]
-    for term, size in zip(fit.members, fit.coefficients, strict=True):
-        slopes = [part for part in shape_columns(here, term, size) if part.parts]
-        width = sum(part.columns for part in slopes)
-        laws += [term.jacobian(here), *slopes]
-        sizes += [size, np.zeros(width)]
-        ends.append(ends[-1] + len(size) + width)
+    laid = columns_with_slopes(case, fit)
     poses = np.zeros(len(case.split.fold), dtype=int)
-    gram = normal_equations_of(data, laws, poses).gram[0]
-    at: dict[str, list[np.ndarray]] = {}
-    for term, (start, end) in zip(fit.members, pairwise(ends), strict=True):
-        at.setdefault(term.where, []).append(np.arange(start, end))
-    owned = [np.concatenate(own) for own in at.values()]
-    lost = losses_without(gram, gram @ np.concatenate(sizes), owned)
-    return dict(zip(at, lost, strict=True))
+    gram = normal_equations_of(data, laid.laws, poses).gram[0]
+    sizes = np.zeros(len(gram))
+    for own, size in zip(laid.terms, fit.coefficients, strict=True):
+        sizes[own[: len(size)]] = size
+    lost = losses_without(gram, gram @ sizes, [*laid.places.values()])
+    return dict(zip(laid.places, lost, strict=True))
 
 
 def places_of_names(

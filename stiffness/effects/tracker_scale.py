@@ -34,7 +34,6 @@ class TrackerScale(Hypothesis):
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "ratio": (-LARGEST_SCALE, LARGEST_SCALE),
     }
-
     magnitudes: ClassVar[tuple[str, ...]] = ("ratio",)
 
     @override

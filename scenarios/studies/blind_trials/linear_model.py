@@ -22,6 +22,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
+from stiffness.diagnosis.localisation import columns_with_slopes
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -30,7 +31,6 @@ from stiffness.diagnosis.model_fit import (
     fit_of,
     fit_shapes,
     losses_without,
-    shape_columns,
     solve,
     training,
 )
@@ -156,25 +156,14 @@ def losses_of(model: LinearModel) -> Losses:
 
     Each name has the slopes of its shapes beside its own columns; all poses count.
     """
-    case, blocks = model.case, []
-    for term, size in zip(model.fit.members, model.fit.coefficients, strict=True):
-        law = term.jacobian(case.situation)
-        slopes = shape_columns(case.situation, term, size)
-        blocks.append([law, *(slope for slope in slopes if slope.parts)])
-    laws = [part for block in blocks for part in block]
+    case, laid = model.case, columns_with_slopes(model.case, model.fit)
     fold = np.zeros(len(case.split.fold), dtype=int)
-    found = normal_equations_of(case.data, [*case.nominal, *laws], fold)
+    found = normal_equations_of(case.data, laid.laws, fold)
     gram, score = found.gram[0], found.score.sum(axis=0)
-    widths = [sum(part.columns for part in block) for block in blocks]
-    ends = np.cumsum([case.library.nominal, *widths])
-    owned = [np.arange(a, b) for a, b in pairwise(ends)]
-    at: dict[str, list[np.ndarray]] = {}
-    for term, own in zip(model.fit.members, owned, strict=True):
-        at.setdefault(term.where, []).append(own)
-    of_places = [np.concatenate(own) for own in at.values()]
-    lost = losses_without(gram, score, [*owned, *of_places])
+    lost = losses_without(gram, score, [*laid.terms, *laid.places.values()])
+    names = len(laid.terms)
     return Losses(
-        np.array(lost[: len(owned)]),
-        dict(zip(at, lost[len(owned) :], strict=True)),
+        np.array(lost[:names]),
+        dict(zip(laid.places, lost[names:], strict=True)),
         whitened_square(model) - float(score @ solve(gram, score)),
     )
