@@ -66,13 +66,10 @@ class Settings:
 def main(settings: Settings) -> list[TrialScore]:
     """Carry out the trials and mark the answers."""
     from scenarios.report import data_files
-    from scenarios.studies.blind_trials import report
+    from scenarios.studies.blind_trials import rates, report
     from scenarios.studies.blind_trials.arms import arm_of
-    from scenarios.studies.blind_trials.rates import paired_rates
-    from scenarios.studies.blind_trials.report import print_summary
     from scenarios.studies.blind_trials.run import (
         Sweep,
-        marks_of_a_run,
         refuse_other_trials,
         run_trials,
         scored,
@@ -89,18 +86,17 @@ def main(settings: Settings) -> list[TrialScore]:
         for done in run_trials(sweep, s.strata, s.first, s.trials):
             progress.update(task, advance=done)
     scores, codes = scored(sweep)
-    others = marks_of_a_run(s.against) if s.against else ()
-    drawn: dict[str, object] = {"seed": s.seed, "arm": s.arm, "poses": s.poses}
-    facts = drawn | {"code_sha256": sorted(codes)}
-    report.write(s.out, scores, facts, paired_rates(scores, others))
+    others = report.marks_of_a_run(s.against) if s.against else ()
+    facts = _drawn_from(s) | {"code_sha256": sorted(codes)}
+    report.write(s.out, scores, facts, rates.paired_rates(scores, others))
     command = data_files.command_of("scenarios.blind_trials", s)
     data_files.write_run_file(s.out, command, asdict(s))
-    print_summary(scores, s.out)
+    report.print_summary(scores, s.out)
     return scores
 
 
 def _check(settings: Settings) -> None:
-    from scenarios.studies.blind_trials.run import faults_of_another_run
+    from scenarios.studies.blind_trials.report import faults_of_another_run
 
     faults = []
     least_of = {"trials": 1, "first": 0, "seed": 0, "poses": 1, "jobs": 0}
@@ -109,11 +105,15 @@ def _check(settings: Settings) -> None:
         if value < least:
             faults.append(f"--{flag} is {value}, expected at least {least}.")
     if settings.against is not None:
-        own = {flag: getattr(settings, flag) for flag in ("seed", "arm", "poses")}
-        faults += faults_of_another_run(settings.against, own)
+        faults += faults_of_another_run(settings.against, _drawn_from(settings))
     unknown = [name for name in settings.strata if name not in STRATA]
     faults += [str(UnknownName("kind of trial", name, STRATA)) for name in unknown]
     refuse("Flags", faults)
+
+
+def _drawn_from(settings: Settings) -> dict[str, object]:
+    """Return the flags that decide what the trials of a kind are."""
+    return {flag: getattr(settings, flag) for flag in ("seed", "arm", "poses")}
 
 
 if __name__ == "__main__":

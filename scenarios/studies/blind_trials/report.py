@@ -1,7 +1,7 @@
 """The report of blind trials: failures first, limits, rates by stratum, and figures."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -260,7 +260,7 @@ def write(
     }
     text = json.dumps(summary, indent=2, ensure_ascii=False)
     (out / "summary.json").write_text(text + "\n", encoding="utf-8")
-    data_files.write_table(out / "trials.csv", [_row(s) for s in scores])
+    data_files.write_table(out / TABLE, [_row(s) for s in scores])
     arms = [_row_of_arm(s, s.arm) for s in scores if s.arm is not None]
     twins = [_row_of_twin(s, s.twin) for s in scores if s.twin is not None]
     for name, rows in (("arms", arms), ("twins", twins)):
@@ -344,6 +344,36 @@ def _row_of_twin(s: TrialScore, twin: TwinScore) -> dict[str, object]:
         "log_bayes_factor": twin.log_bayes_factor,
         "declared": int(twin.declared),
     }
+
+
+# --- Another run ----------------------------------------------------------------------
+
+TABLE = "trials.csv"
+"""Marks of each trial, in the folder of a run."""
+
+
+def faults_of_another_run(folder: Path, asked: Mapping[str, object]) -> list[str]:
+    """Return why the trials of a folder are not those of some flags; empty: they are.
+
+    Args:
+        folder: Of the other run.
+        asked: Values of the flags from which trials are drawn.
+    """
+    needed = (TABLE, "run.json")
+    lacking = [name for name in needed if not (folder / name).is_file()]
+    if lacking:
+        return [f"--against {folder} is no run of blind trials: no {lacking[0]}."]
+    told = json.loads((folder / "run.json").read_text(encoding="utf-8"))["settings"]
+    return [
+        f"--against {folder} has --{flag} {told[flag]}, this run {mine}: other trials."
+        for flag, mine in asked.items()
+        if told[flag] != mine
+    ]
+
+
+def marks_of_a_run(folder: Path) -> list[dict[str, str]]:
+    """Return the table of a run's trials and marks."""
+    return data_files.read_table(folder / TABLE)
 
 
 # --- The terminal ---------------------------------------------------------------------

@@ -23,7 +23,6 @@ import msgspec
 
 from bench.shared.errors import BenchError, Unusable, refuse
 from bench.shared.format.folder import write
-from scenarios.report.data_files import read_table
 from scenarios.studies.blind_trials.arms import arm_of
 from scenarios.studies.blind_trials.generation import generate_trial, name_of, trial_of
 from scenarios.studies.blind_trials.method_under_test import ANSWERED, Question
@@ -254,33 +253,3 @@ def refuse_other_trials(folder: Path, mine: str) -> None:
     elif (theirs := file.read_text(encoding="utf-8")) != mine:
         fault = f"it holds trials of {theirs.strip()}; give another name."
         raise Unusable(f"Folder {str(folder)!r}", [fault])
-
-
-# --- Another run ----------------------------------------------------------------------
-
-TABLE = "trials.csv"
-"""Marks of each trial, in the folder of a run."""
-
-
-def faults_of_another_run(folder: Path, asked: Mapping[str, object]) -> list[str]:
-    """Return why the trials of a folder are not those of some flags; empty: they are.
-
-    Args:
-        folder: Of the other run.
-        asked: Values of the flags from which trials are drawn.
-    """
-    needed = (TABLE, "run.json")
-    lacking = [name for name in needed if not (folder / name).is_file()]
-    if lacking:
-        return [f"--against {folder} is no run of blind trials: no {lacking[0]}."]
-    told = json.loads((folder / "run.json").read_text(encoding="utf-8"))["settings"]
-    return [
-        f"--against {folder} has --{flag} {told[flag]}, this run {mine}: other trials."
-        for flag, mine in asked.items()
-        if told[flag] != mine
-    ]
-
-
-def marks_of_a_run(folder: Path) -> list[dict[str, str]]:
-    """Return the table of a run's trials and marks."""
-    return read_table(folder / TABLE)
