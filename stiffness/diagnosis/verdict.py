@@ -4,8 +4,8 @@ Generic terms of the selected set are unexplained places. A name is withheld whe
 residual near it is large beside what it explains, where a generic term near it explains
 twice as much, or where its law differs between groups of rows. A residual of less than
 `SMALL_RESIDUAL` of the mismatch withholds no name that explains ten times as much. No
-name stands where all together explain less than twice what has no name; what generic
-terms of one place explain counts against no gear or bearing elsewhere.
+name stands where all together explain less than twice what has no name; what is open at
+one place counts against no gear or bearing elsewhere.
 
 ==========  ==========================================================================
 Equation    P(name) = sum of exp(g_j / phi - c_j) over the name and its first three
@@ -134,7 +134,7 @@ def judge(model: SelectedModel) -> JudgedModel:
     left = residual_test(case, beyond)
     uneven = homogeneity_tests(case, model.fit, beyond.after)
     places = _unexplained_places(model, beyond if left.p_value < SIGNIFICANCE else None)
-    excess = _largest_excess(left)
+    excess = max(0.0, left.excess, *_excess_of_places(left).values())
     share = excess / max(excess + model.fit.gain, 1e-12)
     large = left.p_value < SIGNIFICANCE and share > SMALL_RESIDUAL
     found: dict[tuple[str, str], Decision] = {}
@@ -181,26 +181,24 @@ def is_inhomogeneous(found: HomogeneityTest, gain: float) -> bool:
     return found.p_value < SIGNIFICANCE and found.captured > INHOMOGENEITY_LIMIT * gain
 
 
-def _largest_excess(left: DetectionTest) -> float:
-    """Return the largest whitened square that errors do not make, at a place or all."""
-    excess = left.tested.captured - left.tested.degrees_of_freedom
-    some = excess[left.tested.together < SIGNIFICANCE]
-    return max(left.excess, float(some.max(initial=0.0)), 0.0)
-
-
 def _residual_near(
     k: int, model: SelectedModel, left: DetectionTest, beyond: ResidualEquations
 ) -> float:
     """Return the largest significant excess that may be a member's own."""
+    places = _excess_of_places(left)
+    return max(places.pop("", 0.0), _largest_part(k, model, beyond, places.items()))
+
+
+def _excess_of_places(left: DetectionTest) -> dict[str, float]:
+    """Return the largest significant excess at each place; of poses alone at none."""
     excess = left.tested.captured - left.tested.degrees_of_freedom
     largest: dict[str, float] = {}
     for at in np.flatnonzero(left.tested.together < SIGNIFICANCE):
         where = left.where[at] or largest_residual_site(left)
         largest[where] = max(largest.get(where, 0.0), float(excess[at]))
-    most = _largest_part(k, model, beyond, largest.items())
     if left.tested.p_value >= SIGNIFICANCE:  # poses differ, but not along any law
-        most = max(most, left.excess)
-    return most
+        largest[""] = max(left.excess, 0.0)
+    return largest
 
 
 def _beside_generic(k: int, model: SelectedModel, beyond: ResidualEquations) -> float:
@@ -452,28 +450,29 @@ def _of_slight_share(
 
     What has none are generic terms, but courses in time, and the residual: a name that
     is withheld is not sure, but no unknown mechanism. One of the arm takes no gear and
-    no bearing elsewhere, where generic terms at its place and beside leave little.
+    no bearing far from the strongest such term: there counts what is open elsewhere. Of
+    what goes against the others the size counts.
     """
     model, left = judged.model, judged.residual
-    excess = _largest_excess(left) * (left.p_value < SIGNIFICANCE)
-    excess /= max(model.fit.gain, 1e-12)
-    own = sum(part for part, stood in zip(parts, stands, strict=True) if stood)
-    every = zip(parts, model.fit.members, strict=True)
-    nameless = [(part, m) for part, m in every if m.is_generic]
+    every = list(zip(model.fit.members, np.abs(parts), stands, strict=True))
+    own = sum(part for _, part, stood in every if stood)
+    nameless = [(part, m) for m, part, _ in every if m.is_generic]
     unknown = [(p, m.where) for p, m in nameless if m.depends_on != ("time",)]
     _, loudest = max(unknown, default=(0.0, ""))
-    near = sum(part for part, where in unknown if are_near(where, loudest))
-    rest = elsewhere = excess + sum(part for part, _ in unknown)
-    if loudest not in INSTRUMENTS and excess <= GENERIC_ACCURACY * near:
-        elsewhere -= near + excess
-    reason = "names together explain less than twice what has no name"
-    found = []
-    for m in (m for m, stood in zip(model.fit.members, stands, strict=True) if stood):
+    at = [w for _, w in unknown if loudest not in INSTRUMENTS and are_near(w, loudest)]
+    rest, elsewhere = (sum(p for p, w in unknown if w not in less) for less in ((), at))
+    if left.p_value < SIGNIFICANCE:
+        for where, excess in _excess_of_places(left).items():
+            more = excess / max(model.fit.gain, 1e-12)
+            rest += more
+            elsewhere += 0.0 if any(are_near(where, w) for w in at) else more
+    reason, found = "names together explain less than twice what has no name", []
+    for m in (m for m, _, stood in every if stood):
         local = CATALOGUE[m.name[0]].family in ("gear", "structure")
         other = elsewhere if local and not are_near(m.where, loudest) else rest
-        share = max(own, 0.0) / max(own + other, 1e-12) if other > 0.0 else 1.0
+        share = own / max(own + other, 1e-12) if other > 0.0 else 1.0
         if share < NAMED_SHARE:
-            asked = (m.name, "named_share", False, share, NAMED_SHARE)
+            asked = (m.name, "named_share", False, float(share), NAMED_SHARE)
             found.append(Decision(*asked, reason))
     return found
 

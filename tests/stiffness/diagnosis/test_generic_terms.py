@@ -1,6 +1,7 @@
 """Generic terms of a place take what has no name, and leave names to what has one."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,8 +35,8 @@ from stiffness.diagnosis.search import (
     _without_slight_terms,
     beyond_present_names,
 )
-from stiffness.diagnosis.selection import select_model
-from stiffness.diagnosis.verdict import judge
+from stiffness.diagnosis.selection import SelectedModel, select_model
+from stiffness.diagnosis.verdict import _of_slight_share, judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
 from stiffness.effects.base import marked_point
@@ -167,15 +168,36 @@ def test_names_far_from_a_strong_mechanism_stand_though_no_generic_law_fits_it()
     assert "a4" not in {one.where for one in found.unexplained_places}
 
 
-def test_a_name_half_as_strong_as_an_unknown_mechanism_at_its_place_is_withheld():
-    """The law of a generic term is no exact one; what it leaves may imitate a name."""
+@cache
+def beside_a_thread() -> SelectedModel:
+    """Select from a recording of two gears, one beside a mechanism without a name."""
     rig = Rig(MODEL)
     known = parse_all(("hysteresis@a2", "hysteresis@a3"), rig.nominal)
     thread = ThrustTurn(where="a3", compliance_rad_per_nm=1e-5)
     rig = replace(rig, effects=(*known, thread))
     made = record(rig, table_one_plan(poses=60), Instruments(), seed=4)
     given = prepare(made, arm())
-    model = select_model(build_problem(given, FEW), given, FEW)
+    return select_model(build_problem(given, FEW), given, FEW)
+
+
+def test_of_names_that_go_against_each_other_the_sizes_count_beside_an_unknown_one():
+    """One part is below zero: they explain little together, and yet most."""
+    judged = judge(beside_a_thread())
+    members = judged.model.fit.members
+    stands = [not m.is_generic for m in members]
+
+    def withheld(a2: float, a3: float, unknown: float) -> int:
+        part = {("hysteresis", "a2"): a2, ("hysteresis", "a3"): a3}
+        parts = [part.get(m.name, unknown * m.is_generic) for m in members]
+        return len(_of_slight_share(judged, parts, stands))
+
+    assert withheld(-0.5, 0.9, 0.3) == 0
+    assert withheld(0.2, 0.3, 0.5) == 2
+
+
+def test_a_name_half_as_strong_as_an_unknown_mechanism_at_its_place_is_withheld():
+    """The law of a generic term is no exact one; what it leaves may imitate a name."""
+    model = beside_a_thread()
     members = {m.name: k for k, m in enumerate(model.fit.members)}
     (generic,) = (k for n, k in members.items() if n == ("generic_compliance", "a3"))
     beside, elsewhere = members["hysteresis", "a3"], members["hysteresis", "a2"]
