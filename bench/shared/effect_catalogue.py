@@ -289,7 +289,10 @@ _ALL = (
         "gravity_compensator",
         "weight",
         ("axis",),
-        (*_magnitudes("torque_nm"), *_shapes("phase_rad")),
+        (
+            *_magnitudes("torque_nm"),
+            *_shapes("phase_rad free_length_ratio arm_ratio"),
+        ),
         ("angle",),
         MEANS,
         "a spring or a gas cylinder helps the axis",

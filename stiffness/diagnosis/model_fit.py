@@ -549,15 +549,16 @@ def bounds_of(shapes: Sequence[FreeShape]) -> Bounds:
 
 
 def fit_shapes(
-    case: SelectionProblem, terms: Sequence[ModelTerm]
+    case: SelectionProblem, terms: Sequence[ModelTerm], held: int = 0
 ) -> tuple[ModelTerm, ...]:
-    """Move all shapes of a set to where the set explains most.
+    """Move shapes of a set to where the set explains most.
 
     Args:
         case: What may be looked at.
         terms: The set, at shapes of the coarse grid or near.
+        held: How many of them, the first, stay as they are.
     """
-    shapes = free_shapes(case.situation, terms)
+    shapes = [s for s in free_shapes(case.situation, terms) if s.term >= held]
     if not shapes:
         return tuple(terms)
 
@@ -580,9 +581,8 @@ def _linearised(
     """
     laws = [term.jacobian(case.situation) for term in terms]
     slopes = [s.slope(case.situation, terms[s.term]) for s in shapes]
-    found = normal_equations_of(
-        case.data, [*case.nominal, *laws, *slopes], training(case.split)
-    )
+    columns = [*case.nominal, *laws, *slopes]
+    found = normal_equations_of(case.data, columns, training(case.split))
     gram, score = found.gram[1], found.score[~case.split.held_out].sum(axis=0)
     widths = [law.columns for law in laws]
     gram = with_priors(gram, len(case.nominal), terms, widths, case.situation)

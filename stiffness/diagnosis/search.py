@@ -25,6 +25,7 @@ from stiffness.diagnosis.detection import significant_blocks
 from stiffness.diagnosis.model_fit import (
     LAW_ACCURACY,
     WHOLE,
+    ModelFit,
     ModelTerm,
     SelectionProblem,
     fit_model,
@@ -32,6 +33,7 @@ from stiffness.diagnosis.model_fit import (
     tried,
 )
 from stiffness.diagnosis.sufficient_statistics import cross_gram, given_many
+from stiffness.effects.base import Hypothesis
 from stiffness.regression.group_selection import (
     LIVE,
     RISES,
@@ -278,7 +280,48 @@ def one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
         shapes = [other.shape for other in every if other.name == term.name]
         shape = term.hypothesis.joined(shapes) if len(shapes) > 1 else None
         found[name] = term if shape is None else replace(term, shape=shape)
+        if any(term.degrees_of_freedom for term in (search.terms[k] for k in own)):
+            fit = _fit_of_laws(search, term.name, others)
+            found[name] = found[name] if fit is None else fit.members[-1]
     return tuple(found.values())
+
+
+STARTS_OF_LAW = 4
+"""Shapes from which each law of a name that has several is fitted; chosen: a wave and
+its mirror image are alike at coarse ones."""
+
+
+def _fit_of_laws(search: Search, name: Name, others: Sequence[int]) -> ModelFit | None:
+    """Return others with the law of a name that is worth most beside them, the last.
+
+    Of a name that has several laws: the one with more numbers may hold the other, and
+    coarse shapes say little of it. None: it has one law. Waves at its place are left
+    out: they do what a wrong shape leaves. Other shapes stay.
+
+    Args:
+        search: With all shapes of the laws.
+        name: Whose laws.
+        others: The set without it.
+    """
+    laws: dict[Hypothesis, list[int]] = {}
+    for k, term in enumerate(search.terms):
+        if term.name == name:
+            laws.setdefault(term.hypothesis, []).append(k)
+    if len(laws) < 2:
+        return None
+    terms = {k: search.terms[k] for k in others}
+    waves = [k for k, t in terms.items() if t.hypothesis.is_sum and t.where == name[1]]
+    others = [k for k in others if k not in waves]
+    beside = [terms[k] for k in others]
+    gains = gains_beside(search.problem, others)
+    fits, worth = list[ModelFit](), list[float]()
+    for own in laws.values():
+        for k in sorted(own, key=lambda k: -round(gains[k], 6))[:STARTS_OF_LAW]:
+            shaped = fit_shapes(search.case, (*beside, search.terms[k]), len(beside))
+            fits.append(fit_model(search.case, shaped))
+            numbers = fits[-1].degrees_of_freedom
+            worth.append(fits[-1].gain - numbers * np.log(search.case.poses))
+    return fits[first_of_best(np.array(worth), RISES)]
 
 
 def with_generic_terms(

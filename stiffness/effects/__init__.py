@@ -23,6 +23,7 @@ from stiffness.effects.marker_slip import MarkerSlip
 from stiffness.effects.mass_scale import MassScale
 from stiffness.effects.pulley_friction import PulleyFriction
 from stiffness.effects.reading_lag import ReadingLag
+from stiffness.effects.stretched_spring import StretchedSpring
 from stiffness.effects.tracker_misalignment import TrackerMisalignment
 from stiffness.effects.tracker_scale import TrackerScale
 from stiffness.effects.transmission_error import TransmissionError
@@ -50,6 +51,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     GravityLoad(),
     MassScale(),
     GravityCompensator(),
+    StretchedSpring(),
     # in geometry
     TransmissionError(),
     EncoderOffset(),
@@ -69,7 +71,8 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 )
 """Every hypothesis that can be named.
 
-Two laws may share a name: `BaseTilt` and `BaseCompliance`.
+Two laws may share a name: `BaseTilt` and `BaseCompliance`, `GravityCompensator` and
+`StretchedSpring`.
 """
 
 if missing := {law.effect for law in HYPOTHESES} - CATALOGUE.keys():

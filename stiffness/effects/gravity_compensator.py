@@ -7,8 +7,9 @@ Source      spring without free length: Herder 2001, "Energy-free systems"; with
             Klimchik et al. 2013, arXiv 1311.6810
 Valid       springs and cylinders whose force grows with their length; where the axis
             hardly turns it is a constant turn, sin(q - φ) = ±1, as an encoder's offset
-Ignores     free length; the spring's share of the axis' stiffness, about torque/K; the
-            rotation of a sensor beyond, a thousandth of the deflection
+Ignores     free length (see `stretched_spring`); the spring's share of the axis'
+            stiffness, about torque/K; the rotation of a sensor beyond, a thousandth of
+            the deflection
 ==========  ==========================================================================
 """
 
@@ -17,6 +18,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+from jaxtyping import Float
 from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, orders, sprung
@@ -64,10 +66,7 @@ class GravityCompensator(Hypothesis):
         if len(coefficients) != 2 or situation.compliance[k] <= 0.0:
             return situation
         angle, (s, c) = situation.recording.posture[:, k], coefficients
-        torque = situation.torque.copy()
-        helped = (s * np.sin(angle) + c * np.cos(angle)) / situation.compliance[k]
-        torque[:, k] += helped
-        return replace(situation, torque=torque)
+        return helped(situation, k, s * np.sin(angle) + c * np.cos(angle))
 
     @override
     def parameters(
@@ -88,3 +87,12 @@ class GravityCompensator(Hypothesis):
             "torque_nm": np.hypot(s, c) / compliance,
             "phase_rad": np.arctan2(-c, s),
         }
+
+
+def helped(
+    situation: StaticState, axis: int, turned: Float[np.ndarray, " rows"]
+) -> StaticState:
+    """Return a state in which an axis has the torque that turns it so far, in rad."""
+    torque = situation.torque.copy()
+    torque[:, axis] += turned / situation.compliance[axis]
+    return replace(situation, torque=torque)

@@ -69,6 +69,22 @@ def test_compensator_pushes_with_the_sine_of_the_axis_angle(tmp_path, torque, po
     assert_allclose(OWN * (q - posture), torque * np.sin(q - 0.4), atol=1e-9)
 
 
+@pytest.mark.parametrize("torque", [40.0, -25.0])
+@pytest.mark.parametrize("length", [0.5, -2.0])
+@pytest.mark.parametrize("posture", [-1.5, 0.7, 2.5])
+def test_compensator_with_free_length_pulls_by_how_far_it_is_stretched(
+    tmp_path, torque, length, posture
+):
+    """torque_nm sin x (1 - f (1 - r)/w), also where it pulls at no length."""
+    form = {"free_length_ratio": length, "arm_ratio": 0.4}
+    effect = GravityCompensator("a1", torque, phase_rad=0.4, **form)
+    rig = Rig(lever(tmp_path), (effect,))
+    q = respond(rig, moments(0.0), (posture,)).axis_angle[0, 0]
+    w = np.sqrt(1.0 + 0.4**2 + np.sign(torque) * 2.0 * 0.4 * np.cos(q - 0.4))
+    expected = torque * np.sin(q - 0.4) * (1.0 - 0.6 * length / w)
+    assert_allclose(OWN * (q - posture), expected, atol=1e-8)
+
+
 def test_compensator_winds_up_all_that_is_in_series_in_its_gear(tmp_path):
     """It bridges the gear: (1/K + c) τ is the wind-up, however soft the gear."""
     soft = JointCompliance("a1", 3.0 / OWN)

@@ -89,7 +89,11 @@ PUBLISHED = {
 arms with a mechanism outside the vocabulary, or with laws of other forms, have the arms
 of the stratum without."""
 
-ADDED = {("Drift", "time_s"): STEADY}
+ADDED = {
+    ("Drift", "time_s"): STEADY,
+    ("GravityCompensator", "free_length_ratio"): 0.0,
+    ("GravityCompensator", "arm_ratio"): 0.5,
+}
 """Parameters that effects got since, and their value that changes nothing."""
 
 

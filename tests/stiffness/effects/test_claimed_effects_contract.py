@@ -14,6 +14,7 @@ from bench.shared.recording import Recording
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis, point_of
 from stiffness.effects.creep import followed
+from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.jacobian import (
     EffectJacobian,
     EncoderError,
@@ -40,7 +41,7 @@ VOCABULARY = {
     "gravity_load": {"mass_kg", "com_x_m", "com_y_m", "com_z_m"}
     | {f"moment_{axis}_kg_m" for axis in "xyz"},
     "mass_scale": {"ratio"},
-    "gravity_compensator": {"torque_nm", "phase_rad"},
+    "gravity_compensator": {"torque_nm", "phase_rad", "free_length_ratio", "arm_ratio"},
     "geometry_error": {*SHIFT, *TURN},
     "base_compliance": {f"r{axis}_rad_per_nm" for axis in "xyz"}
     | {f"{axis}_m_per_n" for axis in "xyz"},
@@ -288,7 +289,7 @@ def test_what_the_data_cannot_show_has_no_place():
 def test_compensator_of_an_axis_that_stands_still_is_an_offset_of_its_encoder():
     by, usual = truth.BY_NAME, truth.recording()
     still = in_recording(posture=np.full_like(usual.posture, 0.3))
-    spring, offset = by["gravity_compensator"], by["encoder_offset"]
+    spring, offset = GravityCompensator(), by["encoder_offset"]
     one, other = (h.jacobian(still, "a3", np.zeros(0)) for h in (spring, offset))
     assert_array_equal(truth.moved(still, one), truth.moved(still, other))
     found = spring.parameters(still, "a3", np.zeros(0), np.array([-2e-5]))

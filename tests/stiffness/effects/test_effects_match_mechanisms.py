@@ -38,6 +38,7 @@ from bench.effects.wrench_gain import WrenchGain
 from bench.effects.wrench_misalignment import WrenchMisalignment
 from bench.effects.wrist_coupling import WristCoupling
 from bench.shared.recording import Payload, Recording
+from stiffness.effects import HYPOTHESES
 from stiffness.effects.jacobian import turn, values
 from stiffness.effects.statics import reading, turned_load, wind_up
 from stiffness.experiment.static_state import StaticState
@@ -76,6 +77,8 @@ EXACT = [
     (GravityLoad("tool", 0.2, 0.1, 0.03, 0.05), (), ""),
     (MassScale("arm", 1.02), (), ""),
     (GravityCompensator("a2", 5.0, 0.4), (), ""),
+    (GravityCompensator("a2", 5.0, 0.4, 0.5, 0.3), (0.4, 0.3), ""),
+    (GravityCompensator("a3", 5.0, -2.0, -2.0, 0.6), (-2.0, 0.6), ""),
     (TransmissionError("a3", 1e-4, 2.0, 0.7), (2.0,), ""),
     (GeometryError("link_1", 1e-4, 2e-4, -1e-4, 1e-4, 2e-4, 3e-4), (), ""),
     (GeometryError("link_4", 1e-4, 2e-4, -1e-4, 1e-4, 2e-4, 3e-4), (), ""),
@@ -415,7 +418,10 @@ class Fit:
     ):
         """Lay out the columns of the effect, or of a name, and of axes' springs."""
         self.situation, self.shape, self.where = situation, shape, effect.where
-        self.hypothesis = truth.BY_NAME[name or effect.name]
+        laws = [law for law in HYPOTHESES if law.effect == (name or effect.name)]
+        self.hypothesis = next(
+            law for law in laws if len(law.shape_names) == len(shape) or law.is_sum
+        )
         self.axes = [situation.axis(a) for a in springs]
         own = self.hypothesis.jacobian(situation, self.where, shape)
         winding = [situation.wound(k, situation.torque[:, k]) for k in self.axes]

@@ -38,6 +38,7 @@ from stiffness.effects.link_bending import LinkBending
 from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.marker_slip import MarkerSlip
 from stiffness.effects.mass_scale import MassScale
+from stiffness.effects.stretched_spring import StretchedSpring
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.effects.wrench_gain import WrenchGain
 from stiffness.effects.wrench_misalignment import WrenchMisalignment
@@ -294,6 +295,27 @@ def test_gear_that_errs_in_several_orders_has_one_name_and_all_waves_in_the_patc
     true = [a * np.sin(n * angle + phase) for n, (a, phase) in sizes.items()]
     left = np.sum(seen, axis=0) - np.sum(true, axis=0)  # but for a_3's zero
     assert np.std(left) < 0.2 * np.std(np.sum(true, axis=0))
+
+
+def test_spring_with_free_length_is_a_compensator_and_no_wave_of_its_gear():
+    """A crank's torque is far from a sine; an encoder's offset takes its mean."""
+    size = {"torque_nm": 120.0, "phase_rad": -2.4}
+    size |= {"free_length_ratio": 0.7, "arm_ratio": 0.3}
+    stated = ",".join(f"{name}={value}" for name, value in size.items())
+    spring = f"gravity_compensator@a2,{stated}"
+    made = recording(spring, "encoder_offset@a2,offset_rad=1e-3", poses=60)
+    laws = (*FEW, TransmissionError(), GravityCompensator(), StretchedSpring())
+    found = diagnose(made, arm(), laws)
+    assert {(e.name.effect, e.name.where) for e in found.named} == {
+        ("gravity_compensator", "a2"),
+        ("encoder_offset", "a2"),
+    }
+    told = found["gravity_compensator", "a2"].parameters
+    assert told.keys() == size.keys()
+    assert all(told[name].low <= true <= told[name].high for name, true in size.items())
+    patch = patch_of_diagnosis(found, made, arm())
+    (pull,) = (e for e in patch.effects if e.effect == "gravity_compensator")
+    assert pull.parameters.keys() == size.keys()
 
 
 def test_room_that_settles_ever_more_slowly_is_one_drift_with_its_course_in_the_patch():
