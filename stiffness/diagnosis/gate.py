@@ -22,7 +22,7 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from bench.shared.effect_catalogue import INSTRUMENTS
+from bench.shared.effect_catalogue import CATALOGUE, INSTRUMENTS
 from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem, training
 from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
@@ -230,6 +230,22 @@ def site_number(where: str) -> int:
     digits = where.removeprefix("link_").removeprefix("a")
     number = int(digits) if digits.isdigit() else 0 if where == "base" else OFF_THE_ARM
     return number + where.startswith("link_")
+
+
+ANYWHERE = frozenset({"angle", "load"})
+"""What errors of weights, geometry and instruments depend on that show at all axes."""
+
+
+def is_local(member: ModelTerm) -> bool:
+    """Return whether no mechanism far away imitates a name.
+
+    Of gears, bearings and links, and of what neither angles nor loads change: a slip, a
+    drift, a lag.
+    """
+    info = CATALOGUE[member.name[0]]
+    if info.family in ("gear", "structure"):
+        return True
+    return bool(info.depends_on) and ANYWHERE.isdisjoint(info.depends_on)
 
 
 def may_show_at(member: ModelTerm, loudest: str) -> bool:

@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.shared.effect_catalogue import CATALOGUE, INSTRUMENTS
+from bench.shared.effect_catalogue import INSTRUMENTS
 from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.detection import (
     DetectionTest,
@@ -36,7 +36,7 @@ from stiffness.diagnosis.detection import (
     residual_equations,
     residual_test,
 )
-from stiffness.diagnosis.gate import acts_at, are_near, may_show_at
+from stiffness.diagnosis.gate import acts_at, are_near, is_local, may_show_at
 from stiffness.diagnosis.localisation import (
     confounded_with,
     displaced_by_places,
@@ -449,9 +449,9 @@ def _of_slight_share(
     """Return the names, where all together explain less than twice what has none.
 
     What has none are generic terms, but courses in time, and the residual: a name that
-    is withheld is not sure, but no unknown mechanism. One of the arm takes no gear and
-    no bearing far from the strongest such term: there counts what is open elsewhere. Of
-    what goes against the others the size counts.
+    is withheld is not sure, but no unknown mechanism. One of the arm takes no gear, no
+    bearing and nothing that neither angles nor loads change far from the strongest such
+    term: there counts what is open elsewhere. Of parts below zero the size counts.
     """
     model, left = judged.model, judged.residual
     every = list(zip(model.fit.members, np.abs(parts), stands, strict=True))
@@ -468,8 +468,8 @@ def _of_slight_share(
             elsewhere += 0.0 if any(are_near(where, w) for w in at) else more
     reason, found = "names together explain less than twice what has no name", []
     for m in (m for m, _, stood in every if stood):
-        local = CATALOGUE[m.name[0]].family in ("gear", "structure")
-        other = elsewhere if local and not are_near(m.where, loudest) else rest
+        far = is_local(m) and not are_near(m.where, loudest)
+        other = elsewhere if far else rest
         share = own / max(own + other, 1e-12) if other > 0.0 else 1.0
         if share < NAMED_SHARE:
             asked = (m.name, "named_share", False, float(share), NAMED_SHARE)

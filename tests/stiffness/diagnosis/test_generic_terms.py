@@ -26,6 +26,7 @@ from stiffness.diagnosis.candidates import (
     residual_map,
 )
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.gate import is_local
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
@@ -193,6 +194,18 @@ def test_of_names_that_go_against_each_other_the_sizes_count_beside_an_unknown_o
 
     assert withheld(-0.5, 0.9, 0.3) == 0
     assert withheld(0.2, 0.3, 0.5) == 2
+
+
+@pytest.mark.parametrize("law", HYPOTHESES, ids=lambda law: type(law).__name__)
+def test_no_mechanism_far_away_imitates_what_shows_at_its_place_alone(law):
+    """A tilted tracker looks like errors of links and offsets, and of no gear."""
+    seen_everywhere = {
+        *("gravity_load", "mass_scale", "gravity_compensator", "pulley_friction"),
+        *("transmission_error", "encoder_offset", "geometry_error", "tracker_scale"),
+        *("tracker_misalignment", "wrench_bias", "wrench_gain", "wrench_misalignment"),
+    }
+    found = is_local(ModelTerm(law, "a2", np.zeros(0)))
+    assert found == (law.effect not in seen_everywhere)
 
 
 def test_a_name_half_as_strong_as_an_unknown_mechanism_at_its_place_is_withheld():
