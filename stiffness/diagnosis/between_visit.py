@@ -447,6 +447,20 @@ class BetweenVisitModel:
             roots, lever, carried, share, screw, unknown, scale, factor, left, moved
         )
 
+    @staticmethod
+    def turned(
+        lever: Float[np.ndarray, "visits markers 3 6"],
+        screw: Float[np.ndarray, "visits rows axes 6"],
+        carries: Bool[np.ndarray, "places markers"],
+    ) -> Float[np.ndarray, "visits n axes"]:
+        """Return the displacement of markers per radian that an axis misses by.
+
+        Its arguments are called as the fields.
+        """
+        apart = lever.reshape(len(lever), -1, 6)
+        moved = apart @ screw.mean(axis=1).swapaxes(1, 2)
+        return moved * np.repeat(carries[1:].T, 3, axis=0)
+
     def nuisance_coefficients(
         self, columns: DesignMatrix
     ) -> Float[np.ndarray, "unknowns columns"]:

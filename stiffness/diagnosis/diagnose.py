@@ -21,7 +21,7 @@ with the mechanism and never with the columns that found it.
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +36,7 @@ from stiffness.diagnosis.detection import (
     WOULD_SHOW,
     DetectionTest,
     detect,
+    residual_after,
     scatter_of,
 )
 from stiffness.diagnosis.model_fit import SelectionProblem
@@ -47,16 +48,19 @@ from stiffness.diagnosis.relinearisation import (
     noise_text,
     reading_noise,
     scatter_of_readings,
+    scattering_axes,
     with_noise,
 )
 from stiffness.diagnosis.result import (
     Decision,
     Detection,
     Diagnosis,
+    Located,
     Name,
     Outlier,
     SplitNames,
     Unexplained,
+    UnexplainedPlace,
     Warned,
 )
 from stiffness.diagnosis.selection import SelectedModel, select_again, select_model
@@ -407,11 +411,13 @@ def diagnose(
     if mistakes:
         return _stopped(recording, mistakes, started)
     recording, prepared, outliers = _prepared(recording, arm)
-    looked = _look(prepared, hypotheses)
+    looked, scattering = _with_scattering_axes(_look(prepared, hypotheses), hypotheses)
+    prepared = looked.prepared
     named = looked.judged is not None and bool(looked.judged.model.fit.members)
     ratio = noise_ratio_of(prepared, looked.last, named, bool(unstated))
     if ratio != 1.0:
-        looked = _look(with_noise(prepared, ratio), hypotheses)
+        arrival = prepared.pose_repeatability if scattering else None
+        looked = _look(with_noise(prepared, ratio, arrival), hypotheses)
     prepared, case, found = looked.prepared, looked.case, looked.found
     detection = _detection(prepared, case, found)
     ids = np.unique(recording.posture_id)
@@ -442,7 +448,8 @@ def diagnose(
     if looked.judged is None:
         common["warnings"] += scattered(found.dispersion)
         return Diagnosis(
-            verdict="no_mismatch",
+            verdict="unexplained" if scattering else "no_mismatch",
+            **_left_by_scattering({}, scattering),
             nominal=nominal_of(prepared, np.zeros(len(prepared.springs))),
             seconds=time.perf_counter() - started,
             **common,
@@ -451,6 +458,7 @@ def diagnose(
     judged = _of_most_splits(looked.judged, splits)
     answer = answer_of(judged, prepared, found)
     answer |= _with_split_shares(answer, splits)
+    answer |= _left_by_scattering(answer, scattering)
     if scatter and prepared.degrees_of_freedom and answer["verdict"] == "explained":
         text = "readings scatter by more than their measured noise, along no law"
         answer["verdict"], answer["unexplained"] = (
@@ -490,6 +498,51 @@ def _look(prepared: Prepared, hypotheses: Sequence[Hypothesis]) -> _Looked:
     if found.p_value < SIGNIFICANCE:
         judged = judge(select_model(case, prepared, hypotheses))
     return _Looked(prepared, case, found, judged)
+
+
+def _with_scattering_axes(
+    looked: _Looked, hypotheses: Sequence[Hypothesis]
+) -> tuple[_Looked, tuple[UnexplainedPlace, ...]]:
+    """Look again where axes scatter from pose to pose after no law; return those.
+
+    What no law does at one axis would be held against the names of all others.
+    """
+    judged = looked.judged
+    if judged is None or judged.residual.p_value >= SIGNIFICANCE:
+        return looked, ()
+    left = residual_after(judged.model.case, judged.model.fit).data
+    scatter = scattering_axes(looked.prepared, left)
+    if not np.any(scatter):
+        return looked, ()
+    arrival = np.maximum(scatter, looked.prepared.pose_repeatability)
+    again = _look(with_noise(looked.prepared, 1.0, arrival), hypotheses)
+    excess = max(judged.residual.excess, 0.0)
+    share = excess / max(excess + judged.model.fit.gain, 1e-12)
+    p, places = judged.residual.p_value, []
+    for k in np.flatnonzero(scatter):
+        look = f"{1e6 * scatter[k]:.3g} µrad from pose to pose, after no law tried"
+        places.append(UnexplainedPlace(f"a{k + 1}", p, share, (), look))
+    return again, tuple(places)
+
+
+def _left_by_scattering(
+    answer: Mapping, places: tuple[UnexplainedPlace, ...]
+) -> dict[str, object]:
+    """Return the entries of an answer that say where axes scatter after no law."""
+    if not places:
+        return {}
+    first = Unexplained(places[0].where, f"its angle differs: {places[0].law}", {})
+    found = {
+        "unexplained_places": (*answer.get("unexplained_places", ()), *places),
+        "unexplained": answer.get("unexplained") or first,
+    }
+    if answer.get("verdict") == "explained":
+        found["verdict"] = "partly_explained"
+    if not answer.get("located"):
+        found["located"] = tuple(
+            Located(p.where, p.p_value, 1.0 / len(places), (), "") for p in places
+        )
+    return found
 
 
 def _prepared(

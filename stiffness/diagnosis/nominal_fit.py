@@ -212,8 +212,7 @@ def blocks(
         situation: Where the arm stood.
         visits: How rows lie side by side.
         readings: The residuals.
-        pose_repeatability: One sigma of where the axes arrive, in rad; None: to be
-            estimated.
+        pose_repeatability: One sigma of the axes' arrival, in rad; None: estimated.
         field: Whether the tracker's smooth error is to be reckoned with.
 
     Returns:
@@ -243,10 +242,7 @@ def blocks(
     share = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1e-12)
     mean = np.einsum("vr,vrmi->vmi", share, complete)
     carried = situation.carried[:, readings.body]
-    turned = point_jacobian(point).reshape(count, -1, 6) @ screw.mean(axis=1).swapaxes(
-        1, 2
-    )
-    turned = turned * np.repeat(carried[1:].T, 3, axis=0)
+    turned = BetweenVisitModel.turned(point_jacobian(point), screw, carried)
     shared = errors.reshape(count, axes, longest, -1)[..., :COMMON].mean(axis=2)
     precision = weight.sum(axis=1)[..., None, None] * readings.inverse
     nuisance = nuisance_parameters(situation, visits, point, field)
@@ -256,19 +252,25 @@ def blocks(
     if pose_repeatability is None:
         silent = BetweenVisitModel.of(mean, precision, turned @ shared, nuisance, place)
         first = visits.row[:, 0]
-        trend = trend_of(
-            situation.rest[first],
-            situation.torque[first],
-            situation.recording.time[first],
-        )
-        lever = silent.whitening.white(turned)
-        largest = max_pose_repeatability(situation)
-        pose_repeatability = pose_repeatability_of(
-            silent.residual[..., 0], lever, trend, largest
-        )
+        state = (situation.rest, situation.torque, situation.recording.time)
+        trend = trend_of(*(values[first] for values in state))
+        pose_repeatability = axis_scatter(situation, silent, trend)
     induced = np.concatenate([turned * pose_repeatability, turned @ shared], axis=2)
     between = BetweenVisitModel.of(mean, precision, induced, nuisance, place)
     return SufficientStatistics(visits, within, between), pose_repeatability
+
+
+def axis_scatter(
+    situation: StaticState,
+    means: BetweenVisitModel,
+    trend: Float[np.ndarray, "visits terms"],
+    factor: float = 1.0,
+) -> Float[np.ndarray, " axes"]:
+    """Return one sigma of the axes' arrival, at most a factor of the largest."""
+    turned = BetweenVisitModel.turned(means.lever, means.screw, means.carries)
+    lever = means.whitening.white(turned)
+    largest = factor * max_pose_repeatability(situation)
+    return pose_repeatability_of(means.residual[..., 0], lever, trend, largest)
 
 
 def _with_noise(

@@ -31,7 +31,7 @@ from stiffness.diagnosis.model_fit import (
     solve,
     training,
 )
-from stiffness.diagnosis.nominal_fit import Prepared, blocks
+from stiffness.diagnosis.nominal_fit import Prepared, axis_scatter, blocks
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
     normal_equations_of,
@@ -405,17 +405,22 @@ def _ratio_of_scatter(prepared: Prepared, last: DetectionTest) -> float:
     return max(last.noise_ratio, 1.0) if shared else last.noise_ratio
 
 
-def with_noise(prepared: Prepared, ratio: float) -> Prepared:
-    """Return a recording with another noise of its readings.
+def with_noise(
+    prepared: Prepared,
+    ratio: float,
+    pose_repeatability: Float[np.ndarray, " axes"] | None = None,
+) -> Prepared:
+    """Return a recording with another noise of its readings, or of its axes.
 
     Args:
         prepared: The recording against its nominal model.
         ratio: The new noise over the present one.
+        pose_repeatability: One sigma of the axes' arrival, in rad; None: estimated.
     """
     inverse = prepared.readings.inverse / ratio**2
     readings = replace(prepared.readings, inverse=inverse)
     visits = prepared.data.visits
-    data, arrival = blocks(prepared.situation, visits, readings, None)
+    data, arrival = blocks(prepared.situation, visits, readings, pose_repeatability)
     return replace(
         prepared,
         data=data,
@@ -424,6 +429,39 @@ def with_noise(prepared: Prepared, ratio: float) -> Prepared:
         noise=prepared.noise * ratio,
         pose_repeatability=arrival,
     )
+
+
+CLEARLY = 3.0
+"""Scatter of an axis over the most that a data sheet allows from which it is a finding;
+chosen."""
+BESIDE_ANOTHER = 0.5
+"""The same over that of the axis that scatters most; chosen: what others seem to do
+beside it may be its own."""
+MOST_SCATTER = 100.0
+"""The most that is taken for scatter and not for a law, over the same; chosen."""
+
+
+def scattering_axes(
+    prepared: Prepared, left: SufficientStatistics
+) -> Float[np.ndarray, " axes"]:
+    """Return one sigma of axes that miss their angles after no law; zero for others.
+
+    The teeth of a gear make an error of hundreds of periods in a turn, which no poses
+    tell from chance.
+
+    Args:
+        prepared: The recording against its nominal model.
+        left: What a set leaves of it.
+    """
+    none = np.zeros_like(prepared.pose_repeatability)
+    if left.between is None:
+        return none
+    trend = np.ones((len(left.between.residual), 1))
+    own = (prepared.situation, left.between, trend)
+    found, least = axis_scatter(*own, MOST_SCATTER), axis_scatter(*own)
+    beyond = np.divide(found, least, out=none.copy(), where=least > 0.0)
+    clear = beyond > max(CLEARLY, BESIDE_ANOTHER * float(beyond.max()))
+    return np.where(clear, np.hypot(found, prepared.pose_repeatability), none)
 
 
 def reading_noise(prepared: Prepared) -> float:

@@ -228,6 +228,26 @@ def test_a_name_half_as_strong_as_an_unknown_mechanism_at_its_place_is_withheld(
     assert withheld(0.45) == [True, False]
 
 
+def test_teeth_of_a_gear_take_no_name_of_another_axis():
+    """An error of a hundred periods in a turn follows no law that forty poses show."""
+    teeth = "transmission_error@a3,amplitude_rad=2e-4,order=97.3"
+    found = diagnose(recording("hysteresis@a2", teeth), arm(), FEW)
+    assert names(found) == [("hysteresis", "a2")]
+    assert found.verdict == "partly_explained"
+    (place,) = found.unexplained_places
+    assert place.where == "a3" and not place.depends_on
+    scatter = float(place.law.split()[0]) * 1e-6
+    assert scatter == pytest.approx(2e-4 / np.sqrt(2.0), rel=0.2)
+
+
+def test_axes_that_scatter_alone_are_places_and_no_names():
+    teeth = "transmission_error@a3,amplitude_rad=2e-4,order=97.3"
+    found = diagnose(recording(teeth), arm(), FEW)
+    assert found.verdict == "unexplained" and not found.named
+    assert [place.where for place in found.located] == ["a3"]
+    assert found.unexplained is not None and found.unexplained.where == "a3"
+
+
 def waved(made: Recording, turns: float, size_m: float) -> Recording:
     """Let all marks move to and fro over a recording, as a day makes a tracker do."""
     assert made.points is not None
