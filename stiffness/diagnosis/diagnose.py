@@ -23,6 +23,7 @@ with the mechanism and never with the columns that found it.
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -39,7 +40,7 @@ from stiffness.diagnosis.detection import (
     residual_after,
     scatter_of,
 )
-from stiffness.diagnosis.model_fit import SelectionProblem
+from stiffness.diagnosis.model_fit import ModelFit, SelectionProblem, fit_model
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
 from stiffness.diagnosis.relinearisation import (
     ODD,
@@ -421,9 +422,7 @@ def diagnose(
     prepared, case, found = looked.prepared, looked.case, looked.found
     detection = _detection(prepared, case, found)
     ids = np.unique(recording.posture_id)
-    remarks = (
-        [Warned("outliers", "tracker", outlier_text(outliers))] if outliers else []
-    )
+    remarks = [Warned("outliers", "tracker", outlier_text(outliers))] * bool(outliers)
     if unstated and (prepared.degrees_of_freedom or ratio == 1.0):
         remarks.append(Warned("noise_statement", "tracker", unstated))
     noise = reading_noise(prepared)
@@ -448,8 +447,7 @@ def diagnose(
     if looked.judged is None:
         common["warnings"] += scattered(found.dispersion)
         return Diagnosis(
-            verdict="unexplained" if scattering else "no_mismatch",
-            **_left_by_scattering({}, scattering),
+            **{"verdict": "no_mismatch"} | _left_by_scattering({}, scattering),
             nominal=nominal_of(prepared, np.zeros(len(prepared.springs))),
             seconds=time.perf_counter() - started,
             **common,
@@ -505,17 +503,25 @@ def _with_scattering_axes(
 ) -> tuple[_Looked, tuple[UnexplainedPlace, ...]]:
     """Look again where axes scatter from pose to pose after no law; return those.
 
-    What no law does at one axis would be held against the names of all others.
+    What no law does at one axis would be held against the names of all others. What the
+    second look names may be what seemed to scatter: an axis is said that still does.
     """
     judged = looked.judged
     if judged is None or judged.residual.p_value >= SIGNIFICANCE:
         return looked, ()
-    left = residual_after(judged.model.case, judged.model.fit).data
-    scatter = scattering_axes(looked.prepared, left)
+
+    def beside(fit: ModelFit) -> Float[np.ndarray, " axes"]:
+        left = residual_after(judged.model.case, fit).data
+        return scattering_axes(looked.prepared, left)
+
+    scatter = beside(judged.model.fit)
     if not np.any(scatter):
         return looked, ()
     arrival = np.maximum(scatter, looked.prepared.pose_repeatability)
     again = _look(with_noise(looked.prepared, 1.0, arrival), hypotheses)
+    if again.judged is not None:
+        members = again.judged.model.fit.members
+        scatter = beside(fit_model(judged.model.case, members))
     excess = max(judged.residual.excess, 0.0)
     share = excess / max(excess + judged.model.fit.gain, 1e-12)
     p, places = judged.residual.p_value, []
@@ -527,22 +533,19 @@ def _with_scattering_axes(
 
 def _left_by_scattering(
     answer: Mapping, places: tuple[UnexplainedPlace, ...]
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Return the entries of an answer that say where axes scatter after no law."""
     if not places:
         return {}
     first = Unexplained(places[0].where, f"its angle differs: {places[0].law}", {})
-    found = {
+    at = tuple(Located(p.where, p.p_value, p.share, (), "") for p in places)
+    verdict = answer.get("verdict", "unexplained")
+    return {
+        "verdict": "partly_explained" if verdict == "explained" else verdict,
         "unexplained_places": (*answer.get("unexplained_places", ()), *places),
         "unexplained": answer.get("unexplained") or first,
+        "located": answer.get("located") or at,
     }
-    if answer.get("verdict") == "explained":
-        found["verdict"] = "partly_explained"
-    if not answer.get("located"):
-        found["located"] = tuple(
-            Located(p.where, p.p_value, 1.0 / len(places), (), "") for p in places
-        )
-    return found
 
 
 def _prepared(
