@@ -412,20 +412,22 @@ def diagnose(
     if mistakes:
         return _stopped(recording, mistakes, started)
     recording, prepared, outliers = _prepared(recording, arm)
-    looked, scattering = _with_scattering_axes(_look(prepared, hypotheses), hypotheses)
+    first = _look(prepared, hypotheses)
+    looked, scattering = _with_scattering_axes(first, hypotheses)
     prepared = looked.prepared
     named = looked.judged is not None and bool(looked.judged.model.fit.members)
     ratio = noise_ratio_of(prepared, looked.last, named, bool(unstated))
     if ratio != 1.0:
         arrival = prepared.pose_repeatability if scattering else None
         looked = _look(with_noise(prepared, ratio, arrival), hypotheses)
-    prepared, case, found = looked.prepared, looked.case, looked.found
+    prepared, case = looked.prepared, looked.case
+    found = first.found if scattering else looked.found
     detection = _detection(prepared, case, found)
     ids = np.unique(recording.posture_id)
     remarks = [Warned("outliers", "tracker", outlier_text(outliers))] * bool(outliers)
     if unstated and (prepared.degrees_of_freedom or ratio == 1.0):
         remarks.append(Warned("noise_statement", "tracker", unstated))
-    noise = reading_noise(prepared)
+    noise = reading_noise(prepared) if unstated or _odd(prepared) else None
     scatter = scatter_of_readings(detection.noise_rms, ratio)
     told = noise_text(prepared, looked.last, scatter, ratio, bool(unstated))
     said = data_warnings(prepared)
@@ -442,7 +444,7 @@ def diagnose(
         ),
         "outliers": outliers,
         "scatter": scatter,
-        "reading_noise": noise if unstated or _odd(prepared) else None,
+        "reading_noise": noise,
     }
     if looked.judged is None:
         common["warnings"] += scattered(found.dispersion)
@@ -509,10 +511,10 @@ def _with_scattering_axes(
     judged = looked.judged
     if judged is None or judged.residual.p_value >= SIGNIFICANCE:
         return looked, ()
+    case = judged.model.case
 
     def beside(fit: ModelFit) -> Float[np.ndarray, " axes"]:
-        left = residual_after(judged.model.case, fit).data
-        return scattering_axes(looked.prepared, left)
+        return scattering_axes(looked.prepared, residual_after(case, fit).data)
 
     scatter = beside(judged.model.fit)
     if not np.any(scatter):
@@ -520,8 +522,7 @@ def _with_scattering_axes(
     arrival = np.maximum(scatter, looked.prepared.pose_repeatability)
     again = _look(with_noise(looked.prepared, 1.0, arrival), hypotheses)
     if again.judged is not None:
-        members = again.judged.model.fit.members
-        scatter = beside(fit_model(judged.model.case, members))
+        scatter = beside(fit_model(case, again.judged.model.fit.members))
     excess = max(judged.residual.excess, 0.0)
     share = excess / max(excess + judged.model.fit.gain, 1e-12)
     p, places = judged.residual.p_value, []
@@ -572,16 +573,9 @@ def _detection(
     if found.poses < FEWEST_POSES:
         smallest = misfit.noise * np.sqrt(case.dispersion_limit)
     held_out = held_out_misfit(prepared, case)
-    return Detection(
-        found.p_value,
-        misfit.rms,
-        misfit.noise,
-        smallest,
-        held_out.within,
-        held_out.whole,
-        misfit.within,
-        misfit.noise_within,
-    )
+    errors = (misfit.rms, misfit.noise, smallest)
+    missed = (held_out.within, held_out.whole, misfit.within, misfit.noise_within)
+    return Detection(found.p_value, *errors, *missed)
 
 
 def _stopped(

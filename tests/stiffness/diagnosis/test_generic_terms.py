@@ -57,6 +57,7 @@ from stiffness.effects.jacobian import (
 )
 from stiffness.effects.marker_slip import MarkerSlip
 from stiffness.effects.transmission_error import TransmissionError
+from stiffness.regression.testing import SIGNIFICANCE
 
 OFFERED = {("a2", "torque"), ("a4", "direction")}
 
@@ -244,6 +245,7 @@ def test_axes_that_scatter_alone_are_places_and_no_names():
     teeth = "transmission_error@a3,amplitude_rad=2e-4,order=97.3"
     found = diagnose(recording(teeth), arm(), FEW)
     assert found.verdict == "unexplained" and not found.named
+    assert found.detection.p_value < SIGNIFICANCE
     assert [place.where for place in found.located] == ["a3"]
     assert found.unexplained is not None and found.unexplained.where == "a3"
 
