@@ -280,7 +280,7 @@ def one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
         shapes = [other.shape for other in every if other.name == term.name]
         shape = term.hypothesis.joined(shapes) if len(shapes) > 1 else None
         found[name] = term if shape is None else replace(term, shape=shape)
-        if any(term.degrees_of_freedom for term in (search.terms[k] for k in own)):
+        if any(search.terms[k].degrees_of_freedom > 1 for k in own):
             fit = _fit_of_laws(search, term.name, others)
             found[name] = found[name] if fit is None else fit.members[-1]
     return tuple(found.values())
@@ -295,8 +295,8 @@ def _fit_of_laws(search: Search, name: Name, others: Sequence[int]) -> ModelFit 
     """Return others with the law of a name that is worth most beside them, the last.
 
     Of a name that has several laws: the one with more numbers may hold the other, and
-    coarse shapes say little of it. None: it has one law. Waves at its place are left
-    out: they do what a wrong shape leaves. Other shapes stay.
+    a grid over several shapes says little of it. None: it has one law. Waves at its
+    place are left out: they do what a wrong shape leaves. Other shapes stay.
 
     Args:
         search: With all shapes of the laws.
