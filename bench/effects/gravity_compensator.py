@@ -38,8 +38,8 @@ class GravityCompensator(ModelEffect):
     """A stretched spring from the link before to the link, in parallel with the gear.
 
     Attributes:
-        torque_nm: Largest torque on the axis.
-            Without free length; with it, what grows with the spring's length.
+        torque_nm: Largest torque on the axis without free length: the part that grows
+            with the spring's length.
         phase_rad: Axis angle of zero torque: an unstable equilibrium of the spring
             where torque_nm is positive, a stable one where it is negative.
         free_length_ratio: Free length of the spring over its shortest length; negative

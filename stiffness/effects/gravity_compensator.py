@@ -63,7 +63,7 @@ class GravityCompensator(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> StaticState:
         k = situation.axis(where)
-        if len(coefficients) != 2 or situation.compliance[k] <= 0.0:
+        if len(coefficients) != 2:
             return situation
         angle, (s, c) = situation.recording.posture[:, k], coefficients
         return helped(situation, k, s * np.sin(angle) + c * np.cos(angle))
@@ -92,7 +92,12 @@ class GravityCompensator(Hypothesis):
 def helped(
     situation: StaticState, axis: int, turned: Float[np.ndarray, " rows"]
 ) -> StaticState:
-    """Return a state in which an axis has the torque that turns it so far, in rad."""
+    """Return a state in which an axis has the torque that turns it so far, in rad.
+
+    Unchanged where the axis has no spring.
+    """
+    if situation.compliance[axis] <= 0.0:
+        return situation
     torque = situation.torque.copy()
     torque[:, axis] += turned / situation.compliance[axis]
     return replace(situation, torque=torque)

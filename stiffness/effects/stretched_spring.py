@@ -79,8 +79,6 @@ class StretchedSpring(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> StaticState:
         k = situation.axis(where)
-        if situation.compliance[k] <= 0.0:
-            return situation
         columns = _columns(situation.recording.posture[:, k], shape)
         return helped(situation, k, coefficients @ np.array(columns))
 
