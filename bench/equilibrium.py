@@ -97,10 +97,12 @@ class Settle:
 
     def nearly(self) -> None:
         """Bring every run close to equilibrium by the engine's own steps."""
+        left = np.arange(len(self.qpos))
         for _ in range(MOST_STEPS // STEPS):
             self.velocity[:] = 0.0
-            self.runs.step(nstep=STEPS)
-            if self._unbalanced().max() <= COARSE / TOLERANCE:
+            self.runs.step(left, nstep=STEPS)
+            left = left[self._unbalanced(left) > COARSE / TOLERANCE]
+            if not len(left):
                 break
 
     def __call__(self) -> float:
@@ -109,27 +111,28 @@ class Settle:
         Raises:
             BenchError: Where a run does not converge, naming the visit.
         """
-        largest = np.full(self.qpos.shape[0], np.inf)
+        largest, left = np.full(len(self.qpos), np.inf), np.arange(len(self.qpos))
         self.nearly()
         for _ in range(MOST_STEPS):
-            largest = self._unbalanced()
-            if largest.max() <= 1.0:
+            largest[left] = self._unbalanced(left)
+            left = left[largest[left] > 1.0]
+            if not len(left):
                 return float(np.abs(self.force[:, self.free]).max())
-            tight = (self.length < self.slack[..., 0]) | (
-                self.length > self.slack[..., 1]
-            )
+            length, slack = self.length[left], self.slack[left]
+            tight = (length < slack[..., 0]) | (length > slack[..., 1])
             stiffness = self.own + (tight | self.slips) @ self.tendons
-            self.qpos += self.free * self.force / stiffness
+            self.qpos[left] += self.free * self.force[left] / stiffness
         raise BenchError(
             f"Visit {self.before + int(largest.argmax())} finds no rest: "
             f"{largest.max():.2g} times the {TOLERANCE} N m allowed stay unbalanced. "
             "A spring may be too soft for its load."
         )
 
-    def _unbalanced(self) -> np.ndarray:
+    def _unbalanced(self, some: Int[np.ndarray, " some"]) -> Float[np.ndarray, " some"]:
+        """Return the largest share of what is allowed that runs leave unbalanced."""
         self.velocity[:] = 0.0
-        self.runs.forward()
-        share = (np.abs(self.force) / self.allowed)[:, self.free]
+        self.runs.forward(some)
+        share = (np.abs(self.force[some]) / self.allowed)[:, self.free]
         return np.nan_to_num(share, nan=np.inf).max(axis=1)
 
 
