@@ -556,7 +556,7 @@ def _prepared(
     outliers = outliers_of(recording)
     recording = without_outliers(recording, outliers)
     prepared = prepare(recording, arm)
-    late = outliers_of(recording, prepared.readings.value)
+    late = outliers_of(recording, prepared.readings.value, prepared.readings.point)
     if late:
         recording = without_outliers(recording, late)
         prepared = prepare(recording, arm)

@@ -10,7 +10,8 @@ Equation    |y_i - y_j| and (y_j - y_i) x (y_k - y_i) . (y_l - y_i) of each row 
 Source      rigid registration: Kabsch 1976, "A solution for the best rotation to relate
             two sets of vectors", Acta Crystallographica A32, 922; spread: 1.4826 times
             the median absolute deviation (Huber 1981, "Robust statistics")
-Valid       three marks of a body or more, not on a line
+Valid       three marks of a body or more, not on a line; of relative readings, which
+            show no distance, once they are counted from where the arm has the marks
 Ignores     three marks: a shift out of their plane, which turns the body
 ==========  ==========================================================================
 
@@ -76,25 +77,33 @@ class Outlier:
 
 
 def outliers_of(
-    recording: Recording, residual: Float[np.ndarray, "rows markers 3"] | None = None
+    recording: Recording,
+    residual: Float[np.ndarray, "rows markers 3"] | None = None,
+    point: Float[np.ndarray, "rows markers 3"] | None = None,
 ) -> tuple[Outlier, ...]:
     """Return the outliers of a recording, by rows.
 
     Args:
         recording: With markers, or without: then there are none.
         residual: Readings less where the fitted arm has them, in m; None where nothing
-            is fitted yet: then marks of bodies with less than three of them are only
-            compared with the other rows of their visit.
+            is fitted yet: then marks that no distance checks are only compared with the
+            other rows of their visit.
+        point: Where they are by the readings, along any axes, in m; None: as read.
     """
     if recording.points is None or not recording.markers:
         return ()
     found = np.zeros(recording.points.shape[:2])
-    bodies = _bodies(recording)
-    for marks in bodies:
-        if len(marks) > 2:
-            _of_body(recording.points, marks, found)
+    point = _rigid(recording) if point is None else point
+    groups = [np.unique(recording.visit, return_inverse=True)[1]]
+    if residual is None:
+        residual = recording.points
+    elif recording.displacement == "absolute":
+        groups.append(np.zeros_like(groups[0]))
+    for marks in _bodies(recording):
+        if len(marks) > 2 and point is not None:
+            _of_body(point, marks, found)
         else:
-            _of_visits(recording, residual, marks, found)
+            _of_visits(residual, groups, marks, found)
     return tuple(
         Outlier(
             int(row),
@@ -122,13 +131,15 @@ def without_outliers(recording: Recording, outliers: Iterable[Outlier]) -> Recor
 def spread_of_bodies(recording: Recording) -> float | None:
     """Return one sigma of a coordinate by distances between marks of one body, in m.
 
-    None where no body has three marks that were measured separately.
+    None where no body has three marks that were measured separately, and of relative
+    readings.
     """
-    if recording.points is None:
+    points = _rigid(recording)
+    if points is None:
         return None
     alone = {m for m, k in enumerate(recording.markers) if k.target is None}
     found = [
-        _odd_rows(recording.points[:, marks])[1]
+        _odd_rows(points[:, marks])[1]
         for marks in _bodies(recording)
         if len(marks) > 2 and alone.issuperset(marks)
     ]
@@ -142,6 +153,11 @@ def outlier_text(found: Sequence[Outlier]) -> str:
     more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
     are = "reading was" if len(found) == 1 else "readings were"
     return f"{len(found)} outlying {are} left out: {', '.join(shown[:SHOWN])}{more}."
+
+
+def _rigid(recording: Recording) -> Float[np.ndarray, "rows markers 3"] | None:
+    """Return readings between which distances are those of bodies; None: none are."""
+    return recording.points if recording.displacement == "absolute" else None
 
 
 def _bodies(recording: Recording) -> list[list[int]]:
@@ -304,19 +320,12 @@ def _distances(
 
 
 def _of_visits(
-    recording: Recording,
-    residual: np.ndarray | None,
+    residual: Float[np.ndarray, "rows markers 3"],
+    groups: Sequence[Int[np.ndarray, " rows"]],
     marks: list[int],
     found: np.ndarray,
 ) -> None:
-    """Note the sizes of readings far from where a mark is in other rows."""
-    visit = np.unique(recording.visit, return_inverse=True)[1]
-    groups = [visit]
-    if residual is None:
-        assert recording.points is not None
-        residual = recording.points
-    elif recording.displacement == "absolute":
-        groups.append(np.zeros_like(visit))
+    """Note the sizes of readings far from where a mark is in other rows of a group."""
     for m in marks:
         for group in groups:
             size = _from_median(residual[:, m], group)

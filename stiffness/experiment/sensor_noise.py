@@ -68,7 +68,7 @@ def with_measured_noise(recording: Recording) -> tuple[Recording, str]:
     """Return a recording whose tracker has a noise, and what is said of it.
 
     Where none is stated it is that of the distances between marks of one body; where
-    no body has three, the recording's assumption stands.
+    no body has three, and of relative readings, the recording's assumption stands.
     """
     tracker = recording.tracker
     if tracker is None or tracker.is_stated or recording.points is None:
@@ -77,7 +77,10 @@ def with_measured_noise(recording: Recording) -> tuple[Recording, str]:
     sigma = spread_of_bodies(recording)
     if sigma is None:
         assumed = 1e3 * float(np.mean(tracker.repeatability))
-        text += f"{assumed:.3g} mm was assumed: no body has three marks that show it."
+        why = "no body has three marks that show it"
+        if recording.displacement == "relative":
+            why = "relative readings show no distance"
+        text += f"{assumed:.3g} mm was assumed: {why}."
         return recording, text
     text += f"distances between marks of one body give {1e3 * sigma:.3g} mm."
     frames = recording.frames

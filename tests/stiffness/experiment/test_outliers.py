@@ -9,10 +9,12 @@ from small_bench import FEW, arm, recording
 
 from bench.shared.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.experiment.outliers import (
     Outlier,
     _of_body,
     outliers_of,
+    spread_of_bodies,
     without_outliers,
 )
 
@@ -69,6 +71,34 @@ def test_every_wild_reading_is_listed_with_its_size_and_no_other(seed):
 def test_nothing_is_wild_in_a_sound_recording():
     assert outliers_of(recording()) == ()
     assert outliers_of(recording("bearing_tilt@a3")) == ()
+
+
+def relative(made: Recording) -> Recording:
+    """Count readings from the first row of their visit."""
+    assert made.points is not None
+    first = np.searchsorted(made.visit, made.visit)
+    seen = np.isfinite(made.points[first]).all(axis=(1, 2))
+    moved = replace(made, points=made.points - made.points[first])
+    frame = prepare(made, arm()).frames.transform
+    moved = moved.take(np.flatnonzero(seen))
+    return replace(moved, displacement="relative", base_from_tracker=frame)
+
+
+def test_bodies_that_turn_under_load_are_no_outliers_of_relative_readings():
+    made = relative(recording("hysteresis@a2,width_rad=4e-4", poses=20))
+    assert outliers_of(made) == ()
+    assert spread_of_bodies(made) is None
+    assert diagnose(made, arm(), FEW).outliers == ()
+
+
+def test_wild_reading_is_listed_in_relative_readings_too():
+    made = relative(recording(poses=20))
+    assert made.points is not None
+    points = made.points.copy()
+    row = int(np.flatnonzero(np.diff(made.visit) == 0)[40]) + 1
+    points[row, 9] += np.array([0.3, -0.2, 0.4]) * MM
+    found = diagnose(replace(made, points=points), arm(), FEW)
+    assert listed(found.outliers) == [(row, made.markers[9].name)]
 
 
 def test_of_three_marks_the_one_that_is_wild_is_listed():
