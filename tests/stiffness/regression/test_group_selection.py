@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from stiffness.regression import group_selection
 from stiffness.regression.group_selection import (
     MOST_SHAPES,
     GroupSelection,
@@ -312,3 +313,46 @@ def test_of_two_laws_that_do_the_same_the_first_is_found_however_sums_are_rounde
     case = GroupProblem.of(gram, x.T @ y, np.diag(gram), known, twins, UNITS)
     for start in ((), (0,)):
         assert select_groups(case, start).groups == (0,)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_step_of_the_search_makes_a_set_of_near_multiples_worth_less(
+    seed, monkeypatch
+):
+    """A course in time that no law follows is imitated by ever more of alike columns.
+
+    What is left of these beside each other is at the edge of what counts.
+    """
+    rng = np.random.default_rng(seed)
+    width, count = 4, 14
+    base = np.linspace(-1.0, 1.0, UNITS * ROWS)[:, None] ** np.arange(1, 9)
+    x = np.concatenate(
+        [
+            base @ rng.standard_normal((8, width))
+            + 10.0 ** rng.uniform(-4.0, -2.5) * rng.standard_normal((len(base), width))
+            for _ in range(count)
+        ],
+        axis=1,
+    )
+    y = 30.0 * np.sin(7.0 * base[:, 0]) + rng.standard_normal(len(base))
+    own = [
+        ColumnGroup(("law", str(k)), width * k + np.arange(width)) for k in range(count)
+    ]
+    none = np.zeros(0, dtype=int)
+    case = GroupProblem.of(x.T @ x, x.T @ y, np.sum(x**2, axis=0), none, own, UNITS)
+    for step in ("_pruned", "_with_exchanges", "_with_several_for_one"):
+        monkeypatch.setattr(group_selection, step, never_worse(step))
+    select_groups(case)
+
+
+def never_worse(step: str):
+    """Return a step of the search that fails where a set comes out worth less."""
+    done = getattr(group_selection, step)
+
+    def checked(case: GroupProblem, start: tuple[int, ...]) -> tuple[int, ...]:
+        found = done(case, start)
+        before, after = (FactorisedSet.of(case, g).worth for g in (start, found))
+        assert after >= before
+        return found
+
+    return checked
