@@ -86,8 +86,9 @@ def outliers_of(
     Args:
         recording: With markers, or without: then there are none.
         residual: Readings less where the fitted arm has them, in m; None where nothing
-            is fitted yet: then marks that no distance checks are only compared with the
-            other rows of their visit.
+            is fitted yet: then marks of bodies with less than three of them are only
+            compared with the other rows of their visit, and others of relative readings
+            not at all.
         point: Where they are by the readings, along any axes, in m; None: as read.
     """
     if recording.points is None or not recording.markers:
@@ -100,10 +101,10 @@ def outliers_of(
     elif recording.displacement == "absolute":
         groups.append(np.zeros_like(groups[0]))
     for marks in _bodies(recording):
-        if len(marks) > 2 and point is not None:
-            _of_body(point, marks, found)
-        else:
+        if len(marks) <= 2:
             _of_visits(residual, groups, marks, found)
+        elif point is not None:
+            _of_body(point, marks, found)
     return tuple(
         Outlier(
             int(row),

@@ -91,12 +91,13 @@ def test_bodies_that_turn_under_load_are_no_outliers_of_relative_readings():
     assert diagnose(made, arm(), FEW).outliers == ()
 
 
-def test_wild_reading_is_listed_in_relative_readings_too():
+@pytest.mark.parametrize("size", [0.3, 300.0])
+def test_wild_reading_is_listed_in_relative_readings_too(size):
     made = relative(recording(poses=20))
     assert made.points is not None
     points = made.points.copy()
     row = int(np.flatnonzero(np.diff(made.visit) == 0)[40]) + 1
-    points[row, 9] += np.array([0.3, -0.2, 0.4]) * MM
+    points[row, 9] += np.array([1.0, -0.7, 1.3]) * size * MM
     found = diagnose(replace(made, points=points), arm(), FEW)
     assert listed(found.outliers) == [(row, made.markers[9].name)]
 
