@@ -221,27 +221,30 @@ def _grown(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
 
 
 def _pruned(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:
-    """Drop whole names, then single groups, the least worth first.
+    """Drop whole names, then single groups, the least worth first."""
+    here = FactorisedSet.of(problem, groups)
+    while (less := _with_one_dropped(here)) is not None:
+        here = less
+    return here.groups
+
+
+def _with_one_dropped(here: FactorisedSet) -> FactorisedSet | None:
+    """Return a set without the name or group that is least worth; None: all are worth.
 
     Of columns that are nearly multiples of others a set is worth less without some than
     the reduced set says: each drop is made, and taken back where the worth falls.
     """
-    here = FactorisedSet.of(problem, groups)
-    while here.groups:
-        ways = [*_places_of_names(problem, here.groups).values()]
-        ways += [[p] for p in range(len(here.groups)) if [p] not in ways]
-        after = np.array([here.reduced(places).worth for places in ways])
-        least = here.worth + RISES
-        while after[best := first_of_best(after)] > least:
-            rest = [k for p, k in enumerate(here.groups) if p not in ways[best]]
-            less = FactorisedSet.of(problem, rest)
-            if less.worth > least:
-                here = less
-                break
-            after[best] = -np.inf
-        else:
-            break
-    return here.groups
+    ways = [*_places_of_names(here.problem, here.groups).values()]
+    ways += [[p] for p in range(len(here.groups)) if [p] not in ways]
+    after = np.array([here.reduced(places).worth for places in ways])
+    least = here.worth + RISES
+    while len(after) and after[best := first_of_best(after)] > least:
+        rest = [k for p, k in enumerate(here.groups) if p not in ways[best]]
+        less = FactorisedSet.of(here.problem, rest)
+        if less.worth > least:
+            return less
+        after[best] = -np.inf
+    return None
 
 
 def _with_exchanges(problem: GroupProblem, groups: tuple[int, ...]) -> tuple[int, ...]:

@@ -321,7 +321,7 @@ def test_no_step_of_the_search_makes_a_set_of_near_multiples_worth_less(
 ):
     """A course in time that no law follows is imitated by ever more of alike columns.
 
-    What is left of these beside each other is at the edge of what counts.
+    Beside each other these columns have little more information than is counted.
     """
     rng = np.random.default_rng(seed)
     width, count = 4, 14
