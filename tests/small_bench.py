@@ -65,6 +65,20 @@ def moved_by(law: EffectJacobian, size: np.ndarray, *effects: str) -> Recording:
     return replace(made, points=made.points + moved @ ready.frames.transform[:3, :3])
 
 
+def relative(made: Recording) -> Recording:
+    """Count each visit's readings from its first row, in the frame that they show."""
+    assert made.points is not None
+    first = np.searchsorted(made.visit, made.visit)
+    seen = np.isfinite(made.points[first]).all(axis=(1, 2))
+    moved = replace(
+        made,
+        points=made.points - made.points[first],
+        displacement="relative",
+        base_from_tracker=prepare(made, arm()).frames.transform,
+    )
+    return moved.take(np.flatnonzero(seen))
+
+
 @cache
 def diagnosis(*effects: str) -> Diagnosis:
     return diagnose(recording(*effects), arm(), FEW)

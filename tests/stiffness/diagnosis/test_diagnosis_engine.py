@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_bench import FEW, MODEL, arm, diagnosis, prepared, recording
+from small_bench import FEW, MODEL, arm, diagnosis, prepared, recording, relative
 
 from bench.effects.out_of_library.foot_lift_off import FootLiftOff
 from bench.experiment import record
 from bench.instruments import Instruments
 from bench.rig import Rig
 from bench.shared.errors import Unusable
-from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
 from scenarios.pipelines import schema
 from scenarios.pipelines.diagnosis import answer_of
@@ -42,17 +41,6 @@ def test_nothing_there_is_no_mismatch():
     assert found.verdict == "no_mismatch"
     assert found.detection.p_value >= SIGNIFICANCE
     assert found.named == ()
-
-
-def relative(made: Recording) -> Recording:
-    """Count each visit's readings from its first row."""
-    assert made.points is not None
-    start = np.searchsorted(made.visit, made.visit)
-    seen = np.isfinite(made.points[start]).all(axis=(1, 2))
-    moved = replace(made, points=made.points - made.points[start])
-    moved = moved.take(np.flatnonzero(seen))
-    tracker = prepared().frames.transform
-    return replace(moved, displacement="relative", base_from_tracker=tracker)
 
 
 def test_relative_readings_of_a_nominal_arm_are_no_mismatch():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import unstated_springs
 from numpy.testing import assert_allclose
-from small_bench import MODEL, arm, recording
+from small_bench import MODEL, arm, recording, relative
 
 from bench.model_file import load, plain_mjcf
 from bench.proof.proof import Proof, prove
@@ -99,19 +99,6 @@ def test_compliances_are_fitted_from_rigid_to_within_their_errors(file):
     assert within_errors(ready)
     assert ready.springs == (0, 1, 2, 3, 4, 5) and ready.blind == ()
     assert not ready.modelled.any()
-
-
-def relative(made: Recording) -> Recording:
-    assert made.points is not None
-    start = np.searchsorted(made.visit, made.visit)
-    seen = np.isfinite(made.points[start]).all(axis=(1, 2))
-    moved = replace(
-        made,
-        points=made.points - made.points[start],
-        displacement="relative",
-        base_from_tracker=prepare(made, arm()).frames.transform,
-    )
-    return moved.take(np.flatnonzero(seen))
 
 
 def test_displacements_alone_give_the_same_compliances(rigid):

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from small_bench import FEW, arm, recording
+from small_bench import FEW, arm, recording, relative
 
 from bench.shared.recording import Recording
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.experiment.outliers import (
     Outlier,
     _of_body,
@@ -71,17 +70,6 @@ def test_every_wild_reading_is_listed_with_its_size_and_no_other(seed):
 def test_nothing_is_wild_in_a_sound_recording():
     assert outliers_of(recording()) == ()
     assert outliers_of(recording("bearing_tilt@a3")) == ()
-
-
-def relative(made: Recording) -> Recording:
-    """Count readings from the first row of their visit."""
-    assert made.points is not None
-    first = np.searchsorted(made.visit, made.visit)
-    seen = np.isfinite(made.points[first]).all(axis=(1, 2))
-    moved = replace(made, points=made.points - made.points[first])
-    frame = prepare(made, arm()).frames.transform
-    moved = moved.take(np.flatnonzero(seen))
-    return replace(moved, displacement="relative", base_from_tracker=frame)
 
 
 def test_bodies_that_turn_under_load_are_no_outliers_of_relative_readings():
