@@ -39,6 +39,10 @@ from stiffness.experiment.visits import (
 
 SPREAD = (1.0 / 3.0, 2.0 / 3.0, 1.0)
 """Slips over the largest; chosen: three of an even spread."""
+SLIPS, ENDS = (0.09, 0.22, 0.55), (0.03, 1.4)
+"""Largest slip over the axis' largest torque by a load; chosen: of a stop that no load
+makes slip as a whole, the smaller ones still do. At the ends with `NOTHING` alone: the
+first slips at once however it arrived, and the last hardly ever."""
 
 
 @dataclass(frozen=True)
@@ -60,9 +64,10 @@ class Hysteresis(Hypothesis):
     @override
     def shapes(self, situation: StaticState, where: str) -> Shapes:
         largest = np.max(np.abs(situation.load_torque[:, situation.axis(where)]))
-        slips = largest * np.array([0.03, 0.09, 0.22, 0.55])
         kept = memories(situation.recording.visit)
-        return np.array([(slip, float(memory)) for memory in kept for slip in slips])
+        shapes = [(slip, memory) for memory in kept for slip in SLIPS]
+        shapes += [(slip, NOTHING) for slip in ENDS]
+        return np.array(shapes, dtype=float) * [largest, 1.0]
 
     @override
     def jacobian(

@@ -4,7 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_bench import FEW, MODEL, arm, diagnosis, prepared, recording, relative
+from small_bench import (
+    FEW,
+    MODEL,
+    SOFTER,
+    arm,
+    diagnosis,
+    prepared,
+    recording,
+    relative,
+)
 
 from bench.effects.out_of_library.foot_lift_off import FootLiftOff
 from bench.experiment import record
@@ -26,7 +35,7 @@ from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.result import Decision, refused_with_size
+from stiffness.diagnosis.result import Decision, Name, refused_with_size
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.reading_lag import ReadingLag
@@ -96,6 +105,17 @@ def test_an_effect_is_found_placed_and_named(effect, name, where):
     assert found.verdict == "explained"
     assert [(e.name.effect, e.name.where) for e in found.named] == [(name, where)]
     assert found.located[0].where == where
+
+
+def test_friction_that_no_load_overcomes_is_a_loop_beside_the_right_spring():
+    """A part slips; the rest winds up and lets go with the spring, which seems hard."""
+    found = diagnosis("hysteresis@a2,width_rad=8e-4")
+    (loop,) = found.named
+    assert loop.name == Name("hysteresis", "a2")
+    width, nominal = loop.parameters["width_rad"], found.nominal
+    assert width.low < 8e-4 < width.high
+    assert nominal is not None
+    assert abs(SOFTER * nominal.compliance[1] / nominal.modelled[1] - 1.0) < 0.15
 
 
 @pytest.mark.parametrize("law", ["lag_rad", "share_lag_rad"])
