@@ -47,7 +47,7 @@ from bench.shared.recording import (
 )
 from stiffness.experiment.visits import commanded_lags
 from stiffness.robot.arm import Arm
-from stiffness.robot.chain import Chain, Place
+from stiffness.robot.chain import Chain, corrected_chain, link_axes, seats_of
 from stiffness.robot.kinematics import ArmState, cross
 from stiffness.robot.tracker_frame import rotations
 
@@ -287,31 +287,6 @@ def entries_of(chain: Chain) -> tuple[Entry, ...]:
     return (*offsets, *links)
 
 
-def seats_of(chain: Chain) -> list[int]:
-    """Return the axes that another axis carries."""
-    return list(chain.links.values())
-
-
-def corrected_chain(chain: Chain, values: Float[np.ndarray, " entries"]) -> Chain:
-    """Return a chain with corrected seats; offsets are added to the postures."""
-    axes = len(chain.parent)
-    before = chain.before.copy()
-    for k, twist in zip(
-        seats_of(chain), np.reshape(values[axes:], (-1, 6)), strict=True
-    ):
-        axes_of_link = link_axes(chain, chain.parent[k])
-        before[k, :3, 3] += axes_of_link @ twist[:3]
-        turn = Rotation.from_rotvec(axes_of_link @ twist[3:]).as_matrix()
-        before[k, :3, :3] = turn @ before[k, :3, :3]
-    return replace(chain, before=before)
-
-
-def link_axes(chain: Chain, axis: int) -> Float[np.ndarray, "3 3"]:
-    """Return the axes of a link's frame, as columns, in its moving axis' frame."""
-    place = chain.places.get(f"link_{axis + 1}", Place(axis, np.eye(4)))
-    return place.placement[:3, :3]
-
-
 def columns(
     standing: ArmState,
     points: Float[np.ndarray, "rows 3"],
@@ -430,7 +405,8 @@ class CalibrationState:
         """Return the state for a corrected geometry."""
         arm = readings.arm
         axes = len(arm.axes)
-        chain = corrected_chain(arm.chain, model_geometry.values)
+        links = np.reshape(model_geometry.values[len(arm.axes) :], (-1, 6))
+        chain = corrected_chain(arm.chain, links)
         drawn_arm = replace(arm, chain=chain)
         posture = readings.posture + model_geometry.values[:axes]
         standing = drawn_arm.at(posture)

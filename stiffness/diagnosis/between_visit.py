@@ -543,3 +543,27 @@ class BetweenVisitModel:
     def with_residual(self, residual: np.ndarray) -> "BetweenVisitModel":
         """Return the same with other residuals."""
         return replace(self, residual=residual)
+
+
+def mean_squares_of(
+    between: BetweenVisitModel, share: Float[np.ndarray, " markers"]
+) -> tuple[float, float]:
+    """Return mean squares of what means of visits leave, and by noise."""
+    left, seen = residuals_of_means(between)
+    rms = np.mean(np.sum(left[seen] ** 2, axis=1))
+    undone = np.linalg.pinv(between.whitening.half, hermitian=True)
+    own = share * np.sum(undone**2, axis=(2, 3))
+    return float(rms), float(np.mean(own[seen]))
+
+
+def residuals_of_means(
+    between: BetweenVisitModel,
+) -> tuple[Float[np.ndarray, "visits markers 3"], Bool[np.ndarray, "visits markers"]]:
+    """Return what means of visits leave, in m, and which markers were seen."""
+    roots = between.whitening
+    seen: Bool[np.ndarray, "visits markers"] = np.any(roots.half != 0.0, axis=(2, 3))
+    undone = np.linalg.pinv(roots.half, hermitian=True)
+    longer = np.sqrt(1.0 + roots.size) - 1.0
+    along = longer[..., None] * (roots.error.swapaxes(1, 2) @ between.residual)
+    white = (between.residual + roots.error @ along).reshape(*seen.shape, 3, 1)
+    return (undone @ white)[..., 0], seen

@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float, Int
 from threadpoolctl import threadpool_limits
 
 from bench.shared.recording import Recording
-from stiffness.diagnosis.between_visit import BetweenVisitModel
+from stiffness.diagnosis.between_visit import mean_squares_of, residuals_of_means
 from stiffness.diagnosis.detection import (
     FEWEST_POSES,
     MEASURED,
@@ -45,8 +45,10 @@ from stiffness.diagnosis.nominal_fit import Prepared, prepare
 from stiffness.diagnosis.relinearisation import (
     ODD,
     build_problem,
+    is_curved,
     noise_ratio_of,
     noise_text,
+    prepared_about,
     reading_noise,
     scatter_of_readings,
     scattering_axes,
@@ -137,7 +139,7 @@ def held_out_misfit(prepared: Prepared, case: SelectionProblem) -> HeldOut:
     square, whole = float(np.sum(apart[rows] ** 2)) / count, np.nan
     between = case.data.between
     if between is not None:
-        left, shown = _left_of_means(between)
+        left, shown = residuals_of_means(between)
         if shown[rows].any():
             means = np.sum(left[rows][shown[rows]] ** 2, axis=1)
             whole = float(np.sqrt(square + np.mean(means)))
@@ -154,7 +156,7 @@ def chi_square_summary(prepared: Prepared, case: SelectionProblem) -> ChiSquareS
     within, noise_within = rms, noise = _within(prepared, case)
     if case.data.between is not None:
         share = shares_of(prepared.situation.recording)
-        more, by_noise = _between(case.data.between, share)
+        more, by_noise = mean_squares_of(case.data.between, share)
         rms, noise = rms + more, noise + by_noise
     squares = (rms, noise, within, noise_within)
     return ChiSquareSummary(*(float(np.sqrt(square)) for square in squares))
@@ -202,30 +204,6 @@ def _softer(
     expected = np.nan_to_num(prepared.readings.point - prepared.readings.value)
     of_marker = np.einsum("rki,km->rmi", twist, carried)
     return np.einsum("rmij,rmj->rmi", point_jacobian(expected), of_marker)
-
-
-def _between(
-    between: BetweenVisitModel, share: Float[np.ndarray, " markers"]
-) -> tuple[float, float]:
-    """Return mean squares of what means of visits leave, and by noise."""
-    left, seen = _left_of_means(between)
-    rms = np.mean(np.sum(left[seen] ** 2, axis=1))
-    undone = np.linalg.pinv(between.whitening.half, hermitian=True)
-    own = share * np.sum(undone**2, axis=(2, 3))
-    return float(rms), float(np.mean(own[seen]))
-
-
-def _left_of_means(
-    between: BetweenVisitModel,
-) -> tuple[Float[np.ndarray, "visits markers 3"], Bool[np.ndarray, "visits markers"]]:
-    """Return what means of visits leave, in m, and which markers were seen."""
-    roots = between.whitening
-    seen: Bool[np.ndarray, "visits markers"] = np.any(roots.half != 0.0, axis=(2, 3))
-    undone = np.linalg.pinv(roots.half, hermitian=True)
-    longer = np.sqrt(1.0 + roots.size) - 1.0
-    along = longer[..., None] * (roots.error.swapaxes(1, 2) @ between.residual)
-    white = (between.residual + roots.error @ along).reshape(*seen.shape, 3, 1)
-    return (undone @ white)[..., 0], seen
 
 
 # --- Warnings about the data ----------------------------------------------------------
@@ -412,7 +390,7 @@ def diagnose(
     if mistakes:
         return _stopped(recording, mistakes, started)
     recording, prepared, outliers = _prepared(recording, arm)
-    first = _look(prepared, hypotheses)
+    first = _about_kinematics(_look(prepared, hypotheses), recording, arm, hypotheses)
     looked, scattering = _with_scattering_axes(first, hypotheses)
     prepared = looked.prepared
     named = looked.judged is not None and bool(looked.judged.model.fit.members)
@@ -498,6 +476,25 @@ def _look(prepared: Prepared, hypotheses: Sequence[Hypothesis]) -> _Looked:
     if found.p_value < SIGNIFICANCE:
         judged = judge(select_model(case, prepared, hypotheses))
     return _Looked(prepared, case, found, judged)
+
+
+CENTRES = 4
+"""How often the arm is held against the recording anew at most; chosen: each time
+the second order of what the last time missed stays."""
+
+
+def _about_kinematics(
+    looked: _Looked, recording: Recording, arm: Arm, hypotheses: Sequence[Hypothesis]
+) -> _Looked:
+    """Look again about the kinematic errors that were found, until no curve is seen."""
+    about: ModelFit | None = None
+    for _ in range(CENTRES):
+        fit = None if looked.judged is None else looked.judged.model.fit
+        if fit is None or not is_curved(looked.prepared, fit, about):
+            break
+        looked = _look(prepared_about(recording, arm, fit), hypotheses)
+        about = fit
+    return looked
 
 
 def _with_scattering_axes(

@@ -566,14 +566,8 @@ def _prepared(recording: Recording, arm: Arm) -> Prepared:
     visits = visits_of(situation.visit, situation.posture_index)
     readings = residuals_of(situation, frames)
     groups = rigid_groups(recording, body)
-    check = checked(
-        visits,
-        readings.value,
-        readings.point,
-        readings.weight,
-        readings.inverse,
-        groups,
-    )
+    seen = (readings.value, readings.point, readings.weight, readings.inverse)
+    check = checked(visits, *seen, groups)
     check = with_shapes(check, situation, readings, frames.marker_positions, groups)
     noise = no_finer(check.noise, check.weight, readings.inverse)
     readings = replace(

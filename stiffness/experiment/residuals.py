@@ -115,6 +115,8 @@ class Residuals:
         weight: Number of frames of each, less for outliers, 0 where not seen.
         inverse: Inverse covariance of one frame's reading, 1/m^2.
         body: Index of each marker's body.
+        centre: What readings hold of kinematic errors about which the arm stands, in m;
+            None: it stands as drawn.
     """
 
     value: Float[np.ndarray, "rows markers 3"]
@@ -122,3 +124,4 @@ class Residuals:
     weight: Float[np.ndarray, "rows markers"]
     inverse: Float[np.ndarray, "3 3"]
     body: Int[np.ndarray, " markers"]
+    centre: Float[np.ndarray, "rows markers 3"] | None = None

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -75,6 +75,33 @@ class Chain:
             f"link_{parent + 1}" + f":a{k + 1}" * (several[parent] > 1): k
             for k, parent in ends.items()
         }
+
+
+def seats_of(chain: Chain) -> list[int]:
+    """Return the axes that another axis carries."""
+    return list(chain.links.values())
+
+
+def corrected_chain(chain: Chain, links: Float[np.ndarray, "links 6"]) -> Chain:
+    """Return a chain whose links end elsewhere.
+
+    Args:
+        chain: As drawn.
+        links: Shift in m and rotation vector in rad of each link's end, in its frame.
+    """
+    before = chain.before.copy()
+    for k, twist in zip(seats_of(chain), links, strict=True):
+        axes_of_link = link_axes(chain, chain.parent[k])
+        before[k, :3, 3] += axes_of_link @ twist[:3]
+        turn = Rotation.from_rotvec(axes_of_link @ twist[3:]).as_matrix()
+        before[k, :3, :3] = turn @ before[k, :3, :3]
+    return replace(chain, before=before)
+
+
+def link_axes(chain: Chain, axis: int) -> Float[np.ndarray, "3 3"]:
+    """Return the axes of a link's frame, as columns, in its moving axis' frame."""
+    place = chain.places.get(f"link_{axis + 1}", Place(axis, np.eye(4)))
+    return place.placement[:3, :3]
 
 
 def chain_of(model: pinocchio.Model, axes: Sequence[str], gravity: np.ndarray) -> Chain:

@@ -6,7 +6,7 @@ import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from small_bench import arm, prepared, recording
+from small_bench import FEW, arm, prepared, recording
 
 from bench.effects.hardening import Hardening as HardeningGear
 from bench.effects.wrench_bias import WrenchBias
@@ -26,7 +26,9 @@ from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import (
     beyond_linear,
     build_problem,
+    is_curved,
     linearised,
+    prepared_about,
     total_softening,
 )
 from stiffness.diagnosis.search import Search
@@ -36,9 +38,11 @@ from stiffness.diagnosis.selection import (
     _with_loads,
     select_model,
 )
+from stiffness.diagnosis.sufficient_statistics import mismatch_of_poses
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.bearing_tilt import BearingTilt
+from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad, seen, torques
@@ -426,3 +430,54 @@ def test_an_axis_that_turns_far_moves_its_marks_on_a_circle(kr10):
     axis = before.frame[:, 2, :, 2]
     arm = np.cross(np.cross(axis, marks - before.origin[:, 2]), axis)
     assert_allclose(last.displacement[:, :, 0], -0.5e-4 * arm, atol=1e-6)
+
+
+# --- Kinematic errors -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("offset", [5e-3, -2e-2])
+def test_a_wrong_zero_of_a_degree_is_one_name_with_its_size(offset):
+    """To first order alone it looks like two links, and one axis or none."""
+    made = recording(f"encoder_offset@a3,offset_rad={offset}")
+    found = diagnose(made, arm(), (*FEW, GeometryError()))
+    (only,) = found.named
+    assert found.verdict == "explained"
+    assert (only.name.effect, only.name.where) == ("encoder_offset", "a3")
+    size = only.parameters["offset_rad"]
+    assert size.low <= offset <= size.high
+    assert size.high - size.low < 1e-4
+
+
+LINK = (2e-3, -1e-3, 3e-3, 4e-3, -6e-3, 5e-3)
+
+
+@pytest.mark.parametrize(
+    ("effect", "law", "where", "size"),
+    [
+        ("encoder_offset@a2,offset_rad=2e-2", EncoderOffset(), "a2", (2e-2,)),
+        (
+            "geometry_error@link_3,x_m=2e-3,y_m=-1e-3,z_m=3e-3,"
+            "rx_rad=4e-3,ry_rad=-6e-3,rz_rad=5e-3",
+            *(GeometryError(), "link_3", LINK),
+        ),
+    ],
+)
+def test_readings_about_kinematic_errors_are_what_their_columns_do(
+    effect, law, where, size
+):
+    """As drawn, the second order stays; so it is said to show, and then no more."""
+    made, term = recording(effect), ModelTerm(law, where, NONE)
+    drawn = prepare(made, arm())
+    case = build_problem(drawn, (law,))
+    fit = replace(fit_model(case, [term]), coefficients=(np.array(size),))
+    about = prepared_about(made, arm(), fit)
+    assert is_curved(drawn, fit, None)
+    assert not is_curved(about, fit, fit)
+    left = []
+    for ready in (drawn, about):
+        columns = term.jacobian(ready.situation)
+        rest = ready.data.subtract([columns], np.array(size))
+        left.append(mismatch_of_poses(rest).sum())
+    freedom = about.data.within.degrees_of_freedom.sum()
+    assert abs(left[1]) < 0.1 * freedom
+    assert left[0] > 5.0 * freedom
