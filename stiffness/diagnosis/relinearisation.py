@@ -196,82 +196,6 @@ def _turned(situation: StaticState, fit: ModelFit) -> Float[np.ndarray, "rows ax
     return angle
 
 
-# --- Kinematics -----------------------------------------------------------------------
-
-KINEMATIC = ("encoder_offset", "geometry_error")
-CURVED = 0.1
-"""Part of a reading's noise below which the second order that stays is nothing; chosen:
-some thousand readings hardly show it."""
-
-
-def is_curved(prepared: Prepared, fit: ModelFit, about: ModelFit | None) -> bool:
-    """Return whether kinematic errors of a set show more than their columns.
-
-    Args:
-        prepared: The recording against the arm as it stands.
-        fit: The set.
-        about: The set about whose kinematics it stands; None: as drawn.
-    """
-    arm, recording = prepared.situation.arm, prepared.situation.recording
-    far = kinematic_errors(arm, fit)
-    far = far if about is None else far - kinematic_errors(arm, about)
-    offsets, links = np.split(far, [len(arm.axes)])
-    size = np.linalg.norm(links.reshape(-1, 2, 3), axis=2).sum(axis=0)
-    shift = np.abs(offsets[arm.slides]).sum() + size[0]
-    angle = np.abs(offsets[~arm.slides]).sum() + size[1]
-    seen = expected(prepared.situation, prepared.frames)
-    reach = float(np.max(np.linalg.norm(seen, axis=-1)))
-    assert recording.tracker is not None
-    noise = prepared.noise * float(np.min(recording.tracker.repeatability))
-    return bool(0.5 * reach * (angle + shift / reach) ** 2 > CURVED * noise)
-
-
-def kinematic_errors(arm: Arm, fit: ModelFit) -> Float[np.ndarray, " errors"]:
-    """Return the offset of each axis, then six numbers of each link, by a set."""
-    sizes = dict(zip((m.name for m in fit.members), fit.coefficients, strict=True))
-    offsets = [("encoder_offset", f"a{k + 1}") for k in range(len(arm.axes))]
-    links = [("geometry_error", link) for link in arm.chain.links]
-    nothing = [np.zeros(1)] * len(offsets) + [np.zeros(6)] * len(links)
-    every = zip((*offsets, *links), nothing, strict=True)
-    return np.concatenate([sizes.get(name, none) for name, none in every])
-
-
-def prepared_about(recording: Recording, arm: Arm, fit: ModelFit) -> Prepared:
-    """Make a recording ready about the kinematics of a set, whose sizes stay whole.
-
-    Readings are held against the arm that the set says, and what the set's columns do
-    there is added to them: so laws do all that they do, without its second order.
-
-    Args:
-        recording: With markers.
-        arm: As drawn, with the recording's names.
-        fit: The set.
-    """
-    far, axes = kinematic_errors(arm, fit), len(arm.axes)
-    chain = corrected_chain(arm.chain, far[axes:].reshape(-1, 6))
-    there = replace(recording, posture=recording.posture + far[:axes])
-    found = prepare(there, replace(arm, chain=chain))
-    here, readings = found.situation, found.readings
-    many = expected(here, found.frames).reshape(here.rows, -1)
-    lever = point_jacobian(held_at_mean(there.visit, many).reshape(here.rows, -1, 3))
-    twist = np.zeros((*lever.shape[:2], 6))
-    for member, size in zip(fit.members, fit.coefficients, strict=True):
-        if member.name[0] not in KINEMATIC:
-            continue
-        for part in mixture(member.jacobian(here), size[:, None]).parts:
-            if isinstance(part, JointRotation):
-                moved, site = here.screw[:, part.axis] * part.law, part.axis + 1
-            else:
-                assert isinstance(part, BodyTwist)
-                moved, site = part.twist[..., 0], part.site
-            twist += here.carried[site, readings.body][:, None] * moved[:, None]
-    centre = np.einsum("rmij,rmj->rmi", lever, twist)
-    value, point = readings.value + centre, readings.point + centre
-    readings = replace(readings, value=value, point=point, centre=centre)
-    data, _ = blocks(here, found.data.visits, readings, found.pose_repeatability)
-    return replace(found, readings=readings, data=data)
-
-
 def beyond_linear(prepared: Prepared, stands: StaticState) -> EffectJacobian:
     """Return what marks move by beyond what lever arms say, where axes turned.
 
@@ -446,6 +370,82 @@ def _within_a_decade(
     change: Float[np.ndarray, " springs"], before: Float[np.ndarray, " springs"]
 ) -> Float[np.ndarray, " springs"]:
     return np.clip(change, -0.9 * before, 9.0 * before)
+
+
+# --- Kinematics -----------------------------------------------------------------------
+
+KINEMATIC = ("encoder_offset", "geometry_error")
+CURVED = 0.1
+"""Part of a reading's noise below which the second order that stays is nothing; chosen:
+some thousand readings hardly show it."""
+
+
+def is_curved(prepared: Prepared, fit: ModelFit, about: ModelFit | None) -> bool:
+    """Return whether kinematic errors of a set show more than their columns.
+
+    Args:
+        prepared: The recording against the arm as it stands.
+        fit: The set.
+        about: The set about whose kinematics it stands; None: as drawn.
+    """
+    arm, recording = prepared.situation.arm, prepared.situation.recording
+    far = kinematic_errors(arm, fit)
+    far = far if about is None else far - kinematic_errors(arm, about)
+    offsets, links = np.split(far, [len(arm.axes)])
+    size = np.linalg.norm(links.reshape(-1, 2, 3), axis=2).sum(axis=0)
+    shift = np.abs(offsets[arm.slides]).sum() + size[0]
+    angle = np.abs(offsets[~arm.slides]).sum() + size[1]
+    seen = expected(prepared.situation, prepared.frames)
+    reach = float(np.max(np.linalg.norm(seen, axis=-1)))
+    assert recording.tracker is not None
+    noise = prepared.noise * float(np.min(recording.tracker.repeatability))
+    return bool(0.5 * reach * (angle + shift / reach) ** 2 > CURVED * noise)
+
+
+def kinematic_errors(arm: Arm, fit: ModelFit) -> Float[np.ndarray, " errors"]:
+    """Return the offset of each axis, then six numbers of each link, by a set."""
+    sizes = dict(zip((m.name for m in fit.members), fit.coefficients, strict=True))
+    offsets = [("encoder_offset", f"a{k + 1}") for k in range(len(arm.axes))]
+    links = [("geometry_error", link) for link in arm.chain.links]
+    nothing = [np.zeros(1)] * len(offsets) + [np.zeros(6)] * len(links)
+    every = zip((*offsets, *links), nothing, strict=True)
+    return np.concatenate([sizes.get(name, none) for name, none in every])
+
+
+def prepared_about(recording: Recording, arm: Arm, fit: ModelFit) -> Prepared:
+    """Make a recording ready about the kinematics of a set, whose sizes stay whole.
+
+    Readings are held against the arm that the set says, and what the set's columns do
+    there is added to them: so laws do all that they do, without its second order.
+
+    Args:
+        recording: With markers.
+        arm: As drawn, with the recording's names.
+        fit: The set.
+    """
+    far, axes = kinematic_errors(arm, fit), len(arm.axes)
+    chain = corrected_chain(arm.chain, far[axes:].reshape(-1, 6))
+    there = replace(recording, posture=recording.posture + far[:axes])
+    found = prepare(there, replace(arm, chain=chain))
+    here, readings = found.situation, found.readings
+    many = expected(here, found.frames).reshape(here.rows, -1)
+    lever = point_jacobian(held_at_mean(there.visit, many).reshape(here.rows, -1, 3))
+    twist = np.zeros((*lever.shape[:2], 6))
+    for member, size in zip(fit.members, fit.coefficients, strict=True):
+        if member.name[0] not in KINEMATIC:
+            continue
+        for part in mixture(member.jacobian(here), size[:, None]).parts:
+            if isinstance(part, JointRotation):
+                moved, site = here.screw[:, part.axis] * part.law, part.axis + 1
+            else:
+                assert isinstance(part, BodyTwist)
+                moved, site = part.twist[..., 0], part.site
+            twist += here.carried[site, readings.body][:, None] * moved[:, None]
+    centre = np.einsum("rmij,rmj->rmi", lever, twist)
+    value, point = readings.value + centre, readings.point + centre
+    readings = replace(readings, value=value, point=point, centre=centre)
+    data, _ = blocks(here, found.data.visits, readings, found.pose_repeatability)
+    return replace(found, readings=readings, data=data)
 
 
 # --- Noise as an unknown --------------------------------------------------------------
