@@ -405,7 +405,7 @@ class CalibrationState:
         """Return the state for a corrected geometry."""
         arm = readings.arm
         axes = len(arm.axes)
-        links = np.reshape(model_geometry.values[len(arm.axes) :], (-1, 6))
+        links = np.reshape(model_geometry.values[axes:], (-1, 6))
         chain = corrected_chain(arm.chain, links)
         drawn_arm = replace(arm, chain=chain)
         posture = readings.posture + model_geometry.values[:axes]

@@ -212,9 +212,7 @@ def beyond_linear(prepared: Prepared, stands: StaticState) -> EffectJacobian:
     step = (stands.rest - situation.rest)[:, :, None] * situation.screw
     carried = situation.carried[1:, prepared.readings.body].astype(float)
     twist = np.einsum("rki,km->rmi", step, carried)
-    many = before.reshape(len(before), -1)
-    mean = held_at_mean(situation.recording.visit, many).reshape(before.shape)
-    lever = point_jacobian(mean)
+    lever = _point_jacobians(situation, before)
     linear = np.einsum("rmij,rmj->rmi", lever, twist)
     more = after - before - linear
     if situation.recording.base_from_tracker is None:
@@ -227,6 +225,14 @@ def beyond_linear(prepared: Prepared, stands: StaticState) -> EffectJacobian:
         more += np.cross(turned, after - before + np.cross(turned, before) / 2.0)
     parts = [MarkerDisplacement(m, more[:, m, :, None]) for m in range(more.shape[1])]
     return EffectJacobian(1, tuple(parts))
+
+
+def _point_jacobians(
+    situation: StaticState, place: Float[np.ndarray, "rows markers 3"]
+) -> Float[np.ndarray, "rows markers 3 6"]:
+    """Return what takes twists to marks' displacements, at the mean of each visit."""
+    mean = held_at_mean(situation.recording.visit, place.reshape(len(place), -1))
+    return point_jacobian(mean.reshape(place.shape))
 
 
 def state_under(situation: StaticState, fit: ModelFit) -> StaticState:
@@ -428,8 +434,7 @@ def prepared_about(recording: Recording, arm: Arm, fit: ModelFit) -> Prepared:
     there = replace(recording, posture=recording.posture + far[:axes])
     found = prepare(there, replace(arm, chain=chain))
     here, readings = found.situation, found.readings
-    many = expected(here, found.frames).reshape(here.rows, -1)
-    lever = point_jacobian(held_at_mean(there.visit, many).reshape(here.rows, -1, 3))
+    lever = _point_jacobians(here, expected(here, found.frames))
     twist = np.zeros((*lever.shape[:2], 6))
     for member, size in zip(fit.members, fit.coefficients, strict=True):
         if member.name[0] not in KINEMATIC:
