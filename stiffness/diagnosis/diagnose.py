@@ -41,18 +41,18 @@ from stiffness.diagnosis.detection import (
     scatter_of,
 )
 from stiffness.diagnosis.model_fit import ModelFit, SelectionProblem, fit_model
-from stiffness.diagnosis.nominal_fit import Prepared, prepare
+from stiffness.diagnosis.nominal_fit import Prepared, prepare, with_noise
 from stiffness.diagnosis.relinearisation import (
+    KINEMATIC,
     ODD,
     build_problem,
-    is_curved,
+    curvature,
     noise_ratio_of,
     noise_text,
     prepared_about,
     reading_noise,
     scatter_of_readings,
     scattering_axes,
-    with_noise,
 )
 from stiffness.diagnosis.result import (
     Decision,
@@ -478,22 +478,29 @@ def _look(prepared: Prepared, hypotheses: Sequence[Hypothesis]) -> _Looked:
     return _Looked(prepared, case, found, judged)
 
 
-CENTRES = 4
-"""How often the arm is held against the recording anew at most; chosen: each time
-the second order of what the last time missed stays."""
+CURVED, FAR = 2.0, 30.0
+"""Sigmas of a second order that is nothing, as it changes evidence by two at most, less
+than a name costs, and of one beside which only kinematic laws are asked; chosen."""
+LOOKS = 6
+"""How often a recording is looked at about other kinematics at most; chosen: what one
+look misses by moves the next."""
 
 
 def _about_kinematics(
     looked: _Looked, recording: Recording, arm: Arm, hypotheses: Sequence[Hypothesis]
 ) -> _Looked:
     """Look again about the kinematic errors that were found, until no curve is seen."""
-    about: ModelFit | None = None
-    for _ in range(CENTRES):
+    asked = every = tuple(hypotheses)
+    for look in range(LOOKS):
         fit = None if looked.judged is None else looked.judged.model.fit
-        if fit is None or not is_curved(looked.prepared, fit, about):
+        if fit is None:
             break
-        looked = _look(prepared_about(recording, arm, fit), hypotheses)
-        about = fit
+        curve = curvature(recording, arm, looked.prepared, fit)
+        if curve <= CURVED and asked == every:
+            break
+        kinematic = tuple(h for h in every if h in KINEMATIC)
+        asked = kinematic if curve > FAR and look < LOOKS - 1 else every
+        looked = _look(prepared_about(recording, arm, fit), asked)
     return looked
 
 

@@ -1,18 +1,5 @@
 """Nominal fit: joint compliance, tracker frame, marker positions and their priors.
 
-A tracker's volumetric error varies smoothly over its volume and does not average.
-
-==========  ==========================================================================
-Equation    cov f(p), f(p') = sd^2 mean_L exp(-|p - p'|^2 / (2 L^2)) by coordinate;
-            f(p) = k(p, Z) k(Z, Z)^-1/2 a with a ~ N(0, 1), and what the anchors Z
-            leave, k(p, p) - k(p, Z) k(Z, Z)^-1 k(Z, p), as noise of each place
-Source      Nystroem method (Williams & Seeger 2001); its rest as noise (Snelson &
-            Ghahramani 2006, "Sparse Gaussian processes using pseudo-inputs"); lengths L
-            chosen: a third to all of an arm's workspace, since no maker states one
-Valid       inside the measuring volume
-Ignores     that what the anchors leave is alike at neighbouring places
-==========  ==========================================================================
-
 Where the tracker stands and the markers sit is unknown, and is no finding.
 
 ==========  ==========================================================================
@@ -43,7 +30,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.distance import cdist
 
 from bench.shared.errors import Unusable
 from bench.shared.recording import Recording
@@ -54,7 +40,9 @@ from stiffness.diagnosis.noise_model import (
     induced_rotations,
     max_pose_repeatability,
     pose_repeatability_of,
+    rest_of,
     rigid_motion,
+    smooth_basis,
     trend_of,
     with_shapes,
 )
@@ -78,7 +66,6 @@ from stiffness.experiment.residuals import (
 from stiffness.experiment.sensor_noise import no_finer
 from stiffness.experiment.static_state import StaticState, static_state_of
 from stiffness.experiment.visits import Visits, mean_of, visits_of
-from stiffness.regression.splits import k_means
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import point_jacobian
 from stiffness.robot.tracker_frame import (
@@ -86,43 +73,6 @@ from stiffness.robot.tracker_frame import (
     TrackerFit,
     initial_tracker_frame,
 )
-
-# --- Volumetric error of the tracker --------------------------------------------------
-
-LENGTHS = (0.35, 0.7, 1.4)
-"""L over the arm's extent, in units of a metre; chosen, see above."""
-ANCHORS = 120
-"""Most anchors; chosen: about one every 0.2 m in the workspace of a 10 kg arm."""
-
-
-def smooth_basis(
-    point: Float[np.ndarray, "many 3"], sd: float
-) -> Float[np.ndarray, "many anchors"]:
-    """Return basis functions whose coefficients have a standard normal prior, in m.
-
-    Args:
-        point: Where the error is wanted, in m.
-        sd: The stated size of the error, in m.
-    """
-    count = min(ANCHORS, max(4, len(point) // 8))
-    some = point[:: max(1, len(point) // 4000)]
-    anchors, _ = k_means(some, count, minit="points", rng=0, iter=5)
-    value, vector = np.linalg.eigh(_kernel(anchors, anchors, sd))
-    keep = value > 1e-8 * value[-1]
-    return _kernel(point, anchors, sd) @ (vector[:, keep] / np.sqrt(value[keep]))
-
-
-def rest_of(
-    basis: Float[np.ndarray, "*places waves"], sd: float
-) -> Float[np.ndarray, " *places"]:
-    """Return the variance of the error that a basis leaves at each place, in m^2."""
-    return np.maximum(sd**2 - np.sum(basis**2, axis=-1), 0.0)
-
-
-def _kernel(a: np.ndarray, b: np.ndarray, sd: float) -> np.ndarray:
-    square = cdist(a, b, "sqeuclidean")
-    return sd**2 * np.mean([np.exp(-square / (2 * L * L)) for L in LENGTHS], axis=0)
-
 
 # --- Nuisance parameters --------------------------------------------------------------
 
@@ -590,4 +540,30 @@ def _prepared(recording: Recording, arm: Arm) -> Prepared:
         downweighted=check.downweighted,
         pose_repeatability=arrival,
         modelled=model_compliance(arm),
+    )
+
+
+def with_noise(
+    prepared: Prepared,
+    ratio: float,
+    pose_repeatability: Float[np.ndarray, " axes"] | None = None,
+) -> Prepared:
+    """Return a recording with another noise of its readings, or of its axes.
+
+    Args:
+        prepared: The recording against its nominal model.
+        ratio: The new noise over the present one.
+        pose_repeatability: One sigma of the axes' arrival, in rad; None: estimated.
+    """
+    inverse = prepared.readings.inverse / ratio**2
+    readings = replace(prepared.readings, inverse=inverse)
+    visits = prepared.data.visits
+    data, arrival = blocks(prepared.situation, visits, readings, pose_repeatability)
+    return replace(
+        prepared,
+        data=data,
+        readings=readings,
+        sigma=prepared.sigma * ratio,
+        noise=prepared.noise * ratio,
+        pose_repeatability=arrival,
     )

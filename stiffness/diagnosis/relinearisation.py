@@ -33,12 +33,19 @@ from stiffness.diagnosis.model_fit import (
     solve,
     training,
 )
-from stiffness.diagnosis.nominal_fit import Prepared, axis_scatter, blocks, prepare
+from stiffness.diagnosis.nominal_fit import (
+    Prepared,
+    axis_scatter,
+    blocks,
+    prepare,
+)
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
     normal_equations_of,
 )
 from stiffness.effects.base import Hypothesis
+from stiffness.effects.encoder_offset import EncoderOffset
+from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.jacobian import (
     BodyTwist,
     EffectJacobian,
@@ -56,11 +63,12 @@ from stiffness.experiment.static_state import (
     StaticState,
     moved_to,
     rest_of,
+    static_state_of,
 )
 from stiffness.experiment.visits import held_at_mean
 from stiffness.regression.splits import Split, seed_of, split_of
 from stiffness.robot.arm import Arm
-from stiffness.robot.chain import corrected_chain
+from stiffness.robot.chain import corrected_chain, shift_of_screw
 from stiffness.robot.kinematics import point_jacobian
 
 MOVED = 0.03
@@ -380,42 +388,34 @@ def _within_a_decade(
 
 # --- Kinematics -----------------------------------------------------------------------
 
-KINEMATIC = ("encoder_offset", "geometry_error")
-CURVED = 0.1
-"""Part of a reading's noise below which the second order that stays is nothing; chosen:
-some thousand readings hardly show it."""
+KINEMATIC = (EncoderOffset(), GeometryError())
 
 
-def is_curved(prepared: Prepared, fit: ModelFit, about: ModelFit | None) -> bool:
-    """Return whether kinematic errors of a set show more than their columns.
+def curvature(
+    recording: Recording, arm: Arm, prepared: Prepared, fit: ModelFit
+) -> float:
+    """Return what kinematic errors do beyond their columns, in sigmas.
 
     Args:
-        prepared: The recording against the arm as it stands.
-        fit: The set.
-        about: The set about whose kinematics it stands; None: as drawn.
+        recording: With markers.
+        arm: As drawn, with the recording's names.
+        prepared: The recording about any kinematics.
+        fit: A set in their columns.
+
+    Returns:
+        By how much all readings together show it.
     """
-    arm, recording = prepared.situation.arm, prepared.situation.recording
-    far = kinematic_errors(arm, fit)
-    far = far if about is None else far - kinematic_errors(arm, about)
-    offsets, links = np.split(far, [len(arm.axes)])
-    size = np.linalg.norm(links.reshape(-1, 2, 3), axis=2).sum(axis=0)
-    shift = np.abs(offsets[arm.slides]).sum() + size[0]
-    angle = np.abs(offsets[~arm.slides]).sum() + size[1]
-    seen = expected(prepared.situation, prepared.frames)
-    reach = float(np.max(np.linalg.norm(seen, axis=-1)))
-    assert recording.tracker is not None
-    noise = prepared.noise * float(np.min(recording.tracker.repeatability))
-    return bool(0.5 * reach * (angle + shift / reach) ** 2 > CURVED * noise)
-
-
-def kinematic_errors(arm: Arm, fit: ModelFit) -> Float[np.ndarray, " errors"]:
-    """Return the offset of each axis, then six numbers of each link, by a set."""
-    sizes = dict(zip((m.name for m in fit.members), fit.coefficients, strict=True))
-    offsets = [("encoder_offset", f"a{k + 1}") for k in range(len(arm.axes))]
-    links = [("geometry_error", link) for link in arm.chain.links]
-    nothing = [np.zeros(1)] * len(offsets) + [np.zeros(6)] * len(links)
-    every = zip((*offsets, *links), nothing, strict=True)
-    return np.concatenate([sizes.get(name, none) for name, none in every])
+    here, frames, readings = prepared.situation, prepared.frames, prepared.readings
+    there, turned = _corrected(recording, arm, fit)
+    stands = static_state_of(turned, there, here.compliance, here.bodies)
+    more = expected(stands, frames) - expected(here, frames)
+    more -= _linear_displacement(prepared, fit)
+    more += 0.0 if readings.centre is None else readings.centre
+    parts = [MarkerDisplacement(m, more[:, m, :, None]) for m in range(more.shape[1])]
+    every = np.zeros(prepared.data.visits.poses(), dtype=int)
+    column = [EffectJacobian(1, tuple(parts))]
+    found = normal_equations_of(prepared.data, column, every)
+    return float(np.sqrt(max(found.gram.sum(), 0.0)))
 
 
 def prepared_about(recording: Recording, arm: Arm, fit: ModelFit) -> Prepared:
@@ -429,15 +429,34 @@ def prepared_about(recording: Recording, arm: Arm, fit: ModelFit) -> Prepared:
         arm: As drawn, with the recording's names.
         fit: The set.
     """
-    far, axes = kinematic_errors(arm, fit), len(arm.axes)
-    chain = corrected_chain(arm.chain, far[axes:].reshape(-1, 6))
-    there = replace(recording, posture=recording.posture + far[:axes])
-    found = prepare(there, replace(arm, chain=chain))
-    here, readings = found.situation, found.readings
-    lever = _point_jacobians(here, expected(here, found.frames))
+    found = prepare(*_corrected(recording, arm, fit))
+    centre, readings = _linear_displacement(found, fit), found.readings
+    value, point = readings.value + centre, readings.point + centre
+    readings = replace(readings, value=value, point=point, centre=centre)
+    own = (found.situation, found.data.visits, readings, found.pose_repeatability)
+    return replace(found, readings=readings, data=blocks(*own)[0])
+
+
+def _corrected(recording: Recording, arm: Arm, fit: ModelFit) -> tuple[Recording, Arm]:
+    """Return a recording and its arm with the kinematic errors of a set put right."""
+    sizes = dict(zip((m.name for m in fit.members), fit.coefficients, strict=True))
+    axes = [f"a{k + 1}" for k in range(len(arm.axes))]
+    offsets = [sizes.get(("encoder_offset", axis), np.zeros(1)) for axis in axes]
+    links = [sizes.get(("geometry_error", x), np.zeros(6)) for x in arm.chain.links]
+    links = [np.concatenate([shift_of_screw(own), own[3:]]) for own in links]
+    there = replace(recording, posture=recording.posture + np.concatenate(offsets))
+    return there, replace(arm, chain=corrected_chain(arm.chain, np.array(links)))
+
+
+def _linear_displacement(
+    prepared: Prepared, fit: ModelFit
+) -> Float[np.ndarray, "rows markers 3"]:
+    """Return what the columns of a set's kinematic errors move the marks by."""
+    here, readings = prepared.situation, prepared.readings
+    lever = _point_jacobians(here, expected(here, prepared.frames))
     twist = np.zeros((*lever.shape[:2], 6))
     for member, size in zip(fit.members, fit.coefficients, strict=True):
-        if member.name[0] not in KINEMATIC:
+        if member.hypothesis not in KINEMATIC:
             continue
         for part in mixture(member.jacobian(here), size[:, None]).parts:
             if isinstance(part, JointRotation):
@@ -446,11 +465,7 @@ def prepared_about(recording: Recording, arm: Arm, fit: ModelFit) -> Prepared:
                 assert isinstance(part, BodyTwist)
                 moved, site = part.twist[..., 0], part.site
             twist += here.carried[site, readings.body][:, None] * moved[:, None]
-    centre = np.einsum("rmij,rmj->rmi", lever, twist)
-    value, point = readings.value + centre, readings.point + centre
-    readings = replace(readings, value=value, point=point, centre=centre)
-    data, _ = blocks(here, found.data.visits, readings, found.pose_repeatability)
-    return replace(found, readings=readings, data=data)
+    return np.einsum("rmij,rmj->rmi", lever, twist)
 
 
 # --- Noise as an unknown --------------------------------------------------------------
@@ -491,32 +506,6 @@ def _ratio_of_scatter(prepared: Prepared, last: DetectionTest) -> float:
     """
     shared = np.any(shares_of(prepared.situation.recording) != 1.0)
     return max(last.noise_ratio, 1.0) if shared else last.noise_ratio
-
-
-def with_noise(
-    prepared: Prepared,
-    ratio: float,
-    pose_repeatability: Float[np.ndarray, " axes"] | None = None,
-) -> Prepared:
-    """Return a recording with another noise of its readings, or of its axes.
-
-    Args:
-        prepared: The recording against its nominal model.
-        ratio: The new noise over the present one.
-        pose_repeatability: One sigma of the axes' arrival, in rad; None: estimated.
-    """
-    inverse = prepared.readings.inverse / ratio**2
-    readings = replace(prepared.readings, inverse=inverse)
-    visits = prepared.data.visits
-    data, arrival = blocks(prepared.situation, visits, readings, pose_repeatability)
-    return replace(
-        prepared,
-        data=data,
-        readings=readings,
-        sigma=prepared.sigma * ratio,
-        noise=prepared.noise * ratio,
-        pose_repeatability=arrival,
-    )
 
 
 CLEARLY = 3.0

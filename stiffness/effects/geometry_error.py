@@ -2,11 +2,12 @@
 
 ==========  ==========================================================================
 Equation    all that the next axis carries shifts by R (x, y, z) and turns by R (rx, ry,
-            rz) about that axis' origin, R the link's axes
+            rz) about that axis' origin as drawn, R the link's axes; a load that these
+            turn or move changes its torques, as with an encoder's offset
 Source      Veitschegger, Wu 1986, "Robot accuracy analysis based on kinematics"; small
             errors enter to first order
 Valid       errors below a degree and some millimetres
-Ignores     the change of lever arms under load, a thousandth of the deflection
+Ignores     the changed direction of gravity, a thousandth of the deflection
 ==========  ==========================================================================
 """
 
@@ -25,7 +26,9 @@ from stiffness.effects.jacobian import (
     rotate,
     translate,
 )
+from stiffness.effects.statics import turned_load, wind_up
 from stiffness.experiment.static_state import StaticState
+from stiffness.robot.chain import shift_of_screw
 
 NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
@@ -38,6 +41,7 @@ class GeometryError(Hypothesis):
     """
 
     effect: ClassVar[str] = "geometry_error"
+    turns_load: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         name: (-0.1, 0.1) for name in NAMES
     }
@@ -54,10 +58,10 @@ class GeometryError(Hypothesis):
         _, place = situation.ends_of(where)
         axes = axes_of(situation, where)
         shift = translate(place, axes).twist
-        turned = rotate(place, axes, situation.origin[:, place]).twist
-        return EffectJacobian(
-            6, (BodyTwist(place, np.concatenate([shift, turned], axis=2)),)
-        )
+        turned = rotate(place, axes, _end_as_drawn(situation, where)).twist
+        twist = np.concatenate([shift, turned], axis=2)
+        loaded = wind_up(situation, turned_load(situation, place - 1, twist))
+        return EffectJacobian(6, (BodyTwist(place, twist), *loaded.parts))
 
     @override
     def prior_sigma(
@@ -70,4 +74,17 @@ class GeometryError(Hypothesis):
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
-        return dict(zip(NAMES, coefficients, strict=True))
+        sizes = np.concatenate([shift_of_screw(coefficients), coefficients[3:]])
+        return dict(zip(NAMES, sizes, strict=True))
+
+
+def _end_as_drawn(situation: StaticState, link: str) -> Float[np.ndarray, "rows 3"]:
+    """Return the origin about which a link's error is told, in the base's frame, in m.
+
+    It stays where it is on the link, so that an error is the same screw about any
+    kinematics.
+    """
+    start, end = situation.ends_of(link)
+    chain = situation.arm.chain
+    back = chain.nominal_origin[end - 1] - chain.before[end - 1, :3, 3]
+    return situation.origin[:, end] + situation.frame[:, start] @ back

@@ -100,7 +100,9 @@ def encoder_offset_response(situation: StaticState, k: int) -> EffectJacobian:
 
     A sensor beyond it is turned, which changes the load on the springs before it.
     """
-    loaded = wind_up(situation, turned_load(situation, k))
+    loaded = wind_up(
+        situation, turned_load(situation, k, situation.screw[:, k, :, None])
+    )
     return EffectJacobian(
         1, _added(JointRotation(k, np.ones((situation.rows, 1))), loaded.parts)
     )
@@ -184,36 +186,40 @@ def read_right(
     return replace(under, load_torque=load)
 
 
-def turned_load(situation: StaticState, k: int) -> Float[np.ndarray, "rows axes 1"]:
-    """Return the change of all torques per radian of an axis' encoder offset.
+def turned_load(
+    situation: StaticState, axis: int, twist: Float[np.ndarray, "rows 6 columns"]
+) -> Float[np.ndarray, "rows axes columns"]:
+    """Return the change of all torques as an axis and all that it carries moves.
 
-    A sensor that turns with the axis turns the load with it: the torques of the axes
-    beyond do not change. A load along the base's axes stays, and they turn under it.
+    A sensor that it carries turns the load with it: the torques of the axes beyond do
+    not change. A load along the base's axes stays, and they turn under it.
 
     Args:
         situation: Nominal state of the arm.
-        k: Index of the axis, from 0.
+        axis: Index of the axis, from 0.
+        twist: Of what it carries, about the base's origin.
 
     Returns:
-        Torque in N m per radian (metre).
+        Torque in N m per unit of each column.
     """
     arm, sensor = situation.arm, situation.recording.wrench_sensor
     carriers = arm.chain.carriers(arm.attachment(felt_body(situation.recording)).axis)
-    torque = np.zeros((situation.rows, len(situation.axes), 1))
-    if k not in carriers:
+    torque = np.zeros((situation.rows, len(situation.axes), twist.shape[2]))
+    if axis not in carriers:
         return torque
-    own = carriers.index(k) + 1
+    own = carriers.index(axis) + 1
     beyond, before = carriers[:own], carriers[own:]
-    twist = situation.screw[:, k]
-    shift = twist[:, :3] + np.cross(twist[:, 3:], situation.sensor)
-    force, moment = situation.wrench[:, :3], situation.wrench[:, 3:]
-    moved = np.concatenate([np.zeros_like(force), np.cross(shift, force)], axis=1)
-    parts = [np.cross(twist[:, 3:], part) for part in (force, moment)]
+    shift, turn = np.split(twist, 2, axis=1)
+    shift = shift + np.cross(turn, situation.sensor[:, :, None], axis=1)
+    force, moment = np.split(situation.wrench[:, :, None], 2, axis=1)
+    moved = np.cross(shift, force, axis=1)
+    moved = np.concatenate([np.zeros_like(moved), moved], axis=1)
+    parts = [np.cross(turn, part, axis=1) for part in (force, moment)]
     turned = np.concatenate(parts, axis=1)
     if sensor is None or sensor.frame == "sensor":
         moved, turned = moved + turned, 0.0 * turned
-    torque[:, before] = torque_at_sensor(situation, moved[:, :, None])[:, before]
-    torque[:, beyond] = torque_at_sensor(situation, -turned[:, :, None])[:, beyond]
+    torque[:, before] = torque_at_sensor(situation, moved)[:, before]
+    torque[:, beyond] = torque_at_sensor(situation, -turned)[:, beyond]
     return torque
 
 

@@ -35,6 +35,7 @@ class Chain:
         parent: The axis that carries each axis; -1 = the base.
         slides: Whether each axis slides.
         before: Transform from each axis' frame at zero to its parent's, in m.
+        nominal_origin: Origin of each axis as drawn, in its parent's frame, in m.
         mass: Mass that each axis moves up to the next one, in kg.
         centre: Centre of that mass, in the axis' frame, in m.
         foot_mass: Mass of the base and all that is fixed to it, in kg.
@@ -47,6 +48,7 @@ class Chain:
     parent: tuple[int, ...]
     slides: Bool[np.ndarray, " axes"]
     before: Float[np.ndarray, "axes 4 4"]
+    nominal_origin: Float[np.ndarray, "axes 3"]
     mass: Float[np.ndarray, " axes"]
     centre: Float[np.ndarray, "axes 3"]
     foot_mass: float
@@ -83,7 +85,7 @@ def seats_of(chain: Chain) -> list[int]:
 
 
 def corrected_chain(chain: Chain, links: Float[np.ndarray, "links 6"]) -> Chain:
-    """Return a chain whose links end elsewhere.
+    """Return a chain whose links end elsewhere than drawn.
 
     Args:
         chain: As drawn.
@@ -96,6 +98,29 @@ def corrected_chain(chain: Chain, links: Float[np.ndarray, "links 6"]) -> Chain:
         turn = Rotation.from_rotvec(axes_of_link @ twist[3:]).as_matrix()
         before[k, :3, :3] = turn @ before[k, :3, :3]
     return replace(chain, before=before)
+
+
+def shift_of_screw(screw: Float[np.ndarray, "6"]) -> Float[np.ndarray, "3"]:
+    """Return how far a screw motion takes the origin about which it is told, in m.
+
+    A link that turns about the axis before it is the same screw as that axis' offset,
+    however far: the finite motions of both are one.
+
+    ==========  ======================================================================
+    Equation    t = v + r x v / 2 + r x (r x v) / 6: (v, r) the screw at the origin
+                before it moves
+    Source      the exponential map of SE(3) (Murray, Li, Sastry 1994, "A mathematical
+                introduction to robotic manipulation", A.2), to second order in r
+    Valid       rotations far below a radian
+    Ignores     the next term, r^3 v / 24
+    ==========  ======================================================================
+
+    Args:
+        screw: v in m and r in rad.
+    """
+    shift, turn = np.split(screw, 2)
+    across = np.cross(turn, shift)
+    return shift + across / 2.0 + np.cross(turn, across) / 6.0
 
 
 def link_axes(chain: Chain, axis: int) -> Float[np.ndarray, "3 3"]:
@@ -164,6 +189,7 @@ def chain_of(model: pinocchio.Model, axes: Sequence[str], gravity: np.ndarray) -
         parent=tuple(number[parent] for parent in parents),
         slides=np.array([slides for slides, _ in kinds]),
         before=np.stack(before),
+        nominal_origin=np.stack(before)[:, :3, 3],
         mass=np.array([model.inertias[joint].mass for joint in joints]),
         centre=np.stack(centres),
         foot_mass=float(model.inertias[0].mass),

@@ -21,12 +21,12 @@ from bench.standard_plans import tour
 from stiffness.diagnosis import selection
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.joint_fit import Layout, unexplained
-from stiffness.diagnosis.model_fit import ModelTerm, fit_model
+from stiffness.diagnosis.model_fit import ModelFit, ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import (
     beyond_linear,
     build_problem,
-    is_curved,
+    curvature,
     linearised,
     prepared_about,
     total_softening,
@@ -38,8 +38,12 @@ from stiffness.diagnosis.selection import (
     _with_loads,
     select_model,
 )
-from stiffness.diagnosis.sufficient_statistics import mismatch_of_poses
+from stiffness.diagnosis.sufficient_statistics import (
+    mismatch_of_poses,
+    normal_equations_of,
+)
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
+from stiffness.effects.base import Hypothesis
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.encoder_offset import EncoderOffset
@@ -51,6 +55,7 @@ from stiffness.effects.jacobian import (
     EffectJacobian,
     JointRotation,
     MarkerDisplacement,
+    mixture,
 )
 from stiffness.effects.statics import given_way
 from stiffness.effects.transmission_error import TransmissionError
@@ -60,6 +65,7 @@ from stiffness.experiment.residuals import expected
 from stiffness.experiment.static_state import StaticState, moved_to
 from stiffness.regression.group_selection import select_groups
 from stiffness.robot.arm import Arm
+from stiffness.robot.chain import link_axes
 from stiffness.robot.wrench import turned as wrench_along
 
 NONE = np.zeros(0)
@@ -435,49 +441,91 @@ def test_an_axis_that_turns_far_moves_its_marks_on_a_circle(kr10):
 # --- Kinematic errors -----------------------------------------------------------------
 
 
-@pytest.mark.parametrize("offset", [5e-3, -2e-2])
-def test_a_wrong_zero_of_a_degree_is_one_name_with_its_size(offset):
+HYSTERESIS = "hysteresis@a2"
+
+
+@pytest.mark.parametrize(
+    ("offset", "beside"), [(5e-3, ()), (-2e-2, ()), (2e-2, (HYSTERESIS,))]
+)
+def test_a_wrong_zero_of_a_degree_is_one_name_with_its_size(offset, beside):
     """To first order alone it looks like two links, and one axis or none."""
-    made = recording(f"encoder_offset@a3,offset_rad={offset}")
+    made = recording(f"encoder_offset@a3,offset_rad={offset}", *beside)
     found = diagnose(made, arm(), (*FEW, GeometryError()))
-    (only,) = found.named
+    names = {f"{one.name.effect}@{one.name.where}": one for one in found.named}
     assert found.verdict == "explained"
-    assert (only.name.effect, only.name.where) == ("encoder_offset", "a3")
-    size = only.parameters["offset_rad"]
+    assert set(names) == {"encoder_offset@a3", *beside}
+    size = names["encoder_offset@a3"].parameters["offset_rad"]
     assert size.low <= offset <= size.high
     assert size.high - size.low < 1e-4
 
 
-LINK = (2e-3, -1e-3, 3e-3, 4e-3, -6e-3, 5e-3)
+def of_size(law: Hypothesis, where: str, size: np.ndarray) -> ModelFit:
+    """Return a set of one term of a known size."""
+    return ModelFit((ModelTerm(law, where, NONE),), 0.0, NONE, (size,), 0)
+
+
+def link_error(shift: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """Return coefficients of a link's error: the screw whose motion it is."""
+    x, y, z = turn
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    series = np.eye(3) + cross / 2.0 + cross @ cross / 6.0
+    return np.concatenate([np.linalg.solve(series, shift), turn])
+
+
+SHIFT, TURN = np.array([2e-3, -1e-3, 3e-3]), np.array([4e-3, -6e-3, 5e-3])
 
 
 @pytest.mark.parametrize(
-    ("effect", "law", "where", "size"),
+    ("effect", "fit"),
     [
-        ("encoder_offset@a2,offset_rad=2e-2", EncoderOffset(), "a2", (2e-2,)),
+        (
+            "encoder_offset@a2,offset_rad=2e-2",
+            of_size(EncoderOffset(), "a2", np.array([2e-2])),
+        ),
         (
             "geometry_error@link_3,x_m=2e-3,y_m=-1e-3,z_m=3e-3,"
             "rx_rad=4e-3,ry_rad=-6e-3,rz_rad=5e-3",
-            *(GeometryError(), "link_3", LINK),
+            of_size(GeometryError(), "link_3", link_error(SHIFT, TURN)),
         ),
     ],
 )
-def test_readings_about_kinematic_errors_are_what_their_columns_do(
-    effect, law, where, size
-):
+def test_readings_about_kinematic_errors_are_what_their_columns_do(effect, fit):
     """As drawn, the second order stays; so it is said to show, and then no more."""
-    made, term = recording(effect), ModelTerm(law, where, NONE)
-    drawn = prepare(made, arm())
-    case = build_problem(drawn, (law,))
-    fit = replace(fit_model(case, [term]), coefficients=(np.array(size),))
-    about = prepared_about(made, arm(), fit)
-    assert is_curved(drawn, fit, None)
-    assert not is_curved(about, fit, fit)
+    made = recording(effect)
+    drawn, about = prepare(made, arm()), prepared_about(made, arm(), fit)
+    assert curvature(made, arm(), drawn, fit) > 10.0
+    assert curvature(made, arm(), about, fit) < 0.1
     left = []
     for ready in (drawn, about):
-        columns = term.jacobian(ready.situation)
-        rest = ready.data.subtract([columns], np.array(size))
+        columns = fit.members[0].jacobian(ready.situation)
+        rest = ready.data.subtract([columns], fit.coefficients[0])
         left.append(mismatch_of_poses(rest).sum())
     freedom = about.data.within.degrees_of_freedom.sum()
     assert abs(left[1]) < 0.1 * freedom
     assert left[0] > 5.0 * freedom
+
+
+def test_a_link_that_turns_about_its_axis_is_this_axis_offset_about_any_kinematics():
+    """So the second order of one is no reason to tell it from the other."""
+    made, chain, angle = recording(), arm().chain, 2e-2
+    turn = np.array([0.0, 0.0, angle])
+    motion = np.stack([np.cross(turn, chain.nominal_origin[3]), turn])
+    screw = (motion @ link_axes(chain, 2)).ravel()
+    offset = of_size(EncoderOffset(), "a3", np.array([angle]))
+    link = of_size(GeometryError(), "link_3", screw)
+    for about in (offset, link):
+        ready = prepared_about(made, arm(), about)
+        own, other = (
+            mixture(
+                fit.members[0].jacobian(ready.situation), fit.coefficients[0][:, None]
+            )
+            for fit in (offset, link)
+        )
+        gram = normal_equations_of(
+            ready.data, [own, other], np.zeros(ready.data.visits.poses(), dtype=int)
+        ).gram[0]
+        apart = np.array([1.0, -1.0])
+        assert gram[0, 0] > 1e6
+        assert apart @ gram @ apart < 1e-6 * gram[0, 0]
+        for fit in (offset, link):
+            assert curvature(made, arm(), ready, fit) < 1.0

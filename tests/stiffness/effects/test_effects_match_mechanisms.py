@@ -341,7 +341,9 @@ def test_load_is_felt_as_the_sensor_says_where_an_axis_has_an_offset(axis, frame
     assert left < SECOND_ORDER
     near(found, effect.parameters())
     k = situation.axis(axis)
-    loaded = wind_up(situation, turned_load(situation, k))
+    loaded = wind_up(
+        situation, turned_load(situation, k, situation.screw[:, k, :, None])
+    )
     said = truth.moved(situation, loaded)[..., 0] + levers_of_rows(situation, k)
     said, done = within_visits(effect.offset_rad * said), within_visits(done)
     assert np.linalg.norm(done - said) < 0.03 * np.linalg.norm(done)

@@ -3,12 +3,16 @@ import pinocchio
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_allclose
+from scipy.linalg import expm
 from scipy.optimize import root
 from small_truth import HOOK, TABLE_3, postures, pulls
 
 from bench.shared.errors import BenchError, UnknownName, Unusable
 from bench.shared.recording import Payload
 from stiffness.robot.arm import Arm
+from stiffness.robot.chain import shift_of_screw
 from stiffness.robot.equilibrium import cartesian_compliance, equilibrium
 
 CENTRE = np.zeros(3)
@@ -285,3 +289,12 @@ def test_model_that_is_no_arm_is_refused_with_its_fault(text, words):
 def test_missing_model_file_is_said_to_be_missing(tmp_path):
     with pytest.raises(BenchError, match="no model file"):
         Arm.from_mjcf(tmp_path / "arm.xml")
+
+
+@given(arrays(float, 6, elements=st.floats(-0.05, 0.05)))
+def test_shift_of_a_screw_is_the_exponential_map(screw):
+    """T = v + r x v / 2 + r x (r x v) / 6."""
+    twist = np.zeros((4, 4))
+    x, y, z = screw[3:]
+    twist[:3] = [[0.0, -z, y, screw[0]], [z, 0.0, -x, screw[1]], [-y, x, 0.0, screw[2]]]
+    assert_allclose(shift_of_screw(screw), expm(twist)[:3, 3], atol=2e-6)
