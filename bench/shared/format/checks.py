@@ -228,6 +228,13 @@ SLIDE_BEYOND_LIMIT = 1e-3
 """The same for a slide, in m (chosen: the format defines angles only)."""
 
 
+ZEROS = (90.0, -90.0, 180.0, -180.0)
+"""Degrees by which makers count an axis from another zero; chosen."""
+COUPLED, SIGNS = (-2, -1, 1, 2), (("+", 1.0), ("-", -1.0))
+"""Axes apart that one may be counted against another, and the ways; chosen: wrists are
+coupled over two."""
+STILL = np.radians(3.0)
+"""Range in rad (m) of an axis that couples nothing; chosen."""
 SPREAD = re.compile(r"_std_[xyz]_mm$")
 
 
@@ -364,12 +371,35 @@ def _beyond_limits(
         column: Float[np.ndarray, " rows"] = values[name]
         span = (low - allowed, high + allowed)
         wrong = (column < span[0]) | (column > span[1])
-        mirrored = np.all((-column >= span[0]) & (-column <= span[1]))
         shown = f"{low * factor:g} to {high * factor:g}{unit}"
         say = f"{{:.6g}}{unit} is beyond the limits of {model.joints[joint]!r}, {shown}"
-        say += "; with the other sign all rows are inside." if mirrored else "."
+        ways = [] if not wrong.any() else _ways_inside(values, name, span)
+        say += f"; all rows are inside {' or '.join(ways)}." if ways else "."
         faults += at(name, wrong, say, column * factor)
     return faults
+
+
+def _ways_inside(
+    values: Mapping[str, np.ndarray], name: str, span: tuple[float, float]
+) -> list[str]:
+    """Return how else a column may be meant so that all rows are within limits."""
+
+    def inside(column: np.ndarray) -> bool:
+        return bool(np.all((column >= span[0]) & (column <= span[1])))
+
+    column, unit = values[name], name.partition("_")[2]
+    ways = ["with the other sign"] if inside(-column) else []
+    if unit == "deg":
+        fits = [o for o in ZEROS if inside(column + np.radians(o))]
+        if fits:
+            added = ", ".join(f"{o:+g}°" for o in fits)
+            ways.append(f"counted from another zero ({added})")
+    own, fits = int(name[1 : -len(unit) - 1]), []
+    for k in (own + apart for apart in COUPLED):
+        other = values.get(f"a{k}_{unit}", column[:0])
+        if len(other) and np.ptp(other) > STILL:
+            fits += [f"{s}a{k}" for s, f in SIGNS if inside(column + f * other)]
+    return ways + [f"uncoupled ({', '.join(fits)})"] * bool(fits)
 
 
 # --- Repeated rows --------------------------------------------------------------------

@@ -46,8 +46,9 @@ MEANINGS = (
     "true nor declares it. Abstains: a difference, but no name. Told apart: the true "
     "name, and no other kind of memory beside it. Declared: the true name is given or "
     "declared, or nothing is named. Listed: every outlier is listed and no other "
-    "reading, or the mistake of the set-up is said and nothing named. χ²: how large an "
-    "effect is in the instruments' squared sigmas, after springs took on what they can."
+    "reading, or the mistake of the set-up is said and nothing named, by the reader "
+    "where angles are beyond their limits. χ²: how large an effect is in the "
+    "instruments' squared sigmas, after springs took on what they can."
 )
 """Explanation of the marks, for the report; see `TrialScore`."""
 COVERAGE, GAIN, SECONDS = (0.90, 0.98), 0.90, 3.0

@@ -208,10 +208,21 @@ def score_answer(label: str, name: str, answer: Mapping, truth: Mapping) -> Tria
     )
 
 
+WAYS = {
+    "axis_reversed": "with the other sign",
+    "axis_zero": "counted from another zero",
+    "axis_coupled": "uncoupled",
+}
+"""How the reader says of angles beyond their limits that they may be mistaken so."""
+
+
 def _listed(answer: Mapping, truth: Mapping) -> bool:
     """Return whether an answer lists all that happened, and no other outlier."""
     if "mistake" in truth:
         said = {(w["code"], w["where"]) for w in answer.get("warnings", [])}
+        if refusal := answer.get("failed", ""):
+            (code, where), *_ = truth["mistake"].items()
+            return f"'{where}_deg'" in refusal and WAYS[code] in refusal
         return said >= set(truth["mistake"].items()) and not answer.get("named")
     listed = Counter((o["pose"], o["marker"]) for o in answer.get("outliers", []))
     true = Counter((o["pose"], o["marker"]) for o in truth.get("outliers", []))

@@ -1,4 +1,5 @@
 import os
+import re
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -180,10 +181,32 @@ def test_an_angle_may_exceed_its_limit_by_half_a_degree(folder):
 
 def test_an_angle_whose_other_sign_is_within_the_limits_is_said_to_be(folder):
     every("a3_deg", lambda v: str(-140.0 - float(v) / 100.0))(folder)
-    with pytest.raises(Unusable, match="-120 to 156°; with the other sign all rows"):
+    with pytest.raises(
+        Unusable, match="-120 to 156°; all rows are inside with the oth"
+    ):
         read(folder, ARM)
     every("a3_deg", lambda v: str(-float(v) * 1.2))(folder)
+    cell(3, "a3_deg", "-170")(folder)
     with pytest.raises(Unusable, match="-120 to 156°\\."):
+        read(folder, ARM)
+
+
+def test_what_brings_an_angle_within_the_limits_is_said(folder):
+    """Its axis' other zero, or the axis that it is counted against."""
+    every("a3_deg", lambda v: str(175.0 + float(v) / 100.0))(folder)
+    said = (
+        r"-120 to 156°; all rows are inside counted from another zero \(-90°, -180°\)\."
+    )
+    with pytest.raises(Unusable, match=said):
+        read(folder, ARM)
+    rows = table(folder)
+    a2, a3 = (rows[0].index(name) for name in ("a2_deg", "a3_deg"))
+    for k, row in enumerate(rows[1:]):
+        row[a2] = str(40.0 - 140.0 * (k // 5 % 2))
+        row[a3] = str(150.0 - float(row[a2]))
+    save(folder, rows)
+    said = "all rows are inside counted from another zero (-180°) or uncoupled (+a2)."
+    with pytest.raises(Unusable, match=re.escape(said)):
         read(folder, ARM)
 
 

@@ -84,6 +84,10 @@ def test_outliers_and_mistakes_of_the_set_up_are_listed_or_not():
     assert score_answer("", "", answer_of() | said, truth).listed
     assert not score_answer("", "", right | said, truth).listed
     assert not score_answer("", "", answer_of(), truth).listed
+    beyond = "'a3_deg': 190° is beyond the limits of 'a3', -120 to 156°"
+    refused = f"{beyond}; all rows are inside counted from another zero (-90°)."
+    assert score_answer("", "", {"failed": refused}, truth).listed
+    assert not score_answer("", "", {"failed": f"{beyond}."}, truth).listed
 
 
 ALL_RIGHT = {"detected", "place_first", "right", "exact", "whole_set", "told_apart"}
