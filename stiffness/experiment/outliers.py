@@ -5,8 +5,8 @@ Marks of one body keep their distances and the volumes that they span:
 ==========  ==========================================================================
 Equation    |y_i - y_j| and (y_j - y_i) x (y_k - y_i) . (y_l - y_i) of each row less
             their medians, over their own robust spread; in a row where one is large:
-            the mark without which a rigid motion fits the others, and how far it is
-            from where they have it
+            the most marks that a rigid motion fits, and how far the others are from
+            where these have them
 Source      rigid registration: Kabsch 1976, "A solution for the best rotation to relate
             two sets of vectors", Acta Crystallographica A32, 922; spread: 1.4826 times
             the median absolute deviation (Huber 1981, "Robust statistics")
@@ -15,7 +15,8 @@ Valid       three marks of a body or more, not on a line; of relative readings, 
 Ignores     three marks: a shift out of their plane, which turns the body
 ==========  ==========================================================================
 
-A mark that no other checks stays near where the fitted arm has it:
+A mark that no other checks, or of which another may be off, stays near where the fitted
+arm has it:
 
 ==========  ==========================================================================
 Equation    |r - median of r over the visit|, r = reading less where it should be, over
@@ -53,6 +54,8 @@ LEAST = 1e-7
 NEAR, FAR = 0.9, 5.0
 """Quantile of a mark's residuals, and the multiple of it beyond which one is far off;
 chosen: 12 sigma of normal noise."""
+MOST_OUTLYING = 3
+"""Most marks of a body that are left out in one row; chosen for time."""
 SHOWN = 5
 """Outliers that are named in a sentence; the whole list is in the answer."""
 CONSISTENT = 1.4826
@@ -104,7 +107,11 @@ def outliers_of(
         if len(marks) <= 2:
             _of_visits(residual, groups, marks, found)
         elif point is not None:
-            _of_body(point, marks, found)
+            unsure = _of_body(point, marks, found)
+            if residual is not recording.points and len(unsure):
+                far = np.zeros_like(found)
+                _of_visits(residual, groups, marks, far)
+                found[unsure] += far[unsure]
     return tuple(
         Outlier(
             int(row),
@@ -179,18 +186,23 @@ def _rare(points: np.ndarray, found: np.ndarray) -> Bool[np.ndarray, "rows marke
 # --- Marks of a rigid body ------------------------------------------------------------
 
 
-def _of_body(points: np.ndarray, marks: list[int], found: np.ndarray) -> None:
-    """Note the sizes of outliers of a body's marks in `found`."""
+def _of_body(
+    points: np.ndarray, marks: list[int], found: np.ndarray
+) -> Int[np.ndarray, " unsure"]:
+    """Note the sizes of outliers of a body's marks in `found`.
+
+    Returns:
+        The rows in which some mark is one, and which is not to be told.
+    """
     y = points[:, marks]
     odd, sigma = _odd_rows(y)
-    if not len(odd):
-        return
     place = _shape(y, odd)
     if place is None:
-        return
+        return odd
     for row in odd:
         for m, size in _outlying_marks(y[row], place, sigma):
             found[row, marks[m]] = size
+    return odd[~np.any(found[np.ix_(odd, marks)] > 0.0, axis=1)]
 
 
 def _odd_rows(y: Float[np.ndarray, "rows marks 3"]) -> tuple[np.ndarray, float]:
@@ -263,15 +275,10 @@ def _outlying_marks(
     y: Float[np.ndarray, "marks 3"], place: Float[np.ndarray, "marks 3"], sigma: float
 ) -> list[tuple[int, float]]:
     """Return which marks are outliers in one row, and how far off, in m."""
+    seen = [m for m in range(len(y)) if np.isfinite(y[m]).all()]
+    some = _consistent(y, place, seen, sigma)
     found: list[tuple[int, float]] = []
-    left = [m for m in range(len(y)) if np.isfinite(y[m]).all()]
-    while len(left) > 2 and _distance_errors(y, place, left) > CLOSE * sigma:
-        others = [[n for n in left if n != m] for m in left]
-        fits = [_distance_errors(y, place, some) for some in others]
-        best = int(np.argmin(fits))
-        some, m = others[best], left[best]
-        if len(some) < 3 and _clear(fits, best) is False:
-            return found
+    for m in (m for m in seen if m not in some):
         turn, middle, centre = _registered(place[some], y[some])
         off = (place[m] - middle) @ turn.T + centre - y[m]
         size, error = float(np.linalg.norm(off)), off @ _precision(y, m, some) @ off
@@ -280,8 +287,20 @@ def _outlying_marks(
             error = size**2
         if error > (OUTLIER_SIGMAS * sigma) ** 2:
             found.append((m, size))
-        left = some
     return found
+
+
+def _consistent(
+    y: np.ndarray, place: np.ndarray, seen: list[int], sigma: float
+) -> list[int]:
+    """Return the most marks that move as one body; all of them where none are clear."""
+    for count in range(len(seen), max(1, len(seen) - MOST_OUTLYING - 1), -1):
+        sets = [list(some) for some in combinations(seen, count)]
+        fits = [_distance_errors(y, place, some) for some in sets]
+        best = int(np.argmin(fits))
+        if fits[best] <= CLOSE * sigma and (count > 2 or _clear(fits, best)):
+            return sets[best]
+    return seen
 
 
 def _precision(
@@ -298,8 +317,8 @@ def _precision(
 
 
 def _clear(fits: list[float], best: int) -> bool:
-    """Return whether one mark of three is to blame."""
-    rest = min(fit for at, fit in enumerate(fits) if at != best)
+    """Return whether one pair of marks keeps its distance and no other does."""
+    rest = min((fit for at, fit in enumerate(fits) if at != best), default=np.inf)
     return fits[best] < rest / 2.0
 
 

@@ -100,6 +100,28 @@ def test_of_three_marks_the_one_that_is_wild_is_listed():
     assert listed(found) == [(7, made.markers[1].name)]
 
 
+def test_of_four_marks_the_two_that_are_wild_are_listed():
+    made = only(recording(), 4)
+    assert made.points is not None
+    points = made.points.copy()
+    row = int(np.flatnonzero(np.isfinite(points).all(axis=(1, 2)))[9])
+    points[row, 1] += [3 * MM, 1 * MM, -2 * MM]
+    points[row, 3] += [-25 * MM, 10 * MM, 7 * MM]
+    found = outliers_of(replace(made, points=points))
+    assert listed(found) == [(row, made.markers[m].name) for m in (1, 3)]
+
+
+def test_of_two_marks_that_are_seen_the_wild_one_is_told_by_the_fitted_arm():
+    made = only(recording(poses=20), 4)
+    assert made.points is not None
+    points = made.points.copy()
+    row = int(np.flatnonzero(np.isfinite(points).all(axis=(1, 2)))[9])
+    points[row, 2] += [3 * MM, 1 * MM, -2 * MM]
+    points[row, :2] = np.nan
+    found = diagnose(replace(made, points=points), arm(), FEW)
+    assert listed(found.outliers) == [(row, made.markers[2].name)]
+
+
 def test_mark_that_stays_where_it_slipped_to_is_no_outlier():
     made = recording()
     assert made.points is not None
