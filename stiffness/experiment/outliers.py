@@ -202,7 +202,7 @@ def _of_body(
     for row in odd:
         for m, size in _outlying_marks(y[row], place, sigma):
             found[row, marks[m]] = size
-    return odd[~np.any(found[np.ix_(odd, marks)] > 0.0, axis=1)]
+    return odd[~np.any(found[odd][:, marks] > 0.0, axis=1)]
 
 
 def _odd_rows(y: Float[np.ndarray, "rows marks 3"]) -> tuple[np.ndarray, float]:
