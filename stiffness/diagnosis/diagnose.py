@@ -493,14 +493,15 @@ def _about_kinematics(
     asked = every = tuple(hypotheses)
     for look in range(LOOKS):
         fit = None if looked.judged is None else looked.judged.model.fit
-        if fit is None:
-            break
-        curve = curvature(recording, arm, looked.prepared, fit)
+        about = looked.prepared
+        curve = 0.0 if fit is None else curvature(recording, arm, about, fit)
         if curve <= CURVED and asked == every:
             break
         kinematic = tuple(h for h in every if h in KINEMATIC)
         asked = kinematic if curve > FAR and look < LOOKS - 1 else every
-        looked = _look(prepared_about(recording, arm, fit), asked)
+        if fit is not None:
+            about = prepared_about(recording, arm, fit)
+        looked = _look(about, asked)
     return looked
 
 
