@@ -3,7 +3,8 @@
 Each model of a folder (MJCF or URDF, from any collection) is given springs; two effects
 are concealed, once with the base as shipped and once turned and moved at random; names,
 springs, the proof and `model.xml` are held against the truth, which both have in
-common. Each trial is written when it is done; started again, it goes on.
+common. Each trial is written when it is done; started again, it goes on, and tries anew
+what failed.
 
 Run:    python -m scenarios.arm_trials --models DIR --trials 3 --out results/arm_trials
 Takes:  1 to 2 minutes a trial (two recordings of 60 postures, diagnosed and proved)
@@ -56,7 +57,7 @@ def main(settings: Settings) -> list[ArmTrial]:
     file = s.out / f"arm_trials_{s.stated}_{s.poses}_{s.seed}.csv"
     rows = data_files.read_table(file) if file.exists() else []
     trials: list[ArmTrial] = arm_trials.trials_in(rows)
-    bases = Counter((t.model, t.number) for t in trials)
+    bases = Counter((t.model, t.number) for t in trials if not t.failed)
     known = {pair for pair, count in bases.items() if count == len(arm_trials.BASES)}
     trials = [t for t in trials if (t.model, t.number) in known]
     with progress_bar() as progress:

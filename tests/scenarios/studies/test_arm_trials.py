@@ -8,9 +8,11 @@ from bench.model_file import load, plain_mjcf
 from bench.patch import Patch, PatchEffect, rig_of
 from bench.shared.errors import Unusable
 from scenarios import arm_trials as command
+from scenarios.studies import arm_trials as studies
 from scenarios.studies.arm_trials import (
     BASES,
     WOUND_UP,
+    ArmTrial,
     bends_otherwise,
     given,
     model_files,
@@ -44,6 +46,25 @@ def test_arms_of_a_folder_are_tried_with_both_bases(models, tmp_path, capsys):
     again = command.main(settings)  # read, not carried out again
     assert [t.named for t in again] == [t.named for t in trials]
     assert [t.failed for t in again] == ["", ""]
+
+
+def test_a_trial_that_failed_is_tried_anew(models, tmp_path, monkeypatch):
+    """What failed because a mesh was elsewhere would else stay failed."""
+    asked, why = [], ["a mesh is missing."]
+
+    def trials_of(models, trials, poses, seed, folder, known, stated):
+        asked.append(known)
+        for base in BASES:
+            own = ("ur10", 0, base, "", "", not why, "explained")
+            yield ArmTrial(*own, 0.0, 1.0, 0.0, 1.0, *why)
+
+    monkeypatch.setattr(studies, "trials_of", trials_of)
+    settings = command.Settings(models, tmp_path / "out", trials=1)
+    assert all(trial.failed for trial in command.main(settings))
+    why.clear()
+    assert not any(trial.failed for trial in command.main(settings))
+    command.main(settings)
+    assert asked == [set(), set(), {("ur10", 0)}]
 
 
 def test_a_turned_base_is_the_same_arm_under_another_gravity(models):
