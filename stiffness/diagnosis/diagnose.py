@@ -65,6 +65,7 @@ from stiffness.diagnosis.result import (
     Unexplained,
     UnexplainedPlace,
     Warned,
+    beyond_limits,
 )
 from stiffness.diagnosis.selection import SelectedModel, select_again, select_model
 from stiffness.diagnosis.setup_check import setup_errors
@@ -392,12 +393,11 @@ def diagnose(
     recording, prepared, outliers = _prepared(recording, arm)
     first = _about_kinematics(_look(prepared, hypotheses), recording, arm, hypotheses)
     looked, scattering = _with_scattering_axes(first, hypotheses)
-    prepared = looked.prepared
     named = looked.judged is not None and bool(looked.judged.model.fit.members)
-    ratio = noise_ratio_of(prepared, looked.last, named, bool(unstated))
+    ratio = noise_ratio_of(looked.prepared, looked.last, named, bool(unstated))
     if ratio != 1.0:
-        arrival = prepared.pose_repeatability if scattering else None
-        looked = _look(with_noise(prepared, ratio, arrival), hypotheses)
+        arrival = looked.prepared.pose_repeatability if scattering else None
+        looked = _look(with_noise(looked.prepared, ratio, arrival), hypotheses)
     prepared, case = looked.prepared, looked.case
     found = first.found if scattering else looked.found
     detection = _detection(prepared, case, found)
@@ -437,6 +437,8 @@ def diagnose(
     answer = answer_of(judged, prepared, found)
     answer |= _with_split_shares(answer, splits)
     answer |= _left_by_scattering(answer, scattering)
+    if answer["verdict"] != "explained":
+        common["warnings"] += beyond_limits(answer["decisions"])
     if scatter and prepared.degrees_of_freedom and answer["verdict"] == "explained":
         text = "readings scatter by more than their measured noise, along no law"
         answer["verdict"], answer["unexplained"] = (
@@ -499,8 +501,7 @@ def _about_kinematics(
             break
         kinematic = tuple(h for h in every if h in KINEMATIC)
         asked = kinematic if curve > FAR and look < LOOKS - 1 else every
-        if fit is not None:
-            about = prepared_about(recording, arm, fit)
+        about = about if fit is None else prepared_about(recording, arm, fit)
         looked = _look(about, asked)
     return looked
 

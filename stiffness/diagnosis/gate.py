@@ -14,7 +14,7 @@ Ignores     that the set was chosen with the same poses
 ==========  ==========================================================================
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -30,6 +30,7 @@ from stiffness.diagnosis.sufficient_statistics import (
 )
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.static_state import StaticState
+from stiffness.regression.intervals import Interval
 from stiffness.regression.predictive_gate import (
     Decision,
     GatedNames,
@@ -299,3 +300,22 @@ def _weak_beside_forms(
         if not decision.accepted
     ]
     return max(weak, key=lambda d: d.statistic, default=None)
+
+
+def sizes_beyond_limits(
+    situation: StaticState, term: ModelTerm, parameters: Mapping[str, Interval]
+) -> str:
+    """Say which sizes a term would need that no arm or instrument has.
+
+    Args:
+        situation: Where the arm stood.
+        term: The term.
+        parameters: As the readings have them.
+    """
+    limits = term.hypothesis.limits_at(situation, term.where)
+    told = [
+        f"{name} {parameters[name].estimate:.3g} ({low:g} to {high:g} is possible)"
+        for name, (low, high) in limits.items()
+        if name in parameters and not low <= parameters[name].estimate <= high
+    ]
+    return f"it would need {' and '.join(told)}"

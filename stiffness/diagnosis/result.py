@@ -209,6 +209,20 @@ class Warned:
     text: str
 
 
+def beyond_limits(decisions: Sequence[Decision]) -> tuple[Warned, ...]:
+    """Say which effects would do what has no name, with sizes that are not possible."""
+    why = {d.candidate: d.reason for d in decisions if d.gate == "physical"}
+    return tuple(
+        Warned(
+            "beyond_limits",
+            where,
+            f"{effect} at {where} was tried and refused: {reason}. If that may be, the "
+            "set-up or the model is mistaken there.",
+        )
+        for (effect, where), reason in why.items()
+    )
+
+
 @dataclass(frozen=True)
 class Nominal:
     """The nuisance parameters as fitted.

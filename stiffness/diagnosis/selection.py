@@ -28,6 +28,7 @@ from stiffness.diagnosis.gate import (
     gate_terms,
     pose_statistics,
     second_order_name,
+    sizes_beyond_limits,
 )
 from stiffness.diagnosis.joint_fit import (
     Layout,
@@ -529,7 +530,7 @@ def _withheld(
         sizes = {name: found.estimate for name, found in own.items()}
         against = count == 1 and is_beyond_nothing(case.situation, term, sizes)
         if share > BEYOND or (share > 0.0 and against):
-            reason = "within its physical limits it explains much less"
+            reason = sizes_beyond_limits(case.situation, term, own)
             one = Decision(term.name, "physical", False, share, BEYOND, reason, own)
             decisions.append(one)
         elif may_be_nothing(term.hypothesis, up_to_nothing(case.situation, term, own)):

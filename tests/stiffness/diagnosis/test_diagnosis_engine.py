@@ -39,6 +39,7 @@ from stiffness.diagnosis.result import Decision, Name, refused_with_size
 from stiffness.effects.base_tilt import BaseTilt
 from stiffness.effects.hysteresis import Hysteresis
 from stiffness.effects.reading_lag import ReadingLag
+from stiffness.effects.tracker_scale import TrackerScale
 from stiffness.regression.intervals import Interval
 from stiffness.regression.testing import SIGNIFICANCE, sign_flip_test
 
@@ -143,6 +144,16 @@ def test_a_name_that_was_refused_keeps_its_size_and_its_sign():
     assert (said.effect, said.where) == ("reading_lag", "a2")
     assert said.parameters == {"lag_rad": schema.Interval(-3e-4, -4e-4, -2e-4)}
     assert said.reason.startswith("Probability")
+
+
+def test_a_size_that_no_instrument_has_is_said_with_what_would_need_it():
+    """A scale of 0.1 % is one of the set-up; that alone no place and no law says."""
+    made = recording("tracker_scale@tracker,ratio=1e-3")
+    found = diagnose(made, arm(), (*FEW, TrackerScale()))
+    assert found.named == ()
+    (told,) = [w for w in found.warnings if w.code == "beyond_limits"]
+    assert told.where == "tracker"
+    assert "would need ratio 0.000999 (-0.0005 to 0.0005 is possible)" in told.text
 
 
 def test_more_than_three_effects_are_named_one_after_the_other():
