@@ -68,7 +68,7 @@ from stiffness.experiment.static_state import (
 from stiffness.experiment.visits import held_at_mean
 from stiffness.regression.splits import Split, seed_of, split_of
 from stiffness.robot.arm import Arm
-from stiffness.robot.chain import corrected_chain, shift_of_screw
+from stiffness.robot.chain import corrected_chain, link_error_of
 from stiffness.robot.kinematics import point_jacobian
 
 MOVED = 0.03
@@ -231,7 +231,12 @@ def beyond_linear(prepared: Prepared, stands: StaticState) -> EffectJacobian:
         frame = np.linalg.lstsq(lever[seen].reshape(-1, 6), left[seen].ravel())[0]
         turned = frame[3:]
         more += np.cross(turned, after - before + np.cross(turned, before) / 2.0)
-    parts = [MarkerDisplacement(m, more[:, m, :, None]) for m in range(more.shape[1])]
+    return _column_of(more)
+
+
+def _column_of(moved: Float[np.ndarray, "rows markers 3"]) -> EffectJacobian:
+    """Return one column that moves the marks so."""
+    parts = [MarkerDisplacement(m, moved[:, m, :, None]) for m in range(moved.shape[1])]
     return EffectJacobian(1, tuple(parts))
 
 
@@ -411,10 +416,8 @@ def curvature(
     more = expected(stands, frames) - expected(here, frames)
     more -= _linear_displacement(prepared, fit)
     more += 0.0 if readings.centre is None else readings.centre
-    parts = [MarkerDisplacement(m, more[:, m, :, None]) for m in range(more.shape[1])]
     every = np.zeros(prepared.data.visits.poses(), dtype=int)
-    column = [EffectJacobian(1, tuple(parts))]
-    found = normal_equations_of(prepared.data, column, every)
+    found = normal_equations_of(prepared.data, [_column_of(more)], every)
     return float(np.sqrt(max(found.gram.sum(), 0.0)))
 
 
@@ -443,7 +446,7 @@ def _corrected(recording: Recording, arm: Arm, fit: ModelFit) -> tuple[Recording
     axes = [f"a{k + 1}" for k in range(len(arm.axes))]
     offsets = [sizes.get(("encoder_offset", axis), np.zeros(1)) for axis in axes]
     links = [sizes.get(("geometry_error", x), np.zeros(6)) for x in arm.chain.links]
-    links = [np.concatenate([shift_of_screw(own), own[3:]]) for own in links]
+    links = [link_error_of(own) for own in links]
     there = replace(recording, posture=recording.posture + np.concatenate(offsets))
     return there, replace(arm, chain=corrected_chain(arm.chain, np.array(links)))
 

@@ -21,6 +21,7 @@ from itertools import combinations, permutations, product
 import numpy as np
 from scipy.optimize import fminbound
 
+from bench.shared.format.checks import COUPLED, TRAVEL, ZEROS
 from bench.shared.recording import Recording
 from stiffness.diagnosis.result import Warned
 from stiffness.robot.arm import Arm
@@ -28,14 +29,6 @@ from stiffness.robot.tracker_frame import TrackerObservations
 
 # --- Angles ---------------------------------------------------------------------------
 
-TRAVEL = np.radians(3.0)
-"""Least range of an axis whose sign or order can be doubted, in rad (m where it
-slides); chosen: an offset of half of it would be an error of the arm, not of a file."""
-OFFSETS = (90.0, -90.0, 180.0)
-"""Degrees by which makers count an axis from different zeros; chosen."""
-NEAR = 2
-"""Axes apart that one may be counted against another; chosen: links of a parallelogram
-are counted against the axis before, and wrists are coupled over two."""
 OFFSET = 0.1
 """Largest offset of an encoder, in rad, beyond which a zero is another one; as in the
 limits of `EncoderOffset`."""
@@ -99,7 +92,7 @@ def of_angles(posture: np.ndarray, slides: np.ndarray) -> Iterator[Angles]:
     turning = np.flatnonzero(~slides).tolist()
     yield from _in_units(travel, turning, np.flatnonzero(slides).tolist())
     for k in turning:
-        for offset in OFFSETS:
+        for offset in ZEROS:
             yield _from_another_zero(k, np.radians(offset))
 
 
@@ -155,7 +148,7 @@ def _coupled(travel: np.ndarray, slides: np.ndarray) -> Iterator[Angles]:
     """List which angles may be counted against another axis' link, not their own."""
     axes = range(len(travel))
     for k, j in permutations(axes, 2):
-        if abs(k - j) > NEAR or slides[k] != slides[j] or travel[j] < TRAVEL:
+        if abs(k - j) > COUPLED or slides[k] != slides[j] or travel[j] < TRAVEL:
             continue
         for own in (1.0, -1.0) if abs(k - j) == 1 else (1.0,):
             for other in (1.0, -1.0):

@@ -28,7 +28,7 @@ from stiffness.effects.jacobian import (
 )
 from stiffness.effects.statics import turned_load, wind_up
 from stiffness.experiment.static_state import StaticState
-from stiffness.robot.chain import shift_of_screw
+from stiffness.robot.chain import link_error_of
 
 NAMES = ("x_m", "y_m", "z_m", "rx_rad", "ry_rad", "rz_rad")
 
@@ -74,8 +74,7 @@ class GeometryError(Hypothesis):
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
-        sizes = np.concatenate([shift_of_screw(coefficients), coefficients[3:]])
-        return dict(zip(NAMES, sizes, strict=True))
+        return dict(zip(NAMES, link_error_of(coefficients), strict=True))
 
 
 def _end_as_drawn(situation: StaticState, link: str) -> Float[np.ndarray, "rows 3"]:

@@ -96,7 +96,7 @@ def outliers_of(
     """
     if recording.points is None or not recording.markers:
         return ()
-    found = np.zeros(recording.points.shape[:2])
+    found, fitted = np.zeros(recording.points.shape[:2]), residual is not None
     point = _rigid(recording) if point is None else point
     groups = [np.unique(recording.visit, return_inverse=True)[1]]
     if residual is None:
@@ -108,7 +108,7 @@ def outliers_of(
             _of_visits(residual, groups, marks, found)
         elif point is not None:
             unsure = _of_body(point, marks, found)
-            if residual is not recording.points and len(unsure):
+            if fitted and len(unsure):
                 far = np.zeros_like(found)
                 _of_visits(residual, groups, marks, far)
                 found[unsure] += far[unsure]

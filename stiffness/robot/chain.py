@@ -100,8 +100,8 @@ def corrected_chain(chain: Chain, links: Float[np.ndarray, "links 6"]) -> Chain:
     return replace(chain, before=before)
 
 
-def shift_of_screw(screw: Float[np.ndarray, "6"]) -> Float[np.ndarray, "3"]:
-    """Return how far a screw motion takes the origin about which it is told, in m.
+def link_error_of(screw: Float[np.ndarray, "6"]) -> Float[np.ndarray, "6"]:
+    """Return the shift in m and rotation vector of a link's end by a screw motion.
 
     A link that turns about the axis before it is the same screw as that axis' offset,
     however far: the finite motions of both are one.
@@ -120,7 +120,8 @@ def shift_of_screw(screw: Float[np.ndarray, "6"]) -> Float[np.ndarray, "3"]:
     """
     shift, turn = np.split(screw, 2)
     across = np.cross(turn, shift)
-    return shift + across / 2.0 + np.cross(turn, across) / 6.0
+    moved = shift + across / 2.0 + np.cross(turn, across) / 6.0
+    return np.concatenate([moved, turn])
 
 
 def link_axes(chain: Chain, axis: int) -> Float[np.ndarray, "3 3"]:

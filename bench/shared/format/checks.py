@@ -228,13 +228,15 @@ SLIDE_BEYOND_LIMIT = 1e-3
 """The same for a slide, in m (chosen: the format defines angles only)."""
 
 
-ZEROS = (90.0, -90.0, 180.0, -180.0)
-"""Degrees by which makers count an axis from another zero; chosen."""
-COUPLED, SIGNS = (-2, -1, 1, 2), (("+", 1.0), ("-", -1.0))
-"""Axes apart that one may be counted against another, and the ways; chosen: wrists are
-coupled over two."""
-STILL = np.radians(3.0)
-"""Range in rad (m) of an axis that couples nothing; chosen."""
+TRAVEL = np.radians(3.0)
+"""Least range of an axis whose sign or order can be doubted, in rad (m where it
+slides); chosen: an offset of half of it would be an error of the arm, not of a file."""
+ZEROS = (90.0, -90.0, 180.0)
+"""Degrees by which makers count an axis from different zeros; chosen."""
+COUPLED = 2
+"""Axes apart that one may be counted against another; chosen: links of a parallelogram
+are counted against the axis before, and wrists are coupled over two."""
+SIGNS = (("+", 1.0), ("-", -1.0))
 SPREAD = re.compile(r"_std_[xyz]_mm$")
 
 
@@ -390,14 +392,14 @@ def _ways_inside(
     column, unit = values[name], name.partition("_")[2]
     ways = ["with the other sign"] if inside(-column) else []
     if unit == "deg":
-        fits = [o for o in ZEROS if inside(column + np.radians(o))]
+        fits = [o for o in (*ZEROS, -180.0) if inside(column + np.radians(o))]
         if fits:
             added = ", ".join(f"{o:+g}°" for o in fits)
             ways.append(f"counted from another zero ({added})")
     own, fits = int(name[1 : -len(unit) - 1]), []
-    for k in (own + apart for apart in COUPLED):
+    for k in range(own - COUPLED, own + COUPLED + 1):
         other = values.get(f"a{k}_{unit}", column[:0])
-        if len(other) and np.ptp(other) > STILL:
+        if k != own and len(other) and np.ptp(other) > TRAVEL:
             fits += [f"{s}a{k}" for s, f in SIGNS if inside(column + f * other)]
     return ways + [f"uncoupled ({', '.join(fits)})"] * bool(fits)
 

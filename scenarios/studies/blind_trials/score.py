@@ -219,10 +219,10 @@ WAYS = {
 def _listed(answer: Mapping, truth: Mapping) -> bool:
     """Return whether an answer lists all that happened, and no other outlier."""
     if "mistake" in truth:
-        said = {(w["code"], w["where"]) for w in answer.get("warnings", [])}
         if refusal := answer.get("failed", ""):
-            (code, where), *_ = truth["mistake"].items()
-            return f"'{where}_deg'" in refusal and WAYS[code] in refusal
+            every = truth["mistake"].items()
+            return all(f"'{a}_deg'" in refusal and WAYS[c] in refusal for c, a in every)
+        said = {(w["code"], w["where"]) for w in answer.get("warnings", [])}
         return said >= set(truth["mistake"].items()) and not answer.get("named")
     listed = Counter((o["pose"], o["marker"]) for o in answer.get("outliers", []))
     true = Counter((o["pose"], o["marker"]) for o in truth.get("outliers", []))

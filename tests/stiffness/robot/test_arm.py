@@ -12,7 +12,7 @@ from small_truth import HOOK, TABLE_3, postures, pulls
 from bench.shared.errors import BenchError, UnknownName, Unusable
 from bench.shared.recording import Payload
 from stiffness.robot.arm import Arm
-from stiffness.robot.chain import shift_of_screw
+from stiffness.robot.chain import link_error_of
 from stiffness.robot.equilibrium import cartesian_compliance, equilibrium
 
 CENTRE = np.zeros(3)
@@ -292,9 +292,9 @@ def test_missing_model_file_is_said_to_be_missing(tmp_path):
 
 
 @given(arrays(float, 6, elements=st.floats(-0.05, 0.05)))
-def test_shift_of_a_screw_is_the_exponential_map(screw):
-    """T = v + r x v / 2 + r x (r x v) / 6."""
+def test_link_error_of_a_screw_is_the_exponential_map(screw):
+    """Its shift t is v + r x v / 2 + r x (r x v) / 6."""
     twist = np.zeros((4, 4))
     x, y, z = screw[3:]
     twist[:3] = [[0.0, -z, y, screw[0]], [z, 0.0, -x, screw[1]], [-y, x, 0.0, screw[2]]]
-    assert_allclose(shift_of_screw(screw), expm(twist)[:3, 3], atol=2e-6)
+    assert_allclose(link_error_of(screw)[:3], expm(twist)[:3, 3], atol=2e-6)
