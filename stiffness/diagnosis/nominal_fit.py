@@ -510,9 +510,7 @@ def _prepared(recording: Recording, arm: Arm) -> Prepared:
     names, body = bodies_of(arm, recording)
     situation = static_state_of(arm, recording, start.compliance, names)
     frames = start.frames
-    situation = replace(
-        situation, tracker=frames.transform, marker_positions=frames.marker_positions
-    )
+    situation = replace(situation, frames=frames)
     visits = visits_of(situation.visit, situation.posture_index)
     readings = residuals_of(situation, frames)
     groups = rigid_groups(recording, body)

@@ -55,13 +55,10 @@ class GeometryError(Hypothesis):
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        _, place = situation.ends_of(where)
-        axes = axes_of(situation, where)
-        shift = translate(place, axes).twist
-        turned = rotate(place, axes, _end_as_drawn(situation, where)).twist
-        twist = np.concatenate([shift, turned], axis=2)
-        loaded = wind_up(situation, turned_load(situation, place - 1, twist))
-        return EffectJacobian(6, (BodyTwist(place, twist), *loaded.parts))
+        key = ("link", where)
+        own = situation.once_standing(key, lambda: _motion_of(situation, where))
+        loaded = wind_up(situation, own.torque)
+        return EffectJacobian(6, (own.motion, *loaded.parts))
 
     @override
     def prior_sigma(
@@ -75,6 +72,29 @@ class GeometryError(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         return dict(zip(NAMES, link_error_of(coefficients), strict=True))
+
+
+@dataclass(frozen=True)
+class _Motion:
+    """What an error of a link does per unit of each of its six numbers.
+
+    Attributes:
+        motion: Of all that the next axis carries.
+        torque: Change of the axes' torques, in N m.
+    """
+
+    motion: BodyTwist
+    torque: Float[np.ndarray, "rows axes 6"]
+
+
+def _motion_of(situation: StaticState, link: str) -> _Motion:
+    _, place = situation.ends_of(link)
+    axes = axes_of(situation, link)
+    shift = translate(place, axes).twist
+    turned = rotate(place, axes, _end_as_drawn(situation, link)).twist
+    twist = np.concatenate([shift, turned], axis=2)
+    torque = turned_load(situation, place - 1, twist)
+    return _Motion(BodyTwist(place, twist), torque)
 
 
 def _end_as_drawn(situation: StaticState, link: str) -> Float[np.ndarray, "rows 3"]:

@@ -87,7 +87,7 @@ class GravityLoad(Hypothesis):
         mass = float(situation.arm.chain.mass.sum())
         mass = max(mass + (0.0 if tool is None else tool.mass), LEAST_MASS)
         sigma = mass * np.array([1.0, ARM_LENGTH, ARM_LENGTH, ARM_LENGTH])
-        return sigma[seen(situation, torques(situation, where))]
+        return sigma[seen(situation, where)]
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:
@@ -98,14 +98,14 @@ class GravityLoad(Hypothesis):
         bodies = links if weighed else (*links, "tool")
         if not absolute(situation):
             return ()
-        return tuple(b for b in bodies if seen(situation, torques(situation, b)))
+        return tuple(b for b in bodies if seen(situation, b))
 
     @override
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         torque = torques(situation, where)
-        return wind_up(situation, torque[:, :, seen(situation, torque)])
+        return wind_up(situation, torque[:, :, seen(situation, where)])
 
     @override
     def variants(
@@ -119,7 +119,7 @@ class GravityLoad(Hypothesis):
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
-        names = [NAMES[i] for i in seen(situation, torques(situation, where))]
+        names = [NAMES[i] for i in seen(situation, where)]
         found = dict(zip(names, coefficients, strict=True))
         mass = found.pop("mass_kg", None)
         moments = {f"moment_{axis}_kg_m": value for axis, value in found.items()}
@@ -133,7 +133,7 @@ class GravityLoad(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> StaticState:
         size = np.zeros(4)
-        size[seen(situation, torques(situation, where))] = coefficients
+        size[seen(situation, where)] = coefficients
         return weighed_down(situation, where, size)
 
 
@@ -158,6 +158,11 @@ def carried(situation: StaticState, body: str) -> float:
 
 def torques(situation: StaticState, body: str) -> Float[np.ndarray, "rows axes 4"]:
     """Return torques per kg of mass and per kg m of first moment along x, y, z."""
+    key = ("weight", body)
+    return situation.once_standing(key, lambda: _torques(situation, body))
+
+
+def _torques(situation: StaticState, body: str) -> Float[np.ndarray, "rows axes 4"]:
     gravity = situation.arm.chain.gravity
     turned = np.cross(axes_of(situation, body), gravity[None, :, None], axis=1)
     none = np.zeros((situation.rows, 3, 1))
@@ -169,8 +174,14 @@ def torques(situation: StaticState, body: str) -> Float[np.ndarray, "rows axes 4
     )
 
 
-def seen(situation: StaticState, torque: Float[np.ndarray, "rows axes 4"]) -> list[int]:
+def seen(situation: StaticState, body: str) -> list[int]:
     """Return which of mass and moments are identifiable beyond those before."""
+    key = ("seen weight", body)
+    return situation.once_standing(key, lambda: _seen(situation, body))
+
+
+def _seen(situation: StaticState, body: str) -> list[int]:
+    torque = torques(situation, body)
     compliance = situation.arm.compliance  # the model's: whatever is fitted, the same
     wound = torque * compliance[:, None] / [1.0, LENGTH, LENGTH, LENGTH]
     wound = np.asarray(np.linalg.qr(wound.reshape(-1, 4), mode="r"))

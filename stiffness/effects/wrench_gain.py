@@ -93,9 +93,14 @@ class WrenchGain(Hypothesis):
 
 def torques(situation: StaticState) -> Float[np.ndarray, "rows axes 6"]:
     """Return the change of the axes' torques per unit of gain of each channel."""
-    return torque_at_sensor(situation, missing(situation))
+    return situation.once_standing(
+        "torques of gains", lambda: torque_at_sensor(situation, missing(situation))
+    )
 
 
 def missing(situation: StaticState) -> Float[np.ndarray, "rows 6 6"]:
     """Return the change of the wrench, along the base's axes."""
-    return along_sensor(situation, -reading(situation)[:, :, None] * np.eye(6))
+    return situation.once_standing(
+        "wrench of gains",
+        lambda: along_sensor(situation, -reading(situation)[:, :, None] * np.eye(6)),
+    )

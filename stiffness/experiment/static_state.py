@@ -21,6 +21,7 @@ Ignores     compliance beyond the axes' own springs
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -32,6 +33,7 @@ from stiffness.experiment.visits import held_at_mean
 from stiffness.robot.arm import Arm
 from stiffness.robot.equilibrium import equilibrium
 from stiffness.robot.kinematics import ArmState
+from stiffness.robot.tracker_frame import TrackerFit
 from stiffness.robot.wrench import felt_body, wrench_in_base
 
 # --- Situation ------------------------------------------------------------------------
@@ -135,13 +137,12 @@ class StaticState:
             where a controller reports its readings along the base's.
         carried: Whether each place carries each body of `bodies`.
         bodies: Names of the bodies with markers.
-        tracker: Transform from the tracker's frame to the base's, as stated or fitted;
-            None: unknown.
-        marker_positions: Fitted position of each marker in its body's frame, in m;
-            None: as stated.
+        frames: Fitted pose of the tracker and positions of markers; None: as stated.
         giving: Named effects that are linear in the loads: for each the blocks of its
             Jacobian in any static state.
         gears: Of the axes of whose gears laws are named.
+        standing: What was worked out from `recording`, `arm`, `origin`, `frame` and
+            `wrench` alone; states of other loads share it.
     """
 
     recording: Recording
@@ -160,10 +161,10 @@ class StaticState:
     sensor_axes: Float[np.ndarray, "rows 3 3"]
     carried: Bool[np.ndarray, "places bodies"]
     bodies: tuple[str, ...]
-    tracker: Float[np.ndarray, "4 4"] | None = None
-    marker_positions: Float[np.ndarray, "markers 3"] | None = None
+    frames: TrackerFit | None = None
     giving: tuple[Callable[["StaticState"], tuple], ...] = ()
     gears: Mapping[int, Gear] = field(default_factory=dict)
+    standing: dict = field(default_factory=dict, repr=False)
 
     @property
     def rows(self) -> int:
@@ -191,14 +192,22 @@ class StaticState:
 
     def marker_position(self, marker: int) -> Float[np.ndarray, "3"] | None:
         """Return a marker's position in its body's frame, in m; None where unknown."""
-        stated = self.recording.markers[marker].position
-        return (
-            stated if self.marker_positions is None else self.marker_positions[marker]
-        )
+        if self.frames is not None:
+            return self.frames.marker_positions[marker]
+        return self.recording.markers[marker].position
+
+    @property
+    def tracker(self) -> Float[np.ndarray, "4 4"] | None:
+        """Transform from the tracker's frame to the base's, in m; None: unknown."""
+        fitted, stated = self.frames, self.recording.base_from_tracker
+        return stated if fitted is None else fitted.transform
 
     @cached_property
     def screw(self) -> Float[np.ndarray, "rows axes 6"]:
         """Twist of all that an axis carries per radian (metre) along the axis."""
+        return self.once_standing("screw", self._screw)
+
+    def _screw(self) -> Float[np.ndarray, "rows axes 6"]:
         along, at = self.frame[:, 1:, :, 2], self.origin[:, 1:]
         twist = np.concatenate([np.cross(at, along), along], axis=2)
         slides = self.arm.slides
@@ -294,6 +303,20 @@ class StaticState:
             self._worked_out[key] = work()
         return self._worked_out[key]
 
+    def once_standing(self, key: Hashable, work: Callable[[], Any]) -> Any:
+        """Return what is worked out once for all states that stand alike.
+
+        Args:
+            key: What it is.
+            work: How it is worked out, from what `standing` says.
+        """
+        own = (self.recording, self.arm, self.origin, self.frame, self.wrench)
+        of, found = self.standing.get(key, (None, None))
+        if of is None or any(a is not b for a, b in zip(of, own, strict=True)):
+            found = work()
+            self.standing[key] = own, found
+        return found
+
     @cached_property
     def _worked_out(self) -> dict[Hashable, np.ndarray]:
         return {}
@@ -352,7 +375,7 @@ class StaticState:
         taken = {name: getattr(self, name)[rows] for name in per_row}
         gears = {axis: gear.some(rows) for axis, gear in self.gears.items()}
         recording = self.recording.take(rows)
-        return replace(self, recording=recording, gears=gears, **taken)
+        return replace(self, recording=recording, gears=gears, standing={}, **taken)
 
 
 # --- Static equilibrium under gravity and load ----------------------------------------
@@ -393,8 +416,7 @@ def moved_to(situation: StaticState, rest: np.ndarray) -> StaticState:
     state = _state(arm, recording, compliance, bodies, rest, midway)
     return replace(
         state,
-        tracker=situation.tracker,
-        marker_positions=situation.marker_positions,
+        frames=situation.frames,
         giving=situation.giving,
         gears=situation.gears,
     )
@@ -452,7 +474,6 @@ def _state(
         sensor_axes=sensor_axes,
         carried=carried,
         bodies=tuple(bodies),
-        tracker=recording.base_from_tracker,
     )
 
 

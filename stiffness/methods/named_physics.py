@@ -241,9 +241,7 @@ class Mechanics:
         )
         here = self.situation
         state = static_state_of(here.arm, visits, here.compliance, here.bodies)
-        return replace(
-            state, tracker=here.tracker, marker_positions=here.marker_positions
-        )
+        return replace(state, frames=here.frames)
 
 
 def _displacement_of(

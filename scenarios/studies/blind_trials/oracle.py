@@ -492,11 +492,8 @@ def noise_free(prepared: Prepared, quiet: Recording) -> Prepared:
     told = before.recording.base_from_tracker
     quiet = replace(quiet, base_from_tracker=told, link_posture=None)
     names, _ = bodies_of(before.arm, quiet)
-    situation = replace(
-        static_state_of(before.arm, quiet, before.compliance, names),
-        tracker=before.tracker,
-        marker_positions=before.marker_positions,
-    )
+    situation = static_state_of(before.arm, quiet, before.compliance, names)
+    situation = replace(situation, frames=before.frames)
     readings = residuals_of(situation, prepared.frames)
     readings = replace(readings, weight=prepared.readings.weight)
     visits = visits_of(situation.visit, situation.posture_index)

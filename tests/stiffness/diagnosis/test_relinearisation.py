@@ -49,7 +49,7 @@ from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
-from stiffness.effects.gravity_load import GravityLoad, seen, torques
+from stiffness.effects.gravity_load import GravityLoad, seen
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.jacobian import (
     EffectJacobian,
@@ -94,7 +94,7 @@ def test_mass_on_a_link_is_felt_by_what_carries_the_link_alone():
     nothing = truth.situation()
     size = np.array([MASS, 0.0, 0.0, 0.0])
     hypothesis = truth.BY_NAME["gravity_load"]
-    shown = seen(nothing, torques(nothing, "link_3"))
+    shown = seen(nothing, "link_3")
     named = hypothesis.acting(nothing, "link_3", NONE, size[shown])
     more = named.force - nothing.force
     assert_allclose(more[:, :4], np.broadcast_to([0.0, 0.0, -9.81 * MASS], (90, 4, 3)))

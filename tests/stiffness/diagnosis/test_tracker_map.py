@@ -19,6 +19,7 @@ from stiffness.diagnosis.candidates import (
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.effects.jacobian import values
 from stiffness.experiment.static_state import StaticState
+from stiffness.robot.tracker_frame import TrackerFit
 
 STEP = 1e-6
 AWAY = np.random.default_rng(0).uniform(-3.0, 3.0, (20, 3))
@@ -74,9 +75,9 @@ def test_upright_axes_are_a_right_handed_frame(up):
 
 
 def from_tracker_at(stand: list[float], turn: np.ndarray) -> StaticState:
-    frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = turn, stand
-    return replace(truth.situation(), tracker=frame)
+    here = truth.situation()
+    places = np.zeros((len(here.recording.markers), 3))
+    return replace(here, frames=TrackerFit(turn, np.array(stand), places))
 
 
 def test_circles_are_level_however_the_readings_axes_are_turned():

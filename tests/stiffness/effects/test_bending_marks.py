@@ -46,7 +46,7 @@ def marked(along: float, beside: np.ndarray) -> tuple[StaticState, np.ndarray]:
         points=np.concatenate([points, points[:, :1]], axis=1),
     )
     point = situation.origin[:, PLACE - 1] + axes_of(situation, LINK) @ spot
-    return replace(situation, recording=made, marker_positions=None), point
+    return replace(situation, recording=made, frames=None), point
 
 
 def of_mark(situation: StaticState) -> np.ndarray:

@@ -22,6 +22,7 @@ from stiffness.effects.jacobian import (
     values,
 )
 from stiffness.experiment.static_state import StaticState
+from stiffness.robot.tracker_frame import TrackerFit
 
 SHIFT, TURN = ("x_m", "y_m", "z_m"), ("rx_rad", "ry_rad", "rz_rad")
 VOCABULARY = {
@@ -314,8 +315,11 @@ def test_transmission_error_of_an_axis_that_stands_is_an_encoder_s_offset():
 
 
 def test_drift_of_a_tracker_is_along_its_own_axes_wherever_its_frame_comes_from():
-    stated = truth.situation()
-    unstated = in_recording(base_from_tracker=None)
+    stated, unknown = truth.situation(), in_recording(base_from_tracker=None)
+    frame, places = stated.tracker, np.zeros((len(stated.recording.markers), 3))
+    assert frame is not None and unknown.tracker is None
+    fitted = TrackerFit(frame[:3, :3], frame[:3, 3], places)
+    unstated = replace(unknown, frames=fitted)
     hypothesis, slow = truth.BY_NAME["drift"], np.array([1e6])
     one, other = (
         values(hypothesis.jacobian(s, "tracker", slow).parts[0])

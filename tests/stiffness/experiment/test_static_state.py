@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -21,3 +23,21 @@ def test_a_soft_arm_rests_where_its_load_and_its_sensor_turn_each_other(kr10, fr
     found = static_state_of(arm, seen, soft, ())
     assert_allclose(found.rest, true, atol=1e-9)
     assert_allclose(found.wrench[:, :3], force, atol=1e-6)
+
+
+def test_what_depends_on_where_the_arm_stands_alone_is_worked_out_once(kr10):
+    """By states of other loads and springs too, and anew for other readings."""
+    arm = Arm.from_mjcf(kr10)
+    seen = record(arm, postures(arm, 4, seed=3), pulls(4, 2, seed=4))
+    state, count = static_state_of(arm, seen, 1.0 / TABLE_3, ()), [0]
+
+    def work() -> int:
+        count[0] += 1
+        return count[0]
+
+    loaded = replace(state, torque=2.0 * state.torque)
+    others = (state, loaded, state.with_compliance(2.0 * state.compliance))
+    assert [one.once_standing("x", work) for one in others] == [1, 1, 1]
+    assert state.some(np.arange(3)).once_standing("x", work) == 2
+    assert replace(state, wrench=state.wrench + 1.0).once_standing("x", work) == 3
+    assert state.once_standing("y", work) == 4
