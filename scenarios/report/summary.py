@@ -29,8 +29,7 @@ from scenarios.pipelines.schema import (
     unit_of,
 )
 from scenarios.report.error_budget import MANY, along_the_arm, percent, shares_of_names
-from stiffness.diagnosis.diagnose import SCATTER
-from stiffness.diagnosis.result import Nominal
+from stiffness.diagnosis.result import SCATTER, Nominal
 
 # --- Fitted springs -------------------------------------------------------------------
 

@@ -40,7 +40,12 @@ from stiffness.diagnosis.detection import (
     residual_after,
     scatter_of,
 )
-from stiffness.diagnosis.model_fit import ModelFit, SelectionProblem, fit_model
+from stiffness.diagnosis.model_fit import (
+    ModelFit,
+    ModelTerm,
+    SelectionProblem,
+    fit_model,
+)
 from stiffness.diagnosis.nominal_fit import Prepared, prepare, with_noise
 from stiffness.diagnosis.relinearisation import (
     KINEMATIC,
@@ -66,6 +71,7 @@ from stiffness.diagnosis.result import (
     UnexplainedPlace,
     Warned,
     beyond_limits,
+    scattered,
 )
 from stiffness.diagnosis.selection import SelectedModel, select_again, select_model
 from stiffness.diagnosis.setup_check import setup_errors
@@ -209,9 +215,6 @@ def _softer(
 
 # --- Warnings about the data ----------------------------------------------------------
 
-SCATTER = "scatter"
-"""Code of the remark that poses differ more than anything stated allows."""
-
 
 def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
     """Return what is remarkable but no mistake."""
@@ -248,25 +251,6 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
 def _odd(prepared: Prepared) -> bool:
     """Return whether noise is clearly another than the one it was held for."""
     return not 1.0 / ODD <= prepared.noise <= ODD
-
-
-def scattered(dispersion: float) -> tuple[Warned, ...]:
-    """Return the remark that poses differ at random, by more than errors explain.
-
-    A law that changes its sign from pose to pose (a stiffness that another axis' angle
-    governs) averages out of every column, and random signs leave it as it is.
-
-    Args:
-        dispersion: Variance of the map's scores over that of the stated errors.
-    """
-    if dispersion < MEASURED:
-        return ()
-    text = (
-        f"poses differ {np.sqrt(dispersion):.1f} times as much as the stated errors "
-        "make them, after no law that was tried. Either errors are larger than stated, "
-        "or something is left out that depends on what is not looked at."
-    )
-    return (Warned(SCATTER, "rig", text),)
 
 
 # --- Names over splits of few poses ---------------------------------------------------
@@ -397,7 +381,8 @@ def diagnose(
     ratio = noise_ratio_of(looked.prepared, looked.last, named, bool(unstated))
     if ratio != 1.0:
         arrival = looked.prepared.pose_repeatability if scattering else None
-        looked = _look(with_noise(looked.prepared, ratio, arrival), hypotheses)
+        about = with_noise(looked.prepared, ratio, arrival)
+        looked = _look(about, hypotheses, looked.members)
     prepared, case = looked.prepared, looked.case
     found = first.found if scattering else looked.found
     detection = _detection(prepared, case, found)
@@ -425,7 +410,8 @@ def diagnose(
         "reading_noise": noise,
     }
     if looked.judged is None:
-        common["warnings"] += scattered(found.dispersion)
+        if found.dispersion >= MEASURED:
+            common["warnings"] += scattered(found.dispersion)
         return Diagnosis(
             **{"verdict": "no_mismatch"} | _left_by_scattering({}, scattering),
             nominal=nominal_of(prepared, np.zeros(len(prepared.springs))),
@@ -458,12 +444,21 @@ class _Looked:
     judged: JudgedModel | None
 
     @property
+    def members(self) -> tuple[ModelTerm, ...]:
+        """What was found."""
+        return () if self.judged is None else self.judged.model.fit.members
+
+    @property
     def last(self) -> DetectionTest:
         """The last test: of the set's residual, or of everything."""
         return self.found if self.judged is None else self.judged.residual
 
 
-def _look(prepared: Prepared, hypotheses: Sequence[Hypothesis]) -> _Looked:
+def _look(
+    prepared: Prepared,
+    hypotheses: Sequence[Hypothesis],
+    start: Sequence[ModelTerm] = (),
+) -> _Looked:
     case = build_problem(prepared, hypotheses)
     found = detect(
         case.library,
@@ -476,7 +471,7 @@ def _look(prepared: Prepared, hypotheses: Sequence[Hypothesis]) -> _Looked:
     )
     judged = None
     if found.p_value < SIGNIFICANCE:
-        judged = judge(select_model(case, prepared, hypotheses))
+        judged = judge(select_model(case, prepared, hypotheses, start))
     return _Looked(prepared, case, found, judged)
 
 
@@ -502,7 +497,7 @@ def _about_kinematics(
         kinematic = tuple(h for h in every if h in KINEMATIC)
         asked = kinematic if curve > FAR and look < LOOKS - 1 else every
         about = about if fit is None else prepared_about(recording, arm, fit)
-        looked = _look(about, asked)
+        looked = _look(about, asked, looked.members)
     return looked
 
 
@@ -526,7 +521,8 @@ def _with_scattering_axes(
     if not np.any(scatter):
         return looked, ()
     arrival = np.maximum(scatter, looked.prepared.pose_repeatability)
-    again = _look(with_noise(looked.prepared, 1.0, arrival), hypotheses)
+    about = with_noise(looked.prepared, 1.0, arrival)
+    again = _look(about, hypotheses, looked.members)
     if again.judged is not None:
         scatter = beside(fit_model(case, again.judged.model.fit.members))
     excess = max(judged.residual.excess, 0.0)

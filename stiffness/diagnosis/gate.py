@@ -23,11 +23,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bench.shared.effect_catalogue import CATALOGUE, INSTRUMENTS
+from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem, training
 from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
     per_pose_scores,
 )
+from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.intervals import Interval
@@ -300,6 +302,131 @@ def _weak_beside_forms(
         if not decision.accepted
     ]
     return max(weak, key=lambda d: d.statistic, default=None)
+
+
+# --- Limits and signs of sizes --------------------------------------------------------
+
+SLIGHT = 0.01
+"""Share of an interval that an estimate is nothing beside, and share of what is
+physical from which on an interval is wide; chosen."""
+
+
+def as_held(
+    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
+) -> dict[str, Interval]:
+    """Return parameters within their limits, without ends where no data hold them."""
+    limits = member.hypothesis.limits_at(situation, member.where)
+    return {
+        name: _within(limits.get(name), p)
+        if is_held(limits.get(name), p.estimate, (p.high - p.low) / 2.0)
+        else Interval(p.estimate, -np.inf, np.inf)
+        for name, p in parameters.items()
+    }
+
+
+def _within(limits: tuple[float, float] | None, found: Interval) -> Interval:
+    """Return a parameter that lies outside its limits at the nearer one."""
+    if limits is None or limits[0] <= found.estimate <= limits[1]:
+        return found
+    low, high = limits
+    half = (found.high - found.low) / 2.0
+    if found.estimate < low:
+        return Interval(low, low, max(low + half, found.high))
+    return Interval(high, min(high - half, found.low), high)
+
+
+def is_held(limits: tuple[float, float] | None, value: float, half: float) -> bool:
+    """Return whether readings say more of a number than that it is physical."""
+    if limits is None:
+        return True
+    low, high = limits
+    if np.isfinite(high):
+        faint = abs(value) < SLIGHT * half and half > SLIGHT * (high - low) / 2.0
+        return half < (high - low) / 2.0 and not faint
+    return not np.isfinite(low) or value - half > low
+
+
+def cost_of_limits(
+    situation: StaticState, member: ModelTerm, parameters: dict[str, Interval]
+) -> float:
+    """Return the whitened square that is lost if a parameter keeps to its limits.
+
+    Of the parameter that lies furthest outside; 0 where an interval reaches inside.
+    Without end where all sizes are impossible: each may be small within what the
+    others explain, but no part of the effect could be there.
+    """
+    limits = member.hypothesis.limits_at(situation, member.where)
+    worst, beyond = 0.0, set[str]()
+    for name, (low, high) in limits.items():
+        found = parameters.get(name)
+        if found is None or (found.high >= low and found.low <= high):
+            continue
+        beyond.add(name)
+        apart = max(low - found.estimate, found.estimate - high)
+        sigma = (found.high - found.low) / (2.0 * SETTINGS.standard_errors)
+        worst = max(worst, (apart / max(sigma, 1e-300)) ** 2)
+    sizes = member.hypothesis.magnitudes
+    return np.inf if len(sizes) > 1 and beyond.issuperset(sizes) else worst
+
+
+def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Interval]) -> bool:
+    """Return whether all that an effect could be may be nothing, by the intervals.
+
+    A stiffness whose interval holds zero may be without end; a ratio is nothing at its
+    neutral value.
+    """
+    nothing = hypothesis.nothing
+    sizes = [(p, nothing[name]) for name, p in parameters.items() if name in nothing]
+    return bool(sizes) and all(p.low <= value <= p.high for p, value in sizes)
+
+
+def up_to_nothing(
+    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
+) -> dict[str, Interval]:
+    """Return parameters, sizes that are impossible with intervals that end at nothing.
+
+    Args:
+        situation: Where the arm stood.
+        member: The term.
+        parameters: With their intervals.
+    """
+    found = {
+        name: replace(p, low=min(p.low, value), high=max(p.high, value))
+        for name, value in _impossible(situation, member, parameters).items()
+        for p in (parameters[name],)
+    }
+    return dict(parameters) | found
+
+
+def is_beyond_nothing(
+    situation: StaticState, member: ModelTerm, sizes: Mapping[str, float]
+) -> bool:
+    """Return whether a size has the sign that its limits leave no room for.
+
+    Args:
+        situation: Where the arm stood.
+        member: The term.
+        sizes: Its parameters.
+    """
+    points = {name: Interval(size, size, size) for name, size in sizes.items()}
+    return bool(_impossible(situation, member, points))
+
+
+def _impossible(
+    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
+) -> dict[str, float]:
+    """Return the sizes wholly on the side of nothing where limits leave no room.
+
+    Each with the value at which it is nothing.
+    """
+    limits = member.hypothesis.limits_at(situation, member.where)
+    return {
+        name: value
+        for name, value in member.hypothesis.nothing.items()
+        if name in parameters and name in limits
+        if parameters[name].high < value <= limits[name][0]
+        or parameters[name].low > value >= limits[name][1]
+    }
 
 
 def sizes_beyond_limits(

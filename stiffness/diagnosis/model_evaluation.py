@@ -13,7 +13,7 @@ Ignores     that the name was chosen with the same poses
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -37,7 +37,6 @@ from stiffness.diagnosis.sufficient_statistics import (
     normal_equations_of,
     per_pose_scores,
 )
-from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian, added
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.intervals import Interval, jackknife_covariance
@@ -59,7 +58,8 @@ class ModelEvaluation:
         forms: Columns of each member's other forms.
         assumed: Columns of constants that each member's law assumes.
         unselected: Columns of each term that may be there too; the last.
-        unselected_terms: These terms.
+        unselected_squares: Mean square of each coefficient of these terms; None: may be
+            any size.
     """
 
     fit: ModelFit
@@ -67,7 +67,7 @@ class ModelEvaluation:
     forms: tuple[Int[np.ndarray, " _"], ...]
     assumed: tuple[Int[np.ndarray, " _"], ...]
     unselected: tuple[Int[np.ndarray, " _"], ...] = ()
-    unselected_terms: tuple[ModelTerm, ...] = ()
+    unselected_squares: tuple[Float[np.ndarray, " _"] | None, ...] = ()
 
     @property
     def known(self) -> int:
@@ -84,7 +84,7 @@ class ModelEvaluation:
             self.slopes.own,
             self.slopes.score[:, :count],
         )
-        return replace(self, slopes=first, unselected=(), unselected_terms=())
+        return replace(self, slopes=first, unselected=(), unselected_squares=())
 
     @property
     def priors(self) -> Float[np.ndarray, " columns"]:
@@ -92,8 +92,8 @@ class ModelEvaluation:
         prior = np.zeros(self.slopes.gram.shape[1])
         for own, block in zip(self.fit.coefficients, self.assumed, strict=True):
             prior[block] = 1.0 / max(float(own[0]) ** 2, 1e-300)
-        for term, block in zip(self.unselected_terms, self.unselected, strict=True):
-            square = _square_of(term, self.fit, len(block))
+        every = zip(self.unselected_squares, self.unselected, strict=True)
+        for square, block in every:
             if square is not None:
                 prior[block] = 1.0 / np.maximum(square, 1e-300)
         return prior
@@ -166,7 +166,7 @@ def evaluate_model(
         blocks[:count],
         blocks[count : 2 * count],
         blocks[2 * count :],
-        tuple(beside),
+        tuple(mean_square_of(situation, term, fit) for term in beside),
     )
 
 
@@ -177,9 +177,6 @@ FORM = 0.9
 """Share of the way from the interval's end to nothing by which other shapes of any law
 or another form of its own may widen the interval of a size that is not nothing while
 shapes are held; chosen."""
-SLIGHT = 0.01
-"""Share of an interval that an estimate is nothing beside, and share of what is
-physical from which on an interval is wide; chosen."""
 
 
 def parameters_of(
@@ -196,6 +193,24 @@ def parameters_of(
         look: The fitted set.
         split: Which poses may be looked at.
     """
+    answers, errors = [], _errors_of(situation, look, split)
+    every = zip(look.fit.members, look.fit.coefficients, errors, strict=True)
+    for member, coefficients, own in every:
+        fitted = look.fit.springs, coefficients
+        answers.append(_of_member(situation, springs, member, fitted, own))
+    return answers
+
+
+def _errors_of(
+    situation: StaticState, look: ModelEvaluation, split: Split
+) -> "list[_Errors]":
+    """Return the errors of every member's coefficients and shapes.
+
+    Args:
+        situation: Where the arm stood.
+        look: The fitted set.
+        split: Which poses may be looked at.
+    """
     fit, found = look.fit, look.slopes
     known = look.known
     gram = found.gram[1][:known, :known]
@@ -204,12 +219,11 @@ def parameters_of(
     own = found.own[~split.held_out][:, :known, :known]
     score = found.score[~split.held_out][:, :known] - own @ fitted
     scale = unit_scale(np.diag(gram))  # zero: counts, has no slope
-    inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
     widths, first = [len(c) for c in fit.coefficients], len(fit.springs)
     given = with_priors(0.0 * gram, first, fit.members, widths, situation)
-    spread = jackknife_covariance(
-        own * scale * scale[:, None], score * scale, given * scale * scale[:, None]
-    )
+    given = given * scale * scale[:, None]
+    inverse = inverse_beside_priors(gram * scale * scale[:, None], given)
+    spread = jackknife_covariance(own * scale * scale[:, None], score * scale, given)
     grow = np.sqrt(
         np.maximum(np.diag(spread) / np.maximum(np.diag(inverse), 1e-300), 1.0)
     )
@@ -217,32 +231,35 @@ def parameters_of(
     cov = inverse * wider * wider[:, None]
     sizes = len(fit.springs) + sum(map(len, fit.coefficients))
     inner = (gram * scale * scale[:, None])[:sizes, :sizes]
-    held = np.linalg.pinv(inner, rcond=1e-10, hermitian=True)
+    held = inverse_beside_priors(inner, given[:sizes, :sizes])
     held = held * wider[:sizes] * wider[:sizes, None]
     unsure = _covariance_of_the_unknown(look) + _covariance_of_forms(look)
     shift = shift_by_forms(look, split) - fitted
-    quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, len(score) - 1)))
-    answers = []
-    every = zip(fit.members, fit.coefficients, _columns_of_members(look), strict=True)
-    for member, coefficients, own in every:
+    answers, freedom = [], max(2, len(score) - 1)
+    for member, own in zip(fit.members, _columns_of_members(look), strict=True):
         index = np.concatenate([np.arange(len(fit.springs)), own])
         some, of_sizes = np.ix_(index, index), index[: len(index) - len(member.shape)]
-        answers.append(
-            _of_member(
-                situation,
-                springs,
-                member,
-                (fit.springs, coefficients),
-                _Errors(
-                    cov[some],
-                    held[np.ix_(of_sizes, of_sizes)],
-                    unsure[some],
-                    shift[index],
-                ),
-                quantile,
-            )
-        )
+        inner = held[np.ix_(of_sizes, of_sizes)]
+        answers.append(_Errors(cov[some], inner, unsure[some], shift[index], freedom))
     return answers
+
+
+def inverse_beside_priors(
+    gram: Float[np.ndarray, "n n"], prior: Float[np.ndarray, "n n"]
+) -> Float[np.ndarray, "n n"]:
+    """Return the inverse of scaled information, the prior's where data say nothing.
+
+    What rounding leaves of a direction that neither data nor prior hold is left out.
+
+    Args:
+        gram: Information, the prior's included.
+        prior: The prior's.
+    """
+    value, vector = np.linalg.eigh(gram)
+    least = np.sum(vector * (prior @ vector), axis=0)
+    value = np.maximum(value, least)
+    keep = (value > 1e-10 * value[-1]) | (least > 0.5 * value)
+    return (vector[:, keep] / value[keep]) @ vector[:, keep].T
 
 
 def shift_by_forms(
@@ -371,20 +388,27 @@ def _covariance_of_the_unknown(
     return total * scale[:known] * scale[:known, None]
 
 
-def _square_of(
-    term: ModelTerm, fit: ModelFit, columns: int
+def mean_square_of(
+    situation: StaticState, term: ModelTerm, fit: ModelFit
 ) -> Float[np.ndarray, " columns"] | None:
     """Return the mean square of each coefficient of a term's effect in a set.
 
-    An axis' zero may be as large as the turns of the links that were named.
+    An axis' zero may be as large as the turns of the links that were named. Where the
+    effect has other coefficients at the sites where it was named, it is as large
+    beside its priors as there.
     """
     every = list(zip(fit.members, fit.coefficients, strict=True))
-    alike = [c for m, c in every if m.name[0] == term.name[0] and len(c) == columns]
-    other = term.hypothesis.shares_rate_with
-    turns = [c[3:] for m, c in every if m.name[0] == other]
-    if alike or not turns:
-        return np.mean(np.square(alike), axis=0) if alike else None
-    return np.full(columns, np.mean(np.square(turns)))
+    named = [(m, c) for m, c in every if m.name[0] == term.name[0]]
+    columns = term.jacobian(situation).columns
+    alike = [c for _, c in named if len(c) == columns]
+    if alike:
+        return np.mean(np.square(alike), axis=0)
+    prior, law = term.hypothesis.prior_sigma(situation, term.where), term.hypothesis
+    if named and prior is not None:
+        shares = [c / m.hypothesis.prior_sigma(situation, m.where) for m, c in named]
+        return np.square(prior) * np.mean([np.mean(share**2) for share in shares])
+    turns = [c[3:] for m, c in every if m.name[0] == law.shares_rate_with]
+    return np.full(columns, np.mean(np.square(turns))) if turns else None
 
 
 def _columns_of_members(look: ModelEvaluation) -> list[Int[np.ndarray, " _"]]:
@@ -409,16 +433,19 @@ class _Errors:
         unsure: What terms that were not selected, assumed constants and the form of
             laws add to it.
         shift: How far the fit moves beside other forms of the laws.
+        degrees_of_freedom: Of these.
     """
 
     covariance: Float[np.ndarray, "n n"]
     held: Float[np.ndarray, "sizes sizes"]
     unsure: Float[np.ndarray, "n n"]
     shift: Float[np.ndarray, " n"]
+    degrees_of_freedom: int
 
 
-def _of_member(situation, springs, member, fitted, errors, quantile):
+def _of_member(situation, springs, member, fitted, errors):
     cov = errors.covariance
+    quantile = student.ppf(0.5 + LEVEL / 2, errors.degrees_of_freedom)
     start = np.concatenate([*fitted, member.shape])
     n, m = len(fitted[0]), len(fitted[1])
 
@@ -452,7 +479,7 @@ def _of_member(situation, springs, member, fitted, errors, quantile):
     fixed = np.einsum("ki,ij,kj->k", of_sizes, errors.held, of_sizes)
     fixed = np.sqrt(np.maximum(fixed, 0.0))
     moved = slope @ errors.shift
-    nothing = _nothing(member.hypothesis)
+    nothing = member.hypothesis.nothing
     law, found = member.hypothesis, {}
     grain = law.grain(situation)
     for name, s, by, own in zip(names, spread, moved, fixed, strict=True):
@@ -468,126 +495,3 @@ def _of_member(situation, springs, member, fitted, errors, quantile):
         else:
             found[name] = Interval(value, value - wide, value + wide)
     return found
-
-
-def as_held(
-    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
-) -> dict[str, Interval]:
-    """Return parameters within their limits, without ends where no data hold them."""
-    limits = member.hypothesis.limits_at(situation, member.where)
-    return {
-        name: _within(limits.get(name), p)
-        if is_held(limits.get(name), p.estimate, (p.high - p.low) / 2.0)
-        else Interval(p.estimate, -np.inf, np.inf)
-        for name, p in parameters.items()
-    }
-
-
-def _within(limits: tuple[float, float] | None, found: Interval) -> Interval:
-    """Return a parameter that lies outside its limits at the nearer one."""
-    if limits is None or limits[0] <= found.estimate <= limits[1]:
-        return found
-    low, high = limits
-    half = (found.high - found.low) / 2.0
-    if found.estimate < low:
-        return Interval(low, low, max(low + half, found.high))
-    return Interval(high, min(high - half, found.low), high)
-
-
-def is_held(limits: tuple[float, float] | None, value: float, half: float) -> bool:
-    """Return whether readings say more of a number than that it is physical."""
-    if limits is None:
-        return True
-    low, high = limits
-    if np.isfinite(high):
-        faint = abs(value) < SLIGHT * half and half > SLIGHT * (high - low) / 2.0
-        return half < (high - low) / 2.0 and not faint
-    return not np.isfinite(low) or value - half > low
-
-
-def cost_of_limits(
-    situation: StaticState, member: ModelTerm, parameters: dict[str, Interval]
-) -> float:
-    """Return the whitened square that is lost if a parameter keeps to its limits.
-
-    Of the parameter that lies furthest outside; 0 where an interval reaches inside.
-    Without end where all sizes are impossible: each may be small within what the
-    others explain, but no part of the effect could be there.
-    """
-    limits = member.hypothesis.limits_at(situation, member.where)
-    worst, beyond = 0.0, set[str]()
-    for name, (low, high) in limits.items():
-        found = parameters.get(name)
-        if found is None or (found.high >= low and found.low <= high):
-            continue
-        beyond.add(name)
-        apart = max(low - found.estimate, found.estimate - high)
-        sigma = (found.high - found.low) / (2.0 * SETTINGS.standard_errors)
-        worst = max(worst, (apart / max(sigma, 1e-300)) ** 2)
-    sizes = member.hypothesis.magnitudes
-    return np.inf if len(sizes) > 1 and beyond.issuperset(sizes) else worst
-
-
-def may_be_nothing(hypothesis: Hypothesis, parameters: Mapping[str, Interval]) -> bool:
-    """Return whether all that an effect could be may be nothing, by the intervals.
-
-    A stiffness whose interval holds zero may be without end; a ratio is nothing at its
-    neutral value.
-    """
-    nothing = _nothing(hypothesis)
-    sizes = [(p, nothing[name]) for name, p in parameters.items() if name in nothing]
-    return bool(sizes) and all(p.low <= value <= p.high for p, value in sizes)
-
-
-def up_to_nothing(
-    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
-) -> dict[str, Interval]:
-    """Return parameters, sizes that are impossible with intervals that end at nothing.
-
-    Args:
-        situation: Where the arm stood.
-        member: The term.
-        parameters: With their intervals.
-    """
-    found = {
-        name: replace(p, low=min(p.low, value), high=max(p.high, value))
-        for name, value in _impossible(situation, member, parameters).items()
-        for p in (parameters[name],)
-    }
-    return dict(parameters) | found
-
-
-def is_beyond_nothing(
-    situation: StaticState, member: ModelTerm, sizes: Mapping[str, float]
-) -> bool:
-    """Return whether a size has the sign that its limits leave no room for.
-
-    Args:
-        situation: Where the arm stood.
-        member: The term.
-        sizes: Its parameters.
-    """
-    points = {name: Interval(size, size, size) for name, size in sizes.items()}
-    return bool(_impossible(situation, member, points))
-
-
-def _impossible(
-    situation: StaticState, member: ModelTerm, parameters: Mapping[str, Interval]
-) -> dict[str, float]:
-    """Return the sizes wholly on the side of nothing where limits leave no room.
-
-    Each with the value at which it is nothing.
-    """
-    limits = member.hypothesis.limits_at(situation, member.where)
-    return {
-        name: value
-        for name, value in _nothing(member.hypothesis).items()
-        if name in parameters and name in limits
-        if parameters[name].high < value <= limits[name][0]
-        or parameters[name].low > value >= limits[name][1]
-    }
-
-
-def _nothing(hypothesis: Hypothesis) -> dict[str, float]:
-    """Return the value of each size at which there is no effect."""
-    return {name: 0.0 for name in hypothesis.magnitudes} | dict(hypothesis.neutral)

@@ -223,6 +223,27 @@ def beyond_limits(decisions: Sequence[Decision]) -> tuple[Warned, ...]:
     )
 
 
+SCATTER = "scatter"
+"""Code of the remark that poses differ more than anything stated allows."""
+
+
+def scattered(dispersion: float) -> tuple[Warned, ...]:
+    """Say that poses differ at random, by more than errors explain.
+
+    A law that changes its sign from pose to pose (a stiffness that another axis' angle
+    governs) averages out of every column, and random signs leave it as it is.
+
+    Args:
+        dispersion: Variance of the map's scores over that of the stated errors.
+    """
+    text = (
+        f"poses differ {np.sqrt(dispersion):.1f} times as much as the stated errors "
+        "make them, after no law that was tried. Either errors are larger than stated, "
+        "or something is left out that depends on what is not looked at."
+    )
+    return (Warned(SCATTER, "rig", text),)
+
+
 @dataclass(frozen=True)
 class Nominal:
     """The nuisance parameters as fitted.

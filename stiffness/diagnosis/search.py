@@ -13,6 +13,7 @@ Ignores     sets that differ by two names at once from all that were tried
 ==========  ==========================================================================
 """
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -38,6 +39,7 @@ from stiffness.regression.group_selection import (
     LIVE,
     RISES,
     GroupSelection,
+    best_groups_beside,
     exchange_worths,
     first_of_best,
     gains_beside,
@@ -466,3 +468,22 @@ def _without_slight_terms(search: Search, held: int) -> Search:
     groups = tuple(problem.groups[k] for k in keep)
     kept = tuple(terms[k] for k in keep)
     return Search(search.case, kept, replace(problem, groups=groups))
+
+
+def of_the_same_kinds(
+    case: SelectionProblem, terms: Sequence[ModelTerm], refused: Collection[Name]
+) -> list[ModelTerm]:
+    """Return effects that were named at two sites at least, at their other sites.
+
+    What several axes have the others may have too, though too little to be named; the
+    intervals of what was named allow for it, and for the zeros of all axes beside a
+    geometry error that was named.
+    """
+    count = Counter(term.hypothesis.counted_as for term in terms if not term.is_generic)
+    every = (candidate.hypothesis for candidate in case.library.candidates)
+    alike = {h.effect for h in every if count[h.counted_as] > (not h.shares_rate_with)}
+    if not alike:
+        return []
+    search = Search.of(case, terms, refused)
+    best = best_groups_beside(search.problem, range(len(terms)))
+    return [search.terms[k] for name, k in best.items() if name[0] in alike]

@@ -13,7 +13,6 @@ Ignores     sets that differ by two names at once from all that were tried
 ==========  ==========================================================================
 """
 
-from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -25,10 +24,14 @@ from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.candidates import Library
 from stiffness.diagnosis.gate import (
     PoseStatistics,
+    cost_of_limits,
     gate_terms,
+    is_beyond_nothing,
+    may_be_nothing,
     pose_statistics,
     second_order_name,
     sizes_beyond_limits,
+    up_to_nothing,
 )
 from stiffness.diagnosis.joint_fit import (
     Layout,
@@ -38,12 +41,8 @@ from stiffness.diagnosis.joint_fit import (
 )
 from stiffness.diagnosis.model_evaluation import (
     ModelEvaluation,
-    cost_of_limits,
     evaluate_model,
-    is_beyond_nothing,
-    may_be_nothing,
     parameters_of,
-    up_to_nothing,
 )
 from stiffness.diagnosis.model_fit import (
     ModelFit,
@@ -63,6 +62,7 @@ from stiffness.diagnosis.search import (
     beyond_present_names,
     first_search,
     from_rivals,
+    of_the_same_kinds,
     one_each,
     with_generic_terms,
 )
@@ -70,7 +70,6 @@ from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects.base import Hypothesis
 from stiffness.regression.group_selection import (
     GroupSelection,
-    best_groups_beside,
     exchange_worths,
     gains_beside,
     select_groups,
@@ -219,7 +218,10 @@ MOST_LOADS = 6
 
 
 def select_model(
-    case: SelectionProblem, prepared: Prepared, hypotheses: Sequence[Hypothesis]
+    case: SelectionProblem,
+    prepared: Prepared,
+    hypotheses: Sequence[Hypothesis],
+    start: Sequence[ModelTerm] = (),
 ) -> SelectedModel:
     """Search the set that explains best, and withhold what does not hold.
 
@@ -235,11 +237,17 @@ def select_model(
         case: As laid out where nothing is named.
         prepared: The recording against its nominal model.
         hypotheses: What may be named.
+        start: A set to search from, such as one that was found about other kinematics;
+            empty: from nothing.
     """
-    courses = [block for block in case.library.map if block.is_course]
     layout = Layout(prepared, hypotheses)
-    search = Search.of(case, generic=courses, every_form=False)
-    model = _selected_under(layout, search, first_search(search.problem))
+    if start:
+        point = layout.fitted_jointly(case, fit_model(case, start))
+        model = _searched_on(layout, layout.at(point), point.fit.members, (), point)
+    else:
+        courses = [block for block in case.library.map if block.is_course]
+        search = Search.of(case, generic=courses, every_form=False)
+        model = _selected_under(layout, search, first_search(search.problem))
     point = _with_loads(layout, model)
     if point is None:
         return model
@@ -248,9 +256,7 @@ def select_model(
     at = {where for _, where in refused}
     own = point.fit.members
     first = tuple(m for m in own if not (m.is_generic and m.where in at))
-    search = Search.of(layout.at(point), first, refused)
-    start = select_groups(search.problem, range(len(first)))
-    other = _selected_under(layout, search, start, refused, before=point)
+    other = _searched_on(layout, layout.at(point), first, refused, point)
     gained = 0.5 * (model.unexplained_square - other.unexplained_square)
     return other if gained > SETTINGS.equivalent_log_bayes else model
 
@@ -355,16 +361,29 @@ def _selected_under(
         if back.fit.names <= before.fit.names:
             model, held, again = back, True, 0
     case, terms = layout.at(point), point.fit.members
-    if again == AGAIN or (again and point.square < MISLED * left):
-        search = Search.of(case, terms, refused)
-        selected = select_groups(search.problem, range(len(terms)))
-        other = _selected_under(layout, search, selected, refused, again - 1, point)
+    changed = before is None or model.fit.names != before.fit.names
+    if again == AGAIN or (again and (changed or point.square < MISLED * left)):
+        other = _searched_on(layout, case, terms, refused, point, again - 1)
     else:
         other = _judged(case, terms, fine, ())
     kept = held and model.unexplained_square < other.unexplained_square
     best, beaten = (model, other) if kept else (other, model)
     decisions = last_of_each([*beaten.decisions, *best.decisions])
     return replace(best, decisions=decisions)
+
+
+def _searched_on(
+    layout: Layout,
+    case: SelectionProblem,
+    terms: Sequence[ModelTerm],
+    refused: Collection[Name],
+    before: OperatingPoint,
+    again: int = AGAIN,
+) -> SelectedModel:
+    """Search on from a set in columns that are laid out under it."""
+    search = Search.of(case, terms, refused)
+    selected = select_groups(search.problem, range(len(terms)))
+    return _selected_under(layout, search, selected, refused, again, before)
 
 
 def select_again(model: SelectedModel, split: Split) -> SelectedModel:
@@ -410,7 +429,7 @@ def _judged(
             decisions.append(slightest)
             terms = tuple(t for t in terms if t.name != slightest.candidate)
             continue
-        beside = _of_the_same_kinds(case, terms, refused)
+        beside = of_the_same_kinds(case, terms, refused)
         look = _evaluated(case, terms, beside)
         parameters = parameters_of(*here, look.selected_alone, case.split)
         gains = _drop_one_gains(statistics, terms)
@@ -488,25 +507,6 @@ def _has_wrong_sign(
         return False
     sizes = dict(law.parameters(here, term.where, term.shape, size))
     return is_beyond_nothing(here, term, sizes)
-
-
-def _of_the_same_kinds(
-    case: SelectionProblem, terms: Sequence[ModelTerm], refused: Collection[Name]
-) -> list[ModelTerm]:
-    """Return effects that were named at two sites at least, at their other sites.
-
-    What several axes have the others may have too, though too little to be named; the
-    intervals of what was named allow for it, and for the zeros of all axes beside a
-    geometry error that was named.
-    """
-    count = Counter(term.hypothesis.counted_as for term in terms if not term.is_generic)
-    every = (candidate.hypothesis for candidate in case.library.candidates)
-    alike = {h.effect for h in every if count[h.counted_as] > (not h.shares_rate_with)}
-    if not alike:
-        return []
-    search = Search.of(case, terms, refused)
-    best = best_groups_beside(search.problem, range(len(terms)))
-    return [search.terms[k] for name, k in best.items() if name[0] in alike]
 
 
 def _withheld(

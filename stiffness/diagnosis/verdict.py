@@ -36,7 +36,7 @@ from stiffness.diagnosis.detection import (
     residual_equations,
     residual_test,
 )
-from stiffness.diagnosis.gate import acts_at, are_near, is_local, may_show_at
+from stiffness.diagnosis.gate import acts_at, are_near, as_held, is_local, may_show_at
 from stiffness.diagnosis.localisation import (
     confounded_with,
     displaced_by_places,
@@ -45,7 +45,6 @@ from stiffness.diagnosis.localisation import (
     places_of_names,
     whiten_candidates,
 )
-from stiffness.diagnosis.model_evaluation import as_held
 from stiffness.diagnosis.model_fit import (
     LAW_ACCURACY,
     ModelFit,

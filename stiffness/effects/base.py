@@ -89,6 +89,11 @@ class Hypothesis(ABC):
         """The effect that stands for all that share its rate."""
         return self.shares_rate_with or self.effect
 
+    @property
+    def nothing(self) -> dict[str, float]:
+        """The value of each size at which there is no effect."""
+        return {name: 0.0 for name in self.magnitudes} | dict(self.neutral)
+
     @abstractmethod
     def places(self, situation: StaticState) -> tuple[str, ...]:
         """Return the sites where the effect could occur and be seen, as in answers.

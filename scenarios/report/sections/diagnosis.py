@@ -30,8 +30,7 @@ from scenarios.report.page import (
     Table,
     table_of,
 )
-from stiffness.diagnosis.diagnose import SCATTER
-from stiffness.diagnosis.result import in_words, strongest_withheld
+from stiffness.diagnosis.result import SCATTER, in_words, strongest_withheld
 
 # --- The data -------------------------------------------------------------------------
 

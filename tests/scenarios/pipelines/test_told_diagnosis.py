@@ -39,8 +39,7 @@ from scenarios.pipelines.schema import (
 from scenarios.pipelines.schema import Interval as Said
 from scenarios.report import summary
 from scenarios.report.sections import diagnosis
-from stiffness.diagnosis.diagnose import scattered
-from stiffness.diagnosis.model_evaluation import is_held, may_be_nothing
+from stiffness.diagnosis.gate import is_held, may_be_nothing
 from stiffness.diagnosis.result import (
     Detection,
     Diagnosis,
@@ -50,6 +49,7 @@ from stiffness.diagnosis.result import (
     Nominal,
     Unexplained,
     Warned,
+    scattered,
 )
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.hardening import Hardening

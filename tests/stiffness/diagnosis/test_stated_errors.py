@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis_truth import BY_NAME
+from hypothesis_truth import situation as truth_situation
 from numpy.testing import assert_allclose
 
 from bench.effects.encoder_offset import EncoderOffset as ZeroOff
@@ -21,8 +22,17 @@ from bench.standard_plans import table_one_plan
 from scenarios.studies.blind_trials.arms import arm_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED
 from stiffness.diagnosis.diagnose import chi_square_summary, diagnose
-from stiffness.diagnosis.model_evaluation import cost_of_limits
-from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem, with_priors
+from stiffness.diagnosis.gate import cost_of_limits
+from stiffness.diagnosis.model_evaluation import (
+    inverse_beside_priors,
+    mean_square_of,
+)
+from stiffness.diagnosis.model_fit import (
+    ModelFit,
+    ModelTerm,
+    SelectionProblem,
+    with_priors,
+)
 from stiffness.diagnosis.nominal_fit import prepare, rest_of, smooth_basis
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis
@@ -399,3 +409,28 @@ def test_effect_none_of_whose_sizes_is_surely_possible_has_no_name(plain, arm):
     }
     told = _withheld(case, [link], [own], [1e4], [2])
     assert [d.gate for d in told] == ["magnitude"]
+
+
+def test_sizes_that_readings_hold_as_a_sum_are_as_wide_as_their_priors():
+    """However little the prior is beside the readings: rounding must not hold them."""
+    x, prior = np.array([1e6, 1e6]), np.array([0.5, 2.0]) ** -2.0
+    gram = np.outer(x, x) + np.diag(prior)
+    scale = 1.0 / np.sqrt(np.diag(gram))
+    whole = gram * scale * scale[:, None], np.diag(prior * scale**2)
+    found = inverse_beside_priors(*whole) * scale * scale[:, None]
+    apart = 0.5 * 2.0 / np.hypot(0.5, 2.0)  # of a difference, the sum known
+    assert_allclose(np.sqrt(np.diag(found)), apart, rtol=1e-3)
+
+
+def test_masses_at_other_links_are_as_large_beside_their_priors_as_those_named():
+    """Of a link on which other moments are seen than on those that were named."""
+    here = truth_situation()
+    named = ModelTerm(GravityLoad(), "link_3", np.zeros(0))
+    other = ModelTerm(GravityLoad(), "link_2", np.zeros(0))
+    size = 0.1 * GravityLoad().prior_sigma(here, "link_3")
+    fit = ModelFit((named,), 0.0, np.zeros(6), (size,), len(size))
+    found = mean_square_of(here, other, fit)
+    want = 0.1 * GravityLoad().prior_sigma(here, "link_2")
+    assert len(want) != len(size)
+    assert found is not None
+    assert_allclose(np.sqrt(found), want)

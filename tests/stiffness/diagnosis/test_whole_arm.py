@@ -102,6 +102,16 @@ def test_arm_of_eight_effects_gets_all_names_but_one_and_none_that_is_false():
     assert answer().verdict in {"explained", "partly_explained"}
 
 
+def test_a_search_that_starts_from_a_set_finds_what_one_from_nothing_does():
+    """A false name of the start goes, and one that it lacks comes in."""
+    ready, case, model = prepared(*TWO), problem(*TWO), selected(*TWO)
+    false = ModelTerm(GeometryError(), "link_2", NONE)
+    start = (false, *model.fit.members[1:])
+    found = select_model(case, ready, LIBRARY, start)
+    assert found.fit.names == model.fit.names
+    assert_allclose(found.share, model.share, atol=1e-3)
+
+
 def test_every_name_of_a_whole_arm_is_sure_and_has_a_share():
     found = answer()
     assert all(0.0 < (one.share or 0.0) < 1.0 for one in found.named)
