@@ -237,8 +237,7 @@ def select_model(
         case: As laid out where nothing is named.
         prepared: The recording against its nominal model.
         hypotheses: What may be named.
-        start: A set to search from, such as one that was found about other kinematics;
-            empty: from nothing.
+        start: A set to search from; empty: from nothing.
     """
     layout = Layout(prepared, hypotheses)
     if start:
@@ -327,8 +326,10 @@ def _selected_under(
 ) -> SelectedModel:
     """Search on from a set, gate what comes out, and lay columns out under that.
 
-    The search goes on from there; of the sets the one is kept that predicts poses left
-    out best. A load that is withheld once columns were laid out under it acts no more.
+    Another set of names than columns are laid out under is gated in its own, as theirs
+    would gate against it. The search goes on from there; of the sets the one that
+    predicts poses left out best is kept. A load that is withheld once columns were laid
+    out under it acts no more.
     A set that does less under its own columns than the one before, which the search
     went on from, was misled by that one's columns; where that one still holds it stays.
 
@@ -344,11 +345,14 @@ def _selected_under(
     own = [search.terms[k] for k in selected.groups]
     fine = at_fine_shapes(search, selected.groups)
     search = Search.of(case, [*own, *fine], refused)
-    selected = from_rivals(
-        search, select_groups(search.problem, range(len(own))), len(own) + len(fine)
-    )
+    selected = select_groups(search.problem, range(len(own)))
+    selected = from_rivals(search, selected, len(own) + len(fine))
     terms = fit_shapes(case, one_each(search, selected.groups))
     terms, searched = with_generic_terms(case, terms, fine, refused)
+    names = {term.name for term in terms if not term.is_generic}
+    if before is not None and len(names) == len(terms) and names != before.fit.names:
+        point = layout.fitted_jointly(case, fit_model(case, terms))
+        case, terms = layout.at(point), point.fit.members
     model = _judged(case, terms, fine, [*selected.decisions, *searched])
     acting = frozenset[Name]() if case.named is None else loads_of(case, case.named)
     held = acting <= model.fit.names

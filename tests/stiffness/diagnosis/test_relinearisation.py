@@ -346,7 +346,7 @@ def test_a_load_takes_the_place_of_a_term_where_all_then_are_worth_as_much():
     model = select_model(build_problem(ready, few), ready, few)
     names = {m.name for m in model.fit.members}
     assert ("transmission_error", "a1") in names
-    model = replace(model, case=both)
+    model = replace(model, case=both, fit=fit_model(both, model.fit.members))
     point = _with_loads(layout, model)
     assert point is not None
     assert ("gravity_compensator", "a1") in {m.name for m in point.fit.members}
