@@ -222,7 +222,7 @@ def _errors_of(
     widths, first = [len(c) for c in fit.coefficients], len(fit.springs)
     given = with_priors(0.0 * gram, first, fit.members, widths, situation)
     given = given * scale * scale[:, None]
-    inverse = inverse_beside_priors(gram * scale * scale[:, None], given)
+    inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
     spread = jackknife_covariance(own * scale * scale[:, None], score * scale, given)
     grow = np.sqrt(
         np.maximum(np.diag(spread) / np.maximum(np.diag(inverse), 1e-300), 1.0)
@@ -231,7 +231,7 @@ def _errors_of(
     cov = inverse * wider * wider[:, None]
     sizes = len(fit.springs) + sum(map(len, fit.coefficients))
     inner = (gram * scale * scale[:, None])[:sizes, :sizes]
-    held = inverse_beside_priors(inner, given[:sizes, :sizes])
+    held = np.linalg.pinv(inner, rcond=1e-10, hermitian=True)
     held = held * wider[:sizes] * wider[:sizes, None]
     unsure = _covariance_of_the_unknown(look) + _covariance_of_forms(look)
     shift = shift_by_forms(look, split) - fitted
@@ -242,24 +242,6 @@ def _errors_of(
         inner = held[np.ix_(of_sizes, of_sizes)]
         answers.append(_Errors(cov[some], inner, unsure[some], shift[index], freedom))
     return answers
-
-
-def inverse_beside_priors(
-    gram: Float[np.ndarray, "n n"], prior: Float[np.ndarray, "n n"]
-) -> Float[np.ndarray, "n n"]:
-    """Return the inverse of scaled information, the prior's where data say nothing.
-
-    What rounding leaves of a direction that neither data nor prior hold is left out.
-
-    Args:
-        gram: Information, the prior's included.
-        prior: The prior's.
-    """
-    value, vector = np.linalg.eigh(gram)
-    least = np.sum(vector * (prior @ vector), axis=0)
-    value = np.maximum(value, least)
-    keep = (value > 1e-10 * value[-1]) | (least > 0.5 * value)
-    return (vector[:, keep] / value[keep]) @ vector[:, keep].T
 
 
 def shift_by_forms(

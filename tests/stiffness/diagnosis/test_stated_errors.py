@@ -24,7 +24,6 @@ from stiffness.diagnosis.detection import MEASURED, MISSTATED
 from stiffness.diagnosis.diagnose import chi_square_summary, diagnose
 from stiffness.diagnosis.gate import cost_of_limits
 from stiffness.diagnosis.model_evaluation import (
-    inverse_beside_priors,
     mean_square_of,
 )
 from stiffness.diagnosis.model_fit import (
@@ -409,17 +408,6 @@ def test_effect_none_of_whose_sizes_is_surely_possible_has_no_name(plain, arm):
     }
     told = _withheld(case, [link], [own], [1e4], [2])
     assert [d.gate for d in told] == ["magnitude"]
-
-
-def test_sizes_that_readings_hold_as_a_sum_are_as_wide_as_their_priors():
-    """However little the prior is beside the readings: rounding must not hold them."""
-    x, prior = np.array([1e6, 1e6]), np.array([0.5, 2.0]) ** -2.0
-    gram = np.outer(x, x) + np.diag(prior)
-    scale = 1.0 / np.sqrt(np.diag(gram))
-    whole = gram * scale * scale[:, None], np.diag(prior * scale**2)
-    found = inverse_beside_priors(*whole) * scale * scale[:, None]
-    apart = 0.5 * 2.0 / np.hypot(0.5, 2.0)  # of a difference, the sum known
-    assert_allclose(np.sqrt(np.diag(found)), apart, rtol=1e-3)
 
 
 def test_masses_at_other_links_are_as_large_beside_their_priors_as_those_named():
