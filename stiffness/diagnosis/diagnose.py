@@ -411,7 +411,7 @@ def diagnose(
     }
     if looked.judged is None:
         if found.dispersion >= MEASURED:
-            common["warnings"] += scattered(found.dispersion)
+            common["warnings"] += (scattered(found.dispersion),)
         return Diagnosis(
             **{"verdict": "no_mismatch"} | _left_by_scattering({}, scattering),
             nominal=nominal_of(prepared, np.zeros(len(prepared.springs))),

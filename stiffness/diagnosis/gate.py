@@ -1,8 +1,8 @@
-"""Gates on a set of effects: predictions of poses left out, and strong laws near by.
+"""Gates on a set of effects: poses left out, strong laws near by, limits of sizes.
 
 What explains poses that were fitted must predict poses that were not. A name also goes
-where another accepted form of a stronger law near it does as well, or where it is
-less than what a found load may be wrong by.
+where another accepted form of a stronger law near it does as well, where it is less
+than what a found load may be wrong by, or where its sizes are nothing or impossible.
 
 ==========  ==========================================================================
 Equation    share = 2 (g_S - g_0) / (sum_p (q_p - n_p) - 2 g_0), g_S, g_0 gains of the

@@ -133,7 +133,8 @@ def evaluate_model(
         steps.extend(slopes)
     forms = [m.hypothesis.variants(situation, m.where, m.shape) for m in members]
     forms += [m.hypothesis.assumed(situation, m.where, m.shape) for m in members]
-    forms += [m.jacobian(situation) for m in beside]
+    unselected = [m.jacobian(situation) for m in beside]
+    forms += unselected
     some = [form for form in forms if form.columns]
     fold, held = training(split), [*nominal, *own, *steps]
     found = normal_equations_of(data, [*held, *some], fold)
@@ -166,7 +167,10 @@ def evaluate_model(
         blocks[:count],
         blocks[count : 2 * count],
         blocks[2 * count :],
-        tuple(mean_square_of(situation, term, fit) for term in beside),
+        tuple(
+            _mean_square_of(situation, term, fit, law.columns)
+            for term, law in zip(beside, unselected, strict=True)
+        ),
     )
 
 
@@ -193,24 +197,6 @@ def parameters_of(
         look: The fitted set.
         split: Which poses may be looked at.
     """
-    answers, errors = [], _errors_of(situation, look, split)
-    every = zip(look.fit.members, look.fit.coefficients, errors, strict=True)
-    for member, coefficients, own in every:
-        fitted = look.fit.springs, coefficients
-        answers.append(_of_member(situation, springs, member, fitted, own))
-    return answers
-
-
-def _errors_of(
-    situation: StaticState, look: ModelEvaluation, split: Split
-) -> "list[_Errors]":
-    """Return the errors of every member's coefficients and shapes.
-
-    Args:
-        situation: Where the arm stood.
-        look: The fitted set.
-        split: Which poses may be looked at.
-    """
     fit, found = look.fit, look.slopes
     known = look.known
     gram = found.gram[1][:known, :known]
@@ -219,11 +205,12 @@ def _errors_of(
     own = found.own[~split.held_out][:, :known, :known]
     score = found.score[~split.held_out][:, :known] - own @ fitted
     scale = unit_scale(np.diag(gram))  # zero: counts, has no slope
+    inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
     widths, first = [len(c) for c in fit.coefficients], len(fit.springs)
     given = with_priors(0.0 * gram, first, fit.members, widths, situation)
-    given = given * scale * scale[:, None]
-    inverse = np.linalg.pinv(gram * scale * scale[:, None], rcond=1e-10)
-    spread = jackknife_covariance(own * scale * scale[:, None], score * scale, given)
+    spread = jackknife_covariance(
+        own * scale * scale[:, None], score * scale, given * scale * scale[:, None]
+    )
     grow = np.sqrt(
         np.maximum(np.diag(spread) / np.maximum(np.diag(inverse), 1e-300), 1.0)
     )
@@ -235,12 +222,27 @@ def _errors_of(
     held = held * wider[:sizes] * wider[:sizes, None]
     unsure = _covariance_of_the_unknown(look) + _covariance_of_forms(look)
     shift = shift_by_forms(look, split) - fitted
-    answers, freedom = [], max(2, len(score) - 1)
-    for member, own in zip(fit.members, _columns_of_members(look), strict=True):
+    quantile = float(student.ppf(0.5 + LEVEL / 2, max(2, len(score) - 1)))
+    answers = []
+    every = zip(fit.members, fit.coefficients, _columns_of_members(look), strict=True)
+    for member, coefficients, own in every:
         index = np.concatenate([np.arange(len(fit.springs)), own])
         some, of_sizes = np.ix_(index, index), index[: len(index) - len(member.shape)]
-        inner = held[np.ix_(of_sizes, of_sizes)]
-        answers.append(_Errors(cov[some], inner, unsure[some], shift[index], freedom))
+        answers.append(
+            _of_member(
+                situation,
+                springs,
+                member,
+                (fit.springs, coefficients),
+                _Errors(
+                    cov[some],
+                    held[np.ix_(of_sizes, of_sizes)],
+                    unsure[some],
+                    shift[index],
+                ),
+                quantile,
+            )
+        )
     return answers
 
 
@@ -370,8 +372,8 @@ def _covariance_of_the_unknown(
     return total * scale[:known] * scale[:known, None]
 
 
-def mean_square_of(
-    situation: StaticState, term: ModelTerm, fit: ModelFit
+def _mean_square_of(
+    situation: StaticState, term: ModelTerm, fit: ModelFit, columns: int
 ) -> Float[np.ndarray, " columns"] | None:
     """Return the mean square of each coefficient of a term's effect in a set.
 
@@ -379,13 +381,12 @@ def mean_square_of(
     effect has other coefficients at the sites where it was named, it is as large
     beside its priors as there.
     """
-    every = list(zip(fit.members, fit.coefficients, strict=True))
+    law, every = term.hypothesis, list(zip(fit.members, fit.coefficients, strict=True))
     named = [(m, c) for m, c in every if m.name[0] == term.name[0]]
-    columns = term.jacobian(situation).columns
     alike = [c for _, c in named if len(c) == columns]
     if alike:
         return np.mean(np.square(alike), axis=0)
-    prior, law = term.hypothesis.prior_sigma(situation, term.where), term.hypothesis
+    prior = law.prior_sigma(situation, term.where)
     if named and prior is not None:
         shares = [c / m.hypothesis.prior_sigma(situation, m.where) for m, c in named]
         return np.square(prior) * np.mean([np.mean(share**2) for share in shares])
@@ -415,19 +416,16 @@ class _Errors:
         unsure: What terms that were not selected, assumed constants and the form of
             laws add to it.
         shift: How far the fit moves beside other forms of the laws.
-        degrees_of_freedom: Of these.
     """
 
     covariance: Float[np.ndarray, "n n"]
     held: Float[np.ndarray, "sizes sizes"]
     unsure: Float[np.ndarray, "n n"]
     shift: Float[np.ndarray, " n"]
-    degrees_of_freedom: int
 
 
-def _of_member(situation, springs, member, fitted, errors):
+def _of_member(situation, springs, member, fitted, errors, quantile):
     cov = errors.covariance
-    quantile = student.ppf(0.5 + LEVEL / 2, errors.degrees_of_freedom)
     start = np.concatenate([*fitted, member.shape])
     n, m = len(fitted[0]), len(fitted[1])
 

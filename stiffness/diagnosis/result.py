@@ -227,7 +227,7 @@ SCATTER = "scatter"
 """Code of the remark that poses differ more than anything stated allows."""
 
 
-def scattered(dispersion: float) -> tuple[Warned, ...]:
+def scattered(dispersion: float) -> Warned:
     """Say that poses differ at random, by more than errors explain.
 
     A law that changes its sign from pose to pose (a stiffness that another axis' angle
@@ -241,7 +241,7 @@ def scattered(dispersion: float) -> tuple[Warned, ...]:
         "make them, after no law that was tried. Either errors are larger than stated, "
         "or something is left out that depends on what is not looked at."
     )
-    return (Warned(SCATTER, "rig", text),)
+    return Warned(SCATTER, "rig", text)
 
 
 @dataclass(frozen=True)

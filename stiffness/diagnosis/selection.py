@@ -242,7 +242,7 @@ def select_model(
     layout = Layout(prepared, hypotheses)
     if start:
         point = layout.fitted_jointly(case, fit_model(case, start))
-        model = _searched_on(layout, layout.at(point), point.fit.members, (), point)
+        model = _searched_on(layout, point, point.fit.members)
     else:
         courses = [block for block in case.library.map if block.is_course]
         search = Search.of(case, generic=courses, every_form=False)
@@ -255,7 +255,7 @@ def select_model(
     at = {where for _, where in refused}
     own = point.fit.members
     first = tuple(m for m in own if not (m.is_generic and m.where in at))
-    other = _searched_on(layout, layout.at(point), first, refused, point)
+    other = _searched_on(layout, point, first, refused)
     gained = 0.5 * (model.unexplained_square - other.unexplained_square)
     return other if gained > SETTINGS.equivalent_log_bayes else model
 
@@ -349,8 +349,8 @@ def _selected_under(
     selected = from_rivals(search, selected, len(own) + len(fine))
     terms = fit_shapes(case, one_each(search, selected.groups))
     terms, searched = with_generic_terms(case, terms, fine, refused)
-    names = {term.name for term in terms if not term.is_generic}
-    if before is not None and len(names) == len(terms) and names != before.fit.names:
+    moved = before is not None and {term.name for term in terms} != before.fit.names
+    if moved and not any(term.is_generic for term in terms):
         point = layout.fitted_jointly(case, fit_model(case, terms))
         case, terms = layout.at(point), point.fit.members
     model = _judged(case, terms, fine, [*selected.decisions, *searched])
@@ -364,12 +364,12 @@ def _selected_under(
         back = _judged(case, before.fit.members, fine, model.decisions)
         if back.fit.names <= before.fit.names:
             model, held, again = back, True, 0
-    case, terms = layout.at(point), point.fit.members
+    terms = point.fit.members
     changed = before is None or model.fit.names != before.fit.names
     if again == AGAIN or (again and (changed or point.square < MISLED * left)):
-        other = _searched_on(layout, case, terms, refused, point, again - 1)
+        other = _searched_on(layout, point, terms, refused, again - 1)
     else:
-        other = _judged(case, terms, fine, ())
+        other = _judged(layout.at(point), terms, fine, ())
     kept = held and model.unexplained_square < other.unexplained_square
     best, beaten = (model, other) if kept else (other, model)
     decisions = last_of_each([*beaten.decisions, *best.decisions])
@@ -378,16 +378,15 @@ def _selected_under(
 
 def _searched_on(
     layout: Layout,
-    case: SelectionProblem,
+    point: OperatingPoint,
     terms: Sequence[ModelTerm],
-    refused: Collection[Name],
-    before: OperatingPoint,
+    refused: Collection[Name] = (),
     again: int = AGAIN,
 ) -> SelectedModel:
-    """Search on from a set in columns that are laid out under it."""
-    search = Search.of(case, terms, refused)
+    """Search on from a set in columns that are laid out at an operating point."""
+    search = Search.of(layout.at(point), terms, refused)
     selected = select_groups(search.problem, range(len(terms)))
-    return _selected_under(layout, search, selected, refused, again, before)
+    return _selected_under(layout, search, selected, refused, again, point)
 
 
 def select_again(model: SelectedModel, split: Split) -> SelectedModel:

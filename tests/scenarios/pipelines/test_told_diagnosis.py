@@ -439,7 +439,7 @@ def test_story_of_no_mismatch_says_what_would_have_shown(found, recording):
 def test_story_claims_no_agreement_where_poses_differ_at_random(found, recording):
     marked, _ = folder.read(recording)
     calm = replace(found.detection, p_value=0.4)
-    wild = Diagnosis("x", "no_mismatch", calm, warnings=scattered(219.0))
+    wild = Diagnosis("x", "no_mismatch", calm, warnings=(scattered(219.0),))
     finding = Result(
         marked, wild, None, "", None, answer_of(wild, None, "", (), 1.0, False)
     )

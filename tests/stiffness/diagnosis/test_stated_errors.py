@@ -23,9 +23,7 @@ from scenarios.studies.blind_trials.arms import arm_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED
 from stiffness.diagnosis.diagnose import chi_square_summary, diagnose
 from stiffness.diagnosis.gate import cost_of_limits
-from stiffness.diagnosis.model_evaluation import (
-    mean_square_of,
-)
+from stiffness.diagnosis.model_evaluation import _mean_square_of
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -417,8 +415,8 @@ def test_masses_at_other_links_are_as_large_beside_their_priors_as_those_named()
     other = ModelTerm(GravityLoad(), "link_2", np.zeros(0))
     size = 0.1 * GravityLoad().prior_sigma(here, "link_3")
     fit = ModelFit((named,), 0.0, np.zeros(6), (size,), len(size))
-    found = mean_square_of(here, other, fit)
     want = 0.1 * GravityLoad().prior_sigma(here, "link_2")
+    found = _mean_square_of(here, other, fit, len(want))
     assert len(want) != len(size)
     assert found is not None
     assert_allclose(np.sqrt(found), want)
