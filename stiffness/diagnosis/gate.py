@@ -24,7 +24,13 @@ from jaxtyping import Float, Int
 
 from bench.shared.effect_catalogue import CATALOGUE, INSTRUMENTS
 from bench.shared.settings import SETTINGS
-from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem, training
+from stiffness.diagnosis.model_fit import (
+    ModelFit,
+    ModelTerm,
+    SelectionProblem,
+    losses_without,
+    training,
+)
 from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
     per_pose_scores,
@@ -33,6 +39,10 @@ from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.intervals import Interval
+from stiffness.regression.normal_equations import (
+    projection_coefficients,
+    schur_complement,
+)
 from stiffness.regression.predictive_gate import (
     Decision,
     GatedNames,
@@ -120,6 +130,54 @@ def pose_statistics(
         blocks[2 * len(laws) :],
         mismatch_of_poses(case.data)[~held_out],
     )
+
+
+def drop_one_gains(
+    found: PoseStatistics, terms: Sequence[ModelTerm]
+) -> tuple[float, ...]:
+    """Return what each term explains that others do not, springs adapting.
+
+    Args:
+        found: What poses say of these terms, or of more.
+        terms: The set.
+    """
+    blocks = found.owned_by(terms)
+    used = np.concatenate([found.nominal, *blocks]).astype(int)
+    some = found.units.fold >= 0
+    gram = found.units.gram[some].sum(axis=0)[np.ix_(used, used)]
+    score = found.units.score[some].sum(axis=0)[used]
+    ends = np.cumsum([len(found.nominal), *map(len, blocks)])
+    return losses_without(gram, score, [np.arange(a, b) for a, b in pairwise(ends)])
+
+
+def budget_parts(found: PoseStatistics, fit: ModelFit) -> tuple[float, ...]:
+    """Return each member's part of what the set explains; they add up to one.
+
+    A part is below zero where a member's displacement goes against that of the others.
+
+    ==========  ======================================================================
+    Equation    part_k = f_k' f / f' f; f_k what the member displaces at its
+                fitted size, whitened, nominal columns projected out; f their sum
+    Source      Pratt 1987, "Dividing the indivisible: using simple symmetry to
+                partition variance explained"
+    Valid       members that are held together
+    Ignores     the error of sizes
+    ==========  ======================================================================
+
+    Args:
+        found: What poses say of the set, or of more.
+        fit: The set.
+    """
+    owned = found.owned_by(fit.members)
+    used = np.concatenate([np.zeros(0, dtype=int), *owned])
+    gram = found.units.gram[found.units.fold >= 0].sum(axis=0)
+    share = projection_coefficients(gram, found.nominal)
+    inner = schur_complement(gram, found.nominal, share, used)
+    size = np.concatenate([np.zeros(0), *fit.coefficients])
+    along = size * (inner @ size)  # f_k' f of each column
+    ends = np.cumsum([0, *map(len, owned)])
+    total = max(float(along.sum()), 1e-300)
+    return tuple(float(along[a:b].sum()) / total for a, b in pairwise(ends))
 
 
 # --- Gate on poses left out -----------------------------------------------------------

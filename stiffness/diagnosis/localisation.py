@@ -34,8 +34,8 @@ Ignores     what the law does beyond the torques seen
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -52,7 +52,7 @@ from stiffness.diagnosis.model_fit import (
     solve,
     training,
 )
-from stiffness.diagnosis.result import Located, Name
+from stiffness.diagnosis.result import Located, Name, UnexplainedPlace
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
     normal_equations_of,
@@ -119,6 +119,31 @@ def places_of_map(
         found.append((where, p, captured, words))
         known = np.concatenate([known, columns[where]])
     return found
+
+
+def located_by_map(case: SelectionProblem) -> tuple[Located, ...]:
+    """Return places of the map, strongest first, beside the nominal arm alone."""
+    of_map = places_of_map(
+        case.library,
+        case.normal_equations,
+        case.normal_equations.score,
+        np.arange(case.library.nominal),
+        case.seed,
+    )
+    total = max(sum(float(captured) for _, _, captured, _ in of_map), 1e-12)
+    found = (Located(w, p, float(c) / total, d, "") for w, p, c, d in of_map)
+    return tuple(sorted(found, key=lambda place: -place.share))
+
+
+def joined_places(places: Iterable[UnexplainedPlace]) -> tuple[UnexplainedPlace, ...]:
+    """Add up the shares of each place, the largest first."""
+    joined: dict[str, UnexplainedPlace] = {}
+    for one in places:
+        old = joined.get(one.where, replace(one, share=0.0))
+        words = tuple(dict.fromkeys((*old.depends_on, *one.depends_on)))
+        p, share = min(one.p_value, old.p_value), min(old.share + one.share, 1.0)
+        joined[one.where] = UnexplainedPlace(one.where, p, share, words)
+    return tuple(sorted(joined.values(), key=lambda place: -place.share))
 
 
 @dataclass(frozen=True, eq=False)

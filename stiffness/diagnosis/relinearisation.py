@@ -304,6 +304,12 @@ def acts_on_others(situation: StaticState, term: ModelTerm) -> bool:
     return _acting(situation, term, size) is not situation
 
 
+def changes_torques(situation: StaticState, term: ModelTerm) -> bool:
+    """Return whether a term changes axes' torques: a weight, a compensator."""
+    size = np.ones(term.jacobian(situation).columns)
+    return _acting(situation, term, size).torque is not situation.torque
+
+
 def _change_by(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> float:
     """Return the largest share by which a set changes springs, their slopes or loads.
 

@@ -13,9 +13,8 @@ Ignores     sets that differ by two names at once from all that were tried
 ==========  ==========================================================================
 """
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -25,6 +24,7 @@ from stiffness.diagnosis.candidates import Library
 from stiffness.diagnosis.gate import (
     PoseStatistics,
     cost_of_limits,
+    drop_one_gains,
     gate_terms,
     is_beyond_nothing,
     may_be_nothing,
@@ -37,7 +37,6 @@ from stiffness.diagnosis.joint_fit import (
     Layout,
     OperatingPoint,
     unexplained,
-    worth_of,
 )
 from stiffness.diagnosis.model_evaluation import (
     ModelEvaluation,
@@ -50,13 +49,18 @@ from stiffness.diagnosis.model_fit import (
     SelectionProblem,
     fit_model,
     fit_shapes,
-    losses_without,
     training,
     with_priors,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
-from stiffness.diagnosis.relinearisation import acts_on_others, changes, loads_of
+from stiffness.diagnosis.relinearisation import (
+    acts_on_others,
+    changes,
+    changes_torques,
+    loads_of,
+)
 from stiffness.diagnosis.search import (
+    FORMS,
     Search,
     at_fine_shapes,
     beyond_present_names,
@@ -69,16 +73,13 @@ from stiffness.diagnosis.search import (
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects.base import Hypothesis
 from stiffness.regression.group_selection import (
+    LIVE,
     GroupSelection,
     exchange_worths,
     gains_beside,
     select_groups,
 )
 from stiffness.regression.intervals import Interval, jackknife_covariance
-from stiffness.regression.normal_equations import (
-    projection_coefficients,
-    schur_complement,
-)
 from stiffness.regression.predictive_gate import Decision, Name
 from stiffness.regression.splits import Split
 
@@ -88,6 +89,8 @@ small part of an effect may be out of place beside what was not named."""
 
 # --- The selected model ---------------------------------------------------------------
 
+Pair = tuple[Name, Name]
+"""A name of a set, and another that may take its place."""
 AGAIN = 3
 """How often the search goes on at most where columns were laid out anew under a set;
 chosen: the second time finds what the first one misled."""
@@ -114,6 +117,8 @@ class SelectedModel:
             one that the stated errors make; 1 at least.
         share: Of the mismatch that is explained on poses left out.
         decisions: Of all gates on all candidates.
+        exchange_losses: Of some names, by how much the set is worth less with another
+            in its place when all is fitted anew.
     """
 
     case: SelectionProblem
@@ -127,6 +132,7 @@ class SelectedModel:
     dispersion: float
     share: float
     decisions: tuple[Decision, ...]
+    exchange_losses: Mapping[Pair, float] = field(default_factory=dict)
 
     @property
     def unexplained_square(self) -> float:
@@ -136,54 +142,6 @@ class SelectedModel:
     def share_without(self, k: int) -> float:
         """Return the share of the mismatch that is not explained without a member."""
         return self.statistics.share_of(self.lost[k])
-
-
-def _drop_one_gains(
-    found: PoseStatistics, terms: Sequence[ModelTerm]
-) -> tuple[float, ...]:
-    """Return what each term explains that others do not, springs adapting.
-
-    Args:
-        found: What poses say of these terms, or of more.
-        terms: The set.
-    """
-    blocks = found.owned_by(terms)
-    used = np.concatenate([found.nominal, *blocks]).astype(int)
-    some = found.units.fold >= 0
-    gram = found.units.gram[some].sum(axis=0)[np.ix_(used, used)]
-    score = found.units.score[some].sum(axis=0)[used]
-    ends = np.cumsum([len(found.nominal), *map(len, blocks)])
-    return losses_without(gram, score, [np.arange(a, b) for a, b in pairwise(ends)])
-
-
-def budget_parts(model: SelectedModel) -> tuple[float, ...]:
-    """Return each member's part of what the set explains; they add up to one.
-
-    A part is below zero where a member's displacement goes against that of the others.
-
-    ==========  ======================================================================
-    Equation    part_k = f_k' f / f' f; f_k what the member displaces at its
-                fitted size, whitened, nominal columns projected out; f their sum
-    Source      Pratt 1987, "Dividing the indivisible: using simple symmetry to
-                partition variance explained"
-    Valid       members that are held together
-    Ignores     the error of sizes
-    ==========  ======================================================================
-
-    Args:
-        model: The set.
-    """
-    found = model.statistics
-    owned = found.owned_by(model.fit.members)
-    used = np.concatenate([np.zeros(0, dtype=int), *owned])
-    gram = found.units.gram[found.units.fold >= 0].sum(axis=0)
-    share = projection_coefficients(gram, found.nominal)
-    inner = schur_complement(gram, found.nominal, share, used)
-    size = np.concatenate([np.zeros(0), *model.fit.coefficients])
-    along = size * (inner @ size)  # f_k' f of each column
-    ends = np.cumsum([0, *map(len, owned)])
-    total = max(float(along.sum()), 1e-300)
-    return tuple(float(along[a:b].sum()) / total for a, b in pairwise(ends))
 
 
 def exchange_search(model: SelectedModel) -> Search:
@@ -227,7 +185,8 @@ def select_model(
 
     A term may do alone what a load does, but a load also acts on all others: the search
     runs again under loads in the place of such terms that all others do as well with,
-    and its set is kept where it surely predicts poses left out better.
+    or terms in the place of loads that they do better with, and its set is kept where
+    it surely predicts poses left out better.
 
     Courses in time compete from the first, as many slips and drifts would
     share out what no single one of them does. Other forms of a law come in with the
@@ -247,72 +206,97 @@ def select_model(
         courses = [block for block in case.library.map if block.is_course]
         search = Search.of(case, generic=courses, every_form=False)
         model = _selected_under(layout, search, first_search(search.problem))
-    point = _with_loads(layout, model)
+    tried = _exchange_step(layout, model)
+    model, point = replace(model, exchange_losses=tried.losses), tried.point
     if point is None:
         return model
     refused = model.fit.names - point.fit.names
-    # what has no name there may be the load's
+    # what has no name there may be what came
     at = {where for _, where in refused}
     own = point.fit.members
     first = tuple(m for m in own if not (m.is_generic and m.where in at))
     other = _searched_on(layout, point, first, refused)
     gained = 0.5 * (model.unexplained_square - other.unexplained_square)
-    return other if gained > SETTINGS.equivalent_log_bayes else model
+    better = gained > SETTINGS.equivalent_log_bayes
+    return replace(other, exchange_losses=tried.losses) if better else model
 
 
-def _with_loads(layout: Layout, model: SelectedModel) -> OperatingPoint | None:
-    """Put loads in the place of terms that all then do as well with; None: nowhere.
+@dataclass(frozen=True, eq=False)
+class _ExchangeStep:
+    """A set with what came into the place of others, all fitted anew.
+
+    Attributes:
+        point: The set; None: nothing came.
+        losses: By how much it is worth less with the second name of a pair in the place
+            of the first.
+    """
+
+    point: OperatingPoint | None
+    losses: Mapping[Pair, float]
+
+
+def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
+    """Put loads in the place of terms that all do as well with; of loads better terms.
 
     Args:
         layout: How columns are laid out.
         model: The set.
     """
-    case, best = model.case, None
-    members = model.fit.members
-    most = worth_of(model.fit, unexplained(case, model.fit), case.poses)
-    tried = _loads_like_terms(model)
-    for name in sorted(tried, key=lambda n: tried[n][0])[:MOST_LOADS]:
-        load = tried[name][1]
-        if load.name in {member.name for member in members}:
+    case, best, less = model.case, None, dict[Pair, float]()
+    members, sure = model.fit.members, SETTINGS.equivalent_log_bayes
+    tried = _imitators(model)
+    if not tried:
+        return _ExchangeStep(best, less)
+    most = layout.fitted_jointly(case, model.fit).worth(case.poses)
+    for pair in sorted(tried, key=lambda pair: tried[pair][0])[:MOST_LOADS]:
+        name, other = pair[0], tried[pair][1]
+        names = {member.name for member in members}
+        if name not in names or other.name in names:
             continue
-        some = beyond_present_names([load if m.name == name else m for m in members])
+        some = beyond_present_names([other if m.name == name else m for m in members])
         point = layout.fitted_jointly(case, fit_model(case, some))
         found = point.worth(case.poses)
-        if found > most - SETTINGS.equivalent_log_bayes:
+        less |= {(name, other.name): most - found, (other.name, name): found - most}
+        if found > most + (-sure if acts_on_others(case.situation, other) else sure):
             best, members, most = point, point.fit.members, found
-    return best
+    return _ExchangeStep(best, less)
 
 
-def _loads_like_terms(model: SelectedModel) -> dict[Name, tuple[float, ModelTerm]]:
-    """Return the load that does best alone what each term of a set does.
+def _imitators(
+    model: SelectedModel,
+) -> dict[Pair, tuple[float, ModelTerm]]:
+    """Return the load that does best alone what each term does; of loads a term, too.
 
-    Each with what it does less than the term: no more than what stays unexplained,
-    which what it does to others may make up for; where that is little, no more than
-    half of what the term does.
+    Each with what it does less. A load: no more than what stays unexplained, which what
+    it does to others may make up for; where that is little, than half of it all.
     """
-    if model.unexplained_square <= 0.0:
-        return {}
-    search = exchange_search(model)
-    found = dict[Name, tuple[float, ModelTerm]]()
+    found = dict[Pair, tuple[float, ModelTerm]]()
     here, members = model.case.situation, model.fit.members
+    left = 0.5 * max(model.unexplained_square, 0.0)
+    asked = [m for m in members if left or changes_torques(here, m)]
+    if not asked:
+        return found
+    search = exchange_search(model)
     acting = [acts_on_others(here, term) for term in search.terms]
-    for member in members:
+    for member in asked:
         every = exchange_worths(search.problem, range(len(members)), member.name)
         alone = {n: w + every.price[n] for n, w in every.worth.items()}
         rest = [j for j, other in enumerate(members) if other is not member]
         gains = gains_beside(search.problem, rest)
-        alike = [
-            (alone[term.name], float(gain), term)
-            for gain, term, acts in zip(gains, search.terms, acting, strict=True)
-            if acts and term.name != member.name and term.name in alone
-        ]
-        best = max(alike, key=lambda one: one[:2], default=None)
-        less = np.inf if best is None else alone[member.name] - best[0]
-        most = 0.5 * model.unexplained_square
+        gain, of_load = alone[member.name] - every.none, left
         if model.share > 1.0 - MUCH_OPEN:
-            most = min(most, IMITATED * (alone[member.name] - every.none))
-        if best is not None and less < most:
-            found[member.name] = less, best[2]
+            of_load = min(left, IMITATED * gain)
+        of_term = max(LIVE, FORMS * gain) if changes_torques(here, member) else 0.0
+        for is_load, most in ((True, of_load), (False, of_term)):
+            alike = [
+                (alone[term.name], float(gain), term)
+                for gain, term, acts in zip(gains, search.terms, acting, strict=True)
+                if acts == is_load and term.name != member.name and term.name in alone
+            ]
+            best = max(alike, key=lambda one: one[:2], default=None)
+            less = np.inf if best is None else alone[member.name] - best[0]
+            if best is not None and less < most:
+                found[member.name, best[2].name] = less, best[2]
     return found
 
 
@@ -435,7 +419,7 @@ def _judged(
         beside = of_the_same_kinds(case, terms, refused)
         look = _evaluated(case, terms, beside)
         parameters = parameters_of(*here, look.selected_alone, case.split)
-        gains = _drop_one_gains(statistics, terms)
+        gains = drop_one_gains(statistics, terms)
         columns = [len(own) for own in look.fit.coefficients]
         withheld = _withheld(case, terms, parameters, gains, columns)
         if not withheld and beside:  # what is reported may hold nothing, too

@@ -36,11 +36,20 @@ from stiffness.diagnosis.detection import (
     residual_equations,
     residual_test,
 )
-from stiffness.diagnosis.gate import acts_at, are_near, as_held, is_local, may_show_at
+from stiffness.diagnosis.gate import (
+    acts_at,
+    are_near,
+    as_held,
+    budget_parts,
+    is_local,
+    may_show_at,
+)
 from stiffness.diagnosis.localisation import (
     confounded_with,
     displaced_by_places,
+    joined_places,
     law_of,
+    located_by_map,
     places_of_map,
     places_of_names,
     whiten_candidates,
@@ -65,7 +74,6 @@ from stiffness.diagnosis.result import (
 )
 from stiffness.diagnosis.selection import (
     SelectedModel,
-    budget_parts,
     exchange_search,
     last_of_each,
 )
@@ -254,21 +262,10 @@ def _unexplained_places(
         found += places_of_map(
             beyond.library, given, given.score, beyond.known, model.case.seed + 2
         )
-    return _joined(
+    return joined_places(
         UnexplainedPlace(where, p, float(captured) / model.statistics.whole, depends_on)
         for where, p, captured, depends_on in found
     )
-
-
-def _joined(places: Iterable[UnexplainedPlace]) -> tuple[UnexplainedPlace, ...]:
-    """Add up the shares of each place, the largest first."""
-    joined: dict[str, UnexplainedPlace] = {}
-    for one in places:
-        old = joined.get(one.where, replace(one, share=0.0))
-        words = tuple(dict.fromkeys((*old.depends_on, *one.depends_on)))
-        p, share = min(one.p_value, old.p_value), min(old.share + one.share, 1.0)
-        joined[one.where] = UnexplainedPlace(one.where, p, share, words)
-    return tuple(sorted(joined.values(), key=lambda place: -place.share))
 
 
 def largest_residual_site(found: DetectionTest) -> str:
@@ -319,6 +316,9 @@ def exchange_posteriors(model: SelectedModel) -> tuple[ExchangePosterior, ...]:
             for part in (exchanged.worth, exchanged.price, exchanged.size)
         )
         evidence = (worth + price + size) / phi - size
+        for k, name in enumerate(names):  # where all was fitted anew
+            less = model.exchange_losses.get((member.name, name), np.inf)
+            evidence[k] = max(evidence[k], evidence[own] - less / phi)
         behind = evidence[own] - evidence
         log = np.array([*(evidence - price), exchanged.none / phi])
         weight = np.exp(log - log.max())
@@ -350,7 +350,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     model = judged.model
     case, members, last = model.case, model.fit.members, judged.residual
     effects, decisions = [], list(judged.decisions)
-    parts = budget_parts(model)
+    parts = budget_parts(model.statistics, model.fit)
     posteriors = exchange_posteriors(model)
     stands = [
         one.probability >= SURE and not judged.withheld[k] and not members[k].is_generic
@@ -393,7 +393,9 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         for m, gain, stood in zip(members, model.drop_one_gains, stands, strict=True)
         if not stood and not m.is_generic
     )
-    open_places = _joined([*judged.unexplained_places, *withheld]) if effects else ()
+    open_places = (
+        joined_places([*judged.unexplained_places, *withheld]) if effects else ()
+    )
     complete = bool(effects) and len(effects) == len(members)
     explained = complete and not judged.unexplained
     verdict = "explained" if explained else "partly_explained"
@@ -405,7 +407,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     displaced = displaced_by_places(case, data, model.fit)
     located = places_of_names(by_gain, displaced, found.p_value, case.situation)
     if not effects:
-        located = _located_by_map(case)
+        located = located_by_map(case)
     unexplained = None
     if not explained:
         loose = loose_marker(case, found, last if effects else found)
@@ -493,20 +495,6 @@ def _rivals(
             names = sorted({*(given - {own}), other}, key=str)
             found.append(Rival(probability, tuple(names)))
     return tuple(sorted(found, key=lambda r: -r.probability)[:MOST_RIVALS])
-
-
-def _located_by_map(case: SelectionProblem) -> tuple[Located, ...]:
-    """Return places of the map, strongest first, beside the nominal arm alone."""
-    of_map = places_of_map(
-        case.library,
-        case.normal_equations,
-        case.normal_equations.score,
-        np.arange(case.library.nominal),
-        case.seed,
-    )
-    total = max(sum(float(captured) for _, _, captured, _ in of_map), 1e-12)
-    found = (Located(w, p, float(c) / total, d, "") for w, p, c, d in of_map)
-    return tuple(sorted(found, key=lambda place: -place.share))
 
 
 def unexplained_of(

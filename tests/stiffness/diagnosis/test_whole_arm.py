@@ -14,10 +14,12 @@ from stiffness.diagnosis import verdict
 from stiffness.diagnosis.detection import imitated_share, residual_equations
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import (
+    budget_parts,
     gate_terms,
     pose_statistics,
     second_order_name,
 )
+from stiffness.diagnosis.joint_fit import Layout
 from stiffness.diagnosis.localisation import displaced_by_places
 from stiffness.diagnosis.model_fit import (
     ModelTerm,
@@ -31,8 +33,9 @@ from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Decision, Diagnosis, Name
 from stiffness.diagnosis.selection import (
     SelectedModel,
+    _exchange_step,
+    _judged,
     _needed_least,
-    budget_parts,
     select_model,
 )
 from stiffness.diagnosis.sufficient_statistics import (
@@ -40,8 +43,9 @@ from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
     normal_equations_of,
 )
-from stiffness.diagnosis.verdict import judge
+from stiffness.diagnosis.verdict import exchange_posteriors, judge
 from stiffness.effects import HYPOTHESES
+from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
@@ -112,6 +116,37 @@ def test_a_search_that_starts_from_a_set_finds_what_one_from_nothing_does():
     assert_allclose(found.share, model.share, atol=1e-3)
 
 
+@pytest.mark.parametrize("where", ["a1", "a3"])
+def test_term_takes_the_place_of_a_load_that_the_others_do_worse_with(where):
+    """A compensator turns an axis as its wave does, but winds up its spring, too."""
+    laws = (TransmissionError(), GravityCompensator(), AsymmetricStiffness())
+    wave = f"transmission_error@{where},amplitude_rad=3e-4,order=1"
+    ready = prepared(wave, f"asymmetric_stiffness@{where}")
+    case, layout = build_problem(ready, laws), Layout(ready, laws)
+    load = ModelTerm(laws[1], where, NONE)
+    terms = load, ModelTerm(laws[2], where, np.ones(1))
+    point = layout.fitted_jointly(case, fit_model(case, terms))
+    step = _exchange_step(layout, _judged(layout.at(point), point.fit.members, (), ()))
+    assert step.point is not None
+    assert ("transmission_error", where) in step.point.fit.names
+    assert load.name not in step.point.fit.names
+    assert step.losses[load.name, ("transmission_error", where)] < -3.0
+
+
+def test_what_does_as_well_when_all_is_fitted_anew_is_an_equivalent():
+    model, other = selected(*TWO), ("bearing_tilt", "a5")
+    own = model.fit.members[0].name
+
+    def alike(less: float) -> tuple[Name, ...]:
+        losses = {(own, other): less}
+        return exchange_posteriors(replace(model, exchange_losses=losses))[
+            0
+        ].equivalents
+
+    assert Name(*other) in alike(0.0)
+    assert Name(*other) not in alike(30.0)
+
+
 def test_every_name_of_a_whole_arm_is_sure_and_has_a_share():
     found = answer()
     assert all(0.0 < (one.share or 0.0) < 1.0 for one in found.named)
@@ -148,8 +183,10 @@ def test_part_of_the_budget_is_what_a_name_displaces_along_all_names_together():
     alone = [f - springs @ np.linalg.lstsq(springs, f, rcond=None)[0] for f in moved]
     f = np.sum(alone, axis=0)
     expected = [(own @ f) / (f @ f) for own in alone]
-    assert_allclose(budget_parts(model), expected, rtol=1e-3, atol=1e-5)
-    assert_allclose(sum(budget_parts(model)), 1.0)
+    assert_allclose(
+        budget_parts(model.statistics, model.fit), expected, rtol=1e-3, atol=1e-5
+    )
+    assert_allclose(sum(budget_parts(model.statistics, model.fit)), 1.0)
 
 
 def test_a_rival_exchanges_one_of_the_names_given_or_adds_one_that_is_not_sure():
