@@ -208,15 +208,24 @@ def _excess_of_places(left: DetectionTest) -> dict[str, float]:
     return largest
 
 
+REMEMBERED = frozenset({"time", "history"})
+"""What a law depends on beside what acts at the moment."""
+
+
 def _beside_generic(k: int, model: SelectedModel, beyond: ResidualEquations) -> float:
     """Return the most that a mechanism without a name may leave near a member.
 
-    What depends on time alone is imitated by no law that does not.
+    What depends on time alone is imitated by no law that does not, and what depends on
+    what acts at the moment alone by no law that depends on time or history.
     """
     members, gains = model.fit.members, model.drop_one_gains
+    own = set(members[k].depends_on)
     some = [j for j, other in enumerate(members) if other.is_generic]
-    if "time" not in members[k].depends_on:
+    if "time" not in own:
         some = [j for j in some if members[j].depends_on != ("time",)]
+    if not REMEMBERED.isdisjoint(own):
+        like = REMEMBERED | {"direction"}  # in which a load changes
+        some = [j for j in some if not like.isdisjoint(members[j].depends_on)]
     generic = [(members[j].where, gains[j]) for j in some]
     return GENERIC_ACCURACY * _largest_part(k, model, beyond, generic)
 

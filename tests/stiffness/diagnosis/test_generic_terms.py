@@ -216,17 +216,25 @@ def test_a_name_half_as_strong_as_an_unknown_mechanism_at_its_place_is_withheld(
     (generic,) = (k for n, k in members.items() if n == ("generic_compliance", "a3"))
     beside, elsewhere = members["hysteresis", "a3"], members["hysteresis", "a2"]
 
-    def withheld(ratio: float) -> list[bool]:
-        gains = list(model.drop_one_gains)
+    def withheld(ratio: float, depends_on: str) -> list[bool]:
+        gains, terms = list(model.drop_one_gains), list(model.fit.members)
         gains[beside] = gains[elsewhere] = ratio * gains[generic]
-        judged = judge(replace(model, drop_one_gains=tuple(gains)))
+        law = terms[generic].hypothesis
+        assert isinstance(law, GenericTerm)
+        other = replace(law, depends_on=depends_on)
+        terms[generic] = replace(terms[generic], hypothesis=other)
+        fit = replace(model.fit, members=tuple(terms))
+        judged = judge(replace(model, fit=fit, drop_one_gains=tuple(gains)))
         reasons = {d.candidate: d.reason for d in judged.decisions}
         if judged.withheld[beside]:
             assert "unknown mechanism" in reasons["hysteresis", "a3"]
         return [judged.withheld[beside], judged.withheld[elsewhere]]
 
-    assert withheld(0.55) == [False, False]
-    assert withheld(0.45) == [True, False]
+    assert withheld(0.55, "history") == [False, False]
+    assert withheld(0.45, "history") == [True, False]
+    assert withheld(0.45, "direction") == [True, False]
+    # what depends on loads of the moment alone leaves nothing that a loop imitates
+    assert withheld(0.45, "load") == [False, False]
 
 
 def test_teeth_of_a_gear_take_no_name_of_another_axis():
