@@ -1,6 +1,7 @@
 """Errors of users, each with what is allowed and what to do."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
@@ -45,6 +46,15 @@ class NotIdentifiable(BenchError):
 
 class LeftOut(UserWarning):
     """Content of a model that neither the bench nor a claim uses."""
+
+
+@dataclass(frozen=True)
+class Warned:
+    """A mistake of the set-up, or something that the reader should know."""
+
+    code: str
+    where: str
+    text: str
 
 
 def refuse(what: str, faults: list[str]) -> None:

@@ -71,10 +71,10 @@ from stiffness.diagnosis.result import (
     in_words,
     refused_with_size,
 )
-from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.experiment.outliers import without_outliers
 from stiffness.regression.intervals import Interval as Estimated
 from stiffness.robot.arm import Arm
+from stiffness.setup.check import setup_errors
 
 if TYPE_CHECKING:
     from scenarios.pipelines.calibration import CalibrationOutcome

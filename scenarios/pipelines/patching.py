@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from jaxtyping import Float
 
-from bench import controller_table
 from bench.effects import EFFECTS
 from bench.effects.effect import UNBOUNDED
 from bench.mechanisms import offsets_of
@@ -433,6 +432,8 @@ def write_patch(folder: Path, patch: Patch, rig: Rig) -> None:
     Raises:
         BenchError: Where no model can be made of it.
     """
+    from bench import controller_table
+
     file = None if isinstance(rig, WrittenRig) else Path(rig.arm_file)
     model = patched_model(rig, file, marks=bool(patch.markers))
     patch = replace(patch, not_in_model=model.not_held)

@@ -1,5 +1,5 @@
 """Where a simulation and a recording differ: detected, placed, named, or left open.
 
-What to use when: `diagnose.diagnose` for the whole answer, `setup_check` for mistakes
-of the set-up alone. The effects that can be named are in `stiffness.effects`.
+What to use: `diagnose.diagnose` for the whole answer. Mistakes of the set-up are found
+by `stiffness.setup`; the effects that can be named are in `stiffness.effects`.
 """

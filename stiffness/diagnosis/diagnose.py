@@ -74,7 +74,6 @@ from stiffness.diagnosis.result import (
     scattered,
 )
 from stiffness.diagnosis.selection import SelectedModel, select_again, select_model
-from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.diagnosis.verdict import (
     SURE,
     ExchangePosterior,
@@ -97,6 +96,7 @@ from stiffness.regression.splits import other_splits
 from stiffness.regression.testing import SIGNIFICANCE, SMALLEST
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import point_jacobian
+from stiffness.setup.check import setup_errors
 
 # --- Chi-square summary of the nominal fit --------------------------------------------
 

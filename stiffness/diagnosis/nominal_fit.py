@@ -31,7 +31,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from bench.shared.errors import Unusable
+from bench.shared.errors import Unusable, Warned
 from bench.shared.recording import Recording
 from stiffness.diagnosis.between_visit import BetweenVisitModel, NuisanceJacobian
 from stiffness.diagnosis.noise_model import (
@@ -46,7 +46,6 @@ from stiffness.diagnosis.noise_model import (
     trend_of,
     with_shapes,
 )
-from stiffness.diagnosis.result import Warned
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
     normal_equations_of,

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.shared.effect_catalogue import CATALOGUE
-from bench.shared.errors import UnknownName
+from bench.shared.errors import UnknownName, Warned
 from bench.shared.settings import SETTINGS
 from stiffness.experiment.outliers import Outlier
 from stiffness.regression.intervals import Interval
@@ -198,15 +198,6 @@ class UnexplainedPlace:
     share: float
     depends_on: tuple[str, ...]
     law: str = ""
-
-
-@dataclass(frozen=True)
-class Warned:
-    """A mistake of the set-up, or something that the reader should know."""
-
-    code: str
-    where: str
-    text: str
 
 
 def beyond_limits(decisions: Sequence[Decision]) -> tuple[Warned, ...]:

@@ -16,8 +16,8 @@ from scenarios.studies.damage import (
     own_names,
     rewritten,
 )
-from stiffness.diagnosis.setup_loads import load_setup_errors
 from stiffness.robot.arm import Arm
+from stiffness.setup.loads import load_setup_errors
 
 
 @pytest.fixture(scope="module")

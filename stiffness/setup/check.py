@@ -29,7 +29,7 @@ Equation    rms of a rigid fit of frame and places, under each reading of the fi
             zero shifted, mirrored, other units, markers on another body …
 Source      enumeration; a mistake moves markers by a tenth of the reach, physics by a
             hundredth at most
-Valid       absolute readings; relative ones are tested by the loads, in `set_up_loads`
+Valid       absolute readings; relative ones are tested by the loads, in `loads`
 Ignores     three mistakes at once, unless all are reversed axes
 ==========  ==========================================================================
 """
@@ -43,21 +43,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from threadpoolctl import threadpool_limits
 
+from bench.shared.errors import Warned
 from bench.shared.recording import Marker, Recording
-from stiffness.diagnosis.result import Warned
-from stiffness.diagnosis.setup_alternatives import (
-    Angles,
-    best_shift,
-    less_is_stated,
-    of_angles,
-    of_sight,
-    of_signs,
-)
-from stiffness.diagnosis.setup_loads import (
-    ends_of_bodies,
-    load_setup_errors,
-    some_visits,
-)
 from stiffness.experiment.outliers import outliers_of, without_outliers
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import (
@@ -68,6 +55,19 @@ from stiffness.robot.tracker_frame import (
     extent_of,
     fit_tracker_frame,
     fit_tracker_frame_once,
+)
+from stiffness.setup.alternatives import (
+    Angles,
+    best_shift,
+    less_is_stated,
+    of_angles,
+    of_sight,
+    of_signs,
+)
+from stiffness.setup.loads import (
+    ends_of_bodies,
+    load_setup_errors,
+    some_visits,
 )
 
 # --- Errors of set-up -----------------------------------------------------------------

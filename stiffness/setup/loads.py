@@ -42,10 +42,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import nnls
 
-from bench.shared.errors import BenchError
+from bench.shared.errors import BenchError, Warned
 from bench.shared.recording import Marker, Recording
-from stiffness.diagnosis.result import Warned
-from stiffness.diagnosis.setup_alternatives import (
+from stiffness.robot.arm import Arm
+from stiffness.robot.kinematics import ArmState, point_jacobian
+from stiffness.robot.tracker_frame import TrackerFit, initial_tracker_frame
+from stiffness.robot.wrench import wrench_in_base
+from stiffness.setup.alternatives import (
     KGF,
     LBF,
     best_shift,
@@ -53,10 +56,6 @@ from stiffness.diagnosis.setup_alternatives import (
     of_loads,
     of_rows,
 )
-from stiffness.robot.arm import Arm
-from stiffness.robot.kinematics import ArmState, point_jacobian
-from stiffness.robot.tracker_frame import TrackerFit, initial_tracker_frame
-from stiffness.robot.wrench import wrench_in_base
 
 # --- Response to the load -------------------------------------------------------------
 

@@ -21,9 +21,9 @@ from itertools import combinations, permutations, product
 import numpy as np
 from scipy.optimize import fminbound
 
+from bench.shared.errors import Warned
 from bench.shared.format.checks import COUPLED, TRAVEL, ZEROS
 from bench.shared.recording import Recording
-from stiffness.diagnosis.result import Warned
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import TrackerObservations
 

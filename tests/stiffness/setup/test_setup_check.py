@@ -15,11 +15,11 @@ from bench.standard_plans import table_one_plan
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.synthetic_recording import Watching
 from scenarios.record import Settings, main
-from stiffness.diagnosis import setup_check
 from stiffness.diagnosis.diagnose import diagnose
-from stiffness.diagnosis.setup_alternatives import of_angles, of_columns
-from stiffness.diagnosis.setup_check import setup_errors
 from stiffness.robot.arm import Arm
+from stiffness.setup import check
+from stiffness.setup.alternatives import of_angles, of_columns
+from stiffness.setup.check import setup_errors
 
 ROOT = Path(__file__).parents[3]
 MODELS = {
@@ -584,7 +584,7 @@ def test_a_recording_whose_readings_have_a_spread_is_looked_at_as_any_other(cell
 
 def test_of_many_visits_some_are_looked_at_and_the_text_says_so(cell, monkeypatch):
     recording, arm = cell
-    monkeypatch.setattr(setup_check, "MANY", 10)
+    monkeypatch.setattr(check, "MANY", 10)
     wrong = renamed(recording, {1: 3, 3: 1}, visits=[4, 8, 12])
     (warned,) = setup_errors(wrong, arm)
     assert "in 3 of 10 visits looked at (poses" in warned.text

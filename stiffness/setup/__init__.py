@@ -1,0 +1,1 @@
+"""Mistakes of a set-up: files that are read otherwise, and loads from elsewhere."""
