@@ -8,9 +8,9 @@ Every kind of trial is tried N times; trial k of a kind is the same whatever N i
 is finished is kept in OUT/rows: the same command goes on, and a larger N adds to it.
 `--first K` begins with trial K, for a part on another machine: files of its OUT/rows
 are copied beside those of the first, and the report is on all that are there. Whole
-arms of 6, 12 or all effects (`arm_12`), effects that have a twin, and one mark whose
-noise is stated rightly, wrongly or not are tried where `--strata` asks for them.
-`--against FOLDER` compares each mark with that of another run of the same trials.
+arms, twins and one mark are tried where `--strata` asks for them.
+`--against FOLDER` compares marks and answers with those of the same trials in another
+run: another version, kernel (OPENBLAS_CORETYPE), or readings with `--nudge-mm 1e-9`.
 
 Run:    python -m scenarios.blind_trials --trials 4 --seed 0 --out results/blind_trials
 Takes:  about 15 s of one core a trial: 10 min for 48 trials on two; of a whole arm 40 s
@@ -45,12 +45,13 @@ class Settings:
     seed: int = 0
     """Of everything that is drawn."""
     strata: tuple[str, ...] = USUAL
-    """Kinds of trials, those of whole arms, twins and one mark only where asked for;
-    see scenarios/studies/blind_trials/strata.py."""
+    """Kinds of trials; see scenarios/studies/blind_trials/strata.py."""
     proof: bool = False
     """Prove names in the simulator too, against what the truth would gain."""
     keep: bool = False
     """Keep the recordings, 2.6 MB each, after they were answered."""
+    nudge_mm: float = 0.0
+    """Move every reading at random by up to so much: no answer should change."""
     poses: int = 151
     """Postures of a recording; below 100 names say how many splits give them."""
     arm: Literal["kr10", "six", "seven", "column"] = "kr10"
@@ -66,7 +67,7 @@ class Settings:
 def main(settings: Settings) -> list[TrialScore]:
     """Carry out the trials and mark the answers."""
     from scenarios.report import data_files
-    from scenarios.studies.blind_trials import rates, report
+    from scenarios.studies.blind_trials import report
     from scenarios.studies.blind_trials.arms import arm_of
     from scenarios.studies.blind_trials.run import (
         Sweep,
@@ -77,21 +78,20 @@ def main(settings: Settings) -> list[TrialScore]:
 
     s = settings
     _check(s)
-    sweep = Sweep(s.out, s.seed, s.arm, s.poses, s.proof, s.keep, s.jobs, s.scheduler)
-    text = f"{s.arm}, seed {s.seed}, {s.poses} poses"
-    refuse_other_trials(s.out, f"{text}, {'with' if s.proof else 'without'} proof\n")
+    flags = (s.proof, s.keep, s.nudge_mm, s.jobs, s.scheduler)
+    sweep = Sweep(s.out, s.seed, s.arm, s.poses, *flags)
+    refuse_other_trials(sweep)
     arm_of(s.arm, s.seed, s.out / "models")  # for people: workers make their own
     with progress_bar() as progress:
         task = progress.add_task("concealing, asking", total=s.trials * len(s.strata))
         for done in run_trials(sweep, s.strata, s.first, s.trials):
             progress.update(task, advance=done)
     scores, codes = scored(sweep)
-    others = report.marks_of_a_run(s.against) if s.against else ()
-    facts = _drawn_from(s) | {"code_sha256": sorted(codes)}
-    report.write(s.out, scores, facts, rates.paired_rates(scores, others))
+    other = report.another_run(s.against, scores, sweep.rows)
+    report.write(s.out, scores, _drawn_from(s) | {"code_sha256": sorted(codes)}, other)
     command = data_files.command_of("scenarios.blind_trials", s)
     data_files.write_run_file(s.out, command, asdict(s))
-    report.print_summary(scores, s.out)
+    report.print_summary(scores, other, s.out)
     return scores
 
 
@@ -100,7 +100,7 @@ def _check(settings: Settings) -> None:
 
     faults = []
     least_of = {"trials": 1, "first": 0, "seed": 0, "poses": 1, "jobs": 0}
-    for flag, least in least_of.items():
+    for flag, least in (least_of | {"nudge_mm": 0}).items():
         value = getattr(settings, flag)
         if value < least:
             faults.append(f"--{flag} is {value}, expected at least {least}.")

@@ -320,6 +320,7 @@ MOST_FIELDS = 12
 FORMATS = {
     "bench/shared/recording.py: Recording",
     "bench/patch.py: Patch",
+    "scenarios/blind_trials.py: Settings",
     "scenarios/record.py: Settings",
     "scenarios/studies/blind_trials/score.py: TrialScore",
 }

@@ -22,7 +22,7 @@ Ignores     that several marks are looked at
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -158,6 +158,81 @@ def paired_rates(
             if own:
                 found.append(PairedRate(stratum, bar.mark, *counts, float(p), met))
     return found
+
+
+EQUAL = 1e-6
+"""Difference of two numbers, over the larger or half their interval, up to which they
+are equal; the project's bar for other processors."""
+
+
+@dataclass(frozen=True)
+class PairedAnswer:
+    """The answers to one trial in two runs.
+
+    Attributes:
+        trial: Its label.
+        differ: What differs: verdict, names, open places, numbers.
+        largest: Largest difference of a parameter of a name that both give, over its
+            size or half its interval, whichever is larger.
+    """
+
+    trial: str
+    differ: tuple[str, ...]
+    largest: float
+
+
+def paired_answers(
+    rows: Mapping[str, Mapping[str, Any]], others: Mapping[str, Mapping[str, Any]]
+) -> list[PairedAnswer]:
+    """Compare the answers of two runs to the same trials, whatever is true.
+
+    Args:
+        rows: Finished trials of this run, by key.
+        others: Those of the other.
+    """
+    found = []
+    for key in sorted(rows.keys() & others.keys()):
+        one, other = rows[key]["answer"], others[key]["answer"]
+        differ = [what for what, said in STATEMENTS.items() if said(one) != said(other)]
+        largest = _largest_difference(one, other)
+        differ += ["numbers"] if largest > EQUAL else []
+        truth = rows[key]["truth"]
+        label = f"{truth['stratum']} {truth['number']}"
+        found.append(PairedAnswer(label, tuple(differ), largest))
+    return found
+
+
+def _names(answer: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the parameters of each name that was given."""
+    named = answer.get("named", [])
+    return {f"{one['effect']}@{one['where']}": one["parameters"] for one in named}
+
+
+STATEMENTS: dict[str, Callable[[Mapping[str, Any]], Any]] = {
+    "verdict": lambda answer: answer.get("verdict", answer.get("failed")),
+    "names": lambda answer: set(_names(answer)),
+    "open places": lambda answer: {
+        one["where"] for one in answer.get("unexplained_places", [])
+    },
+}
+"""What an answer says that is no number."""
+
+
+def _largest_difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> float:
+    """Return the largest difference of parameters that both answers give."""
+    mine, theirs = _names(one), _names(other)
+    largest = 0.0
+    for name in mine.keys() & theirs.keys():
+        for parameter in mine[name].keys() & theirs[name].keys():
+            both = mine[name][parameter], theirs[name][parameter]
+            a, b = (np.array([x[end] or 0.0 for end in BOUNDS]) for x in both)
+            size = max(abs(a[0]), abs(b[0]), 0.5 * (a[2] - a[1]), 1e-300)
+            largest = max(largest, float(np.max(np.abs(a - b)) / size))
+    return largest
+
+
+BOUNDS = "estimate", "low", "high"
+"""An end that no readings hold is none, and counts as 0."""
 
 
 def by_stratum(scores: Sequence[TrialScore]) -> list[dict[str, object]]:

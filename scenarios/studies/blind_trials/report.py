@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +13,10 @@ from matplotlib.figure import Figure
 from scenarios.report import data_files, page
 from scenarios.report.style import BLUE, GREY, ORANGE, RED, save
 from scenarios.studies.blind_trials.rates import (
+    EQUAL,
     MARKS,
     MEANINGS,
+    PairedAnswer,
     PairedRate,
     Rate,
     bars,
@@ -23,10 +25,13 @@ from scenarios.studies.blind_trials.rates import (
     calibration,
     confusion,
     failures,
+    paired_answers,
+    paired_rates,
     wrong,
 )
 from scenarios.studies.blind_trials.score import ArmScore, TrialScore, TwinScore
 from scenarios.studies.blind_trials.strata import STRATA
+from scenarios.studies.sweep import Rows
 
 # --- Tables ---------------------------------------------------------------------------
 
@@ -134,6 +139,27 @@ def of_pairs(rows: Sequence[PairedRate]) -> list[page.Block]:
     ]
 
 
+def of_answers(answers: Sequence[PairedAnswer]) -> list[page.Block]:
+    """Return what two runs answer otherwise to the same trials; nothing without any."""
+    if not answers:
+        return []
+    other = [one for one in answers if one.differ]
+    words = (
+        f"Answers to the same trials that differ in the other run, {len(other)} of "
+        f"{len(answers)}. Numbers: parameters, over their size or half their interval, "
+        f"by more than {EQUAL:g}."
+    )
+    columns: dict[str, Callable[[PairedAnswer], str]] = {
+        "trial": lambda one: one.trial,
+        "differ": lambda one: ", ".join(one.differ),
+        "largest difference": lambda one: f"{one.largest:.1g}",
+    }
+    heading = page.Heading("Answers in the other run")
+    if not other:
+        return [heading, page.Paragraph(f"All {len(answers)} answers are the same.")]
+    return [heading, page.table_of(words, other, columns)]
+
+
 def _of(key: str) -> Callable[[dict[str, Any]], str]:
     """Return a column: a row's entry of that name, a dash where it is None."""
     return lambda row: "–" if row[key] is None else str(row[key])
@@ -173,7 +199,7 @@ def _cells(r: Rate) -> tuple[str, ...]:
 
 # --- Figures --------------------------------------------------------------------------
 
-Rows = Sequence[dict[str, object]]
+TableRows = Sequence[dict[str, object]]
 
 LIGHT = 0.5
 """Share from which a cell is too dark for black digits; chosen."""
@@ -181,7 +207,7 @@ NOTHING, NO_NAME = "nothing", ("unexplained", "failed")
 """Answers that are not the name of an effect; they come after the names."""
 
 
-def draw_confusion(rows: Rows) -> Figure:
+def draw_confusion(rows: TableRows) -> Figure:
     """Draw how often each truth was answered by each name: right, none or another."""
     truths, answers = ({str(r[k]) for r in rows} for k in ("truth", "answer"))
     down = sorted(truths, key=lambda name: (name == NOTHING, name not in answers, name))
@@ -219,7 +245,7 @@ def draw_confusion(rows: Rows) -> Figure:
     return figure
 
 
-def draw_calibration(rows: Rows) -> Figure:
+def draw_calibration(rows: TableRows) -> Figure:
     """Draw how often statements are true against their probability."""
     stated, true, low, high = (
         np.array([float(str(r[k])) for r in rows])
@@ -237,6 +263,56 @@ def draw_calibration(rows: Rows) -> Figure:
     return figure
 
 
+# --- Another run ----------------------------------------------------------------------
+
+TABLE = "trials.csv"
+"""Marks of each trial, in the folder of a run."""
+
+
+def faults_of_another_run(folder: Path, asked: Mapping[str, object]) -> list[str]:
+    """Return why the trials of a folder are not those of some flags; empty: they are.
+
+    Args:
+        folder: Of the other run.
+        asked: Values of the flags from which trials are drawn.
+    """
+    needed = (TABLE, "run.json")
+    lacking = [name for name in needed if not (folder / name).is_file()]
+    if lacking:
+        return [f"--against {folder} is no run of blind trials: no {lacking[0]}."]
+    told = json.loads((folder / "run.json").read_text(encoding="utf-8"))["settings"]
+    return [
+        f"--against {folder} has --{flag} {told[flag]}, this run {mine}: other trials."
+        for flag, mine in asked.items()
+        if told[flag] != mine
+    ]
+
+
+@dataclass(frozen=True)
+class AnotherRun:
+    """Marks of, and answers to, the same trials in another run; both may be empty."""
+
+    rates: Sequence[PairedRate] = ()
+    answers: Sequence[PairedAnswer] = ()
+
+
+def another_run(
+    folder: Path | None, scores: Sequence[TrialScore], rows: Rows
+) -> AnotherRun:
+    """Compare a run with another of the same trials; a run without rows by its marks.
+
+    Args:
+        folder: Of the other run; None: with none.
+        scores: Of this one.
+        rows: Finished trials of this one.
+    """
+    if folder is None:
+        return AnotherRun()
+    rates = paired_rates(scores, data_files.read_table(folder / TABLE))
+    others = Rows(folder / rows.folder.name).read()
+    return AnotherRun(rates, paired_answers(rows.read(), others))
+
+
 # --- The report -----------------------------------------------------------------------
 
 
@@ -244,7 +320,7 @@ def write(
     out: Path,
     scores: Sequence[TrialScore],
     facts: dict[str, object],
-    against: Sequence[PairedRate] = (),
+    other: AnotherRun,
 ) -> None:
     """Write summary.json, tables, pictures and the page, with another run beside it."""
     rates, calibrated = bars(scores), calibration(scores)
@@ -256,7 +332,8 @@ def write(
         "strata": by_stratum(scores),
         "whole_arms": by_arm(scores),
         "calibration": calibrated,
-        "against": [asdict(r) for r in against],
+        "against": [asdict(r) for r in other.rates],
+        "answers_against": [asdict(one) for one in other.answers],
     }
     text = json.dumps(summary, indent=2, ensure_ascii=False)
     (out / "summary.json").write_text(text + "\n", encoding="utf-8")
@@ -266,7 +343,11 @@ def write(
     for name, rows in (("arms", arms), ("twins", twins)):
         if rows:
             data_files.write_table(out / f"{name}.csv", rows)
-    blocks = [*tables_of(scores, rates), *of_pairs(against)]
+    blocks = [
+        *tables_of(scores, rates),
+        *of_pairs(other.rates),
+        *of_answers(other.answers),
+    ]
     if matrix:
         data_files.write_table(out / "confusion.csv", matrix)
         save(draw_confusion(matrix), out / "confusion.png")
@@ -346,41 +427,11 @@ def _row_of_twin(s: TrialScore, twin: TwinScore) -> dict[str, object]:
     }
 
 
-# --- Another run ----------------------------------------------------------------------
-
-TABLE = "trials.csv"
-"""Marks of each trial, in the folder of a run."""
-
-
-def faults_of_another_run(folder: Path, asked: Mapping[str, object]) -> list[str]:
-    """Return why the trials of a folder are not those of some flags; empty: they are.
-
-    Args:
-        folder: Of the other run.
-        asked: Values of the flags from which trials are drawn.
-    """
-    needed = (TABLE, "run.json")
-    lacking = [name for name in needed if not (folder / name).is_file()]
-    if lacking:
-        return [f"--against {folder} is no run of blind trials: no {lacking[0]}."]
-    told = json.loads((folder / "run.json").read_text(encoding="utf-8"))["settings"]
-    return [
-        f"--against {folder} has --{flag} {told[flag]}, this run {mine}: other trials."
-        for flag, mine in asked.items()
-        if told[flag] != mine
-    ]
-
-
-def marks_of_a_run(folder: Path) -> list[dict[str, str]]:
-    """Return the table of a run's trials and marks."""
-    return data_files.read_table(folder / TABLE)
-
-
 # --- The terminal ---------------------------------------------------------------------
 
 
-def print_summary(scores: list[TrialScore], out: Path) -> None:
-    """Print the trials that failed, and where the report is."""
+def print_summary(scores: list[TrialScore], other: AnotherRun, out: Path) -> None:
+    """Print the trials that failed, what another run answers, where the report is."""
     for one in failures(scores):
         print(f"{one.label}: {', '.join(one.truth) or 'nothing'} -> "
               f"{one.failed or one.verdict} {', '.join(one.named)}")  # fmt: skip
@@ -389,4 +440,9 @@ def print_summary(scores: list[TrialScore], out: Path) -> None:
             met = "met" if r.met else "MISSED"
             span = f"{r.low:.3f} to {r.high:.3f}"
             print(f"{met:6} {r.what}: {r.successes}/{r.trials} ({span}), bar {r.bar}")
+    if other.answers:
+        same = sum(not one.differ for one in other.answers)
+        largest = max(one.largest for one in other.answers)
+        print(f"Answers as in the other run: {same} of {len(other.answers)}; numbers "
+              f"differ by up to {largest:.1g}")  # fmt: skip
     print(out / "report.html")

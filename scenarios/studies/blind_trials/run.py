@@ -13,16 +13,18 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from bench.shared.errors import BenchError, Unusable, refuse
 from bench.shared.format.folder import write
+from bench.shared.recording import Recording
 from scenarios.studies.blind_trials.arms import arm_of
 from scenarios.studies.blind_trials.generation import generate_trial, name_of, trial_of
 from scenarios.studies.blind_trials.method_under_test import ANSWERED, Question
@@ -86,6 +88,7 @@ class Sweep:
     poses: int = 151
     proof: bool = False
     keep: bool = False
+    nudge_mm: float = 0.0
     jobs: int = 2
     scheduler: str = "local"
 
@@ -94,10 +97,18 @@ class Sweep:
         """Its finished trials."""
         return Rows(self.folder / "rows")
 
+    @property
+    def drawn_with(self) -> str:
+        """What decides which its trials are, in a line."""
+        nudge = f", readings nudged by {self.nudge_mm:g} mm" if self.nudge_mm else ""
+        proof = "with" if self.proof else "without"
+        text = f"{self.arm}, seed {self.seed}, {self.poses} poses{nudge}"
+        return f"{text}, {proof} proof\n"
+
     def request(self, stratum: str, number: int) -> "Request":
         """Return all that is sent to the worker of a trial."""
         drawn = (self.seed, stratum, number, self.arm)
-        return Request(*drawn, self.poses, self.proof, self.keep)
+        return Request(*drawn, self.poses, self.proof, self.keep, self.nudge_mm)
 
 
 @dataclass(frozen=True)
@@ -111,6 +122,7 @@ class Request:
     poses: int
     proof: bool
     keep: bool
+    nudge_mm: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -157,7 +169,7 @@ def tried(request: Request, _shared: object = None) -> Tried:
         made = generate_trial(trial, folder / "models", request.poses)
         place = folder / "recordings" / trial.name
         place.parent.mkdir()
-        write(place, made.recording)
+        write(place, nudged(made.recording, request.nudge_mm))
         truth = made.truth
         if request.proof:
             truth |= {"oracle_gain_mm": oracle_gain_mm(place, made.model, made.rig)}
@@ -186,6 +198,15 @@ def tried(request: Request, _shared: object = None) -> Tried:
             if file.is_relative_to(folder)
         }
         return Tried({KEY: trial.name, **row}, files)
+
+
+def nudged(recording: Recording, size_mm: float) -> Recording:
+    """Move every reading at random by up to so much: no answer should change."""
+    if size_mm == 0.0 or recording.points is None:
+        return recording
+    shape = recording.points.shape
+    moved = np.random.default_rng(0).uniform(-size_mm, size_mm, shape) * 1e-3
+    return replace(recording, points=recording.points + moved)
 
 
 def scored(sweep: Sweep) -> tuple[list[TrialScore], set[str]]:
@@ -240,16 +261,16 @@ def ask(question: Question) -> None:
         raise BenchError(f"The diagnosis stopped: {errors.read().strip()[-2000:]}")
 
 
-def refuse_other_trials(folder: Path, mine: str) -> None:
+def refuse_other_trials(sweep: Sweep) -> None:
     """Refuse a folder whose trials were drawn with other settings; else record these.
 
     Raises:
         Unusable: Where the folder holds trials of other settings.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    file = folder / "sweep.txt"
+    sweep.folder.mkdir(parents=True, exist_ok=True)
+    file = sweep.folder / "sweep.txt"
     if not file.exists():
-        file.write_text(mine, encoding="utf-8")
-    elif (theirs := file.read_text(encoding="utf-8")) != mine:
+        file.write_text(sweep.drawn_with, encoding="utf-8")
+    elif (theirs := file.read_text(encoding="utf-8")) != sweep.drawn_with:
         fault = f"it holds trials of {theirs.strip()}; give another name."
-        raise Unusable(f"Folder {str(folder)!r}", [fault])
+        raise Unusable(f"Folder {str(sweep.folder)!r}", [fault])

@@ -4,10 +4,12 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
+from small_bench import recording
 
 from bench import standard_plans
 from bench.effects import EFFECTS, OTHER_LAWS
@@ -46,11 +48,13 @@ from scenarios.studies.blind_trials.method_under_test import (
     answered,
     main,
 )
+from scenarios.studies.blind_trials.rates import paired_answers
 from scenarios.studies.blind_trials.run import (
     Sweep,
     Tried,
     ask,
     digest,
+    nudged,
     opened,
     run_trials,
 )
@@ -455,10 +459,65 @@ def test_marks_are_compared_with_those_of_another_run_of_the_same_trials(finishe
         ("null_nuisance", 1, 1),
     ]
     assert "| null_nuisance | detected | 1 | 1 | 1 |" in (own / "report.md").read_text()
+    answers = json.loads((own / "summary.json").read_text())["answers_against"]
+    assert [(a["trial"], a["differ"], a["largest"]) for a in answers] == [
+        ("null 0", [], 0.0),
+        ("null_nuisance 0", [], 0.0),
+    ]
     with pytest.raises(BenchError, match="has --seed 0, this run 1: other trials"):
         blind_trials.main(settings(own.parent / "other", seed=1, against=own))
     with pytest.raises(BenchError, match="is no run of blind trials"):
         blind_trials.main(settings(own.parent / "other", against=own.parent))
+
+
+def answer_of(size: float, where: str = "a2", open_at: str = "") -> dict[str, Any]:
+    """Make an answer with one name, a size with its interval, and a place left open."""
+    size_of = {"estimate": size, "low": size - 1e-3, "high": size + 1e-3}
+    name = {
+        "effect": "hysteresis",
+        "where": where,
+        "parameters": {"width_rad": size_of},
+    }
+    places = [{"where": open_at}] if open_at else []
+    return {"verdict": "explained", "named": [name], "unexplained_places": places}
+
+
+@pytest.mark.parametrize(
+    ("other", "differ", "largest"),
+    [
+        (answer_of(2.0), (), 0.0),
+        (answer_of(2.0 + 1e-7), (), 5e-8),
+        (answer_of(2.0 + 1e-5), ("numbers",), 5e-6),
+        (answer_of(2.0, where="a3"), ("names",), 0.0),
+        (answer_of(2.0, open_at="a4"), ("open places",), 0.0),
+        ({"failed": "no"}, ("verdict", "names"), 0.0),
+    ],
+)
+def test_answers_of_two_runs_are_compared_to_the_digits_that_count(
+    other, differ, largest
+):
+    truth = {"stratum": "null", "number": 3}
+    mine = {"k": {"truth": truth, "answer": answer_of(2.0)}, "alone": {}}
+    (found,) = paired_answers(mine, {"k": {"answer": other}})
+    assert (found.trial, found.differ) == ("null 3", differ)
+    assert found.largest == pytest.approx(largest, rel=1e-3)
+
+
+def test_difference_of_a_size_near_nothing_is_one_of_its_interval():
+    truth = {"stratum": "null", "number": 3}
+    mine = {"k": {"truth": truth, "answer": answer_of(1e-15)}}
+    (found,) = paired_answers(mine, {"k": {"answer": answer_of(-1e-15)}})
+    assert found.differ == () and found.largest == pytest.approx(2e-12)
+
+
+def test_readings_are_nudged_by_less_than_is_asked_and_all_alike_again():
+    made = recording("hysteresis@a2")
+    once, again = nudged(made, 1e-9), nudged(made, 1e-9)
+    assert made.points is not None and once.points is not None
+    moved = np.abs(once.points - made.points)
+    assert 0.0 < np.nanmax(moved) <= 1.01e-12
+    assert_array_equal(once.points, again.points)
+    assert nudged(made, 0.0) is made
 
 
 def test_folder_of_another_seed_is_refused(finished):
