@@ -309,26 +309,24 @@ def is_local(member: ModelTerm) -> bool:
     return bool(info.depends_on) and ANYWHERE.isdisjoint(info.depends_on)
 
 
+WEIGHTS = frozenset({"gravity_load", "mass_scale"})
+"""Effects that pull at all places before theirs."""
+
+
 def may_show_at(member: ModelTerm, loudest: str) -> bool:
     """Return whether a residual somewhere may be a member's own.
 
     A wrong wrench or tracker mimics effects anywhere, and any effect mimics them; a
-    single marker affects itself alone.
+    weight acts at all places before it; a single marker affects itself alone.
     """
     if loudest.startswith("marker:"):
         return member.where == loudest
     if loudest in INSTRUMENTS or member.where in INSTRUMENTS:
         return True
-    if acts_at(member, loudest):
+    of_load = site_number(member.where) - member.where.startswith("link_")
+    if member.name[0] in WEIGHTS and site_number(loudest) <= of_load:
         return True
     return abs(site_number(member.where) - site_number(loudest)) <= 1
-
-
-def acts_at(member: ModelTerm, place: str) -> bool:
-    """Return whether a member acts at a place of the map: a weight at all before it."""
-    of_load = site_number(member.where) - member.where.startswith("link_")
-    weight = member.name[0] in ("gravity_load", "mass_scale")
-    return member.where == place or (weight and site_number(place) <= of_load)
 
 
 def _weak_beside_forms(

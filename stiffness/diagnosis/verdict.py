@@ -37,7 +37,6 @@ from stiffness.diagnosis.detection import (
     residual_test,
 )
 from stiffness.diagnosis.gate import (
-    acts_at,
     are_near,
     as_held,
     budget_parts,
@@ -238,15 +237,16 @@ def _largest_part(
 ) -> float:
     """Return the largest of some squares of places that may be a member's own.
 
-    At a neighbouring place only the part counts that columns of that place can do of
-    what the member displaces: so much of the name may be what is unknown there.
+    At another place, a neighbour or one before a weight, only the part counts that
+    columns of that place can do of what the member displaces: so much of the name may
+    be what is unknown there.
     """
     member, most = model.fit.members[k], 0.0
     for where, here in places:
         if here <= most or not may_show_at(member, where):
             continue
-        whole = acts_at(member, where)
-        share = 1.0 if whole else imitated_share(beyond, model.fit, k, where)
+        own = member.where == where
+        share = 1.0 if own else imitated_share(beyond, model.fit, k, where)
         most = max(most, here * share)
     return most
 

@@ -25,9 +25,10 @@ from stiffness.diagnosis.candidates import (
     _told_apart,
     residual_map,
 )
+from stiffness.diagnosis.detection import residual_equations
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import is_local
-from stiffness.diagnosis.model_fit import ModelTerm
+from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis, Name
@@ -36,14 +37,20 @@ from stiffness.diagnosis.search import (
     _without_slight_terms,
     beyond_present_names,
 )
-from stiffness.diagnosis.selection import SelectedModel, select_model
-from stiffness.diagnosis.verdict import _of_slight_share, judge
+from stiffness.diagnosis.selection import SelectedModel, _judged, select_model
+from stiffness.diagnosis.verdict import (
+    RESIDUAL_SHARE_LIMIT,
+    _beside_generic,
+    _of_slight_share,
+    judge,
+)
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
 from stiffness.effects.base import marked_point
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.drift import Drift
 from stiffness.effects.encoder_offset import EncoderOffset
+from stiffness.effects.gravity_load import GravityLoad
 from stiffness.effects.hardening import Hardening
 from stiffness.effects.jacobian import (
     BodyTwist,
@@ -235,6 +242,25 @@ def test_a_name_half_as_strong_as_an_unknown_mechanism_at_its_place_is_withheld(
     assert withheld(0.45, "direction") == [True, False]
     # what depends on loads of the moment alone leaves nothing that a loop imitates
     assert withheld(0.45, "load") == [False, False]
+
+
+@pytest.mark.parametrize(("where", "stands"), [("tool", True), ("link_2", False)])
+def test_a_weight_goes_where_an_unknown_mechanism_before_it_could_do_what_it_does(
+    where, stands
+):
+    """What hangs on the flange pulls at all axes, an axis turns alone."""
+    ready, laws = prepared(f"gravity_load@{where},mass_kg=2"), (GravityLoad(),)
+    case = build_problem(ready, laws)
+    generic = next(m for m in case.library.map if (m.kind, m.where) == ("load", "a2"))
+    weight = ModelTerm(laws[0], where, np.zeros(0))
+    terms = weight, ModelTerm(generic.hypothesis, "a2", np.zeros(0))
+    model = _judged(case, (weight,), (), ())
+    fit = fit_model(case, terms)
+    assert fit.names == {term.name for term in terms}
+    gains = (1.0, 3.0)  # the generic term explains more than twice as much
+    beyond = residual_equations(case, fit)
+    both = replace(model, fit=fit, drop_one_gains=gains)
+    assert (_beside_generic(0, both, beyond) < RESIDUAL_SHARE_LIMIT) == stands
 
 
 def test_teeth_of_a_gear_take_no_name_of_another_axis():
