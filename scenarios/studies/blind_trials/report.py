@@ -296,6 +296,10 @@ class AnotherRun:
     answers: Sequence[PairedAnswer] = ()
 
 
+ALONE = AnotherRun()
+"""No other run."""
+
+
 def another_run(
     folder: Path | None, scores: Sequence[TrialScore], rows: Rows
 ) -> AnotherRun:
@@ -307,7 +311,7 @@ def another_run(
         rows: Finished trials of this one.
     """
     if folder is None:
-        return AnotherRun()
+        return ALONE
     rates = paired_rates(scores, data_files.read_table(folder / TABLE))
     others = Rows(folder / rows.folder.name).read()
     return AnotherRun(rates, paired_answers(rows.read(), others))
@@ -320,7 +324,7 @@ def write(
     out: Path,
     scores: Sequence[TrialScore],
     facts: dict[str, object],
-    other: AnotherRun,
+    other: AnotherRun = ALONE,
 ) -> None:
     """Write summary.json, tables, pictures and the page, with another run beside it."""
     rates, calibrated = bars(scores), calibration(scores)
