@@ -224,11 +224,18 @@ def _largest_difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> flo
     largest = 0.0
     for name in mine.keys() & theirs.keys():
         for parameter in mine[name].keys() & theirs[name].keys():
-            both = mine[name][parameter], theirs[name][parameter]
-            a, b = (np.array([x[end] or 0.0 for end in BOUNDS]) for x in both)
-            size = max(abs(a[0]), abs(b[0]), 0.5 * (a[2] - a[1]), 1e-300)
-            largest = max(largest, float(np.max(np.abs(a - b)) / size))
+            first, second = mine[name][parameter], theirs[name][parameter]
+            largest = max(largest, _difference(first, second))
     return largest
+
+
+def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> float:
+    """Return the difference of two parameters; 1 of words that are not the same."""
+    if isinstance(one["estimate"], str):
+        return 0.0 if one == other else 1.0
+    a, b = (np.array([x[end] or 0.0 for end in BOUNDS]) for x in (one, other))
+    size = max(abs(a[0]), abs(b[0]), 0.5 * (a[2] - a[1]), 1e-300)
+    return float(np.max(np.abs(a - b)) / size)
 
 
 BOUNDS = "estimate", "low", "high"

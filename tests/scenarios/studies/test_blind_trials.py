@@ -510,6 +510,19 @@ def test_difference_of_a_size_near_nothing_is_one_of_its_interval():
     assert found.differ == () and found.largest == pytest.approx(2e-12)
 
 
+def test_another_axis_is_a_whole_difference():
+    answers = []
+    for axis in ("a4", "a4", "a5"):
+        answers.append(answer_of(2.0))
+        with_axis = dict.fromkeys(("estimate", "low", "high"), axis)
+        answers[-1]["named"][0]["parameters"]["with"] = with_axis
+    truth = {"stratum": "null", "number": 3}
+    mine = {"k": {"truth": truth, "answer": answers[0]}}
+    same, other = (paired_answers(mine, {"k": {"answer": a}})[0] for a in answers[1:])
+    assert same.differ == () and same.largest == 0.0
+    assert other.differ == ("numbers",) and other.largest == 1.0
+
+
 def test_readings_are_nudged_by_less_than_is_asked_and_all_alike_again():
     made = recording("hysteresis@a2")
     once, again = nudged(made, 1e-9), nudged(made, 1e-9)
