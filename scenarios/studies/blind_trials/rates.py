@@ -30,7 +30,13 @@ from typing import Any
 import numpy as np
 from scipy.stats import binomtest
 
-from scenarios.studies.blind_trials.score import VISIBLE, Covered, TrialScore
+from scenarios.studies.blind_trials.score import (
+    VISIBLE,
+    Covered,
+    TrialScore,
+    effect_name,
+    trial_label,
+)
 from scenarios.studies.blind_trials.strata import BARS, SIGN, SIGNED, SIZE, STRATA, Bar
 from stiffness.regression.intervals import share
 
@@ -196,16 +202,14 @@ def paired_answers(
         differ = [what for what, said in STATEMENTS.items() if said(one) != said(other)]
         largest = _largest_difference(one, other)
         differ += ["numbers"] if largest > EQUAL else []
-        truth = rows[key]["truth"]
-        label = f"{truth['stratum']} {truth['number']}"
+        label = trial_label(rows[key]["truth"])
         found.append(PairedAnswer(label, tuple(differ), largest))
     return found
 
 
 def _names(answer: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
     """Return the parameters of each name that was given."""
-    named = answer.get("named", [])
-    return {f"{one['effect']}@{one['where']}": one["parameters"] for one in named}
+    return {effect_name(one): one["parameters"] for one in answer.get("named", [])}
 
 
 STATEMENTS: dict[str, Callable[[Mapping[str, Any]], Any]] = {
@@ -233,13 +237,10 @@ def _difference(one: Mapping[str, Any], other: Mapping[str, Any]) -> float:
     """Return the difference of two parameters; 1 of words that are not the same."""
     if isinstance(one["estimate"], str):
         return 0.0 if one == other else 1.0
-    a, b = (np.array([x[end] or 0.0 for end in BOUNDS]) for x in (one, other))
+    ends = ("estimate", "low", "high")  # none, where no readings hold it, counts as 0
+    a, b = (np.array([x[end] or 0.0 for end in ends]) for x in (one, other))
     size = max(abs(a[0]), abs(b[0]), 0.5 * (a[2] - a[1]), 1e-300)
     return float(np.max(np.abs(a - b)) / size)
-
-
-BOUNDS = "estimate", "low", "high"
-"""An end that no readings hold is none, and counts as 0."""
 
 
 def by_stratum(scores: Sequence[TrialScore]) -> list[dict[str, object]]:

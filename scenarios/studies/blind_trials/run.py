@@ -29,7 +29,11 @@ from scenarios.studies.blind_trials.arms import arm_of
 from scenarios.studies.blind_trials.generation import generate_trial, name_of, trial_of
 from scenarios.studies.blind_trials.method_under_test import ANSWERED, Question
 from scenarios.studies.blind_trials.oracle import oracle_gain_mm
-from scenarios.studies.blind_trials.score import TrialScore, score_answer
+from scenarios.studies.blind_trials.score import (
+    TrialScore,
+    score_answer,
+    trial_label,
+)
 from scenarios.studies.blind_trials.strata import STRATA
 from scenarios.studies.sweep import (
     KEY,
@@ -215,7 +219,7 @@ def scored(sweep: Sweep) -> tuple[list[TrialScore], set[str]]:
     for name, row in sweep.rows.read().items():
         answer, truth, code = opened(row)
         place = truth["number"], order.index(truth["stratum"])
-        label = f"{truth['stratum']} {truth['number']}"
+        label = trial_label(truth)
         found.append((place, score_answer(label, name, answer, truth)))
         codes.add(code)
     return [score for _, score in sorted(found, key=lambda one: one[0])], codes

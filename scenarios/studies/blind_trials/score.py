@@ -160,10 +160,10 @@ def score_answer(label: str, name: str, answer: Mapping, truth: Mapping) -> Tria
     """
     outside = truth.get("outside", {}).get("where")
     effects = truth["effects"] if outside is None else truth["effects"][:-1]
-    true = {_name(effect) for effect in effects}
+    true = {effect_name(effect) for effect in effects}
     places = {effect["where"] for effect in truth["effects"]}
     given = answer.get("named", [])
-    names = [_name(one) for one in given]
+    names = [effect_name(one) for one in given]
     declared = [_declared(one) for one in given]
     verdict = answer.get("verdict", "failed")
     detected = verdict not in ("no_mismatch", "failed")
@@ -229,13 +229,22 @@ def _listed(answer: Mapping, truth: Mapping) -> bool:
     return bool(true) and true == listed
 
 
-def _name(entry: Mapping) -> str:
+def trial_label(truth: Mapping) -> str:
+    """Return what a trial is called in tables: its stratum and number."""
+    return f"{truth['stratum']} {truth['number']}"
+
+
+def effect_name(entry: Mapping) -> str:
+    """Return an effect of a truth or an answer with its place."""
     return f"{entry['effect']}@{entry['where']}"
 
 
 def _declared(entry: Mapping) -> set[str]:
     """Return a name with the equivalents that count."""
-    return {_name(entry), *map(_name, entry.get("equivalents", [])[:COUNTED])}
+    return {
+        effect_name(entry),
+        *map(effect_name, entry.get("equivalents", [])[:COUNTED]),
+    }
 
 
 def _one_each(true: set[str], declared: Sequence[set[str]]) -> bool:
@@ -262,10 +271,10 @@ def _stated(
         (float(one["probability"]), hit)
         for one, hit in zip(answer.get("named", []), covering, strict=True)
     ]
-    given = {_name(one) for one in answer.get("named", [])}
+    given = {effect_name(one) for one in answer.get("named", [])}
     rivals = []
     for rival in answer.get("rivals", []):
-        names = {_name(e) for e in rival["effects"]}
+        names = {effect_name(e) for e in rival["effects"]}
         better = names - given <= true and not (given - names) & true
         rivals.append((float(rival["probability"]), better))
     return (*named, *rivals)
@@ -315,7 +324,7 @@ class ArmScore:
 def _arm_score(answer: Mapping, truth: Mapping, effects: Sequence[Mapping]) -> ArmScore:
     """Return the marks of a whole arm."""
     given = answer.get("named", [])
-    true = {_name(effect) for effect in effects}
+    true = {effect_name(effect) for effect in effects}
     declared = [_declared(one) for one in given]
     places = truth["place_chi2"]
     located = [place["where"] for place in answer.get("located", [])]
@@ -324,11 +333,14 @@ def _arm_score(answer: Mapping, truth: Mapping, effects: Sequence[Mapping]) -> A
     proved = answer.get("explained_share")
     return ArmScore(
         names=tuple(
-            (_name(one), bool(true & options))
+            (effect_name(one), bool(true & options))
             for one, options in zip(given, declared, strict=True)
         ),
         visible=tuple(
-            (_name(effect), any(_name(effect) in options for options in declared))
+            (
+                effect_name(effect),
+                any(effect_name(effect) in options for options in declared),
+            )
             for effect, own in zip(effects, truth["own_chi2"], strict=False)
             if own >= VISIBLE
         ),
@@ -361,6 +373,6 @@ class TwinScore:
 
 def _twin_score(answer: Mapping, truth: Mapping) -> TwinScore:
     (effect,) = truth["effects"]
-    both = {_name(effect), f"{effect['effect']}@{truth['twin']}"}
+    both = {effect_name(effect), f"{effect['effect']}@{truth['twin']}"}
     declared = any(both <= _declared(one) for one in answer.get("named", []))
     return TwinScore(truth["log_bayes_factor"], declared)
