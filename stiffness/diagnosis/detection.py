@@ -389,7 +389,7 @@ def residual_equations(
     after = residual_after(case, fit)
     known, own = after.known, after.normal_equations
     count = own.gram.shape[1]
-    side, score = cross_gram(after.data, known, library.columns, given.fold)
+    side, score = cross_gram(after.data, known, [library.columns], given.fold)
     first = count + len(given.raw) - side.shape[2]
     gram = given_many(side[1], given.gram[1][first:, first:])
     raw = np.concatenate([own.raw, given.raw[first:]])

@@ -16,8 +16,9 @@ Ignores     shapes beyond the grid's ends, and those that count something
 ==========  ==========================================================================
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -26,10 +27,9 @@ from jaxtyping import Float, Int
 from bench.shared.effect_catalogue import CATALOGUE
 from stiffness.diagnosis.candidates import GenericTerm, Library
 from stiffness.diagnosis.sufficient_statistics import (
-    PerPoseScores,
+    Augmented,
     SufficientStatistics,
     normal_equations_of,
-    per_pose_scores,
 )
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import (
@@ -117,6 +117,11 @@ class SelectionProblem:
         """How many poses may be looked at."""
         return int(np.sum(~self.split.held_out))
 
+    @cached_property
+    def augmented(self) -> Augmented:
+        """Normal equations of the library with terms before it."""
+        return Augmented(self.data, self.library.columns, self.normal_equations)
+
 
 # --- Terms of a model -----------------------------------------------------------------
 
@@ -142,6 +147,12 @@ class ModelTerm:
     def name(self) -> tuple[str, str]:
         """Effect and place."""
         return self.hypothesis.effect, self.where
+
+    @property
+    def key(self) -> Hashable:
+        """What its columns depend on, beside the situation."""
+        beyond = tuple(term.key for term in self.beyond)
+        return self.hypothesis, self.where, self.shape.tobytes(), beyond
 
     def jacobian(self, situation: StaticState) -> EffectJacobian:
         """Return its columns."""
@@ -333,34 +344,6 @@ def losses_without(
         float(fitted[own] @ np.linalg.solve(inverse[np.ix_(own, own)], fitted[own]))
         for own in blocks
     )
-
-
-def held_out_gain(
-    data: SufficientStatistics, signatures: Sequence[EffectJacobian], split: Split
-) -> Float[np.ndarray, " poses"]:
-    """Return how much better each pose is predicted by fits that have not seen it.
-
-    Half the fall in whitened square against the data as they are: an expected log
-    predictive density, pose by pose; 0 for the poses of the hold-out.
-    """
-    return gain_left_out(per_pose_scores(data, signatures, training(split)), split)
-
-
-def gain_left_out(found: PerPoseScores, split: Split) -> Float[np.ndarray, " poses"]:
-    """Return the same as `held_out_gain` from what poses say of the columns."""
-    own, of_pose = found.own, found.score
-    whole = own[~split.held_out].sum(axis=0)
-    score = of_pose[~split.held_out].sum(axis=0)
-    gain = np.zeros(len(own))
-    for f in range(1, split.count + 1):
-        inside = split.fold == f
-        if not inside.any():
-            continue
-        ask = score - of_pose[inside].sum(axis=0)
-        beta = solve(whole - own[inside].sum(axis=0), ask)
-        curve = np.einsum("i,pij,j->p", beta, own[inside], beta)
-        gain[inside] = of_pose[inside] @ beta - 0.5 * curve
-    return gain
 
 
 # --- Test of the residual -------------------------------------------------------------

@@ -16,7 +16,6 @@ Ignores     sets that differ by two names at once from all that were tried
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Int
@@ -33,7 +32,6 @@ from stiffness.diagnosis.model_fit import (
     fit_shapes,
     tried,
 )
-from stiffness.diagnosis.sufficient_statistics import cross_gram, given_many
 from stiffness.effects.base import Hypothesis
 from stiffness.regression.group_selection import (
     LIVE,
@@ -88,22 +86,15 @@ class Search:
             generic: Blocks of the residual map that may be selected too.
             every_form: Whether forms of a law other than its first may be selected.
         """
-        given, less = case.normal_equations, {t.name: t.beyond for t in first[::-1]}
+        less = {t.name: t.beyond for t in first[::-1]}
         found = tuple(
             t for t in first if not t.is_generic or bool(t.beyond) == bool(less[t.name])
         )
-        gram, score, raw = given.gram[1], given.score, given.raw
-        width, owned = 0, []
-        if found:
-            own = [term.jacobian(case.situation) for term in found]
-            library = case.library.columns
-            side, score = cross_gram(case.data, own, library, given.fold)
-            gram = given_many(side[1], given.gram[1])
-            width = sum(law.columns for law in own)
-            total = side.sum(axis=0)
-            raw = np.concatenate([np.maximum(np.diag(total), 0.0), raw])
-            ends = np.cumsum([0, *(law.columns for law in own)])
-            owned = [np.arange(a, b) for a, b in pairwise(ends)]
+        keys = [term.key for term in found]
+        equations, of_first = case.augmented.by(
+            keys, lambda k: found[k].jacobian(case.situation)
+        )
+        gram, owned, width = equations.gram[0], list(of_first), sum(map(len, of_first))
         of_library = [
             one
             for one in _terms_of(case.library)
@@ -128,8 +119,9 @@ class Search:
             if sigma is not None:
                 prior[columns] = sigma**-2.0
         nominal = width + np.arange(case.library.nominal)
-        asked = score[~case.split.held_out].sum(axis=0)
-        problem = GroupProblem.of(gram, asked, raw, nominal, groups, case.poses, prior)
+        asked = equations.score[~case.split.held_out].sum(axis=0)
+        own = gram, asked, equations.raw
+        problem = GroupProblem.of(*own, nominal, groups, case.poses, prior)
         return cls(case, terms, problem)
 
 

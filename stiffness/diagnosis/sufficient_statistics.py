@@ -17,8 +17,10 @@ A few columns meet many: their products, and what else readings say of the many.
 What each pose says of a few columns is kept apart, for fits that leave poses out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -26,6 +28,7 @@ from jaxtyping import Float, Int
 from stiffness.diagnosis.between_visit import BetweenVisitModel
 from stiffness.diagnosis.within_visit import WithinVisitModel
 from stiffness.effects.design_matrix import (
+    DesignMatrix,
     KeptColumns,
     design_matrix_of,
     side_by_side,
@@ -172,7 +175,7 @@ def normal_equations_of(
 def cross_gram(
     data: SufficientStatistics,
     few: Sequence[EffectJacobian],
-    many: KeptColumns,
+    many: Sequence[KeptColumns],
     fold: Int[np.ndarray, " poses"],
 ) -> tuple[Float[np.ndarray, "folds few both"], Float[np.ndarray, "poses both"]]:
     """Return the products of a few columns with all by fold, and the scores of all.
@@ -182,14 +185,18 @@ def cross_gram(
     Args:
         data: The readings.
         few: Columns without which the readings were not or already are.
-        many: More columns.
+        many: More columns, one lot after the other.
         fold: Of each pose.
     """
+
+    def beside(own: DesignMatrix, some: Int[np.ndarray, " some"]) -> DesignMatrix:
+        return reduce(side_by_side, (lot.of(visits.row, some) for lot in many), own)
+
     visits, between = data.visits, data.between
     of_visit, folds = fold[visits.posture_index], int(fold.max()) + 1
     pieces = stretches(len(visits.row), of_visit)
     one = design_matrix_of(few, visits.row[:1])
-    other = side_by_side(one, many.of(visits.row, pieces[0]))
+    other = beside(one, pieces[0])
     slots, unknowns = len(other.column), data.nuisance_count
     gram = np.zeros((folds, one.count, slots))
     near = np.zeros((folds, unknowns, one.count))
@@ -199,7 +206,7 @@ def cross_gram(
     for some in pieces:
         f, pose = of_visit[some[0]], visits.posture_index[some]
         few_here = design_matrix_of(few, visits.row[some])
-        all_here = side_by_side(few_here, many.of(visits.row, some))
+        all_here = beside(few_here, some)
         within = data.within.some(some)
         gram[f] += within.products(few_here, all_here)
         own = within.of_each(all_here, within.weighted_residual)
@@ -235,6 +242,77 @@ def given_many(
     """
     few = len(cross)
     return np.block([[cross[:, :few], cross[:, few:]], [cross[:, few:].T, gram]])
+
+
+@dataclass(eq=False)
+class Augmented:
+    """Normal equations of many columns with terms before them, each laid out once.
+
+    Attributes:
+        data: The readings.
+        many: The columns that are always there.
+        given: What the readings say about them.
+        terms: Columns of the terms so far, one lot after the other.
+        owned: Numbers of each term's columns, by what tells it from all others.
+        near, far: Products of the terms with each other and with the many, over the
+            poses of fold 1.
+        score, raw: Of the terms, as of the many.
+    """
+
+    data: SufficientStatistics
+    many: KeptColumns
+    given: NormalEquations
+
+    def __post_init__(self) -> None:
+        """Begin without any term."""
+        poses, many = self.given.score.shape
+        self.terms: list[KeptColumns] = []
+        self.owned: dict[Hashable, Int[np.ndarray, " own"]] = {}
+        self.near, self.far = np.zeros((0, 0)), np.zeros((0, many))
+        self.score, self.raw = np.zeros((poses, 0)), np.zeros(0)
+
+    def by(
+        self, keys: Sequence[Hashable], law: Callable[[int], EffectJacobian]
+    ) -> tuple[NormalEquations, tuple[Int[np.ndarray, " own"], ...]]:
+        """Return the normal equations of terms and of the many columns after them.
+
+        Args:
+            keys: What tells each term from all others.
+            law: The columns of the term of a number.
+
+        Returns:
+            Over the poses of fold 1; numbers of each term's columns.
+        """
+        new = {key: k for k, key in enumerate(keys) if key not in self.owned}
+        if new:
+            self._lay_out({key: law(k) for key, k in new.items()})
+        own = [self.owned[key] for key in keys]
+        some = np.concatenate([np.zeros(0, dtype=int), *own])
+        side = np.hstack([self.near[np.ix_(some, some)], self.far[some]])
+        ends = np.cumsum([0, *map(len, own)])
+        found = NormalEquations(
+            given_many(side, self.given.gram[1])[None],
+            np.hstack([self.score[:, some], self.given.score]),
+            self.given.fold,
+            np.concatenate([self.raw[some], self.given.raw]),
+        )
+        return found, tuple(np.arange(a, b) for a, b in pairwise(ends))
+
+    def _lay_out(self, laws: Mapping[Hashable, EffectJacobian]) -> None:
+        """Add terms to those that are laid out."""
+        lots, own = [*self.terms, self.many], list(laws.values())
+        cross, score = cross_gram(self.data, own, lots, self.given.fold)
+        count, first = cross.shape[1], len(self.near)
+        inner, old, far = np.split(cross[1], [count, count + first], axis=1)
+        self.near = np.block([[self.near, old.T], [old, inner]])
+        self.far = np.vstack([self.far, far])
+        self.score = np.hstack([self.score, score[:, :count]])
+        raw = np.maximum(np.diag(cross.sum(axis=0)), 0.0)
+        self.raw = np.concatenate([self.raw, raw])
+        ends = first + np.cumsum([0, *(law.columns for law in own)])
+        numbers = (np.arange(a, b) for a, b in pairwise(ends))
+        self.owned |= dict(zip(laws, numbers, strict=True))
+        self.terms.append(KeptColumns(own))
 
 
 # --- Statistics of each pose ----------------------------------------------------------

@@ -10,6 +10,7 @@ from small_bench import SOFTER, arm, prepared, recording
 from stiffness.diagnosis.between_visit import Whitening
 from stiffness.diagnosis.candidates import library_of
 from stiffness.diagnosis.sufficient_statistics import (
+    Augmented,
     cross_gram,
     normal_equations_of,
     per_pose_scores,
@@ -142,11 +143,36 @@ def test_few_columns_meet_many_as_if_all_stood_together():
     many = [slip, BearingTilt().jacobian(at, "a2", np.zeros(1)), few[0]]
     fold = np.arange(40) % 3
     whole = normal_equations_of(ready.data, [*few, *many], fold)
-    gram, score = cross_gram(ready.data, few, KeptColumns(many), fold)
+    gram, score = cross_gram(ready.data, few, [KeptColumns(many)], fold)
     size = np.sqrt(np.diag(whole.gram.sum(axis=0)))
     unit = size[:3, None] * size
     np.testing.assert_allclose(gram / unit, whole.gram[:, :3] / unit, atol=1e-9)
     np.testing.assert_allclose(score / size, whole.score / size, atol=1e-6)
+
+
+def test_terms_that_come_one_lot_after_another_stand_as_if_all_came_at_once():
+    """Whatever was asked before, in any order, and where one is asked for twice."""
+    ready = prepared()
+    at = ready.situation
+    tilt = BearingTilt()
+    slip = MarkerSlip().jacobian(at, "marker:link4_a", at.recording.time[99:100])
+    terms = [turn(1, at.torque[:, 1]), tilt.jacobian(at, "a4", np.zeros(1)), slip]
+    many = [tilt.jacobian(at, "a2", np.zeros(1)), turn(2, at.torque[:, 2])]
+    fold = np.arange(40) % 2
+    given = normal_equations_of(ready.data, many, fold)
+    library = Augmented(ready.data, KeptColumns(many), given)
+    for some in ([2], [1, 2], [1, 0, 1], []):
+        laid = [terms[k] for k in some]
+        found, own = library.by(some, laid.__getitem__)
+        whole = normal_equations_of(ready.data, [*laid, *many], fold)
+        size = np.sqrt(np.diag(whole.gram.sum(axis=0)))
+        unit = size[:, None] * size
+        np.testing.assert_allclose(
+            found.gram[0] / unit, whole.gram[1] / unit, atol=1e-9
+        )
+        np.testing.assert_allclose(found.score / size, whole.score / size, atol=1e-6)
+        assert [len(columns) for columns in own] == [law.columns for law in laid]
+        assert np.array_equal(np.concatenate([[], *own]), np.arange(sum(map(len, own))))
 
 
 @pytest.mark.parametrize("hypothesis", HYPOTHESES, ids=lambda h: type(h).__name__)
