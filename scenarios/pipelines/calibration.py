@@ -187,11 +187,16 @@ def without_a_name(found: Calibrated, names: tuple[Key, ...]) -> dict[Key, str]:
     return gone | kept
 
 
+def names_of(answer: Answer) -> tuple[Key, ...]:
+    """Return effect and place of what an answer names."""
+    return tuple((n.effect, n.where) for n in answer.named)
+
+
 def names_told(found: Calibrated, answer: Answer) -> str:
     """Say which names stand in the end, and what was believed before and has none."""
     named = [f"{n.effect}@{n.where}" for n in answer.named]
     said = f"Named in the end: {', '.join(named) or 'nothing'}."
-    every = without_a_name(found, tuple((n.effect, n.where) for n in answer.named))
+    every = without_a_name(found, names_of(answer))
     for why in (GONE, NOT_PROVED, NOT_MISSED):
         listed = ", ".join(f"{e}@{w}" for (e, w), own in every.items() if own == why)
         said += f" No name, {why}: {listed}." if listed else ""
@@ -350,7 +355,7 @@ class CalibrationOutcome:
             for step in self.found.selected.steps
             for z in [step.gain / max(step.error, 1e-30)]
         ]
-        refused = without_a_name(self.found, self.found.named)
+        refused = without_a_name(self.found, names_of(self.answer))
         tried += [
             Decision(key, "magnitude", False, nothing, nothing, why)
             for key, why in sorted(refused.items())

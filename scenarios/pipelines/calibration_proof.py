@@ -26,6 +26,7 @@ from scenarios.pipelines.patching import FROM_SIDES, patch_of_calibration
 from scenarios.pipelines.schema import label
 from stiffness.calibration.model import CalibrationState, Geometry, Readings
 from stiffness.calibration.result import Calibrated, drift_term
+from stiffness.calibration.selection import IMPOSSIBLE, MARGIN
 from stiffness.robot.tracker_frame import kabsch, rotations
 
 # --- Proof on held-out poses ----------------------------------------------------------
@@ -278,7 +279,7 @@ class ResidualSummary:
 def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSummary:
     """Test the residual on the held-out poses, and describe it in words."""
     held, readings = found.held, found.readings
-    new, by_axis = _new_angles(found)
+    new = _new_angles(found)
     left, region = proof.after, found.spatial_folds.region[held]
     rows = tuple(
         (
@@ -319,7 +320,7 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
     odd = [
         s
         for s in found.selected.steps
-        if s.verdict == "out of bounds" and s.gain > 2.0 * s.error
+        if s.verdict == IMPOSSIBLE and s.gain > MARGIN * s.error
     ]
     words += [
         f"{s.key[0]} at {s.key[1]} would help ({s.gain / s.error:.1f} standard errors) "
@@ -335,14 +336,11 @@ def summarise_residual(found: Calibrated, proof: CalibrationProof) -> ResidualSu
         )
     words = words or ["nothing beyond the noise shows on the poses kept back"]
     where = (
-        odd[0].key[1]
-        if odd
-        else _most_significant_axis(found, by_axis, readings.posture[held])
+        odd[0].key[1] if odd else _most_significant_axis(found, readings.posture[held])
     )
     where = grown.where if grown else where
-    p_value = 0.0 if grown else min(last.p_value, beyond)
-    if turned is not None:
-        p_value = min(p_value, tests * turned.p_value)
+    every = [last.p_value, beyond, *([] if turned is None else [turned.p_value])]
+    p_value = 0.0 if grown else min(1.0, len(every) * min(every))
     return ResidualSummary(where, "; ".join(words) + ".", p_value, new, rows)
 
 
@@ -363,27 +361,22 @@ def _beyond_stated(found: Calibrated, residual, region) -> tuple[float, float]:
     return float(np.sqrt(square)), float(p_value)
 
 
-def _new_angles(found: Calibrated) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _new_angles(found: Calibrated) -> Bool[np.ndarray, " rows"]:
     held = found.held
     posture = found.readings.posture
-    by_axis = {}
+    new = np.zeros(int(held.sum()), dtype=bool)
     for axis in found.error_tables:
         k = int(axis[1:]) - 1
         known = np.sort(posture[~held, k])
         angle = posture[held, k]
         at = np.clip(np.searchsorted(known, angle), 1, len(known) - 1)
         near = np.minimum(np.abs(angle - known[at - 1]), np.abs(angle - known[at]))
-        by_axis[axis] = near > FAR
-    some = np.zeros(int(held.sum()), dtype=bool)
-    for new in by_axis.values():
-        some |= new
-    return some, by_axis
+        new |= near > FAR
+    return new
 
 
 def _most_significant_axis(
-    found: Calibrated,
-    by_axis: dict[str, np.ndarray],
-    posture: Float[np.ndarray, "rows axes"],
+    found: Calibrated, posture: Float[np.ndarray, "rows axes"]
 ) -> str:
     """Return the axis over whose angle the squared residual varies most."""
     size = np.sum(found.residual[found.held] ** 2, axis=1)

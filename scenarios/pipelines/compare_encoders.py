@@ -135,10 +135,13 @@ def _harmonics(axis: Axis) -> list[Called]:
             size, spread = float(np.hypot(*x)), float(half.max())
             low, high = orders_alike(axis.found, axis.fitted, term)
             phase = float(np.arctan2(x[0], x[1]))
+            turned = Interval(phase, None, None)  # any phase does
+            if size > spread:
+                turned = _interval(phase, spread / size)
             known = {
-                "amplitude_rad": _interval(size, spread),
+                "amplitude_rad": Interval(size, max(size - spread, 0.0), size + spread),
                 "order": Interval(term.order, low, high),
-                "phase_rad": _interval(phase, spread / size),
+                "phase_rad": turned,
             }
             waves.append((size, _name(term.effect, axis, trial, known)))
     return [name for _, name in sorted(waves, key=lambda w: -w[0])]
@@ -323,11 +326,14 @@ def _refused_sizes(axes: Sequence[Axis]) -> Iterator[Refused]:
 
 
 def _p_value(axis: Axis) -> float:
-    """Return the p-value of an axis being nominal, by its residual or its names."""
+    """Return the p-value of an axis being nominal, by its residual or its names.
+
+    Twice the lesser of both; that of the names ignores that they were chosen.
+    """
     named = (
         float(norm.sf(max_significance(axis))) if max_significance(axis) > 0.0 else 1.0
     )
-    return min(axis.beyond_before, named)
+    return min(1.0, 2.0 * min(axis.beyond_before, named))
 
 
 def _located(axes: Sequence[Axis]) -> tuple[Placed, ...]:

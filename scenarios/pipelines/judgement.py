@@ -178,6 +178,12 @@ class Judgement:
     outside: Channel | None
     answer: ProofFile
 
+    @property
+    def slides(self) -> frozenset[str]:
+        """Names of the axes that slide."""
+        pairs = zip(self.axes, self.recording.slides, strict=False)
+        return frozenset(axis.name for axis, slides in pairs if slides)
+
 
 def judge(
     recording: Recording, arm: Arm, robot: Path, patch: Patch, thorough: bool = True

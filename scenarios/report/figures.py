@@ -331,7 +331,9 @@ def residual_map(
     top = 1.2 * np.quantile(size, 0.995)
     for ax in plots[len(axes) + 1 :]:
         ax.axis("off")
-    things = [(np.degrees(posture[:, k]), f"a{k + 1} [°]") for k in axes]
+    slides, turn = found.readings.arm.slides, float(np.degrees(1.0))
+    units = {k: ("mm", MM) if slides[k] else ("°", turn) for k in axes}
+    things = [(f * posture[:, k], f"a{k + 1} [{u}]") for k, (u, f) in units.items()]
     for ax, (x, label) in zip(plots, [*things, (hours, "time [h]")], strict=False):
         ax.plot(x[~new], size[~new], ".", color=GREY, ms=2, rasterized=True)
         ax.plot(x[new], size[new], ".", color=ORANGE, ms=2, rasterized=True)
@@ -385,7 +387,8 @@ def judged_over_angles(judgement: Judgement, file: Path) -> None:
     drawn: list[Line2D] = []
     for ax, k in zip(plots, axes, strict=False):
         axis, angle = j.axes[k], j.recording.posture[:, k]
-        unit, factor = ("mm", MM) if k in _slides(j) else ("°", float(np.degrees(1.0)))
+        slides = axis.name in j.slides
+        unit, factor = ("mm", MM) if slides else ("°", float(np.degrees(1.0)))
         edge = np.linspace(*axis.angle, BINS + 1)
         part = np.clip(np.searchsorted(edge, angle, side="right") - 1, 0, BINS - 1)
         for low, high in () if axis.fitted is None else axis.fitted.angle_rad:
@@ -404,10 +407,6 @@ def judged_over_angles(judgement: Judgement, file: Path) -> None:
         ax.set_ylabel("rms [µm]")
     _legend(figure, drawn, ("as drawn", "with the patch"))
     save(figure, file)
-
-
-def _slides(judgement: Judgement) -> set[int]:
-    return {k for k, slides in enumerate(judgement.recording.slides) if slides}
 
 
 def _root(error: np.ndarray) -> float:

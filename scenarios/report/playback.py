@@ -82,9 +82,12 @@ def curves(stream: rr.RecordingStream, finding: Result, curves: Curves) -> None:
         frame = [[[left, -HEIGHT / 2], [left, foot], [WIDTH / 2, foot]]]
         lines = rr.LineStrips2D(frame, colors=[(150, 150, 150)], radii=0.15)
         stream.log(f"/curves/{name}/axes", lines, static=True)
+        slides = curves.slides[k]
+        load, unit = ("force", "N") if slides else ("torque", "N m")
+        moved, small = ("shift", "µm") if slides else ("turn", "µrad")
         texts = [
-            f"torque {torque.min():.0f} to {torque.max():.0f} N m",
-            f"turn over {MICRO * 2 * high:.0f} µrad",
+            f"{load} {torque.min():.0f} to {torque.max():.0f} {unit}",
+            f"{moved} over {MICRO * 2 * high:.0f} {small}",
         ]
         labels = rr.Points2D(
             [[0.0, foot + 5], [left + 14, -HEIGHT / 2]],
@@ -386,7 +389,8 @@ def _diagnosis_blueprint(finding: Result) -> rrb.Blueprint:
 def _round(value: float) -> float:
     """Round down to 1, 2 or 5 times a power of ten."""
     power = 10.0 ** np.floor(np.log10(value))
-    return float(max(n for n in (1, 2, 5) if n * power <= value) * power)
+    below = [n for n in (1, 2, 5) if n * power <= value]
+    return float(max(below, default=1) * power)  # a logarithm may be rounded up
 
 
 # --- A calibration --------------------------------------------------------------------

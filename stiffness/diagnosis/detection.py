@@ -108,6 +108,11 @@ class Scatter:
         return min([own, *(len(alone) * p for p in alone)])
 
     @property
+    def is_noise_measured(self) -> bool:
+        """Whether marks of one body measured the noise; else it is stated alone."""
+        return self.dispersion_limit <= MEASURED
+
+    @property
     def marker(self) -> int | None:
         """Return which marker has most of the excess, against the others of its body.
 
@@ -217,7 +222,11 @@ class DetectionTest:
 
     @property
     def p_value(self) -> float:
-        """Return the p-value: of any block, of overdispersed poses, or of outliers."""
+        """Return the p-value: of any block, of overdispersed poses, or of outliers.
+
+        The least of the three, uncorrected: of recordings of nothing up to three times
+        the level alarm.
+        """
         if not self.is_noise_known:
             return self.tested.p_value
         over = self.dispersion / self.scatter.dispersion_limit
@@ -228,7 +237,7 @@ class DetectionTest:
     @property
     def is_noise_known(self) -> bool:
         """Return whether more scatter than noise makes is a finding, law or none."""
-        return self.scatter.dispersion_limit == MEASURED or self.poses < FEWEST_POSES
+        return self.scatter.is_noise_measured or self.poses < FEWEST_POSES
 
     @property
     def noise_ratio(self) -> float:
@@ -245,8 +254,9 @@ class DetectionTest:
     @property
     def scatter_limit(self) -> float:
         """Return the scatter of readings that is still taken for noise."""
-        limit = self.scatter.dispersion_limit
-        return SCATTERED if limit == MEASURED else limit
+        if self.scatter.is_noise_measured:
+            return SCATTERED
+        return self.scatter.dispersion_limit
 
     @property
     def excess(self) -> float:
@@ -260,12 +270,6 @@ class DetectionTest:
         if not self.is_noise_known:
             return False
         return self.scatter.p_value(self.scatter_limit) < SIGNIFICANCE
-
-    @property
-    def most_significant(self) -> int:
-        """Return the number of the block that rejects most."""
-        together, z = self.tested.together, self.tested.z
-        return int(np.lexsort((-z, together))[0])
 
     def of_places(self, values: np.ndarray) -> dict[str, float]:
         """Return values of whole places of the map."""

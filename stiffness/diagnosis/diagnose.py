@@ -3,9 +3,10 @@
 How far readings miss the fitted nominal arm, and how far noise alone would.
 
 ==========  ==========================================================================
-Equation    rms^2 = sum |d - mean d|^2 / (readings - visits) + mean |m|^2, d what rows
-            of a visit leave of a marker, m what its visits' means leave; by noise:
-            mean tr S / frames + mean tr D^-1, S of one frame, D of `Whitening`
+Equation    rms^2 = sum |d - mean d|^2 / readings + mean |m|^2, d what rows of a visit
+            leave of a marker, m what its visits' means leave; by noise: mean tr S /
+            frames (readings - visits) / readings + mean tr D^-1, S of one frame, D of
+            `Whitening`
 Source      definition; the two are orthogonal parts of the same readings
 Valid       markers that were seen
 Ignores     what the fit of the nominal takes of the noise; how axes return and the
@@ -529,7 +530,8 @@ def _with_scattering_axes(
     share = excess / max(excess + judged.model.fit.gain, 1e-12)
     p, places = judged.residual.p_value, []
     for k in np.flatnonzero(scatter):
-        look = f"{1e6 * scatter[k]:.3g} µrad from pose to pose, after no law tried"
+        unit = "µm" if case.situation.arm.slides[k] else "µrad"
+        look = f"{1e6 * scatter[k]:.3g} {unit} from pose to pose, after no law tried"
         places.append(UnexplainedPlace(f"a{k + 1}", p, share, (), look))
     return again, tuple(places)
 

@@ -23,7 +23,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from bench.shared.effect_catalogue import CATALOGUE, INSTRUMENTS
-from bench.shared.settings import SETTINGS
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -36,7 +35,6 @@ from stiffness.diagnosis.sufficient_statistics import (
     per_pose_scores,
 )
 from stiffness.effects.base import Hypothesis
-from stiffness.effects.jacobian import EffectJacobian
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.intervals import Interval
 from stiffness.regression.normal_equations import (
@@ -65,7 +63,6 @@ class PoseStatistics:
         nominal: Their numbers.
         owned: Columns of each term.
         forms: Columns of the other accepted forms of each term's law.
-        generic: Blocks of columns of places of the residual map.
         mismatch: Whitened square of each training pose beyond its degrees of freedom.
     """
 
@@ -74,7 +71,6 @@ class PoseStatistics:
     nominal: Int[np.ndarray, " nominal"]
     owned: tuple[Int[np.ndarray, " _"], ...]
     forms: tuple[Int[np.ndarray, " _"], ...]
-    generic: tuple[Int[np.ndarray, " _"], ...]
     mismatch: Float[np.ndarray, " poses"]
 
     @cached_property
@@ -102,23 +98,20 @@ class PoseStatistics:
 
 
 def pose_statistics(
-    case: SelectionProblem,
-    terms: Sequence[ModelTerm],
-    generic: Sequence[EffectJacobian] = (),
+    case: SelectionProblem, terms: Sequence[ModelTerm]
 ) -> PoseStatistics:
-    """Return what each training pose says of terms and of other columns.
+    """Return what each training pose says of terms and of other forms of their laws.
 
     Args:
         case: What may be looked at.
         terms: The set.
-        generic: Columns of places of the residual map, block by block.
     """
     here, held_out = case.situation, case.split.held_out
     laws = [term.jacobian(here) for term in terms]
     forms = [t.hypothesis.variants(here, t.where, t.shape) for t in terms]
-    every = [part for part in (*laws, *forms, *generic) if part.columns]
+    every = [part for part in (*laws, *forms) if part.columns]
     found = per_pose_scores(case.data, [*case.nominal, *every], training(case.split))
-    widths = [part.columns for part in (*laws, *forms, *generic)]
+    widths = [part.columns for part in (*laws, *forms)]
     ends = np.cumsum([case.library.nominal, *widths])
     blocks = tuple(np.arange(a, b) for a, b in pairwise(ends))
     return PoseStatistics(
@@ -126,8 +119,7 @@ def pose_statistics(
         UnitStatistics(found.own, found.score, np.where(held_out, -1, case.split.fold)),
         np.arange(case.library.nominal),
         blocks[: len(laws)],
-        blocks[len(laws) : 2 * len(laws)],
-        blocks[2 * len(laws) :],
+        blocks[len(laws) :],
         mismatch_of_poses(case.data)[~held_out],
     )
 
@@ -198,7 +190,7 @@ def gate_terms(
     """Gate terms on poses left out, weaker ones beside other forms of stronger laws.
 
     Args:
-        statistics: What poses say of the terms; generic blocks are always fitted too.
+        statistics: What poses say of the terms.
 
     Returns:
         What passed, and the decisions on what did not pass the second time.
@@ -207,9 +199,7 @@ def gate_terms(
     slight: list[Decision] = []
     while True:
         own = [(statistics.terms[t].name, statistics.owned[t]) for t in kept]
-        gated = gate_names(
-            statistics.units, statistics.nominal, own, statistics.generic
-        )
+        gated = gate_names(statistics.units, statistics.nominal, own)
         kept = [kept[k] for k in gated.terms]
         weak = _weak_beside_forms(statistics, kept, gated)
         if weak is None:
@@ -346,11 +336,11 @@ def _weak_beside_forms(
             and len(statistics.forms[o])
         ]
         if stronger:
-            beside = [*range(len(terms), len(terms) + len(statistics.generic))]
-            asked.append((name, [*stronger, *beside]))
+            asked.append((name, stronger))
     own = [(terms[o].name, statistics.owned[o]) for o in kept]
-    more = [*statistics.forms, *statistics.generic]
-    found = decisions_beside(statistics.units, statistics.nominal, own, more, asked)
+    found = decisions_beside(
+        statistics.units, statistics.nominal, own, statistics.forms, asked
+    )
     reason = "another form of a stronger law near it does as well"
     weak = [
         replace(decision, gate="other_forms", reason=reason)
@@ -419,8 +409,7 @@ def cost_of_limits(
             continue
         beyond.add(name)
         apart = max(low - found.estimate, found.estimate - high)
-        sigma = (found.high - found.low) / (2.0 * SETTINGS.standard_errors)
-        worst = max(worst, (apart / max(sigma, 1e-300)) ** 2)
+        worst = max(worst, (apart / max(found.sigma, 1e-300)) ** 2)
     sizes = member.hypothesis.magnitudes
     return np.inf if len(sizes) > 1 and beyond.issuperset(sizes) else worst
 

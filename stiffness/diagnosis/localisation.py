@@ -256,7 +256,8 @@ def zone_of(situation: StaticState, member: ModelTerm) -> str:
     low, high = np.quantile(situation.torque[strong, k], [0.05, 0.95])
     least = FAINT * max(float(np.abs(situation.torque).max()), 1e-9)
     if "torque" in member.depends_on and max(abs(low), abs(high)) > least:
-        words.append(f"torque {low:.3g} to {high:.3g} N m")
+        load, unit = ("force", "N") if situation.arm.slides[k] else ("torque", "N m")
+        words.append(f"{load} {low:.3g} to {high:.3g} {unit}")
     return ", ".join(words)
 
 
@@ -271,7 +272,6 @@ class WhitenedCandidates:
     score: Float[np.ndarray, " m"]
     owned: tuple[Int[np.ndarray, " _"], ...]
     shape: tuple[int, ...]
-    single_gains: Float[np.ndarray, " candidates"]
 
 
 def whiten_candidates(
@@ -287,7 +287,7 @@ def whiten_candidates(
     nominal = np.arange(library.nominal)
     share = projection_coefficients(gram, nominal)
     score = score - score[nominal] @ share
-    turns, owned, shape, alone, start = [], [], [], [], 0
+    turns, owned, shape, start = [], [], [], 0
     used: list[np.ndarray] = []
     for candidate in library.candidates:
         best: tuple[float, int, np.ndarray] = (-1.0, 0, np.zeros((0, 0)))
@@ -297,8 +297,7 @@ def whiten_candidates(
             gain = float(np.sum((turn.T @ score[block]) ** 2))
             if gain > best[0]:
                 best = (gain, s, turn)
-        gain, s, turn = best
-        alone.append(gain)
+        _, s, turn = best
         shape.append(s)
         used.append(candidate.columns[s])
         turns.append(turn)
@@ -312,11 +311,7 @@ def whiten_candidates(
         row += len(turn)
     left = schur_complement(gram, nominal, share, columns)
     return WhitenedCandidates(
-        mix.T @ left @ mix,
-        mix.T @ score[columns],
-        tuple(owned),
-        tuple(shape),
-        np.array(alone),
+        mix.T @ left @ mix, mix.T @ score[columns], tuple(owned), tuple(shape)
     )
 
 

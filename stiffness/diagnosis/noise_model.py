@@ -48,9 +48,9 @@ Ignores     an outlier on a body with fewer markers
 Marks of one body keep their distances in all poses; what they do not keep is noise.
 
 ==========  ==========================================================================
-Equation    as `rigid`, all rows as one visit, along the body's axes; without one
-            mark where that leaves clearly less
-Source      as `rigid`
+Equation    as of one visit above, all rows as one visit, along the body's axes; without
+            one mark where that leaves clearly less
+Source      as above
 Valid       bodies with three marks or more; with four, of which one may sag
 Ignores     that a tracker may be worse along one of its axes
 ==========  ==========================================================================
@@ -91,12 +91,13 @@ SHORTEST_LEVER = 0.1
 
 
 def max_pose_repeatability(situation: StaticState) -> Float[np.ndarray, " axes"]:
-    """Return the most by which a repeatable axis seems to miss its angle, in rad."""
+    """Return the most by which a repeatable axis misses its posture, in rad or m."""
     tip = situation.arm.at(situation.rest).point("flange", np.zeros(3))
     arm = tip[:, None] - situation.origin[:, 1:]
     along = situation.frame[:, 1:, :, 2]
     lever = np.sqrt(np.mean(np.sum(np.cross(along, arm) ** 2, axis=2), axis=0))
-    returned = AT_FLANGE / np.maximum(lever, SHORTEST_LEVER)
+    lever = np.where(situation.arm.slides, 1.0, np.maximum(lever, SHORTEST_LEVER))
+    returned = AT_FLANGE / lever
     return np.hypot(returned, left_of_encoders(situation.recording))
 
 

@@ -392,7 +392,6 @@ STATISTICS = {
     "regions_left_out": "gain there is {0:.2g} standard errors, {1:.2g} are needed",
     "left_out": SIGNS,
     "other_forms": SIGNS,
-    "generic_terms": SIGNS,
     "second_order": "it is {0:.2g} of what that explains, {1:.2g} is needed",
     "residual": "the residual is {0:.2g} of what it explains, {1:.2g} may be",
     "homogeneity": "they differ by {0:.2g} of what it explains, {1:.2g} may be",

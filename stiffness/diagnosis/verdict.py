@@ -144,6 +144,7 @@ def judge(model: SelectedModel) -> JudgedModel:
     share = excess / max(excess + model.fit.gain, 1e-12)
     large = left.p_value < SIGNIFICANCE and share > SMALL_RESIDUAL
     found: dict[tuple[str, str], Decision] = {}
+    kinds = list[str]()
     every = zip(members, gains, uneven, strict=True)
     for k, (member, gain, differs) in enumerate(every):
         if member.is_generic:
@@ -156,22 +157,19 @@ def judge(model: SelectedModel) -> JudgedModel:
             if are_near(member.where, other.where)
         )
         beside = _beside_generic(k, model, beyond) / max(gain, 1e-12)
+        is_uneven = is_inhomogeneous(differs, gain) and differs.captured > second_order
+        kinds += [differs.grouping] * is_uneven
         if max(near, beside) > RESIDUAL_SHARE_LIMIT:
             what = "unknown mechanism" if beside > near else "residual"
             reason = f"the {what} at its place is large beside what it explains"
             asked = (member.name, "residual", False, max(near, beside))
             found[member.name] = Decision(*asked, RESIDUAL_SHARE_LIMIT, reason)
-        elif is_inhomogeneous(differs, gain) and differs.captured > second_order:
+        elif is_uneven:
             reason = f"its law differs between {differs.grouping}"
             ratio = differs.captured / max(gain, 1e-12)
             found[member.name] = Decision(
                 member.name, "homogeneity", False, ratio, INHOMOGENEITY_LIMIT, reason
             )
-    kinds = [
-        d.grouping
-        for m, d, g in zip(members, uneven, gains, strict=True)
-        if is_inhomogeneous(d, g) and not m.is_generic
-    ]
     return JudgedModel(
         model,
         left,

@@ -150,7 +150,7 @@ class NamedPhysicsFit(Fitted):
         found = []
         for effect in self.diagnosis.named:
             for name, p in effect.parameters.items():
-                sigma = (p.high - p.low) / 3.92  # of a 95 % interval
+                sigma = p.sigma
                 called = f"{effect.name.effect}@{effect.name.where} {name}"
                 unit = si_unit(name)
                 ends = (float(p.low), float(p.high))

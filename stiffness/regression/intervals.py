@@ -43,6 +43,13 @@ class Interval:
     high: float
     level: float = 0.95
 
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of a normal distribution with such an interval."""
+        return (self.high - self.low) / (
+            2.0 * float(stats.norm.ppf((1 + self.level) / 2))
+        )
+
 
 # --- Bootstrap ------------------------------------------------------------------------
 

@@ -106,7 +106,6 @@ def gate_names(
     units: UnitStatistics,
     nominal: Int[np.ndarray, " nominal"],
     terms: Sequence[tuple[Name, Int[np.ndarray, " _"]]],
-    beside: Sequence[Int[np.ndarray, " _"]] = (),
 ) -> GatedNames:
     """Let names through that predict units left out, the weakest of the others going.
 
@@ -114,11 +113,9 @@ def gate_names(
         units: What each unit says of the columns.
         nominal: Columns that explain for free.
         terms: Name and columns of each term; several may share a name.
-        beside: Columns of terms without a name, which are always fitted too.
     """
-    blocks = [*(columns for _, columns in terms), *beside]
+    blocks = [columns for _, columns in terms]
     white = _WhiteUnits.of(units, nominal, blocks)
-    always = range(len(terms), len(blocks))
     names = list(dict.fromkeys(name for name, _ in terms))
     terms_of = {n: [t for t, (name, _) in enumerate(terms) if name == n] for n in names}
     decided: dict[Name, Decision] = {}
@@ -126,7 +123,7 @@ def gate_names(
     none = white.predict([], [], precision)[0]
     while True:
         gain, without = white.predict(
-            [*(t for n in names for t in terms_of[n]), *always],
+            [t for n in names for t in terms_of[n]],
             [terms_of[n] for n in names],
             precision,
         )

@@ -227,7 +227,6 @@ class Agreement:
         rms: Of the residuals, 3-D, in m.
         noise: What neighbours differ by, 3-D of one pose, in m.
         smallest: Rms of a common part that these data would have shown, in m.
-        pairs: How many.
     """
 
     p_value: float
@@ -235,7 +234,6 @@ class Agreement:
     rms: float
     noise: float
     smallest: float
-    pairs: int
 
 
 def agreement(
@@ -264,5 +262,4 @@ def agreement(
         rms=float(np.sqrt(square)),
         noise=float(np.sqrt(noise2)),
         smallest=float(np.sqrt(noise2 * reach)),
-        pairs=len(a),
     )

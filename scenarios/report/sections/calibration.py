@@ -68,7 +68,7 @@ def _blocks(
         f"two standard errors over {regions.count} folds of regions. How large an "
         "uneven gear's waves may be is learnt from the data, octave by octave."
     )
-    refused = calibration.without_a_name(found, found.named)
+    refused = calibration.without_a_name(found, calibration.names_of(answer))
     yield table_of(
         "What was tried. Rms on regions left out of the fit, where it was believed; "
         "the gain there over its standard error. Out of bounds: the best fit is a size "
@@ -85,8 +85,7 @@ def _blocks(
     )
     if fitted := [k for k, why in refused.items() if why != GONE]:
         yield table_of(
-            "Fitted and in the patch, but not worth a name by itself: taken out alone, "
-            "it is not missed by two standard errors.",
+            "Fitted and in the patch, but without a name.",
             fitted,
             {
                 "effect": lambda key: key[0],
@@ -95,6 +94,7 @@ def _blocks(
                     f"{label(n)} {size(n, x.estimate)}"
                     for n, x in found.estimates.get(key, {}).items()
                 ),
+                "why": refused.__getitem__,
             },
         )
     yield Heading("What remains")

@@ -14,7 +14,7 @@ from scenarios.report.page import Block, Figure, Heading, Paragraph, Table, tabl
 
 # --- The result in words --------------------------------------------------------------
 
-UM = 1e6
+MM, UM = 1e3, 1e6
 MOST_LISTED = 20
 UNKNOWN = "not known"
 MOST_BEYOND = 3
@@ -139,10 +139,16 @@ def blocks_of(judgement: Judgement) -> Iterator[Block]:
         j.axes,
         {
             "axis": lambda a: a.name,
-            "angle": lambda a: _degrees(a.angle),
-            "fitted": lambda a: _stretches(a.fitted.angle_rad) if a.fitted else UNKNOWN,
-            "torque": lambda a: _torque(a.torque),
-            "fitted ": lambda a: _torque(a.fitted.torque_nm) if a.fitted else UNKNOWN,
+            "posture": lambda a: _range(a.angle, a.name in j.slides),
+            "fitted": lambda a: (
+                _stretches(a.fitted.angle_rad, a.name in j.slides)
+                if a.fitted
+                else UNKNOWN
+            ),
+            "load": lambda a: _load(a.torque, a.name in j.slides),
+            "fitted ": lambda a: (
+                _load(a.fitted.torque_nm, a.name in j.slides) if a.fitted else UNKNOWN
+            ),
             "effects": lambda a: ", ".join(a.laws) or "none",
             "inside [%]": lambda a: f"{100 * a.share:.0f}" if a.laws else "–",
         },
@@ -162,19 +168,21 @@ def _numbers_of(c: Channel) -> tuple[str, ...]:
     return (*plain[:3], f"{plain[3]} ({low} to {high})")
 
 
-def _stretches(ends: tuple[tuple[float, float], ...]) -> str:
-    whole = _degrees((ends[0][0], ends[-1][1]))
+def _stretches(ends: tuple[tuple[float, float], ...], slides: bool) -> str:
+    whole = _range((ends[0][0], ends[-1][1]), slides)
     gaps = len(ends) - 1
     return f"{whole}, {gaps} gap{'s' * (gaps > 1)}" if gaps else whole
 
 
-def _degrees(ends: tuple[float, float]) -> str:
+def _range(ends: tuple[float, float], slides: bool) -> str:
+    if slides:
+        return f"{MM * ends[0]:.0f} to {MM * ends[1]:.0f} mm"
     low, high = np.degrees(ends)
     return f"{low:.0f}° to {high:.0f}°"
 
 
-def _torque(ends: tuple[float, float]) -> str:
-    return f"{ends[0]:.0f} to {ends[1]:.0f} N m"
+def _load(ends: tuple[float, float], slides: bool) -> str:
+    return f"{ends[0]:.0f} to {ends[1]:.0f} {'N' if slides else 'N m'}"
 
 
 def _notes(j: Judgement) -> Iterator[Block]:

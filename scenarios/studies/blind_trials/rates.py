@@ -579,7 +579,7 @@ def calibration(scores: Sequence[TrialScore]) -> list[dict[str, Any]]:
     stated = [pair for s in scores if s.truth for pair in s.stated]
     rows = []
     for low, high in pairwise(BINS):
-        inside = [(p, hit) for p, hit in stated if low < p <= high]
+        inside = [(p, hit) for p, hit in stated if low < max(p, 1e-12) <= high]
         if inside:
             found = share(sum(hit for _, hit in inside), len(inside))
             rows.append(

@@ -243,6 +243,14 @@ def test_every_effect_that_was_tried_has_a_reason_and_the_result_a_figure(
     assert len(read_table(tmp_path / DECISIONS)) == len(outcome.decisions)
 
 
+def test_a_name_that_the_proof_takes_back_has_that_for_a_reason(outcome):
+    gone = outcome.answer.named[0]
+    answer = replace(outcome.answer, named=outcome.answer.named[1:])
+    less = replace(outcome, answer=answer)
+    assert "not surely better" not in outcome.why_not(gone.effect, gone.where)
+    assert "not surely better" in less.why_not(gone.effect, gone.where)
+
+
 def test_an_arm_as_drawn_is_said_to_be_as_drawn(tmp_path):
     """Nor has its report a picture of gears or an empty table."""
     plain = recorded(UR10, (), 100, 4)

@@ -11,6 +11,9 @@ from source import docstring, python_files, text
 
 from bench.effects import EFFECTS
 from bench.shared.recording import Recording
+from stiffness.diagnosis.localisation import zone_of
+from stiffness.diagnosis.model_fit import ModelTerm
+from stiffness.diagnosis.noise_model import AT_FLANGE, max_pose_repeatability
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis, point_of
 from stiffness.effects.creep import followed
@@ -261,6 +264,19 @@ def test_arm_with_a_slide_and_no_turn_of_the_wrist_has_sound_signatures(tmp_path
     bias = truth.BY_NAME["wrench_bias"]
     felt = bias.parameters(situation, "wrench_sensor", np.zeros(0), np.ones(4))
     assert felt.keys() == {"fx_n", "fy_n", "fz_n", "tz_nm"}  # none feels a tilt
+
+
+def test_an_axis_that_slides_errs_and_is_loaded_in_its_own_units(tmp_path):
+    """It misses its posture by what the flange does, without a lever, and in N."""
+    situation = truth.palletiser(tmp_path)
+    slide = int(np.flatnonzero(situation.arm.slides)[0])
+    most = max_pose_repeatability(situation)
+    assert most[slide] == AT_FLANGE
+    assert np.all(most[~situation.arm.slides] > AT_FLANGE)
+    law, where = truth.BY_NAME["hardening"], situation.axes[slide]
+    term = ModelTerm(law, where, law.shapes(situation, where)[0])
+    assert "force" in zone_of(situation, term)
+    assert zone_of(situation, term).endswith(" N")
 
 
 # --- Where an effect cannot show -----------------------------------------------------

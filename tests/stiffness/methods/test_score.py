@@ -6,7 +6,7 @@ from scipy import stats
 
 from bench.shared.errors import BenchError, Unusable
 from stiffness.methods.score import METRICS, mae, me, scores, stde_absolute, stde_signed
-from stiffness.regression.intervals import bootstrap, share
+from stiffness.regression.intervals import Interval, bootstrap, share
 
 ERROR = np.array([0.1, -0.3, 0.2, -0.1, 0.6])
 ONCE = np.ones(5)
@@ -126,3 +126,9 @@ def test_interval_without_poses_to_draw_is_refused():
         bootstrap(np.ones(4), np.zeros(4, dtype=int), mae)
     with pytest.raises(BenchError, match="5 of 4"):
         share(5, 4)
+
+
+@pytest.mark.parametrize(("level", "half"), [(0.95, 1.959964), (0.6826895, 1.0)])
+def test_sigma_of_an_interval_is_that_of_a_normal_distribution(level, half):
+    found = Interval(3.0, 3.0 - 0.2 * half, 3.0 + 0.2 * half, level)
+    assert found.sigma == pytest.approx(0.2, rel=1e-6)
