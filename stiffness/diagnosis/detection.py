@@ -224,8 +224,7 @@ class DetectionTest:
     def p_value(self) -> float:
         """Return the p-value: of any block, of overdispersed poses, or of outliers.
 
-        The least of the three, uncorrected: of recordings of nothing up to three times
-        the level alarm.
+        The least of three, uncorrected: up to three times the level alarm on nothing.
         """
         if not self.is_noise_known:
             return self.tested.p_value

@@ -213,8 +213,8 @@ def second_order_name(
 ) -> Decision | None:
     """Return the slightest name that is less than what a found load may be wrong by.
 
-    What a load and what gives way under it do to each other is in neither's columns;
-    what two loads do is, where columns were laid out under the larger one.
+    What a load and what gives way under it do to each other is in neither's columns,
+    but where these were laid out under the load.
 
     Args:
         case: What may be looked at.
@@ -231,8 +231,7 @@ def second_order_name(
         near = [
             t
             for t in strong
-            if are_near(t.where, term.where)
-            and not (term in loads and t in loads and t.name in acting)
+            if are_near(t.where, term.where) and not (t in loads and t.name in acting)
         ]
         most = max((lost[t.name] for t in near), default=0.0)
         share = lost[term.name] / max(most, 1e-300)

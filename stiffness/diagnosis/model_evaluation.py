@@ -39,7 +39,11 @@ from stiffness.diagnosis.sufficient_statistics import (
 )
 from stiffness.effects.jacobian import EffectJacobian, added
 from stiffness.experiment.static_state import StaticState
-from stiffness.regression.intervals import Interval, jackknife_covariance
+from stiffness.regression.intervals import (
+    Interval,
+    jackknife_covariance,
+    quotient_interval,
+)
 from stiffness.regression.normal_equations import unit_scale
 from stiffness.regression.splits import Split
 
@@ -453,8 +457,8 @@ def _of_member(situation, springs, member, fitted, errors, quantile):
         low[i] -= step
         up, down = parameters(high), parameters(low)
         slope[:, i] = [(up[k] - down[k]) / (2 * step) for k in names]
-    total = np.einsum("ki,ij,kj->k", slope, cov + errors.unsure, slope)
-    spread = np.sqrt(np.maximum(total, 0.0))
+    total = slope @ (cov + errors.unsure) @ slope.T
+    spread = np.sqrt(np.maximum(np.diag(total), 0.0))
     of_sizes = slope[:, : len(errors.held)]
     fixed = np.einsum("ki,ij,kj->k", of_sizes, errors.held, of_sizes)
     fixed = np.sqrt(np.maximum(fixed, 0.0))
@@ -474,4 +478,10 @@ def _of_member(situation, springs, member, fitted, errors, quantile):
             found[name] = Interval(value, value / factor, value * factor)
         else:
             found[name] = Interval(value, value - wide, value + wide)
+    for name, parts in law.quotients.items():
+        if name in found:
+            of = [names.index(part) for part in parts]
+            joint = total[np.ix_(of, of)] + np.outer(moved[of], moved[of])
+            above, below = (float(here[part]) for part in parts)
+            found[name] = quotient_interval(above, below, joint, quantile)
     return found

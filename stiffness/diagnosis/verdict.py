@@ -188,9 +188,13 @@ def is_inhomogeneous(found: HomogeneityTest, gain: float) -> bool:
 def _residual_near(
     k: int, model: SelectedModel, left: DetectionTest, beyond: ResidualEquations
 ) -> float:
-    """Return the largest significant excess that may be a member's own."""
-    places = _excess_of_places(left)
-    return max(places.pop("", 0.0), _largest_part(k, model, beyond, places.items()))
+    """Return the largest significant excess that may be a member's own.
+
+    Of one that is at no place each has the share that it has of what all explain.
+    """
+    places, gains = _excess_of_places(left), model.drop_one_gains
+    nowhere = places.pop("", 0.0) * gains[k] / max(sum(gains), 1e-12)
+    return max(nowhere, _largest_part(k, model, beyond, places.items()))
 
 
 def _excess_of_places(left: DetectionTest) -> dict[str, float]:
@@ -284,6 +288,9 @@ def largest_residual_site(found: DetectionTest) -> str:
 # --- Posterior ------------------------------------------------------------------------
 
 ALIKE = SETTINGS.equivalent_log_bayes
+NOT_ALIKE = 10.0
+"""Log Bayes factor from which a name would not do as well, whatever was likely before;
+chosen: Kass and Raftery 1995, "Bayes factors", call half of it very strong."""
 MOST_EQUIVALENTS = 3
 """Equivalents that are counted with a name; the rule of the answer."""
 MOST_RIVALS = 5
@@ -332,7 +339,9 @@ def exchange_posteriors(model: SelectedModel) -> tuple[ExchangePosterior, ...]:
         weight /= weight.sum()
         by_weight = np.argsort(-np.round(weight[:-1], 6), kind="stable")
         order = [int(k) for k in by_weight if k != own]
-        alike = [k for k in order if behind[k] < ALIKE][:MOST_EQUIVALENTS]
+        less = log[own] - log[:-1]  # after the prior; or before it
+        close = (behind < ALIKE) | ((less < ALIKE) & (behind < NOT_ALIKE))
+        alike = [k for k in order if close[k]][:MOST_EQUIVALENTS]
         found.append(
             ExchangePosterior(
                 float(min(1.0, weight[[own, *alike]].sum())),
@@ -400,9 +409,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         for m, gain, stood in zip(members, model.drop_one_gains, stands, strict=True)
         if not stood and not m.is_generic
     )
-    open_places = (
-        joined_places([*judged.unexplained_places, *withheld]) if effects else ()
-    )
+    open_places = joined_places([*judged.unexplained_places, *withheld])
     complete = bool(effects) and len(effects) == len(members)
     explained = complete and not judged.unexplained
     verdict = "explained" if explained else "partly_explained"
@@ -497,7 +504,7 @@ def _rivals(
         if member.is_generic or (not stood and one.probability >= SURE):
             continue
         own = Name(*member.name)
-        swaps = one.rivals if stood else ((one.probability, own),)
+        swaps = one.rivals if stood else ((one.probability, own), *one.rivals)
         for probability, other in swaps:
             names = sorted({*(given - {own}), other}, key=str)
             found.append(Rival(probability, tuple(names)))

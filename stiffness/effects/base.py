@@ -69,6 +69,7 @@ class Hypothesis(ABC):
         log_prior: Log of its prior odds against others; 0 where nothing is known.
         shares_rate_with: Another effect that is of one kind with it, if any: where one
             is, the other is as likely elsewhere on the arm, and about as large.
+        quotients: Parameters that are one of the others over another.
     """
 
     effect: ClassVar[str]
@@ -83,6 +84,7 @@ class Hypothesis(ABC):
     is_sum: ClassVar[bool] = False
     log_prior: ClassVar[float] = 0.0
     shares_rate_with: ClassVar[str] = ""
+    quotients: ClassVar[Mapping[str, tuple[str, str]]] = {}
 
     @property
     def counted_as(self) -> str:

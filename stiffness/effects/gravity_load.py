@@ -40,6 +40,8 @@ ARM_LENGTH = 0.5
 LEAST_MASS = 1.0
 """Least standard deviation of a mass before any reading, in kg; chosen: models whose
 links have masses for show."""
+MOST_TAKEN = 0.9
+"""Share of a body's mass that may be missing; chosen: nothing weighs nothing."""
 UNSEEN = 1e-6
 """Below this share of the largest possible wind-up a column is rounding; chosen."""
 
@@ -66,26 +68,29 @@ class GravityLoad(Hypothesis):
         *(f"moment_{axis}_kg_m" for axis in "xyz"),
     )
 
+    quotients: ClassVar[Mapping[str, tuple[str, str]]] = {
+        f"com_{axis}_m": (f"moment_{axis}_kg_m", "mass_kg") for axis in "xyz"
+    }
+
     @override
     def limits_at(
         self, situation: StaticState, where: str
     ) -> Mapping[str, tuple[float, float]]:
-        """Return limits that leave no negative mass in the model."""
+        """Return limits that leave each body some of its mass."""
         highest = self.limits["mass_kg"][1]
-        return {**self.limits, "mass_kg": (-carried(situation, where), highest)}
+        least = -MOST_TAKEN * mass_at(situation, where)
+        return {**self.limits, "mass_kg": (least, highest)}
 
     @override
     def prior_sigma(
         self, situation: StaticState, where: str
     ) -> Float[np.ndarray, " columns"]:
-        """Return the mass of the whole model, and that mass at half a metre.
+        """Return the body's own mass, and that mass at half a metre.
 
         A mass at the end of a link and a moment of that link pull alike: of two that
         were found, readings hold the sum alone.
         """
-        tool = situation.recording.tool
-        mass = float(situation.arm.chain.mass.sum())
-        mass = max(mass + (0.0 if tool is None else tool.mass), LEAST_MASS)
+        mass = max(mass_at(situation, where), LEAST_MASS)
         sigma = mass * np.array([1.0, ARM_LENGTH, ARM_LENGTH, ARM_LENGTH])
         return sigma[seen(situation, where)]
 
@@ -148,12 +153,12 @@ def weighed_down(
     return pulled(situation, body, weight, turning, at)
 
 
-def carried(situation: StaticState, body: str) -> float:
-    """Return the model's mass in kg of a body's link and all beyond."""
-    chain, tool = situation.arm.chain, situation.recording.tool
-    axis = situation.arm.attachment(body).axis
-    beyond = [k for k in range(len(chain.mass)) if axis in chain.carriers(k)]
-    return float(chain.mass[beyond].sum()) + (0.0 if tool is None else tool.mass)
+def mass_at(situation: StaticState, body: str) -> float:
+    """Return the model's mass in kg of what moves with a body, a stated tool too."""
+    arm, tool = situation.arm, situation.recording.tool
+    axis = arm.attachment(body).axis
+    hangs = tool is not None and axis == arm.attachment("flange").axis
+    return float(arm.chain.mass[axis]) + (tool.mass if hangs and tool else 0.0)
 
 
 def torques(situation: StaticState, body: str) -> Float[np.ndarray, "rows axes 4"]:

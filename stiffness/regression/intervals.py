@@ -124,6 +124,33 @@ def share(successes: int, trials: int, level: float = 0.95) -> Interval:
     return Interval(successes / trials, float(ends.low), float(ends.high), level)
 
 
+def quotient_interval(
+    above: float, below: float, covariance: Float[np.ndarray, "2 2"], quantile: float
+) -> Interval:
+    """Return the interval of a quotient of two estimates; without ends where 0 divides.
+
+    ==========  ======================================================================
+    Equation    all r with (x - r m)^2 <= q^2 (1, -r) C (1, -r)', C of (x, m)
+    Source      Fieller 1954, "Some problems in interval estimation", JRSS B 16
+    Valid       normal errors
+    Ignores     that the set is two half-lines where m may be nothing and x not
+    ==========  ======================================================================
+
+    Args:
+        above: The numerator x.
+        below: The denominator m.
+        covariance: Of both.
+        quantile: Of the level, in standard errors.
+    """
+    squared = quantile**2 * covariance
+    a, b = below**2 - squared[1, 1], above * below - squared[0, 1]
+    c = above**2 - squared[0, 0]
+    if a <= 0.0:
+        return Interval(above / below, -np.inf, np.inf)
+    half = np.sqrt(max(b**2 - a * c, 0.0)) / a
+    return Interval(above / below, float(b / a - half), float(b / a + half))
+
+
 def jackknife_covariance(
     own: Float[np.ndarray, "poses columns columns"],
     score: Float[np.ndarray, "poses columns"],

@@ -146,6 +146,7 @@ def test_no_name_stands_where_most_of_the_mismatch_has_none():
     found = diagnose(made, arm(), known)
     assert found.verdict == "unexplained"
     assert not found.named
+    assert found.unexplained_places  # which are said all the same
     gate = [d for d in found.decisions if d.gate == "named_share"]
     assert gate and all(not d.accepted and d.statistic < d.threshold for d in gate)
 

@@ -6,7 +6,12 @@ from scipy import stats
 
 from bench.shared.errors import BenchError, Unusable
 from stiffness.methods.score import METRICS, mae, me, scores, stde_absolute, stde_signed
-from stiffness.regression.intervals import Interval, bootstrap, share
+from stiffness.regression.intervals import (
+    Interval,
+    bootstrap,
+    quotient_interval,
+    share,
+)
 
 ERROR = np.array([0.1, -0.3, 0.2, -0.1, 0.6])
 ONCE = np.ones(5)
@@ -132,3 +137,23 @@ def test_interval_without_poses_to_draw_is_refused():
 def test_sigma_of_an_interval_is_that_of_a_normal_distribution(level, half):
     found = Interval(3.0, 3.0 - 0.2 * half, 3.0 + 0.2 * half, level)
     assert found.sigma == pytest.approx(0.2, rel=1e-6)
+
+
+def test_ends_of_a_quotient_are_fiellers_and_none_where_nothing_may_divide():
+    """At each end the error of x - r m is as large as x - r m itself."""
+    x, m, q = 0.03, 4.6, 1.98
+    covariance = np.array([[4e-4, 1e-3], [1e-3, 4.4]])
+    found = quotient_interval(x, m, covariance, q)
+    for r in (found.low, found.high):
+        way = np.array([1.0, -r])
+        assert (x - r * m) ** 2 == pytest.approx(q**2 * way @ covariance @ way)
+    assert found.low < x / m < found.high
+    wide = quotient_interval(x, 2.0, covariance, q)
+    assert np.isinf(wide.low) and np.isinf(wide.high)
+
+
+@given(st.floats(1.0, 9.0), st.floats(-3.0, 3.0), st.floats(1e-3, 0.1))
+def test_a_quotient_by_what_is_known_errs_as_its_numerator_does(m, x, sigma):
+    found = quotient_interval(x, m, np.diag([sigma**2, 0.0]), 2.0)
+    half = 2.0 * sigma / m
+    assert (found.low, found.high) == pytest.approx((x / m - half, x / m + half))
