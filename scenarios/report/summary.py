@@ -173,10 +173,10 @@ def _detected(answer: Answer) -> str:
 def _named(called: Called, proved: bool) -> str:
     shown = f": {parameters_text(called.parameters, ', ')}" if called.parameters else ""
     share = called.split_share
-    sure = isinstance(share, float) and share < 1.0
+    of_some = isinstance(share, float) and share < 1.0  # that share is said instead
     probable = f", probability {chance(called.probability)}"
-    if sure or not proved:  # one draw of the poses, or the readings alone, say so
-        probable = "" if sure else ", by the readings alone"
+    if of_some or not proved:
+        probable = "" if of_some else ", by the readings alone"
     what = "What" if proved else "Suggested, not proved"
     text = f"{what}: {called}{probable}{_of_splits(share)}{shown}."
     if called.equivalents:

@@ -297,11 +297,8 @@ def detect(
         seed: Of the random signs.
         scatter: Of the readings.
     """
-    share = (
-        np.bincount(normal_equations.fold[poses], minlength=len(normal_equations.gram))
-        > 0
-    )
-    gram = normal_equations.gram[share].sum(axis=0)
+    folds = np.unique(normal_equations.fold[poses])
+    gram = normal_equations.gram[folds].sum(axis=0)
     own = [block for c in library.candidates for block in c.columns]
     parts = [m.columns for m in library.map]
     places = tuple(dict.fromkeys(m.where for m in library.map))
