@@ -172,15 +172,16 @@ class Hypothesis(ABC):
         """
         return NOTHING
 
-    @abstractmethod
     def parameters(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[str, float]:
         """Turn a fit into the parameters of the vocabulary, in SI.
 
-        The compliance of `situation` is the one fitted together with the effect. The
-        engine differentiates this function to carry intervals over, so keep it smooth.
+        The coefficients, by the names in `limits`, unless overridden. The compliance of
+        `situation` is the one fitted together with the effect. The engine
+        differentiates this function to carry intervals over, so keep it smooth.
         """
+        return dict(zip(self.limits, coefficients, strict=True))
 
     def acting(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes
+from stiffness.effects.base import Hypothesis, Shape, Shapes
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian, rotate, translate
 from stiffness.experiment.static_state import StaticState
 from stiffness.robot.kinematics import cross
@@ -89,12 +89,6 @@ class BaseCompliance(Hypothesis):
             shift[:, i, column], turn[:, j, column] = moment[:, j], force[:, i]
         twist = rotate(0, turn, centre).twist + translate(0, shift).twist
         return EffectJacobian(7, (BodyTwist(0, twist),))
-
-    @override
-    def parameters(
-        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
-    ) -> Mapping[str, float]:
-        return dict(zip((*TURNS, *SHIFTS), coefficients, strict=True))
 
 
 def about(

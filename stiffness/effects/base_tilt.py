@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape
+from stiffness.effects.base import Hypothesis, Shape
 from stiffness.effects.base_compliance import TURNS, BaseCompliance
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian, values
 from stiffness.experiment.static_state import StaticState
@@ -55,12 +55,6 @@ class BaseTilt(Hypothesis):
         coupled = BaseCompliance().variants(situation, where, AT_ORIGIN)
         twists = [values(part) for part in (*beside.parts, *coupled.parts)]
         return EffectJacobian(11, (BodyTwist(0, np.concatenate(twists, axis=2)),))
-
-    @override
-    def parameters(
-        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
-    ) -> Mapping[str, float]:
-        return dict(zip(TURNS[:2], coefficients, strict=True))
 
 
 def springs(

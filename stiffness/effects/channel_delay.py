@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, sprung
+from stiffness.effects.base import Hypothesis, Shape, sprung
 from stiffness.effects.jacobian import (
     EffectJacobian,
     EncoderError,
@@ -69,12 +69,6 @@ class ChannelDelay(Hypothesis):
                 EncoderError(k, speed[:, k, None]),
             ]
         return EffectJacobian(1, tuple(parts))
-
-    @override
-    def parameters(
-        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
-    ) -> Mapping[str, float]:
-        return {"delay_s": coefficients[0]}
 
 
 def has_time_series(situation: StaticState) -> bool:

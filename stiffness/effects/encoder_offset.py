@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape
+from stiffness.effects.base import Hypothesis, Shape
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import encoder_offset_response
 from stiffness.experiment.static_state import StaticState
@@ -61,9 +61,3 @@ class EncoderOffset(Hypothesis):
         drawing, slides = situation.recording.drawing, situation.arm.slides
         slide = slides[situation.axis(where)]
         return np.array([drawing.length if slide else drawing.offset])
-
-    @override
-    def parameters(
-        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
-    ) -> Mapping[str, float]:
-        return {"offset_rad": coefficients[0]}

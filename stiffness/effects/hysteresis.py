@@ -103,12 +103,6 @@ class Hysteresis(Hypothesis):
         half = 0.5 * coefficients[0] / compliance
         return {k: half * spread_stop(situation, k, shape[0], round(shape[1]))}
 
-    @override
-    def parameters(
-        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
-    ) -> Mapping[str, float]:
-        return {"width_rad": coefficients[0]}
-
 
 def stop(
     situation: StaticState, axis: int, slip: float, memory: int = NOTHING

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape
+from stiffness.effects.base import Hypothesis, Shape
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import StaticState
 
@@ -43,9 +43,3 @@ class JointCompliance(Hypothesis):
     ) -> EffectJacobian:
         k = situation.axis(where)
         return turn(k, situation.torque[:, k])
-
-    @override
-    def parameters(
-        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
-    ) -> Mapping[str, float]:
-        return {"compliance_rad_per_nm": coefficients[0]}

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.special import erf
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, reversing
+from stiffness.effects.base import Hypothesis, Shape, Shapes, reversing
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.effects.statics import ROUNDING
 from stiffness.experiment.static_state import StaticState
@@ -69,9 +69,3 @@ class LostMotion(Hypothesis):
         k = situation.axis(where)
         share = situation.torque[:, k] / shape[0]
         return turn(k, 0.5 * np.clip(share, -1.0, 1.0), 0.5 * np.tanh(share))
-
-    @override
-    def parameters(
-        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
-    ) -> Mapping[str, float]:
-        return {"width_rad": coefficients[0]}

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, sprung
+from stiffness.effects.base import Hypothesis, Shape, sprung
 from stiffness.effects.jacobian import EffectJacobian
 from stiffness.effects.statics import wind_up
 from stiffness.experiment.static_state import StaticState
@@ -48,12 +48,6 @@ class PulleyFriction(Hypothesis):
     ) -> EffectJacobian:
         missing = -direction(situation)[:, None] * situation.load_torque
         return wind_up(situation, missing[:, :, None])
-
-    @override
-    def parameters(
-        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
-    ) -> Mapping[str, float]:
-        return {"ratio": coefficients[0]}
 
 
 def from_hook(situation: StaticState) -> bool:

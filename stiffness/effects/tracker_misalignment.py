@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute
+from stiffness.effects.base import Hypothesis, Shape, absolute
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian
 from stiffness.experiment.static_state import StaticState
 
@@ -44,9 +44,3 @@ class TrackerMisalignment(Hypothesis):
     ) -> EffectJacobian:
         motion = np.broadcast_to(np.eye(6), (situation.rows, 6, 6))
         return EffectJacobian(6, (BodyTwist(0, motion),))
-
-    @override
-    def parameters(
-        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
-    ) -> Mapping[str, float]:
-        return dict(zip(NAMES, coefficients, strict=True))

@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute, marked_point
+from stiffness.effects.base import Hypothesis, Shape, absolute, marked_point
 from stiffness.effects.jacobian import EffectJacobian, MarkerDisplacement
 from stiffness.experiment.static_state import StaticState
 from stiffness.robot.tracker_frame import LARGEST_SCALE
@@ -52,9 +52,3 @@ class TrackerScale(Hypothesis):
             away = marked_point(situation, m) - stand
             parts.append(MarkerDisplacement(m, away[:, :, None]))
         return EffectJacobian(1, tuple(parts))
-
-    @override
-    def parameters(
-        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
-    ) -> Mapping[str, float]:
-        return {"ratio": coefficients[0]}
