@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.shared.errors import Unusable
-from bench.shared.recording import UNLOADING, Recording
+from bench.shared.recording import UNLOADED, UNLOADING, Recording
 from stiffness.experiment.visits import commanded_lags
 from stiffness.robot.arm import Arm
 from stiffness.robot.kinematics import ArmState
@@ -287,6 +287,13 @@ def _ability(question: str, can: object, yes: str, no: str, add: str) -> Ability
     return Ability(question, True, yes) if can else Ability(question, False, no, add)
 
 
+def _is_unloaded_again(recording: Recording) -> bool:
+    """Return whether a load falls within a visit, if only to nothing."""
+    stage, same = recording.stage, np.diff(recording.visit) == 0
+    after_load = same & (stage[:-1] != UNLOADED) & (stage[1:] == UNLOADED)
+    return UNLOADING in stage or bool(np.any(after_load))
+
+
 def abilities(
     recording: Recording, arm: Arm, views: list[AxisView]
 ) -> Iterator[Ability]:
@@ -294,10 +301,10 @@ def abilities(
     r = recording
     yield _ability(
         "hysteresis, lost motion",
-        UNLOADING in r.stage,
+        _is_unloaded_again(r),
         "the load rises and falls",
         "the load never reverses in a visit",
-        "unload in the same steps as you load",
+        "read once more without the load, or unload in the steps that you load in",
     )
     stood = (np.diff(r.visit) == 0) & (r.load_time[1:] < r.time[:-1])
     dwell = float(np.max(np.diff(r.time)[stood], initial=0.0))
