@@ -28,6 +28,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from bench.effects.joint_compliance import JointCompliance
 from bench.kinematic_chain import Anatomy
 from bench.model_file import LEAST_KG, RIGID
 from bench.rig import Rig
@@ -221,9 +222,17 @@ def _rows(rig: Rig, offset: np.ndarray) -> Iterator[Row]:
         part = "flange" if mount == arm.mount else hand
         yield from _pose_rows(part, drawn.flange, true.flange)
     own = np.where(rig.nominal.jnt_stiffness > 0, rig.nominal.jnt_stiffness, RIGID)
+    named = {
+        e.where: e.compliance_rad_per_nm
+        for e in rig.effects
+        if isinstance(e, JointCompliance)
+    }
     for k, name in enumerate(names):
         unit = "N/m" if arm.slides[k] else "N m/rad"
-        old, new = (float(x) if x < RIGID else np.nan for x in (own[k], rig.springs[k]))
+        found = rig.springs[k]
+        if name in named:
+            found = 1.0 / (1.0 / found + named[name])
+        old, new = (float(x) if x < RIGID else np.nan for x in (own[k], found))
         yield name, "stiffness", unit, old, new
     for b in range(1, rig.nominal.nbody):
         name = rig.nominal.body(b).name
@@ -257,9 +266,11 @@ def _pose_rows(part: str, old: np.ndarray, new: np.ndarray) -> Iterator[Row]:
     turns = [
         Rotation.from_matrix(f[:3, :3]).as_rotvec(degrees=True) for f in (old, new)
     ]
-    if turns[0] @ turns[1] < 0.0:  # the same rotation, the long way round
-        turns[1] *= 1.0 - 360.0 / np.linalg.norm(turns[1])
+    size = np.linalg.norm(turns[1])
+    if size > 0.0:  # the same rotation the other way round, where that is nearer
+        other = turns[1] * (1.0 - 360.0 / size)
+        turns[1] = min(turns[1], other, key=lambda x: np.linalg.norm(x - turns[0]))
     for i, axis in enumerate("xyz"):
         yield part, axis, "mm", 1e3 * old[i, 3], 1e3 * new[i, 3]
     for i, axis in enumerate("xyz"):
-        yield part, f"rotation_{axis}", "deg", turns[0][i], turns[1][i]
+        yield part, f"rotation_vector_{axis}", "deg", turns[0][i], turns[1][i]

@@ -7,8 +7,9 @@ import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
-from bench.controller_table import controller_table, geometry
+from bench.controller_table import _pose_rows, controller_table, geometry
 from bench.mechanisms import offsets_of
 from bench.patch import Mounted, Patch, PatchEffect, rig_of
 
@@ -91,3 +92,27 @@ def test_only_what_was_corrected_differs(root):
     assert found["a2", "stiffness"]["corrected"] == ""
     angles = [r for r in found.values() if r["unit"] == "deg"]
     assert max(abs(float(r["change"])) for r in angles) < 1.0
+
+
+def test_a_turn_of_next_to_nothing_is_told_the_short_way_round():
+    """And one near half a turn in the direction that the nominal one has."""
+    for drawn, there in (
+        ([0, 0, 1e-9], [-1e-9, 0, -2e-4]),
+        ([0, 0, 179], [0, 0, -179]),
+    ):
+        old, new = (np.eye(4) for _ in range(2))
+        old[:3, :3] = Rotation.from_rotvec(drawn, degrees=True).as_matrix()
+        new[:3, :3] = Rotation.from_rotvec(there, degrees=True).as_matrix()
+        told = [(b, a) for _, key, _, b, a in _pose_rows("flange", old, new)][3:]
+        assert all(abs(after - before) < 3.0 for before, after in told)
+        back = Rotation.from_rotvec([after for _, after in told], degrees=True)
+        assert_allclose(back.as_matrix(), new[:3, :3], atol=1e-12)
+
+
+def test_a_compliance_that_was_named_is_in_the_stiffness(root):
+    """1/K + c: of an axis with a spring, which the named compliance adds to."""
+    named = PatchEffect("joint_compliance", "a3", {"compliance_rad_per_nm": 1e-5})
+    rig = rig_of(Patch(effects=(named,)), root / "mjcf/kr10_r1100_2/kr10_r1100_2.xml")
+    own = rig.springs[2]
+    told = float(rows(rig)["a3", "stiffness"]["corrected"])
+    assert told == pytest.approx(1.0 / (1.0 / own + 1e-5))
