@@ -11,7 +11,7 @@ from bench.shared.format.faults import Place, visible
 from bench.shared.format.folder import read
 from bench.shared.format.table import CSV_FILE, PARQUET_FILE
 from bench.shared.models import ModelFacts
-from bench.shared.recording import Recording
+from bench.shared.recording import UNLOADED, Recording
 from stiffness.experiment.sensor_noise import with_measured_noise
 from stiffness.robot.arm import Arm
 
@@ -121,6 +121,25 @@ def followed(recording: Recording, arm: Arm) -> tuple[Recording, tuple[str, ...]
     return known, tuple(notes)
 
 
+def under_known_loads(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
+    """Leave out rows under a load of which nobody says where it pulls.
+
+    Returns:
+        The recording, and a note where it is less; as it is where all of it is loaded.
+    """
+    loaded = recording.stage != UNLOADED
+    known = recording.wrench is not None or recording.points is None
+    if known or not loaded.any() or loaded.all():
+        return recording, ()
+    rows = f"{np.count_nonzero(loaded)} of {len(loaded)} rows"
+    note = (
+        f"{rows} are under a load and no wrench says where it pulls: they are left "
+        "out. Give fx_n, fy_n and fz_n; of a weight that hangs on the flange that is "
+        "its weight, straight down."
+    )
+    return recording.take(~loaded), (note,)
+
+
 def legend_of(arm: Arm) -> tuple[str, ...]:
     """Return which joint each axis is, in one sentence; none where names agree."""
     pairs = [(f"a{k}", visible(axis)) for k, axis in enumerate(arm.axes, start=1)]
@@ -151,7 +170,8 @@ def read_for(folder: Path, arm: Arm) -> tuple[Recording, Arm, tuple[str, ...]]:
     )
     in_text = (folder / CSV_FILE).exists()
     place = Place(CSV_FILE if in_text else PARQUET_FILE, in_text)
-    told = (*said_of_repeats(place, recording), *said_of_one_pose(recording), *added)
-    told += (noise,) if noise else ()
-    arm = arm.for_recording(recording)
-    return shown, arm, (*notes, *told, *legend_of(arm))
+    told = (*said_of_repeats(place, recording), *said_of_one_pose(recording))
+    told += (*added, noise) if noise else added
+    shown, less = under_known_loads(shown)
+    arm = arm.for_recording(shown)
+    return shown, arm, (*notes, *told, *less, *legend_of(arm))

@@ -24,7 +24,12 @@ from bench.shared.recording import Recording
 from scenarios.pipelines import diagnosis as pipeline
 from scenarios.pipelines import next_experiments, schema
 from scenarios.pipelines.diagnosis import Result, asked, proved
-from scenarios.pipelines.inputs import arm_of, read_for, said_of_one_pose
+from scenarios.pipelines.inputs import (
+    arm_of,
+    read_for,
+    said_of_one_pose,
+    under_known_loads,
+)
 from scenarios.pipelines.recording_check import replicate_noise
 from scenarios.pipelines.schema import Answer, Called
 from scenarios.report import summary
@@ -159,7 +164,8 @@ def diagnose(
     else:
         file, arm = Path(model), arm_of(Path(model))
     if isinstance(recording, Recording):
-        notes = (*recording.notes, *said_of_one_pose(recording))
+        recording, less = under_known_loads(recording)
+        notes = (*recording.notes, *said_of_one_pose(recording), *less)
         arm = arm.for_recording(recording)
     else:
         recording, arm, notes = read_for(Path(recording), arm)

@@ -311,13 +311,7 @@ def changes_torques(situation: StaticState, term: ModelTerm) -> bool:
 
 
 def _change_by(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> float:
-    """Return the largest share by which a set changes springs, their slopes or loads.
-
-    Args:
-        case: As laid out.
-        prepared: The recording against its nominal model.
-        fit: The set.
-    """
+    """Return the largest share by which a set changes springs, their slopes or loads."""
     own = list(case.springs)
     softer, before = _mean_softening(case, fit), case.situation.compliance
     compliance = before.copy()
@@ -481,6 +475,8 @@ def _linear_displacement(
 
 ODD = 1.1
 """Noise over the one it was held for from which it is another; chosen: a tenth."""
+MUCH_FINER = 0.5
+"""The same below which it is the tracker's, whatever the force sensor does; chosen."""
 
 
 def noise_ratio_of(
@@ -592,7 +588,9 @@ def noise_text(
         return f"the tracker's noise is not stated; readings scatter by {sigma:.3g} mm."
     if unstated or prepared.degrees_of_freedom or not 0.0 < now < 1.0 / ODD:
         return ""
+    sure = now < MUCH_FINER or prepared.situation.recording.wrench is None
+    stated = "noise" if sure else "noise of tracker or force sensor"
     return (
-        f"the stated noise cannot be true: readings scatter {now:.2f} times as much, "
-        f"{now * sigma:.3g} mm; names are judged against the stated one."
+        f"the stated {stated} cannot be true: readings scatter {now:.2f} times as "
+        f"much, {now * sigma:.3g} mm; names are judged against the stated one."
     )

@@ -387,3 +387,16 @@ def test_springs_that_the_model_does_not_state_are_said(tmp_path, capsys):
     assert f"{said} all axes as nominal: a1, a2, a3, a4, a5, a6." in text
     check.main(check.Settings(folder, MODEL))
     assert "joint stiffness" not in capsys.readouterr().out
+
+
+def test_rows_under_a_load_that_pulls_nobody_knows_where_are_left_out(folder, arm):
+    """A weight without a wrench: they were taken for unloaded ones by prove."""
+    whole, _, before = read_for(folder, arm)
+    loaded = whole.stage != "unloaded"
+    assert loaded.any() and not any("no wrench" in note for note in before)
+    write(folder, replace(whole, wrench=None, wrench_sensor=None))
+    recording, _, notes = read_for(folder, arm)
+    assert np.all(recording.stage == "unloaded")
+    assert len(recording.time) == np.count_nonzero(~loaded)
+    (note,) = (n for n in notes if "no wrench says" in n)
+    assert f"{np.count_nonzero(loaded)} of {len(loaded)} rows" in note
