@@ -311,7 +311,7 @@ def changes_torques(situation: StaticState, term: ModelTerm) -> bool:
 
 
 def _change_by(case: SelectionProblem, prepared: Prepared, fit: ModelFit) -> float:
-    """Return the largest share by which a set changes springs, their slopes or loads."""
+    """Return the largest share by which a set changes springs, slopes or loads."""
     own = list(case.springs)
     softer, before = _mean_softening(case, fit), case.situation.compliance
     compliance = before.copy()

@@ -5,6 +5,7 @@ A row of units, an empty line and a row that was never finished are no readings.
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -231,6 +232,13 @@ def readings_of(header: Header, cells: Cells, layout: Layout, about: Csv) -> Rea
         if len(rows) > SHOWN:
             more = f"and {len(rows) - SHOWN} more rows like these."
             faults.append(f"{place.file}: {more}")
+    if about.skip_incomplete:  # then a word for nothing is a blank where that is legal
+        emptied = {
+            n: COMPUTE.if_else(pa.array(blank[n]), "", cells.columns[n])
+            for n in texts
+            if n not in required
+        }
+        cells = replace(cells, columns={**cells.columns, **emptied})
     cells = cells.drop(np.flatnonzero(gone).tolist())
     numbers = cells.location.rows(cells.rows)
     before = np.searchsorted(sorted(left_out), numbers)

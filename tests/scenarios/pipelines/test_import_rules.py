@@ -111,8 +111,9 @@ def test_a_row_cut_short_and_an_empty_line_are_incomplete_too(tmp_path, capsys):
     assert "2 rows were skipped as incomplete (lines 4, 5)" in capsys.readouterr().out
 
 
-def test_a_marker_that_was_not_seen_makes_no_row_incomplete(tmp_path):
-    lab = Lab().cell(1, "Größe X", "")
+@pytest.mark.parametrize("cell", ["", "n/a", "-", "NaN"])
+def test_a_marker_that_was_not_seen_makes_no_row_incomplete(tmp_path, cell):
+    lab = Lab().cell(1, "Größe X", cell)
     read = read_of(tmp_path, replace(lab, csv=(*lab.csv, "skip_incomplete = true")))
     assert len(read.time) == 7 and read.points is not None
     assert np.isnan(read.points[1, 0, 0])
