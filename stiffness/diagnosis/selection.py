@@ -430,6 +430,9 @@ def _judged(
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
         wrong = weakest.candidate
+        if weakest.gate == "magnitude" and (less := _with_part_less(terms, wrong)):
+            terms = fit_shapes(case, less)
+            continue
         if weakest.gate == "physical":
             weakest = _needed_least(case, look.fit, weakest)
         decisions.append(weakest)
@@ -456,6 +459,19 @@ def _judged(
         statistics.share(gated.gain),
         last_of_each(decisions),
     )
+
+
+def _with_part_less(terms: Sequence[ModelTerm], name: Name) -> tuple[ModelTerm, ...]:
+    """Return a set with a part less of a name whose law is a sum; empty: it has one.
+
+    Of parts that are alike readings hold the sum, and none of their sizes.
+    """
+    term = next(term for term in terms if term.name == name)
+    part = len(term.hypothesis.shape_names)
+    if not term.hypothesis.is_sum or len(term.shape) <= part:
+        return ()
+    less = replace(term, shape=term.shape[:-part])
+    return tuple(less if other is term else other for other in terms)
 
 
 def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Decision:

@@ -47,6 +47,7 @@ from stiffness.diagnosis.verdict import exchange_posteriors, judge
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
 from stiffness.effects.bearing_tilt import BearingTilt
+from stiffness.effects.drift import Drift
 from stiffness.effects.geometry_error import GeometryError
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.gravity_load import GravityLoad
@@ -371,6 +372,19 @@ def test_name_that_a_load_found_near_it_may_be_wrong_by_is_none(load):
     if slight is not None:
         assert slight.candidate == names[1]
         assert slight.statistic == pytest.approx(1e-3)
+
+
+def test_of_parts_of_a_sum_that_are_alike_one_stays():
+    """Both are next to linear: readings hold the sum of their speeds, and neither."""
+    ready = prepared("drift@base,x_m_per_h=2e-4,rz_rad_per_h=5e-5")
+    case = build_problem(ready, (Drift(),))
+    span = float(np.ptp(case.situation.recording.time))
+    twice = ModelTerm(Drift(), "base", np.array([100.0, 90.0]) * span)
+    model = _judged(case, (twice,), (), ())
+    assert model.fit.names == {("drift", "base")}
+    assert len(model.fit.members[0].shape) == 1
+    speed = model.parameters[0]["x_m_per_h"]
+    assert speed.low < 2e-4 < speed.high < 3e-4
 
 
 def test_a_second_load_is_held_against_none_that_its_columns_were_laid_out_under():
