@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 import pytest
+from msgspec import structs
 from saved_view import entities, viewer_into
 from scipy.spatial.transform import Rotation
 from torso import TORSO, alone, drawn_postures
@@ -245,7 +246,7 @@ def test_every_effect_that_was_tried_has_a_reason_and_the_result_a_figure(
 
 def test_a_name_that_the_proof_takes_back_has_that_for_a_reason(outcome):
     gone = outcome.answer.named[0]
-    answer = replace(outcome.answer, named=outcome.answer.named[1:])
+    answer = structs.replace(outcome.answer, named=outcome.answer.named[1:])
     less = replace(outcome, answer=answer)
     assert "not surely better" not in outcome.why_not(gone.effect, gone.where)
     assert "not surely better" in less.why_not(gone.effect, gone.where)
