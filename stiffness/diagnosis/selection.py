@@ -145,12 +145,9 @@ class SelectedModel:
 
 
 def exchange_search(model: SelectedModel) -> Search:
-    """Lay out a set beside fine shapes of what could stand in each name's place.
+    """Lay out a set, and fine shapes of what could stand in each name's place after it.
 
     The same law elsewhere is tried at the shape of the name, too.
-
-    Args:
-        model: The set; its members come first.
     """
     fine = [term for term in model.fine if term.name not in model.refused]
     alike = {
@@ -236,12 +233,7 @@ class _ExchangeStep:
 
 
 def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
-    """Put loads in the place of terms that all do as well with; of loads better terms.
-
-    Args:
-        layout: How columns are laid out.
-        model: The set.
-    """
+    """Put loads in the place of terms that all do as well with; of loads, terms."""
     case, best, less = model.case, None, dict[Pair, float]()
     members, sure = model.fit.members, SETTINGS.equivalent_log_bayes
     tried = _imitators(model)
@@ -430,7 +422,9 @@ def _judged(
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
         wrong = weakest.candidate
-        if weakest.gate == "magnitude" and (less := _with_part_less(terms, wrong)):
+        if weakest.gate == "magnitude" and (
+            less := _with_part_less(case, terms, wrong)
+        ):
             terms = fit_shapes(case, less)
             continue
         if weakest.gate == "physical":
@@ -461,17 +455,22 @@ def _judged(
     )
 
 
-def _with_part_less(terms: Sequence[ModelTerm], name: Name) -> tuple[ModelTerm, ...]:
-    """Return a set with a part less of a name whose law is a sum; empty: it has one.
+def _with_part_less(
+    case: SelectionProblem, terms: Sequence[ModelTerm], name: Name
+) -> tuple[ModelTerm, ...]:
+    """Return a set where a sum has one part of each coarse shape; empty: it has one.
 
-    Of parts that are alike readings hold the sum, and none of their sizes.
+    Of parts nearest to the same one readings hold the sum, and not their sizes.
     """
     term = next(term for term in terms if term.name == name)
-    part = len(term.hypothesis.shape_names)
-    if not term.hypothesis.is_sum or len(term.shape) <= part:
+    if not term.hypothesis.is_sum:
         return ()
-    less = replace(term, shape=term.shape[:-part])
-    return tuple(less if other is term else other for other in terms)
+    grid = np.log(term.grid(case.situation, 0))
+    near = [int(np.argmin(np.abs(grid - one))) for one in np.log(term.shape)]
+    parts = np.sort(np.unique(near, return_index=True)[1])
+    less = replace(term, shape=term.shape[parts])
+    every = tuple(less if t is term else t for t in terms)
+    return every if len(parts) < len(near) else ()
 
 
 def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Decision:
