@@ -55,6 +55,7 @@ from scenarios.pipelines.schema import (
     label,
     said_of_turns,
     verdict_of,
+    wave_of,
     why_not,
 )
 from stiffness.calibration.columns import Key
@@ -270,14 +271,8 @@ def _called(found: Calibrated, key: Key) -> Called:
     }
     if effect == "transmission_error":
         wave = found.harmonics[where]
-        size, half = wave.size, wave.half
-        turn = half / size if size > half else None  # else any phase does
-        n, q = float(wave.order), wave.phase
-        parameters["amplitude_rad"] = Interval(size, max(size - half, 0.0), size + half)
-        parameters["order"] = Interval(n, n, n)
-        parameters["phase_rad"] = (
-            Interval(q, None, None) if turn is None else Interval(q, q - turn, q + turn)
-        )
+        order = Interval(*[float(wave.order)] * 3)
+        parameters |= wave_of(wave.size, wave.half, order, wave.phase)
     equivalents = [At(*other) for other in found.selected.equivalents.get(key, ())]
     if effect in LIKE and not _is_the_reports(found, key):
         equivalents += [At(other, where) for other in LIKE[effect]]

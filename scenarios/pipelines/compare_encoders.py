@@ -35,6 +35,7 @@ from scenarios.pipelines.schema import (
     Remark,
     interval_of,
     verdict_of,
+    wave_of,
     why_not,
 )
 from stiffness.diagnosis.result import Decision
@@ -135,14 +136,7 @@ def _harmonics(axis: Axis) -> list[Called]:
             size, spread = float(np.hypot(*x)), float(half.max())
             low, high = orders_alike(axis.found, axis.fitted, term)
             phase = float(np.arctan2(x[0], x[1]))
-            turned = Interval(phase, None, None)  # any phase does
-            if size > spread:
-                turned = _interval(phase, spread / size)
-            known = {
-                "amplitude_rad": Interval(size, max(size - spread, 0.0), size + spread),
-                "order": Interval(term.order, low, high),
-                "phase_rad": turned,
-            }
+            known = wave_of(size, spread, Interval(term.order, low, high), phase)
             waves.append((size, _name(term.effect, axis, trial, known)))
     return [name for _, name in sorted(waves, key=lambda w: -w[0])]
 

@@ -53,6 +53,23 @@ class Interval(msgspec.Struct, frozen=True):
     high: Number | str
 
 
+def wave_of(
+    size: float, half: float, order: Interval, phase: float
+) -> dict[str, Interval]:
+    """Return the parameters of a gear's wave of a size with half an interval.
+
+    Of one that may be nothing any phase does, in rad.
+    """
+    turn = half / size if size > half else None
+    return {
+        "amplitude_rad": Interval(size, max(size - half, 0.0), size + half),
+        "order": order,
+        "phase_rad": Interval(phase, None, None)
+        if turn is None
+        else Interval(phase, phase - turn, phase + turn),
+    }
+
+
 class Detected(msgspec.Struct, frozen=True):
     """Whether recording and nominal simulation differ, and by how much."""
 

@@ -157,8 +157,10 @@ def mass_at(situation: StaticState, body: str) -> float:
     """Return the model's mass in kg of what moves with a body, a stated tool too."""
     arm, tool = situation.arm, situation.recording.tool
     axis = arm.attachment(body).axis
-    hangs = tool is not None and axis == arm.attachment("flange").axis
-    return float(arm.chain.mass[axis]) + (tool.mass if hangs and tool else 0.0)
+    mass = float(arm.chain.mass[axis])
+    if tool is not None and axis == arm.attachment("flange").axis:
+        mass += tool.mass
+    return mass
 
 
 def torques(situation: StaticState, body: str) -> Float[np.ndarray, "rows axes 4"]:
