@@ -135,9 +135,14 @@ class Layout:
             fit: The set.
         """
         shapes = free_shapes(case.situation, fit.members)
-        joint = _JointFit(self.prepared, case.split, fit, shapes)
+        nameless = nameless_columns(fit, case.situation)
+        joint = _JointFit(self.prepared, case.split, fit, shapes, nameless)
         start = laid_out_softer(case, self.prepared) + fit.springs
         best = minimise(joint.linearise, joint.start(start), joint.bounds, EVALUATIONS)
+        if nameless:  # columns of functions of the loads that were found
+            joint = joint.laid_out_at(best.parameters)
+            again = joint.bounds, EVALUATIONS
+            best = minimise(joint.linearise, best.parameters, *again)
         softer, named = joint.at(best.parameters)
         softer = softer + joint.more(named)
         case = nominal_problem(self.prepared, softer, named)
@@ -160,19 +165,29 @@ class _JointFit:
 
     Parameters are changes of compliances, coefficients of names, and shapes. Columns
     are laid out under these, so that slopes hold what a law of a gear changes of the
-    others. Terms without a name are fitted anew each time.
+    others. Terms without a name are fitted anew each time, each with columns that stay
+    as they are: any function that is much alike does what they are there for.
 
     Attributes:
         prepared: The recording against its nominal model.
         split: Which poses may be looked at.
         first: The set as it was fitted before.
         shapes: That may move.
+        nameless: Columns of the terms without a name.
     """
 
     prepared: Prepared
     split: Split
     first: ModelFit
     shapes: tuple[FreeShape, ...]
+    nameless: tuple[EffectJacobian, ...]
+
+    def laid_out_at(self, parameters: Float[np.ndarray, " parameters"]) -> "_JointFit":
+        """Return the same with terms without a name under what parameters say."""
+        softer, named = self.at(parameters)
+        stands = moved_under(self.prepared, softer + self.more(named), named)[1]
+        state = state_under(stands, named)
+        return replace(self, nameless=nameless_columns(named, state))
 
     @property
     def owners(self) -> list[int]:
@@ -233,13 +248,12 @@ class _JointFit:
         every = list(zip(named.members, named.coefficients, strict=True))
         names = [m for m, _ in every if not m.is_generic]
         laws = [m.jacobian(state) for m in names]
-        nameless = [m.jacobian(state) for m, _ in every if m.is_generic]
         slopes = [
             mixture(s.slope(state, every[s.term][0]), every[s.term][1][:, None])
             for s in self.shapes
         ]
         felt = self._of_others(parameters, stands, state)
-        known = [*springs_of(state, springs), *laws, *slopes, *nameless]
+        known = [*springs_of(state, springs), *laws, *slopes, *self.nameless]
         found = normal_equations_of(
             data, [*known, *felt.values()], training(self.split)
         )
@@ -379,6 +393,13 @@ class _JointFit:
         steps = [*situation.compliance[springs], *whole]
         of_shapes = [STEP * shape.spacing for shape in self.shapes]
         return np.array([*(SMALL * max(step, TINY**2) for step in steps), *of_shapes])
+
+
+def nameless_columns(
+    fit: ModelFit, situation: StaticState
+) -> tuple[EffectJacobian, ...]:
+    """Return the columns of the terms of a set that have no name."""
+    return tuple(m.jacobian(situation) for m in fit.members if m.is_generic)
 
 
 def _moved_by(

@@ -29,7 +29,7 @@ from stiffness.effects.base import (
     point_of,
 )
 from stiffness.effects.jacobian import EffectJacobian
-from stiffness.effects.statics import given_way, pulled, torque_of, wind_up
+from stiffness.effects.statics import CarriedLoads, carried_loads, given_way, wind_up
 from stiffness.experiment.static_state import StaticState
 
 NAMES = ("mass_kg", "x", "y", "z")
@@ -109,7 +109,7 @@ class GravityLoad(Hypothesis):
     def jacobian(
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
-        torque = torques(situation, where)
+        torque = carried_weight(situation, where).torque
         return wind_up(situation, torque[:, :, seen(situation, where)])
 
     @override
@@ -146,11 +146,7 @@ def weighed_down(
     situation: StaticState, body: str, size: Float[np.ndarray, "4"]
 ) -> StaticState:
     """Return the state under an added mass in kg and first moments in kg m."""
-    gravity = situation.arm.chain.gravity
-    weight = np.broadcast_to(size[0] * gravity, (situation.rows, 3))
-    turning = np.cross(axes_of(situation, body) @ size[1:], gravity)
-    at = point_of(situation, body, np.zeros(3))
-    return pulled(situation, body, weight, turning, at)
+    return carried_weight(situation, body).added_to(situation, size)
 
 
 def mass_at(situation: StaticState, body: str) -> float:
@@ -163,22 +159,21 @@ def mass_at(situation: StaticState, body: str) -> float:
     return mass
 
 
-def torques(situation: StaticState, body: str) -> Float[np.ndarray, "rows axes 4"]:
-    """Return torques per kg of mass and per kg m of first moment along x, y, z."""
+def carried_weight(situation: StaticState, body: str) -> CarriedLoads:
+    """Return what a kg of mass and a kg m of first moment along x, y, z exert."""
     key = ("weight", body)
-    return situation.once_standing(key, lambda: _torques(situation, body))
+    return situation.once_standing(key, lambda: _carried_weight(situation, body))
 
 
-def _torques(situation: StaticState, body: str) -> Float[np.ndarray, "rows axes 4"]:
+def _carried_weight(situation: StaticState, body: str) -> CarriedLoads:
     gravity = situation.arm.chain.gravity
     turned = np.cross(axes_of(situation, body), gravity[None, :, None], axis=1)
     none = np.zeros((situation.rows, 3, 1))
     weight = np.broadcast_to(gravity[:, None], none.shape)
     force = np.concatenate([weight, np.zeros_like(turned)], axis=2)
     moment = np.concatenate([none, turned], axis=2)
-    return torque_of(
-        situation, body, force, moment, point_of(situation, body, np.zeros(3))
-    )
+    at = point_of(situation, body, np.zeros(3))
+    return carried_loads(situation, body, force, moment, at)
 
 
 def seen(situation: StaticState, body: str) -> list[int]:
@@ -188,7 +183,7 @@ def seen(situation: StaticState, body: str) -> list[int]:
 
 
 def _seen(situation: StaticState, body: str) -> list[int]:
-    torque = torques(situation, body)
+    torque = carried_weight(situation, body).torque
     compliance = situation.arm.compliance  # the model's: whatever is fitted, the same
     wound = torque * compliance[:, None] / [1.0, LENGTH, LENGTH, LENGTH]
     wound = np.asarray(np.linalg.qr(wound.reshape(-1, 4), mode="r"))

@@ -21,7 +21,13 @@ from typing_extensions import override
 
 from stiffness.effects.base import Coeffs, Hypothesis, Shape, absolute
 from stiffness.effects.jacobian import EffectJacobian
-from stiffness.effects.statics import felt, given_way, pulled, wind_up
+from stiffness.effects.statics import (
+    CarriedLoads,
+    carried_loads,
+    felt,
+    given_way,
+    wind_up,
+)
 from stiffness.experiment.static_state import StaticState
 
 
@@ -65,14 +71,23 @@ class MassScale(Hypothesis):
 
 def heavier(situation: StaticState, share: float) -> StaticState:
     """Return the state with a share of each link's mass added at its centre."""
-    chain = situation.arm.chain
+    weights = situation.once_standing("weights", lambda: _weights(situation))
+    return weights.added_to(situation, np.array([share]))
+
+
+def _weights(situation: StaticState) -> CarriedLoads:
+    """Return what the weights of all links exert together, as one column."""
+    chain, each = situation.arm.chain, list[CarriedLoads]()
     for k, mass in enumerate(chain.mass):
-        weight = np.broadcast_to(share * mass * chain.gravity, (situation.rows, 3))
+        weight = np.tile(mass * chain.gravity[:, None], (situation.rows, 1, 1))
         frame, origin = situation.frame[:, k + 1], situation.origin[:, k + 1]
-        centre = origin + frame @ chain.centre[k]
-        none = np.zeros_like(weight)
-        situation = pulled(situation, f"link_{k + 1}", weight, none, centre)
-    return situation
+        own = weight, np.zeros_like(weight), origin + frame @ chain.centre[k]
+        each.append(carried_loads(situation, f"link_{k + 1}", *own))
+    return CarriedLoads(
+        np.sum([one.force for one in each], axis=0),
+        np.sum([one.moment for one in each], axis=0),
+        np.sum([one.torque for one in each], axis=0),
+    )
 
 
 def _torque(situation: StaticState) -> Float[np.ndarray, "rows axes 1"]:

@@ -11,7 +11,7 @@ Ignores     compliance besides the axes' own springs
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -141,18 +141,44 @@ def given_way(
     return hstack([EffectJacobian(1, own) for own in parts])
 
 
-def pulled(
+@dataclass(frozen=True, eq=False)
+class CarriedLoads:
+    """What loads exert on all that carries them, a column each.
+
+    Attributes:
+        force: On each place, in N per unit, as in `StaticState`.
+        moment: About each place's origin, in N m per unit.
+        torque: On each axis, in N m per unit.
+    """
+
+    force: Float[np.ndarray, "rows places 3 columns"]
+    moment: Float[np.ndarray, "rows places 3 columns"]
+    torque: Float[np.ndarray, "rows axes columns"]
+
+    def added_to(
+        self, situation: StaticState, size: Float[np.ndarray, " columns"]
+    ) -> StaticState:
+        """Return the static state with these loads beside those so far."""
+        return replace(
+            situation,
+            force=situation.force + np.tensordot(self.force, size, 1),
+            moment=situation.moment + np.tensordot(self.moment, size, 1),
+            torque=situation.torque + np.tensordot(self.torque, size, 1),
+        )
+
+
+def carried_loads(
     situation: StaticState,
     body: str,
-    force: Float[np.ndarray, "rows 3"],
-    moment: Float[np.ndarray, "rows 3"],
+    force: Float[np.ndarray, "rows 3 columns"],
+    moment: Float[np.ndarray, "rows 3 columns"],
     point: Float[np.ndarray, "rows 3"],
-) -> StaticState:
-    """Return the static state with one more load on a body.
+) -> CarriedLoads:
+    """Return what loads on a body exert.
 
     Args:
-        situation: Static state, with the loads so far.
-        body: What the load acts on.
+        situation: Static state of the arm.
+        body: What the loads act on.
         force: In N, along the base's axes.
         moment: About the point, in N m.
         point: Point of application of the force, in m.
@@ -160,14 +186,14 @@ def pulled(
     arm = situation.arm
     under = arm.chain.carriers(arm.attachment(body).axis)
     places = [0, *(k + 1 for k in under)]
-    lever = point[:, None] - situation.origin[:, places]
-    forces, moments = situation.force.copy(), situation.moment.copy()
-    forces[:, places] += force[:, None]
-    moments[:, places] += moment[:, None] + np.cross(lever, force[:, None])
-    load = np.concatenate([force, moment], axis=1)[:, :, None]
-    torque = torque_of(situation, body, load[:, :3], load[:, 3:], point)[:, :, 0]
-    whole = situation.torque + torque
-    return replace(situation, force=forces, moment=moments, torque=whole)
+    lever = (point[:, None] - situation.origin[:, places])[..., None]
+    shape = (*situation.force.shape, force.shape[2])
+    forces, moments = np.zeros(shape), np.zeros(shape)
+    forces[:, places] = force[:, None]
+    moments[:, places] = moment[:, None] + np.cross(lever, force[:, None], axis=2)
+    return CarriedLoads(
+        forces, moments, torque_of(situation, body, force, moment, point)
+    )
 
 
 def read_right(
@@ -180,8 +206,9 @@ def read_right(
         missing: True less measured wrench, about the sensor's origin, along the base's
             axes.
     """
-    body, force, moment = felt_body(situation.recording), missing[:, :3], missing[:, 3:]
-    under = pulled(situation, body, force, moment, situation.sensor)
+    body, load = felt_body(situation.recording), missing[:, :, None]
+    loads = carried_loads(situation, body, load[:, :3], load[:, 3:], situation.sensor)
+    under = loads.added_to(situation, np.ones(1))
     load = situation.load_torque + under.torque - situation.torque
     return replace(under, load_torque=load)
 

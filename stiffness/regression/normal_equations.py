@@ -297,7 +297,9 @@ class Eliminated:
 DAMPED = 1e-3
 """λ of the first step; chosen, as usual for well-scaled problems."""
 EASED, STIFFENED = 0.2, 5.0
-"""Factors of λ after a step that gains what was said, and after one that does not."""
+"""Factors of λ after a step that gains what was said, and after one that does not; the
+second doubles with each such step that follows: Nielsen 1999, "Damping parameter in
+Marquardt's method"."""
 AS_SAID, TOO_LITTLE = 0.5, 0.25
 """Gain over the one that was said, for these factors."""
 LEAST_DAMPED, MOST_DAMPED = 1e-9, 1e6
@@ -410,7 +412,7 @@ def minimise(
         bounds: Of the parameters.
         evaluations: Of the problem at most, that of the start not counted.
     """
-    here, now, damping = start, linearise(start), DAMPED
+    here, now, damping, stiffer = start, linearise(start), DAMPED, STIFFENED
     for _ in range(evaluations):
         step = _step(now, here, bounds, damping)
         said = float(2.0 * now.descent @ step - step @ now.gram @ step)
@@ -421,9 +423,9 @@ def minimise(
         tried = linearise(there)
         gained = now.square - tried.square
         if gained > AS_SAID * said:
-            damping = max(EASED * damping, LEAST_DAMPED)
+            damping, stiffer = max(EASED * damping, LEAST_DAMPED), STIFFENED
         elif gained < TOO_LITTLE * said:
-            damping = STIFFENED * damping
+            damping, stiffer = stiffer * damping, 2.0 * stiffer
         if gained > 0.0:
             here, now = there, tried
         if 0.0 <= gained < least or damping > MOST_DAMPED:

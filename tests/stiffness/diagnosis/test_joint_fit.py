@@ -7,7 +7,14 @@ import pytest
 from numpy.testing import assert_allclose
 from small_bench import prepared
 
-from stiffness.diagnosis.joint_fit import Layout, OperatingPoint, _JointFit, worth_of
+from stiffness.diagnosis.candidates import GenericTerm
+from stiffness.diagnosis.joint_fit import (
+    Layout,
+    OperatingPoint,
+    _JointFit,
+    nameless_columns,
+    worth_of,
+)
 from stiffness.diagnosis.model_evaluation import evaluate_model
 from stiffness.diagnosis.model_fit import (
     FeltByOthers,
@@ -39,7 +46,8 @@ def joint(ready, terms) -> tuple[_JointFit, np.ndarray]:
     case = nominal_problem(ready)
     fit = fit_model(case, terms)
     shapes = free_shapes(case.situation, fit.members)
-    found = _JointFit(ready, case.split, fit, shapes)
+    nameless = nameless_columns(fit, case.situation)
+    found = _JointFit(ready, case.split, fit, shapes, nameless)
     return found, found.start(laid_out_softer(case, ready) + fit.springs)
 
 
@@ -50,7 +58,9 @@ def sets() -> list[tuple[ModelTerm, ...]]:
     wave = ModelTerm(AngleDependentStiffness(), "a2", np.array([2.0]))
     load = ModelTerm(GravityLoad(), "link_3", NONE)
     pull = ModelTerm(GravityCompensator(), "a2", NONE)
-    return [(hard, loop), (hard, wave), (hard, load), (hard, loop, pull, load)]
+    nameless = ModelTerm(GenericTerm("generic_torque", "torque", "torque"), "a3", NONE)
+    of_loads = [(hard, load), (hard, loop, pull, load), (load, nameless)]
+    return [(hard, loop), (hard, wave), *of_loads]
 
 
 def joined(terms) -> str:
