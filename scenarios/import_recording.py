@@ -68,8 +68,8 @@ def main(settings: Settings) -> Recording:
 
     s = settings
     if s.suggest is not None:
-        bodies = () if s.robot is None else facts_of(arm_of(s.robot)).bodies
-        mapping = write_suggestion(s.suggest, s.mapping, bodies)
+        model = None if s.robot is None else facts_of(arm_of(s.robot))
+        mapping = write_suggestion(s.suggest, s.mapping, model)
         print(f"{mapping}: a mapping to correct. Then:")
         files = f"{s.suggest} --mapping {mapping}"
         print(

@@ -15,11 +15,12 @@ from bench.shared.errors import Unusable
 from bench.shared.format.cells import MISSING
 from bench.shared.format.columns import COORDINATES, UNITS, WRENCH, column_of
 from bench.shared.format.table import FIRST_LINES, SEPARATORS
+from bench.shared.models import ModelFacts
 from scenarios.pipelines.importing.spreadsheet import source_of
 
 # --- How the file is written ----------------------------------------------------------
 
-LOOKED_AT = 500
+LOOKED_AT = 20_000
 """Rows that are looked at for decimal marks and blanks (chosen)."""
 
 
@@ -114,7 +115,7 @@ SPELLINGS: dict[str, str] = {
 }
 """How units are also written."""
 _UNIT = re.compile(r"^(.*?)[\s_]*[\[(]([^\])]+)[\])]\s*$")
-_AXIS = re.compile(r"(?:j|q|a|axis|joint|achse|angle|theta)[ _.-]*([1-9][0-9]?)")
+_AXIS = re.compile(r"(?:j|q|a|ax|axis|joint|achse|angle|theta)[ _.-]*([1-9][0-9]?)")
 _FORCE = re.compile(r"(?:f|force|kraft)[ _.-]*([xyz])")
 _TORQUE = re.compile(r"(?:m|t|mom|moment|torque)[ _.-]*([xyz])")
 _SPREAD = re.compile(r"(?:(.*?)[ _.-]*(?:std|sigma|sd|rms)|s)[ _.-]*([xyz])")
@@ -149,8 +150,13 @@ class Guess:
     unknown: tuple[str, ...] = ()
 
 
-def guess_of(sheet: Sheet) -> Guess:
-    """Guess what each column is by its name and unit."""
+def guess_of(sheet: Sheet, model: ModelFacts | None = None) -> Guess:
+    """Guess what each column is by its name and unit.
+
+    Args:
+        sheet: The file.
+        model: The robot, whose joints columns may be called after.
+    """
     columns: dict[str, tuple[str, str | None]] = {}
     points: dict[str, dict[str, tuple[str, str]]] = {}
     spreads: dict[str, dict[str, tuple[str, str]]] = {}
@@ -160,7 +166,7 @@ def guess_of(sheet: Sheet) -> Guess:
         match = _UNIT.match(name)
         plain, unit = (match[1], match[2]) if match else (name, below)
         plain = plain.strip().casefold()
-        if said := _known(name) or _by_word(plain):
+        if said := _known(name) or _by_word(plain) or _by_joint(plain, model):
             columns.setdefault(said, (name, _unit(said, unit)))
         elif match := _SPREAD.fullmatch(plain):
             spreads.setdefault(match[1] or "", {})[match[2]] = (name, unit)
@@ -202,6 +208,19 @@ def _by_word(plain: str) -> str | None:
     return None
 
 
+def _by_joint(plain: str, model: ModelFacts | None) -> str | None:
+    """Return the column of the one joint in whose name all words of a name are."""
+    words = set(re.findall(r"[a-z]+|[0-9]+", plain)) - {"deg", "rad", "pos", "mm"}
+    if model is None or not words:
+        return None
+    parts = [re.findall(r"[a-z]+|[0-9]+", name.casefold()) for name in model.axes]
+    found = [k for k, own in enumerate(parts) if words <= set(own)]
+    if len(found) != 1:
+        return None
+    slides = model.slides[model.joints.index(model.axes[found[0]])]
+    return f"a{found[0] + 1}_{'mm' if slides else 'deg'}"
+
+
 def _unit(said: str, unit: str, markers: tuple[str, ...] = ()) -> str | None:
     """Return a unit as `[columns]` calls it; None for the format's own or none."""
     column = column_of(said, markers)
@@ -215,11 +234,11 @@ def _unit(said: str, unit: str, markers: tuple[str, ...] = ()) -> str | None:
 # --- The mapping ----------------------------------------------------------------------
 
 
-def suggested(path: Path, bodies: Sequence[str] = ()) -> str:
+def suggested(path: Path, model: ModelFacts | None = None) -> str:
     """Return a mapping for a CSV, as TOML with remarks on what to correct.
 
-    A marker is on the body that its name begins with: one of these bodies of a robot,
-    or a usual one.
+    A marker is on the body that its name begins with, one of the robot's or a usual
+    one; an axis' column is called after its number, or after the robot's joint.
 
     Raises:
         Unusable: Where there is no such file, or nothing in it looks like a table.
@@ -228,11 +247,12 @@ def suggested(path: Path, bodies: Sequence[str] = ()) -> str:
         sheet = sheet_of(source_of(path))
     except Unusable as error:
         raise Unusable(f"File {str(path)!r}", error.faults) from None
-    return "\n".join(_lines(sheet, guess_of(sheet), path, bodies)) + "\n"
+    bodies = () if model is None else model.bodies
+    return "\n".join(_lines(sheet, guess_of(sheet, model), path, bodies)) + "\n"
 
 
 def write_suggestion(
-    path: Path, mapping: Path | None = None, bodies: Sequence[str] = ()
+    path: Path, mapping: Path | None = None, model: ModelFacts | None = None
 ) -> Path:
     """Write a mapping for a CSV, beside it unless told where; never over another file.
 
@@ -240,7 +260,7 @@ def write_suggestion(
         Unusable: Where nothing can be suggested, or the mapping is there already.
     """
     mapping = mapping or path.with_suffix(".toml")
-    text = suggested(path, bodies)
+    text = suggested(path, model)
     try:
         with mapping.open("x", encoding="utf-8") as file:
             file.write(text)

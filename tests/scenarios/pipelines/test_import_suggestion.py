@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from bench.shared.errors import Unusable
+from bench.shared.models import ModelFacts
 from scenarios.import_recording import Settings, main
 from scenarios.pipelines.importing.suggestion import guess_of, sheet_of, suggested
 
@@ -36,6 +37,24 @@ def test_what_is_suggested_reads_the_file_it_is_for(tmp_path, encoding, capsys):
     assert read.posture_id.tolist() == [1, 1, 3]
 
 
+def test_columns_called_after_joints_of_the_robot_are_its_axes():
+    model = ModelFacts(
+        ("rail", "shoulder_pan_joint", "shoulder_lift_joint", "finger"),
+        (True, False, False, True),
+        np.zeros(4),
+        np.ones(4),
+        ("base",),
+        ("finger",),
+    )
+    columns = "rail (m);pan (deg);shoulder_lift_joint [rad];shoulder;finger;x"
+    sheet = sheet_of(f"{columns}\n1;2;3;4;5;6\n1;2;3;4;5;7\n".encode())
+    assert guess_of(sheet, model).columns == {
+        "a1_mm": ("rail (m)", "m"),
+        "a2_deg": ("pan (deg)", None),
+        "a3_deg": ("shoulder_lift_joint [rad]", "rad"),
+    }
+
+
 def test_a_suggestion_is_never_written_over_a_mapping(tmp_path):
     (tmp_path / "cell.csv").write_text(SHEET)
     (tmp_path / "mine.toml").write_text("mine")
@@ -51,6 +70,7 @@ def test_a_suggestion_is_never_written_over_a_mapping(tmp_path):
         ("J3", "", "a3_deg", None),
         ("q_3 (rad)", "", "a3_deg", "rad"),
         ("Achse 3 [°]", "", "a3_deg", None),
+        ("Ax3 (rad)", "", "a3_deg", "rad"),
         ("F_x", "kN", "fx_n", "kN"),
         ("Force Y [N]", "", "fy_n", None),
         ("Mz", "Nmm", "tz_nm", "Nmm"),
@@ -102,7 +122,8 @@ def test_a_marker_is_on_the_body_that_its_name_begins_with(
 ):
     file = tmp_path / "lab.csv"
     file.write_text(f"J1,{marker}_X,{marker}_Y,{marker}_Z,Fx\n1.5,1,2,3,4\n")
-    text = suggested(file, robot)
+    model = ModelFacts((), (), np.zeros(0), np.zeros(0), robot)
+    text = suggested(file, model)
     assert (f'\nbody = "{body}"  # by' if body else '\n# body = "?"') in text
     assert "# what the world exerts on the robot" in text
 
