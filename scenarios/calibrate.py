@@ -44,6 +44,7 @@ def main(settings: Settings) -> CalibrationOutcome:
     """Calibrate, prove and write."""
     from rich.console import Console
 
+    from bench.proof.setup import why_not_simulated
     from scenarios.pipelines.calibration import calibrate_and_prove
     from scenarios.pipelines.inputs import arm_of, read_for
     from scenarios.report.data_files import refuse_folder
@@ -54,6 +55,8 @@ def main(settings: Settings) -> CalibrationOutcome:
     for note in notes:
         print(note)
     said = Console().print
+    if why := why_not_simulated(recording, settings.robot):
+        said(f"No proof can be made, only a fit: {why}")
     outcome = calibrate_and_prove(recording, arm, settings.robot, said=said)
     write_files(settings.out, outcome)
     if settings.view:

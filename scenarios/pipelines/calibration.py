@@ -379,8 +379,7 @@ def calibrate_and_prove(
         Unusable: Where the recording does not allow a calibration.
     """
     started = time.perf_counter()
-    if why := why_not_simulated(recording, model):
-        said(f"No proof can be made, only a fit: {why}")
+    why = why_not_simulated(recording, model)
     outliers = [*outliers_of(recording)]
     readings = readings_of(without_outliers(recording, outliers), arm)
     size, folds = outlier_distances(readings), spatial_folds_of(readings, draw)

@@ -338,6 +338,7 @@ def residual_map(
         ax.plot(x[~new], size[~new], ".", color=GREY, ms=2, rasterized=True)
         ax.plot(x[new], size[new], ".", color=ORANGE, ms=2, rasterized=True)
         ax.set(xlabel=label, ylim=(0, top))
+        ax.locator_params(axis="x", nbins=5)
     for ax in plots[::columns]:
         ax.set_ylabel("left [mm]")
     figure.suptitle(

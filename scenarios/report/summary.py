@@ -82,6 +82,22 @@ def sentence(nominal: Nominal) -> str:
 # --- The narrative --------------------------------------------------------------------
 
 
+DECIDED = 0.999
+"""Probability of a name from which it is told from what is alike; chosen."""
+
+
+def undecided(answer: Answer) -> Iterator[tuple[At, At]]:
+    """Yield the pairs that are alike of which readings do not prefer the named one."""
+    sure = {
+        (one.effect, one.where) for one in answer.named if one.probability > DECIDED
+    }
+    equivalents = {(e.effect, e.where) for one in answer.named for e in one.equivalents}
+    for pair in answer.confounded:
+        names = {(at.effect, at.where) for at in pair}
+        if names.isdisjoint(sure) or not names.isdisjoint(equivalents):
+            yield pair
+
+
 def sentences(finding: Result) -> Iterator[str]:
     """Yield the sentences that state a result; one without proof begins with that."""
     d, a = finding.diagnosis, finding.answer
@@ -100,8 +116,8 @@ def sentences(finding: Result) -> Iterator[str]:
     if not a.named:
         yield "What: no name of the list explains it; none is given."
     yield from _still_open(a)
-    if a.confounded:
-        pairs = [f"{x} with {y}" for x, y in a.confounded[:3]]
+    if alike := [*undecided(a)]:
+        pairs = [f"{x} with {y}" for x, y in alike[:3]]
         yield f"These data hardly tell apart: {_list(pairs)}."
     if finding.proof is not None:
         yield _proved(finding.answer)

@@ -71,6 +71,10 @@ def line_of(row: int, above: int = 0) -> str:
     return f"line {row + 2 + above}{below}"
 
 
+LONGEST_LINE = 200
+"""Characters of another library's message; chosen: two lines of a terminal."""
+
+
 def quoted(text: object) -> str:
     """Return a user's text safe to print: no control characters, never long."""
     shown = repr(text)
@@ -104,5 +108,5 @@ def nearest(name: str, known: Sequence[str]) -> str:
 
 
 def first_line(error: Exception) -> str:
-    """Return the message of an error, on one short line."""
-    return quoted(str(error).split("\n")[0])[1:-1] or type(error).__name__
+    """Return the message of an error, on one line."""
+    return visible(str(error).split("\n")[0])[:LONGEST_LINE] or type(error).__name__

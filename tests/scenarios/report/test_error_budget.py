@@ -101,6 +101,21 @@ def test_shares_follow_what_the_proof_explains(answer):
     assert shares[At("hysteresis", "a2")] == pytest.approx(0.025)
 
 
+def test_pairs_that_readings_tell_apart_are_not_said_to_be_alike(answer):
+    tilt, bend = At("bearing_tilt", "a4"), At("link_bending", "link_4")
+    alike = msgspec.structs.replace(answer, confounded=((tilt, bend),))
+    assert not [*summary.undecided(alike)]
+    for change in ({"probability": 0.9}, {"equivalents": (bend,)}):
+        names = [
+            msgspec.structs.replace(n, **change)
+            if n.effect in ("bearing_tilt", "link_bending") and n.where[-1] == "4"
+            else n
+            for n in NAMES
+        ]
+        open_ = msgspec.structs.replace(alike, named=tuple(names))
+        assert [*summary.undecided(open_)] == [(tilt, bend)]
+
+
 def test_budget_without_a_proof_claims_nothing_of_what_is_open(answer):
     unproved = msgspec.structs.replace(answer, explained_share=None)
     assert budget_of(unproved).unexplained is None
