@@ -11,8 +11,8 @@ Equation    min |y - f(x)|^2 + priors; f: the columns as laid out under x, times
 Source      Levenberg-Marquardt: `regression.normal_equations`; terms without a name
             are eliminated, Golub and Pereyra 1973
 Valid       from a set that was fitted to columns of another layout
-Ignores     what springs change of the others' columns beyond their gear; sets of other
-            names
+Ignores     what springs change of the others' columns beyond their gear, and x of terms
+            without a name, which are laid out again once; sets of other names
 ==========  ==========================================================================
 """
 

@@ -121,3 +121,18 @@ def test_a_prior_draws_the_last_parameters_back():
     step = np.linalg.solve(drawn.gram, drawn.descent)
     assert step[1] == pytest.approx(-0.5, abs=1e-3)
     assert drawn.square == pytest.approx(bare.square + 0.25e6)
+
+
+def test_steps_that_fail_one_after_the_other_are_damped_ever_more():
+    """Beyond a cliff near the start, where the slope says to go: eight by fives."""
+    asked = list[float]()
+
+    def at(x):
+        asked.append(float(x[0]))
+        square = 1e6 if x[0] > 0.01 else 1e4 * float((x[0] - 1.0) ** 2)
+        return Linearised(square, 1e4 * (1.0 - x), 1e4 * np.eye(1))
+
+    far = np.full(1, np.inf)
+    found = minimise(at, np.zeros(1), Bounds(-far, far, far), 7)
+    assert 0.0 < found.parameters[0] <= 0.01
+    assert asked[1:6] == sorted(asked[1:6], reverse=True)
