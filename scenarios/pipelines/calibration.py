@@ -53,6 +53,7 @@ from scenarios.pipelines.schema import (
     Remark,
     interval_of,
     label,
+    large_corrections,
     said_of_turns,
     verdict_of,
     wave_of,
@@ -140,6 +141,7 @@ def answer_of(
     left = None
     if verdict in ("partly_explained", "unexplained"):
         left = Left(residual.where, residual.signature, {}, MM * rms(proof.after))
+    called = tuple(_called(found, key) for key in names)
     return Answer(
         recording=name,
         verdict=verdict,
@@ -148,14 +150,12 @@ def answer_of(
         ),
         located=_located(found, names),
         explained_share=explained,
-        named=tuple(_called(found, key) for key in names),
+        named=called,
         unexplained=left,
         confounded=tuple(
-            (At(e.effect, e.where), other)
-            for e in map(_called, [found] * len(names), names)
-            for other in e.equivalents
+            (At(e.effect, e.where), other) for e in called for other in e.equivalents
         ),
-        warnings=tuple(_not_seen(found)),
+        warnings=(*_not_seen(found), *large_corrections(called)),
         proof=entry,
         seconds=round(seconds, 1),
         refused=tuple(_refused(found, names)),

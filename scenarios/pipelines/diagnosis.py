@@ -50,6 +50,7 @@ from scenarios.pipelines.schema import (
     Refused,
     Remark,
     interval_of,
+    large_corrections,
     number,
     proved_in,
     verdict_of,
@@ -266,6 +267,8 @@ def answer_of(
     entry, share = proof_entry(proof), explained_share_of(proof)
     remarks = (*d.warnings, *disagreements(d, simulated))
     remarks += () if proof is None else tuple(left_neutral(d))
+    told = tuple(Remark(w.code, w.where, w.text) for w in remarks)
+    called = tuple(_called(n, sliding) for n in d.named)
     return Answer(
         recording=d.recording,
         verdict=verdict_of(
@@ -289,7 +292,7 @@ def answer_of(
             for x in d.located
         ),
         explained_share=share,
-        named=tuple(_called(n, sliding) for n in d.named),
+        named=called,
         rivals=tuple(
             Other(float(r.probability), tuple(map(_at, r.effects))) for r in d.rivals
         ),
@@ -297,7 +300,7 @@ def answer_of(
         if open_ or few
         else None,
         confounded=tuple((_at(a), _at(b)) for a, b in d.confounded),
-        warnings=tuple(Remark(w.code, w.where, w.text) for w in remarks),
+        warnings=(*told, *large_corrections(called)),
         proof_requested=proof_requested,
         proof=entry,
         next_experiments=tuple(experiments),

@@ -408,6 +408,39 @@ def _digits(value: float) -> str:
     return f"{value:.0f}" if 1e3 <= abs(float(small)) < 1e6 else small
 
 
+def large_corrections(named: Sequence[Called]) -> tuple[Remark, ...]:
+    """Say which geometry is off by more than that of a model of the same arm.
+
+    The limit is the catalogue's largest physical size of the effect.
+    """
+    found = []
+    for one in named:
+        info = CATALOGUE.get(one.effect)
+        if info is None or info.family != "geometry" or info.largest is None:
+            continue
+        sizes = {p.name for p in info.parameters} & set(one.parameters)
+        beyond = {
+            name: one.parameters[name]
+            for name in sorted(sizes)
+            if _is_beyond(one.parameters[name], info.largest)
+        }
+        if beyond:
+            text = (
+                f"{one} is {parameters_text(beyond)}: more than manufacture and "
+                "assembly make. Is this the model of this arm, of this variant?"
+            )
+            found.append(Remark("large_correction", one.where, text))
+    return tuple(found)
+
+
+def _is_beyond(size: Interval, largest: float) -> bool:
+    """Return whether a size is over a limit, and its interval holds no zero."""
+    low, high = size.low, size.high
+    if not isinstance(low, float) or not isinstance(high, float):
+        return False
+    return low * high > 0.0 and abs(low + high) > 2.0 * largest
+
+
 def parameters_text(parameters: Mapping[str, Interval], apart: str = "; ") -> str:
     """Return all parameters by name, each with its value and its interval."""
     return apart.join(f"{label(n)} {span(n, p)}" for n, p in parameters.items())

@@ -20,6 +20,7 @@ from scenarios.pipelines.schema import (
     Interval,
     Open,
     Proved,
+    large_corrections,
     span,
 )
 from scenarios.report import error_budget, figures, page, playback, summary
@@ -114,6 +115,21 @@ def test_pairs_that_readings_tell_apart_are_not_said_to_be_alike(answer):
         ]
         open_ = msgspec.structs.replace(alike, named=tuple(names))
         assert [*summary.undecided(open_)] == [(tilt, bend)]
+
+
+def test_geometry_beyond_what_arms_have_asks_for_the_model():
+    """A link of another length stands as an error of a link, which says so."""
+    longer = called("geometry_error", "link_2", 0.5, x_m=0.06, y_m=1e-4)
+    unsure = {"z_m": Interval(0.03, -0.02, 0.08)}
+    others = (
+        called("geometry_error", "link_3", 0.1, x_m=2e-3),
+        msgspec.structs.replace(longer, where="link_4", parameters=unsure),
+        called("gravity_load", "link_3", 0.1, mass_kg=2.0),
+    )
+    (said,) = large_corrections((longer, *others))
+    assert said.where == "link_2"
+    assert "is x 60 mm (57 to 63):" in said.text
+    assert "model of this arm" in said.text
 
 
 def test_budget_without_a_proof_claims_nothing_of_what_is_open(answer):
