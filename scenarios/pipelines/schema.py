@@ -418,10 +418,10 @@ def large_corrections(named: Sequence[Called]) -> tuple[Remark, ...]:
         info = CATALOGUE.get(one.effect)
         if info is None or info.family != "geometry" or info.largest is None:
             continue
-        sizes = {p.name for p in info.parameters} & set(one.parameters)
+        sizes = {p.name for p in info.parameters if p.role == "magnitude"}
         beyond = {
             name: one.parameters[name]
-            for name in sorted(sizes)
+            for name in sorted(sizes & set(one.parameters))
             if _is_beyond(one.parameters[name], info.largest)
         }
         if beyond:

@@ -125,6 +125,7 @@ def test_geometry_beyond_what_arms_have_asks_for_the_model():
         called("geometry_error", "link_3", 0.1, x_m=2e-3),
         msgspec.structs.replace(longer, where="link_4", parameters=unsure),
         called("gravity_load", "link_3", 0.1, mass_kg=2.0),
+        called("transmission_error", "a1", 0.1, amplitude_rad=1e-5, order=16.0),
     )
     (said,) = large_corrections((longer, *others))
     assert said.where == "link_2"
