@@ -88,13 +88,10 @@ DECIDED = 0.999
 
 def undecided(answer: Answer) -> Iterator[tuple[At, At]]:
     """Yield the pairs that are alike of which readings do not prefer the named one."""
-    sure = {
-        (one.effect, one.where) for one in answer.named if one.probability > DECIDED
-    }
-    equivalents = {(e.effect, e.where) for one in answer.named for e in one.equivalents}
+    sure = {At(n.effect, n.where) for n in answer.named if n.probability > DECIDED}
+    equivalents = {other for name in answer.named for other in name.equivalents}
     for pair in answer.confounded:
-        names = {(at.effect, at.where) for at in pair}
-        if names.isdisjoint(sure) or not names.isdisjoint(equivalents):
+        if sure.isdisjoint(pair) or not equivalents.isdisjoint(pair):
             yield pair
 
 

@@ -184,10 +184,14 @@ class _JointFit:
 
     def laid_out_at(self, parameters: Float[np.ndarray, " parameters"]) -> "_JointFit":
         """Return the same with terms without a name under what parameters say."""
-        softer, named = self.at(parameters)
-        stands = moved_under(self.prepared, softer + self.more(named), named)[1]
-        state = state_under(stands, named)
+        named = self.at(parameters)[1]
+        state = state_under(self._stands(parameters), named)
         return replace(self, nameless=nameless_columns(named, state))
+
+    def _stands(self, parameters: Float[np.ndarray, " parameters"]) -> StaticState:
+        """Return where the arm rests, before what laws make felt."""
+        softer, named = self.at(parameters)
+        return moved_under(self.prepared, softer + self.more(named), named)[1]
 
     @property
     def owners(self) -> list[int]:
@@ -278,8 +282,7 @@ class _JointFit:
 
     def felt(self, parameters: Float[np.ndarray, " parameters"]) -> FeltByOthers:
         """Return what more of parameters changes of what others displace, by name."""
-        softer, named = self.at(parameters)
-        stands = moved_under(self.prepared, softer + self.more(named), named)[1]
+        named, stands = self.at(parameters)[1], self._stands(parameters)
         found = self._of_others(parameters, stands, state_under(stands, named))
         members, sizes = named.members, named.coefficients
         own, owners = self.prepared.springs, np.array(self.owners, dtype=int)

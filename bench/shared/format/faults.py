@@ -71,10 +71,6 @@ def line_of(row: int, above: int = 0) -> str:
     return f"line {row + 2 + above}{below}"
 
 
-LONGEST_LINE = 200
-"""Characters of another library's message; chosen: two lines of a terminal."""
-
-
 def quoted(text: object) -> str:
     """Return a user's text safe to print: no control characters, never long."""
     shown = repr(text)
@@ -105,6 +101,10 @@ def nearest(name: str, known: Sequence[str]) -> str:
 
 
 # --- Sections -------------------------------------------------------------------------
+
+
+LONGEST_LINE = 200
+"""Characters of another library's message; chosen: two lines of a terminal."""
 
 
 def first_line(error: Exception) -> str:
