@@ -29,6 +29,7 @@ from stiffness.diagnosis.model_fit import (
     FeltByOthers,
     FreeShape,
     ModelFit,
+    ModelTerm,
     SelectionProblem,
     bounds_of,
     difference,
@@ -43,6 +44,7 @@ from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.relinearisation import (
     TINY,
     build_problem,
+    changes_torques,
     laid_out_softer,
     moved_under,
     nominal_problem,
@@ -114,16 +116,20 @@ class Layout:
     Attributes:
         prepared: The recording against its nominal model.
         hypotheses: What may be named.
+        whole_loads: Whether loads of one axis are selected with what more of them
+            changes of the others.
     """
 
     prepared: Prepared
     hypotheses: Sequence[Hypothesis]
+    whole_loads: bool = False
 
     def at(self, point: OperatingPoint) -> SelectionProblem:
         """Lay all columns out at an operating point."""
         given = (point.softer, point.named)
         case = build_problem(self.prepared, self.hypotheses, *given)
-        return replace(case, felt=point.felt)
+        felt = point.felt if self.whole_loads else replace(point.felt, loads={})
+        return replace(case, felt=felt)
 
     def fitted_jointly(self, case: SelectionProblem, fit: ModelFit) -> OperatingPoint:
         """Fit springs, coefficients and shapes with the columns that they lay out.
@@ -298,7 +304,12 @@ class _JointFit:
                 shapes[member.name, shape.number] = mixture(found[j], each)
         springs = tuple(found.get(j, nothing) for j in range(len(own)))
         whole = {m.name: c for m, c in zip(members, sizes, strict=True)}
-        return FeltByOthers(springs, laws, shapes, whole)
+        loads = {
+            m.name: m.jacobian(stands)
+            for m in members
+            if m.name in laws and is_load_of_one_axis(stands, m)
+        }
+        return FeltByOthers(springs, laws, shapes, whole, loads)
 
     def _of_others(
         self,
@@ -396,6 +407,12 @@ class _JointFit:
         steps = [*situation.compliance[springs], *whole]
         of_shapes = [STEP * shape.spacing for shape in self.shapes]
         return np.array([*(SMALL * max(step, TINY**2) for step in steps), *of_shapes])
+
+
+def is_load_of_one_axis(situation: StaticState, term: ModelTerm) -> bool:
+    """Return whether a term changes the torque of one axis: a compensator."""
+    parts = term.jacobian(situation).parts
+    return len(parts) == 1 and changes_torques(situation, term)
 
 
 def nameless_columns(

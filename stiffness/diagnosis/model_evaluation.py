@@ -178,6 +178,23 @@ def evaluate_model(
     )
 
 
+def dispersion_of(case: SelectionProblem, look: ModelEvaluation) -> float:
+    """Return by how much poses differ beyond the stated errors, along the set."""
+    widths = [len(own) for own in look.fit.coefficients]
+    count = case.library.nominal + sum(widths)
+    mask, some = ~case.split.held_out, np.arange(count)
+    own = look.slopes.own[mask][:, some[:, None], some]
+    fitted = np.concatenate([look.fit.springs, *look.fit.coefficients])
+    score = look.slopes.score[mask][:, some] - own @ fitted
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(own.sum(axis=0)), 1e-300))
+    own, score = own * scale * scale[:, None], score * scale
+    members, nothing = look.fit.members, np.zeros((count, count))
+    first = case.library.nominal
+    prior = with_priors(nothing, first, members, widths, case.situation)
+    spread = jackknife_covariance(own, score, prior * scale * scale[:, None])
+    return max(1.0, float(np.sum(own.sum(axis=0) * spread)) / count)
+
+
 # --- Intervals of parameters ----------------------------------------------------------
 
 LEVEL = SETTINGS.confidence

@@ -14,7 +14,7 @@ Ignores     sets that differ by two names at once from all that were tried
 """
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,6 +25,7 @@ from stiffness.diagnosis.detection import significant_blocks
 from stiffness.diagnosis.model_fit import (
     LAW_ACCURACY,
     WHOLE,
+    FeltByOthers,
     ModelFit,
     ModelTerm,
     SelectionProblem,
@@ -33,6 +34,7 @@ from stiffness.diagnosis.model_fit import (
     tried,
 )
 from stiffness.effects.base import Hypothesis
+from stiffness.effects.jacobian import EffectJacobian
 from stiffness.regression.group_selection import (
     LIVE,
     RISES,
@@ -51,6 +53,9 @@ from stiffness.regression.group_sets import (
 from stiffness.regression.predictive_gate import Decision, Name
 
 # --- Normal equations of the search ---------------------------------------------------
+
+NOTHING_FELT = FeltByOthers((), {}, {}, {})
+"""Where columns were laid out under nothing that was named."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +83,9 @@ class Search:
     ) -> "Search":
         """Lay out a few terms with shapes of their own beside the library.
 
+        Loads may count with what more of them changes of the others, if columns were
+        laid out so: what does alone what the load does cannot take its place.
+
         Args:
             case: What may be looked at.
             first: Terms that come before those of the library. Of a generic term that
@@ -90,17 +98,29 @@ class Search:
         found = tuple(
             t for t in first if not t.is_generic or bool(t.beyond) == bool(less[t.name])
         )
-        keys = [term.key for term in found]
-        equations, of_first = case.augmented.by(
-            keys, lambda k: found[k].jacobian(case.situation)
-        )
-        gram, owned, width = equations.gram[0], list(of_first), sum(map(len, of_first))
         of_library = [
             one
             for one in _terms_of(case.library)
             if one[0].name not in refused and (every_form or one[0].is_first_form)
         ]
+        felt = case.felt or NOTHING_FELT
+        found += tuple(term for term, _ in of_library if term.name in felt.loads)
+        of_library = [one for one in of_library if one[0].name not in felt.loads]
         of_library += [(_generic_term(block), block.columns) for block in generic]
+        keys: list[Hashable] = [term.key for term in found]
+        keys += [tuple(felt.loads)] if felt.loads else []
+
+        def law(k: int) -> EffectJacobian:
+            if k == len(found):
+                return felt.total(felt.loads)
+            return felt.of_load(found[k].name, found[k].jacobian(case.situation))
+
+        equations, of_first = case.augmented.by(keys, law)
+        gram, width = equations.gram[0], sum(map(len, of_first))
+        asked = equations.score[~case.split.held_out].sum(axis=0)
+        for at in of_first[len(found) :]:  # which the readings are without
+            asked = asked + gram[:, at].sum(axis=1)
+        owned = list(of_first[: len(found)])
         owned += [columns + width for _, columns in of_library]
         terms = (*found, *(term for term, _ in of_library))
         groups = [
@@ -119,7 +139,6 @@ class Search:
             if sigma is not None:
                 prior[columns] = sigma**-2.0
         nominal = width + np.arange(case.library.nominal)
-        asked = equations.score[~case.split.held_out].sum(axis=0)
         own = gram, asked, equations.raw
         problem = GroupProblem.of(*own, nominal, groups, case.poses, prior)
         return cls(case, terms, problem)

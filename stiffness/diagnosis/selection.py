@@ -36,10 +36,12 @@ from stiffness.diagnosis.gate import (
 from stiffness.diagnosis.joint_fit import (
     Layout,
     OperatingPoint,
+    is_load_of_one_axis,
     unexplained,
 )
 from stiffness.diagnosis.model_evaluation import (
     ModelEvaluation,
+    dispersion_of,
     evaluate_model,
     parameters_of,
 )
@@ -50,7 +52,6 @@ from stiffness.diagnosis.model_fit import (
     fit_model,
     fit_shapes,
     training,
-    with_priors,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.relinearisation import (
@@ -79,7 +80,7 @@ from stiffness.regression.group_selection import (
     gains_beside,
     select_groups,
 )
-from stiffness.regression.intervals import Interval, jackknife_covariance
+from stiffness.regression.intervals import Interval
 from stiffness.regression.predictive_gate import Decision, Name
 from stiffness.regression.splits import Split
 
@@ -166,6 +167,8 @@ MUCH_OPEN = 0.01
 """Share of the mismatch that a set does not explain on poses left out, from which loads
 that are little like a term are tried in its place, too; chosen: a tenth of its
 amplitude, squared."""
+CLEAR = 100.0
+"""Square that a set leaves, from which it is searched once more; chosen: a name's."""
 IMITATED = 0.5
 """Largest share of a term's gain that a load in its place may lose; chosen."""
 MOST_LOADS = 6
@@ -182,8 +185,9 @@ def select_model(
 
     A term may do alone what a load does, but a load also acts on all others: the search
     runs again under loads in the place of such terms that all others do as well with,
-    or terms in the place of loads that they do better with, and its set is kept where
-    it surely predicts poses left out better.
+    or terms in the place of loads that they do better with; where much stays open once
+    more from the best set with a load of one axis, which counts with what more of it
+    changes of the others. A set is kept where it surely predicts poses left out better.
 
     Courses in time compete from the first, as many slips and drifts would
     share out what no single one of them does. Other forms of a law come in with the
@@ -204,18 +208,23 @@ def select_model(
         search = Search.of(case, generic=courses, every_form=False)
         model = _selected_under(layout, search, first_search(search.problem))
     tried = _exchange_step(layout, model)
-    model, point = replace(model, exchange_losses=tried.losses), tried.point
-    if point is None:
-        return model
-    refused = model.fit.names - point.fit.names
-    # what has no name there may be what came
-    at = {where for _, where in refused}
-    own = point.fit.members
-    first = tuple(m for m in own if not (m.is_generic and m.where in at))
-    other = _searched_on(layout, point, first, refused)
+    if tried.point is not None:
+        refused = model.fit.names - tried.point.fit.names
+        # what has no name there may be what came
+        at = {where for _, where in refused}
+        own = tried.point.fit.members
+        first = tuple(m for m in own if not (m.is_generic and m.where in at))
+        model = _better(model, _searched_on(layout, tried.point, first, refused))
+    if tried.loaded is not None and model.unexplained_square > CLEAR:
+        whole, own = replace(layout, whole_loads=True), tried.loaded.fit.members
+        model = _better(model, _searched_on(whole, tried.loaded, own))
+    return replace(model, exchange_losses=tried.losses)
+
+
+def _better(model: SelectedModel, other: SelectedModel) -> SelectedModel:
+    """Return the other set if it surely predicts poses left out better."""
     gained = 0.5 * (model.unexplained_square - other.unexplained_square)
-    better = gained > SETTINGS.equivalent_log_bayes
-    return replace(other, exchange_losses=tried.losses) if better else model
+    return other if gained > SETTINGS.equivalent_log_bayes else model
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,10 +235,13 @@ class _ExchangeStep:
         point: The set; None: nothing came.
         losses: By how much it is worth less with the second name of a pair in the place
             of the first.
+        loaded: Of all sets that were fitted with a load of one axis the one worth most,
+            though it may be worth less; None: there was none.
     """
 
     point: OperatingPoint | None
     losses: Mapping[Pair, float]
+    loaded: OperatingPoint | None = None
 
 
 def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
@@ -239,7 +251,8 @@ def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
     tried = _imitators(model)
     if not tried:
         return _ExchangeStep(best, less)
-    most = layout.fitted_jointly(case, model.fit).worth(case.poses)
+    point = layout.fitted_jointly(case, model.fit)
+    most, fitted = point.worth(case.poses), [point]
     for pair in sorted(tried, key=lambda pair: tried[pair][0])[:MOST_LOADS]:
         name, other = pair[0], tried[pair][1]
         names = {member.name for member in members}
@@ -247,11 +260,17 @@ def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
             continue
         some = beyond_present_names([other if m.name == name else m for m in members])
         point = layout.fitted_jointly(case, fit_model(case, some))
+        fitted.append(point)
         found = point.worth(case.poses)
         less |= {(name, other.name): most - found, (other.name, name): found - most}
         if found > most + (-sure if acts_on_others(case.situation, other) else sure):
             best, members, most = point, point.fit.members, found
-    return _ExchangeStep(best, less)
+    here = case.situation
+    loaded = (
+        p for p in fitted if any(is_load_of_one_axis(here, m) for m in p.fit.members)
+    )
+    nearest = max(loaded, key=lambda p: p.worth(case.poses), default=None)
+    return _ExchangeStep(best, less, nearest)
 
 
 def _imitators(
@@ -449,7 +468,7 @@ def _judged(
         gains,
         gated.lost,
         statistics,
-        _dispersion(case, look),
+        dispersion_of(case, look),
         statistics.share(gated.gain),
         last_of_each(decisions),
     )
@@ -569,28 +588,11 @@ def _evaluated(
     closes it, and the few poses there hold whatever the play's law is wrong by.
     """
     look = evaluate_model(case, terms, beside)
-    found = _dispersion(case, look)
+    found = dispersion_of(case, look)
     if case.felt is None or found < DISPERSED:
         return look
     less = evaluate_model(replace(case, felt=None), terms, beside)
-    return less if _dispersion(case, less) < found else look
-
-
-def _dispersion(case: SelectionProblem, look: ModelEvaluation) -> float:
-    """Return by how much poses differ beyond the stated errors, along the set."""
-    widths = [len(own) for own in look.fit.coefficients]
-    count = case.library.nominal + sum(widths)
-    mask, some = ~case.split.held_out, np.arange(count)
-    own = look.slopes.own[mask][:, some[:, None], some]
-    fitted = np.concatenate([look.fit.springs, *look.fit.coefficients])
-    score = look.slopes.score[mask][:, some] - own @ fitted
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(own.sum(axis=0)), 1e-300))
-    own, score = own * scale * scale[:, None], score * scale
-    members, nothing = look.fit.members, np.zeros((count, count))
-    first = case.library.nominal
-    prior = with_priors(nothing, first, members, widths, case.situation)
-    spread = jackknife_covariance(own, score, prior * scale * scale[:, None])
-    return max(1.0, float(np.sum(own.sum(axis=0) * spread)) / count)
+    return less if dispersion_of(case, less) < found else look
 
 
 def last_of_each(decisions: Sequence[Decision]) -> tuple[Decision, ...]:

@@ -428,7 +428,8 @@ def minimise(
             damping, stiffer = stiffer * damping, 2.0 * stiffer
         if gained > 0.0:
             here, now = there, tried
-        if 0.0 <= gained < least or damping > MOST_DAMPED:
+        at_end = 0.0 <= gained < least and TOO_LITTLE * said < least
+        if at_end or damping > MOST_DAMPED:
             break
     return Minimum(here, now.square)
 

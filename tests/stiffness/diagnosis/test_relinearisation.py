@@ -64,6 +64,7 @@ from stiffness.effects.wrist_coupling import WristCoupling
 from stiffness.experiment.residuals import expected
 from stiffness.experiment.static_state import StaticState, moved_to
 from stiffness.regression.group_selection import select_groups
+from stiffness.regression.group_sets import FactorisedSet
 from stiffness.robot.arm import Arm
 from stiffness.robot.chain import link_axes
 from stiffness.robot.wrench import turned as wrench_along
@@ -352,6 +353,46 @@ def test_a_load_takes_the_place_of_a_term_where_all_then_are_worth_as_much():
     assert point.square < unexplained(both, model.fit)
     alone = replace(model, fit=fit_model(both, point.fit.members))
     assert _exchange_step(layout, alone).point is None
+
+
+def test_a_load_counts_with_what_it_changes_of_a_gear_that_hardens():
+    """A wave that turns the axis as a compensator does leaves the gear's law wrong."""
+    names = (Hardening(), GravityCompensator())
+    ready = prepared(
+        "gravity_compensator@a3,torque_nm=27,phase_rad=0.855",
+        "hardening@a3,stiffness_ratio=1.52,torque_nm=19.6",
+    )
+    case = build_problem(ready, (*names, TransmissionError()))
+    law = ModelTerm(names[0], "a3", np.array([20.0, 0.0]))
+    load = ModelTerm(names[1], "a3", NONE)
+    wave = ModelTerm(TransmissionError(), "a3", np.array([1.0]))
+    layout = Layout(ready, (*names, TransmissionError()), whole_loads=True)
+    point = layout.fitted_jointly(case, fit_model(case, [law, load]))
+    own, (other,) = point.fit.members, [wave]
+    found = []
+    for there in (layout.at(point), replace(layout.at(point), felt=None)):
+        search = Search.of(there, [*own, other])
+        worths = [
+            FactorisedSet.of(search.problem, some).worth for some in ([0, 1], [0, 2])
+        ]
+        found.append(worths[0] - worths[1])
+    swapped = layout.fitted_jointly(case, fit_model(case, [own[0], other]))
+    less = point.worth(case.poses) - swapped.worth(case.poses)
+    assert less > 100.0
+    assert found[0] > 100.0
+    assert abs(found[1]) < 20.0
+
+
+def test_a_compensator_and_a_gear_that_hardens_are_named_at_one_axis():
+    """A wave and a spring of two sides do much of what both do, but not under load."""
+    seen = recording(
+        "gravity_compensator@a3,torque_nm=27,phase_rad=0.855",
+        "hardening@a3,stiffness_ratio=1.52,torque_nm=19.6",
+        poses=60,
+    )
+    found = diagnose(seen, arm())
+    names = {(n.name.effect, n.name.where) for n in found.named}
+    assert names == {("gravity_compensator", "a3"), ("hardening", "a3")}
 
 
 def test_columns_may_be_laid_out_under_a_term_without_a_name_that_has_others_there():

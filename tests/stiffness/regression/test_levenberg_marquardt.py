@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from scipy.optimize import lsq_linear
+from scipy.optimize import brentq, lsq_linear
 
 from stiffness.regression.normal_equations import Bounds, Linearised, minimise
 
@@ -136,3 +136,19 @@ def test_steps_that_fail_one_after_the_other_are_damped_ever_more():
     found = minimise(at, np.zeros(1), Bounds(-far, far, far), 7)
     assert 0.0 < found.parameters[0] <= 0.01
     assert asked[1:6] == sorted(asked[1:6], reverse=True)
+
+
+def test_a_step_to_the_other_side_of_a_valley_is_no_end():
+    """It gains next to nothing where it should have gained all: the next is shorter."""
+    far = np.full(1, np.inf)
+    free = Bounds(-far, far, far)
+    at = linearised(lambda x: 1e3 * np.arctan(x), lambda x: np.diag(1e3 / (1.0 + x**2)))
+
+    def gained(start: float) -> float:
+        asked = list[Linearised]()
+        minimise(lambda x: asked.append(at(x)) or asked[-1], np.array([start]), free, 1)
+        return asked[0].square - asked[1].square
+
+    start = brentq(lambda x: gained(x) - 0.25, 1.0, 1.5)
+    found = minimise(at, np.array([start]), free, 20)
+    assert abs(found.parameters[0]) < 1e-3
