@@ -125,7 +125,7 @@ class Settle:
         raise BenchError(
             f"Visit {self.before + int(largest.argmax())} finds no rest: "
             f"{largest.max():.2g} times the {TOLERANCE} N m allowed stay unbalanced. "
-            "A spring may be too soft for its load."
+            "A spring may be too soft for its load, or a rope just leaves its pulley."
         )
 
     def _unbalanced(self, some: Int[np.ndarray, " some"]) -> Float[np.ndarray, " some"]:

@@ -301,6 +301,15 @@ def test_another_arm_s_model_ends_with_2_and_the_joints_it_knows(
     assert "this model has 2 axes: j1, j2" in capsys.readouterr().err
 
 
+@pytest.fixture
+def _interruptible():
+    """Interrupts count, though the tests may have been started where they do not."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("_interruptible")
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_command_says_that_it_can_go_on(monkeypatch, folder, by):
     def interrupted(_):
