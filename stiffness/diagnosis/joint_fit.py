@@ -128,8 +128,14 @@ class Layout:
         """Lay all columns out at an operating point."""
         given = (point.softer, point.named)
         case = build_problem(self.prepared, self.hypotheses, *given)
-        felt = point.felt if self.whole_loads else replace(point.felt, loads={})
-        return replace(case, felt=felt)
+        if not self.whole_loads:
+            return replace(case, felt=point.felt)
+        loads = {
+            m.name: m.jacobian(case.situation)
+            for m in point.named.members
+            if m.name in point.felt.laws and is_load_of_one_axis(case.situation, m)
+        }
+        return replace(case, felt=replace(point.felt, loads=loads))
 
     def fitted_jointly(self, case: SelectionProblem, fit: ModelFit) -> OperatingPoint:
         """Fit springs, coefficients and shapes with the columns that they lay out.
@@ -304,12 +310,7 @@ class _JointFit:
                 shapes[member.name, shape.number] = mixture(found[j], each)
         springs = tuple(found.get(j, nothing) for j in range(len(own)))
         whole = {m.name: c for m, c in zip(members, sizes, strict=True)}
-        loads = {
-            m.name: m.jacobian(stands)
-            for m in members
-            if m.name in laws and is_load_of_one_axis(stands, m)
-        }
-        return FeltByOthers(springs, laws, shapes, whole, loads)
+        return FeltByOthers(springs, laws, shapes, whole)
 
     def _of_others(
         self,

@@ -368,15 +368,14 @@ def test_a_load_counts_with_what_it_changes_of_a_gear_that_hardens():
     wave = ModelTerm(TransmissionError(), "a3", np.array([1.0]))
     layout = Layout(ready, (*names, TransmissionError()), whole_loads=True)
     point = layout.fitted_jointly(case, fit_model(case, [law, load]))
-    own, (other,) = point.fit.members, [wave]
-    found = []
-    for there in (layout.at(point), replace(layout.at(point), felt=None)):
-        search = Search.of(there, [*own, other])
+    own, whole, found = point.fit.members, layout.at(point), []
+    for there in (whole, replace(whole, felt=None)):
+        search = Search.of(there, [*own, wave])
         worths = [
             FactorisedSet.of(search.problem, some).worth for some in ([0, 1], [0, 2])
         ]
         found.append(worths[0] - worths[1])
-    swapped = layout.fitted_jointly(case, fit_model(case, [own[0], other]))
+    swapped = layout.fitted_jointly(case, fit_model(case, [own[0], wave]))
     less = point.worth(case.poses) - swapped.worth(case.poses)
     assert less > 100.0
     assert found[0] > 100.0
