@@ -164,12 +164,21 @@ def _turned(turn: np.ndarray, vector: np.ndarray) -> np.ndarray:
 STEP = 0.02
 """Share of a parameter over which its effect is simulated; chosen: above a solver's
 rounding, below a kink's reach."""
-MAX_STEP = 0.5
+MAX_STEP = 1.0
 """Share by which a parameter may move in one step; chosen."""
-ROUNDS = 4
+SHORTER = (1.0, 0.25, 0.06)
+"""Parts of a step that are tried in turn; chosen."""
+ROUNDS = 10
 """Steps at most; chosen."""
-ENOUGH = 2e-4
-"""Share of the misfit below which another step gains nothing; chosen."""
+TRUSTED = 0.75
+"""Share of a predicted gain from which columns are kept; the usual bound of trust
+regions (Nocedal and Wright 2006, algorithm 4.1)."""
+FAR = 0.2
+"""Share by which a parameter moves until its effect is simulated anew; chosen: a kink
+of a law then moves past a few readings."""
+ENOUGH = 0.5
+"""χ² for each parameter below which another step gains nothing; chosen: half of what a
+parameter's own error makes."""
 BENT_BY = {"hysteresis": ("stiffening",), "lost_motion": ("closing_nm",)}
 """What bends a law's form and is no parameter of the vocabulary."""
 
@@ -217,6 +226,15 @@ class Sensitivity:
     def part(self, rows: Bool[np.ndarray, " rows"]) -> "Sensitivity":
         """Return the same of some rows."""
         return replace(self, matrix=self.matrix[rows])
+
+    def of_others(self, effects: Collection[int]) -> "Sensitivity":
+        """Return the same of all but some effects."""
+        kept = [i for i, p in enumerate(self.parameters) if p.effect not in effects]
+        return Sensitivity(
+            tuple(self.parameters[i] for i in kept),
+            tuple(self.places[i] for i in kept),
+            self.matrix[..., kept],
+        )
 
 
 def refined_parameters(
@@ -310,57 +328,98 @@ def refined(
 
     Springs, frames and effects are moved. Each parameter of an effect has a prior about
     where it starts, its own size wide: what the readings do not hold stays at its first
-    estimate. A step that makes the agreement worse is halved once, then given up. What
-    a parameter does is simulated once: laws hardly change as their parameters do.
+    estimate. What an effect does is simulated anew where its parameters have moved far.
     """
     knobs = refined_parameters(assumed.rig.effects, fixed)
     sensitive = sensitivity(world, assumed, knobs, known)
-    slope = sensitive.matrix
-    moved = np.zeros(len(knobs))
-    cost = robust_chi_square(world, assumed, gauge)
-    readings = np.isfinite(residual_of(world, world.see(assumed), gauge)[gauge.keep])
+    at = _Refined(assumed, np.zeros(len(knobs)), chi_square(world, assumed, gauge))
+    simulated_at = at.from_start
     for _ in range(ROUNDS):
-        seen = world.see(assumed)
-        columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
-        matrix = np.concatenate([columns.matrix, slope], axis=2)
-        prior = np.concatenate([columns.prior, np.ones(len(knobs))])
-        n = columns.matrix.shape[2]
-        since = np.concatenate([np.zeros(n), moved])
-        left = residual_of(world, seen, gauge)
-        step = solved(matrix, prior, left, world, gauge, since)
-        for share in (1.0, 0.5):
-            own = np.clip(share * step[n:], -MAX_STEP, MAX_STEP)
-            try:
-                trial = stepped(assumed, columns, share * step[:n])
-                effects = with_changed_parameters(trial.rig.effects, knobs, own)
-                trial = with_effects(trial, effects)
-                if not gauge.absolute:
-                    trial = framed(world, trial, gauge)
-                after = robust_chi_square(world, trial, gauge)
-            except BenchError:
-                continue
-            after += np.sum((moved + own) ** 2) / max(readings.sum(), 1)
-            if after < cost:
-                break
-        else:
+        cost, at = at.cost, _better(world, at, gauge, sensitive)
+        gained = cost - at.cost
+        since = np.abs(at.from_start - simulated_at)
+        if 0.0 < gained < ENOUGH * len(knobs) or not (gained or since.any()):
             break
-        gained, assumed, cost, moved = cost - after, trial, after, moved + own
-        if gained < ENOUGH * cost:
-            break
-    return assumed, sensitive
+        if at.predicted is not None and gained > TRUSTED * (cost - at.predicted):
+            continue
+        far = np.flatnonzero(since > (FAR if gained else 0.0))
+        own = {knobs[i].effect for i in far}
+        others = sensitive.of_others(own)
+        sensitive = sensitivity(world, at.assumed, knobs, others)
+        anew = np.array([knob.effect in own for knob in knobs])
+        simulated_at = np.where(anew, at.from_start, simulated_at)
+    return at.assumed, sensitive
 
 
-def robust_chi_square(
+@dataclass(frozen=True)
+class _Refined:
+    """An arm on the way to its most probable parameters.
+
+    Attributes:
+        from_start: Shares by which effects' parameters were moved.
+        cost: χ² of readings and prior.
+        predicted: What it was to be by the step that came here; None where none did.
+    """
+
+    assumed: NominalState
+    from_start: Float[np.ndarray, " knobs"]
+    cost: float
+    predicted: float | None = None
+
+
+def _better(
+    world: ReplaySimulation, at: _Refined, gauge: ComparisonMode, known: Sensitivity
+) -> _Refined:
+    """Return where a Gauss-Newton step gains, shortened where it must be, or `at`."""
+    seen = world.see(at.assumed)
+    columns = simulated_jacobian(world, at.assumed, seen, gauge.absolute)
+    matrix = np.concatenate([columns.matrix, known.matrix], axis=2)
+    prior = np.concatenate([columns.prior, np.ones(len(at.from_start))])
+    n = columns.matrix.shape[2]
+    since = np.concatenate([np.zeros(n), at.from_start])
+    left = residual_of(world, seen, gauge)
+    step = solved(matrix, prior, left, world, gauge, since)
+    furthest = float(np.abs(step[n:]).max(initial=0.0))
+    step *= MAX_STEP / max(furthest, MAX_STEP)
+    for share in SHORTER:
+        own = share * step[n:]
+        moved = at.from_start + own
+        try:
+            trial = stepped(at.assumed, columns, share * step[:n])
+            effects = with_changed_parameters(trial.rig.effects, known.parameters, own)
+            trial = with_effects(trial, effects)
+            if not gauge.absolute:
+                trial = framed(world, trial, gauge)
+            cost = chi_square(world, trial, gauge) + float(moved @ moved)
+        except BenchError:
+            continue
+        if cost < at.cost:
+            change = share * matrix @ step
+            if not gauge.absolute:
+                change = centred(change, world.replay.visit, gauge.keep)
+            linear = _square(world, left - change, gauge) + float(moved @ moved)
+            return _Refined(trial, moved, cost, linear)
+    return replace(at, predicted=None)
+
+
+def chi_square(
     world: ReplaySimulation, assumed: NominalState, gauge: ComparisonMode
 ) -> float:
-    """Return the mean square of residuals in sigmas; far ones count as 6 sigmas."""
-    left = residual_of(world, world.see(assumed), gauge)[gauge.keep]
-    share = left / sigma_of(world, gauge)
+    """Return the sum of squared residuals in sigmas; far ones count as 6 sigmas."""
+    return _square(world, residual_of(world, world.see(assumed), gauge), gauge)
+
+
+def _square(
+    world: ReplaySimulation,
+    residual: Float[np.ndarray, "rows readings"],
+    gauge: ComparisonMode,
+) -> float:
+    share = residual[gauge.keep] / sigma_of(world, gauge)
     good = np.isfinite(share)
     if not good.any():
         return 0.0
     scale = max(1.0, 1.4826 * float(np.median(np.abs(share[good]))))
-    return float(np.mean(np.minimum(np.abs(share[good]), 6.0 * scale) ** 2))
+    return float(np.sum(np.minimum(np.abs(share[good]), 6.0 * scale) ** 2))
 
 
 def with_effects(assumed: NominalState, effects: Sequence[Effect]) -> NominalState:

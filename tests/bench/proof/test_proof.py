@@ -28,6 +28,7 @@ from bench.proof.comparison import (
 from bench.proof.explained_share import Channel
 from bench.proof.model_discrimination import candidates, expected, paths
 from bench.proof.nominal_fit import (
+    fitted,
     joint_rotation_estimates,
     simulated_jacobian,
     torques_of,
@@ -37,6 +38,7 @@ from bench.proof.proof import Fold, Proof, prove
 from bench.proof.proof_checks import groups
 from bench.proof.refinement import (
     Change,
+    chi_square,
     refined_parameters,
     simulate_changes,
     with_change,
@@ -193,6 +195,21 @@ def test_changes_on_different_axes_read_alike_alone_and_in_one_run(proof, monkey
     turn = together[1].states.axis_angle - before.states.axis_angle
     assert np.abs(turn[:, 2]).max() > 1e-6
     assert_allclose(np.delete(turn, 2, axis=1), 0.0)
+
+
+def test_refinement_ends_where_nothing_fits_better_though_it_begins_far(kr10, held):
+    """A spring trades with the friction beside it along a curved valley."""
+    true = Hysteresis("a1", width_rad=3e-4, stiffening=0.6)
+    seen = recorded(kr10, true)
+    guess = Hysteresis("a1", width_rad=5e-4, stiffening=0.1)
+    found = prove(seen, kr10, patch(guess), held, thorough=False)
+    world, mode = found.simulation, found.mode
+    others = [e for e in found.patched.rig.effects if e.name != "hysteresis"]
+    right = fitted(world, with_effects(found.patched, [*others, true]), mode)
+    lost = chi_square(world, found.patched, mode) - chi_square(world, right, mode)
+    assert lost < 10.0
+    spring = found.patched.rig.springs[0] / Rig(kr10).nominal.jnt_stiffness[0]
+    assert spring == pytest.approx(SCALE[0], rel=0.1)
 
 
 def test_what_is_held_fixed_stays_and_only_the_rest_is_refined(recording, kr10, held):
