@@ -36,7 +36,6 @@ Ignores     what the law does beyond the torques seen
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -46,8 +45,6 @@ from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
     SelectionProblem,
-    losses_without,
-    shape_columns,
     solve,
     training,
 )
@@ -146,55 +143,20 @@ def joined_places(places: Iterable[UnexplainedPlace]) -> tuple[UnexplainedPlace,
     return tuple(sorted(joined.values(), key=lambda place: -place.share))
 
 
-@dataclass(frozen=True, eq=False)
-class ColumnsWithSlopes:
-    """Nominal columns, then those of each term of a set with slopes of its shapes.
-
-    Attributes:
-        laws: All of them.
-        terms: Where each term's own columns and slopes stand, its own first.
-        places: Where those of all terms at each place stand.
-    """
-
-    laws: tuple[EffectJacobian, ...]
-    terms: tuple[Int[np.ndarray, " _"], ...]
-    places: dict[str, Int[np.ndarray, " _"]]
-
-
-def columns_with_slopes(case: SelectionProblem, fit: ModelFit) -> ColumnsWithSlopes:
-    """Lay out a set so that shapes may move, too.
-
-    Args:
-        case: As laid out under the set.
-        fit: The set.
-    """
-    here, laws, ends = case.situation, list(case.nominal), [case.library.nominal]
-    at: dict[str, list[np.ndarray]] = {}
-    for term, size in zip(fit.members, fit.coefficients, strict=True):
-        slopes = [part for part in shape_columns(here, term, size) if part.parts]
-        own = [term.jacobian(here), *slopes]
-        laws += own
-        ends.append(ends[-1] + sum(law.columns for law in own))
-        at.setdefault(term.where, []).append(np.arange(*ends[-2:]))
-    terms = tuple(np.arange(a, b) for a, b in pairwise(ends))
-    places = {where: np.concatenate(own) for where, own in at.items()}
-    return ColumnsWithSlopes(tuple(laws), terms, places)
-
-
 def displaced_by_places(
     case: SelectionProblem, data: SufficientStatistics, fit: ModelFit
 ) -> dict[str, float]:
-    """Return the whitened square of what each place of a set alone can displace.
-
-    Terms at one place may take each other's part, so that each alone does little.
+    """Return the whitened square of what each place of a set displaces.
 
     ==========  ======================================================================
-    Equation    b_B' (G^-1)_BB^-1 b_B, b the sizes of all terms, B those of a place; in
-                G also slopes of shapes, which take part of what others displace
-    Source      the noncentrality of Wald's test of a block of columns
+    Equation    b_B' (G_BB - G_BN G_NN^+ G_NB) b_B, b_B the sizes of all terms at a
+                place and N the nominal columns
+    Source      the square of a least-squares residual
     Valid       sizes and shapes as found, which are taken for true
-    Ignores     how well axes return to a posture: of that many readings of a visit say
-                as little as one, and what hangs on angles would count for a fraction
+    Ignores     what other places displace alike: two effects of one motion have each
+                all of it; and how well axes return to a posture: of that many readings
+                of a visit say as little as one, and what hangs on angles would count
+                for a fraction
     ==========  ======================================================================
 
     Args:
@@ -202,14 +164,21 @@ def displaced_by_places(
         data: Readings with the weights of the instruments alone.
         fit: The set.
     """
-    laid = columns_with_slopes(case, fit)
-    poses = np.zeros(len(case.split.fold), dtype=int)
-    gram = normal_equations_of(data, laid.laws, poses).gram[0]
-    sizes = np.zeros(len(gram))
-    for own, size in zip(laid.terms, fit.coefficients, strict=True):
-        sizes[own[: len(size)]] = size
-    lost = losses_without(gram, gram @ sizes, [*laid.places.values()])
-    return dict(zip(laid.places, lost, strict=True))
+    laws = [term.jacobian(case.situation) for term in fit.members]
+    every = np.zeros(len(case.split.fold), dtype=int)
+    gram = normal_equations_of(data, [*case.nominal, *laws], every).gram[0]
+    nominal = np.arange(case.library.nominal)
+    share = projection_coefficients(gram, nominal)
+    columns, sizes, end = dict[str, list[int]](), np.zeros(len(gram)), len(nominal)
+    for term, size in zip(fit.members, fit.coefficients, strict=True):
+        own = range(end, end := end + len(size))
+        sizes[own] = size
+        columns.setdefault(term.where, []).extend(own)
+    found = {}
+    for where, own in columns.items():
+        left = schur_complement(gram, nominal, share, np.array(own))
+        found[where] = float(sizes[own] @ left @ sizes[own])
+    return found
 
 
 def places_of_names(

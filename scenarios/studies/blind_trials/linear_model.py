@@ -22,7 +22,6 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from stiffness.diagnosis.localisation import columns_with_slopes
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -31,6 +30,7 @@ from stiffness.diagnosis.model_fit import (
     fit_of,
     fit_shapes,
     losses_without,
+    shape_columns,
     solve,
     training,
 )
@@ -138,16 +138,9 @@ def whitened_square(model: LinearModel) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Losses:
-    """Whitened squares that are lost without some names, and that all leave.
-
-    Attributes:
-        names: Without each name.
-        places: Without all names at each place, which may take each other's part.
-        residual: What all names leave.
-    """
+    """Whitened squares that are lost without each name, and what all names leave."""
 
     names: Float[np.ndarray, " names"]
-    places: dict[str, float]
     residual: float
 
 
@@ -156,14 +149,16 @@ def losses_of(model: LinearModel) -> Losses:
 
     Each name has the slopes of its shapes beside its own columns; all poses count.
     """
-    case, laid = model.case, columns_with_slopes(model.case, model.fit)
-    fold = np.zeros(len(case.split.fold), dtype=int)
-    found = normal_equations_of(case.data, laid.laws, fold)
+    case = model.case
+    laws, ends = list(case.nominal), [case.library.nominal]
+    for term, size in zip(model.fit.members, model.fit.coefficients, strict=True):
+        slopes = [p for p in shape_columns(case.situation, term, size) if p.parts]
+        own = [term.jacobian(case.situation), *slopes]
+        laws += own
+        ends.append(ends[-1] + sum(law.columns for law in own))
+    every = np.zeros(len(case.split.fold), dtype=int)
+    found = normal_equations_of(case.data, laws, every)
     gram, score = found.gram[0], found.score.sum(axis=0)
-    lost = losses_without(gram, score, [*laid.terms, *laid.places.values()])
-    names = len(laid.terms)
-    return Losses(
-        np.array(lost[:names]),
-        dict(zip(laid.places, lost[names:], strict=True)),
-        whitened_square(model) - float(score @ solve(gram, score)),
-    )
+    lost = losses_without(gram, score, [np.arange(a, b) for a, b in pairwise(ends)])
+    residual = whitened_square(model) - float(score @ solve(gram, score))
+    return Losses(np.array(lost), residual)

@@ -49,7 +49,11 @@ from scenarios.studies.blind_trials.linear_model import (
 from scenarios.studies.blind_trials.strata import LIBRARY
 from scenarios.studies.blind_trials.visibility import Visibility
 from stiffness.diagnosis.candidates import Library
-from stiffness.diagnosis.localisation import WhitenedCandidates, whiten_candidates
+from stiffness.diagnosis.localisation import (
+    WhitenedCandidates,
+    displaced_by_places,
+    whiten_candidates,
+)
 from stiffness.diagnosis.model_fit import (
     WHOLE,
     ModelTerm,
@@ -433,7 +437,7 @@ class ArmOracle:
 
     Attributes:
         own: χ² of each effect on its own; 0 where the library has no law at its place.
-        places: χ² of all effects at each place together.
+        places: χ² of what all effects at each place together displace.
         share: Of the mismatch on poses kept back that the true names explain.
         residual: χ² of noise-free readings that the true names do not explain.
     """
@@ -460,7 +464,8 @@ def arm_oracle(
     lost = losses_of(clean)
     each = iter(lost.names)
     own = tuple(float(next(each)) if choice else 0.0 for choice in choices)
-    places = dict.fromkeys((effect.where for effect in effects), 0.0) | lost.places
+    displaced = displaced_by_places(clean.case, clean.case.data, clean.fit)
+    places = dict.fromkeys((effect.where for effect in effects), 0.0) | displaced
     return ArmOracle(own, places, share, lost.residual)
 
 

@@ -26,7 +26,7 @@ from stiffness.diagnosis.model_fit import (
     SelectionProblem,
     fit_model,
     fit_shapes,
-    shape_columns,
+    losses_without,
 )
 from stiffness.diagnosis.nominal_fit import Prepared, blocks
 from stiffness.diagnosis.relinearisation import build_problem
@@ -272,8 +272,7 @@ def by_instruments_alone(case: SelectionProblem, at: Prepared) -> SufficientStat
     return blocks(case.situation, case.data.visits, at.readings, exactly)[0]
 
 
-def test_place_displaces_what_fits_of_all_others_leave():
-    """Fits of the other places' columns and slopes to what the place alone does."""
+def test_place_displaces_what_a_nominal_fit_of_its_effects_leaves():
     gear = ("hysteresis@a2", "hardening@a2", "bearing_tilt@a3")
     found, at = selected(*gear), prepared(*gear)
     case, fit = found.case, found.fit
@@ -281,21 +280,40 @@ def test_place_displaces_what_fits_of_all_others_leave():
     displaced = displaced_by_places(case, data, fit)
     assert len(displaced) < len(fit.members)
     for where, square in displaced.items():
-        own, others, size = [], list(case.nominal), []
-        for term, coefficients in zip(fit.members, fit.coefficients, strict=True):
-            law = term.jacobian(case.situation)
-            slopes = shape_columns(case.situation, term, coefficients)
-            if term.where == where:
-                own.append(law)
-                size.append(coefficients)
-            else:
-                others += [law, *(part for part in slopes if part.parts)]
+        pairs = zip(fit.members, fit.coefficients, strict=True)
+        terms = [(m, size) for m, size in pairs if m.where == where]
+        own = [term.jacobian(case.situation) for term, _ in terms]
+        beta = np.concatenate([size for _, size in terms])
         fold = np.zeros(len(case.split.fold), dtype=int)
-        gram = normal_equations_of(data, [*own, *others], fold).gram[0]
-        alone, beta = sum(law.columns for law in own), np.concatenate(size)
+        gram = normal_equations_of(data, [*own, *case.nominal], fold).gram[0]
+        alone = len(beta)
         signal, cross = beta @ gram[:alone, :alone] @ beta, beta @ gram[:alone, alone:]
         taken = cross @ minimum_norm_fit(gram[alone:, alone:], cross)
         assert_allclose(square, signal - taken, rtol=1e-3)
+
+
+def test_neighbouring_links_displace_each_what_either_could_take_of_the_other():
+    """Their errors are nearly one motion: without either, little would be lost."""
+    found, at = selected("hysteresis@a2"), prepared("hysteresis@a2")
+    case = found.case
+    shift = np.array([1e-3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    links = ("link_3", "link_4")
+    both = replace(
+        found.fit,
+        members=tuple(ModelTerm(GeometryError(), link, np.zeros(0)) for link in links),
+        coefficients=(shift, shift),
+    )
+    data = by_instruments_alone(case, at)
+    displaced = displaced_by_places(case, data, both)
+    laws = [*case.nominal, *(m.jacobian(case.situation) for m in both.members)]
+    every = np.zeros(len(case.split.fold), dtype=int)
+    gram = normal_equations_of(data, laws, every).gram[0]
+    n, sizes = case.library.nominal, np.zeros(len(gram))
+    sizes[n:] = [*shift, *shift]
+    own = [np.arange(n, n + 6), np.arange(n + 6, n + 12)]
+    lost = losses_without(gram, gram @ sizes, own)
+    for link, alone in zip(links, lost, strict=True):
+        assert displaced[link] > 1e3 * alone
 
 
 def test_wave_between_visits_displaces_far_more_than_axes_that_return_ill_let_show():
