@@ -22,10 +22,12 @@ The table leaves open or contradicts itself, and here is what was chosen:
   A4 = A6 = 0; A5 then runs from 0.8 to 90.2 degrees, which is the range of Table 4.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bench import postures
 from bench.inverse_kinematics import OrthoParallelArm, inverse
@@ -195,9 +197,40 @@ def once_each(
     path: tuple[LoadStep, ...],
 ) -> Plan:
     """Return the plan that visits postures, in rad, once each, with pulleys in turn."""
-    poses = len(posture)
-    pulley = mixed_pulleys(poses, len(rig.mounted.pulley))
-    return Plan(name, posture, np.arange(poses), pulley, path)
+    return Plan(name, posture, np.arange(len(posture)), _pulleys(rig, posture), path)
+
+
+NEAR = 0.01
+"""How far axes turn under loads, in rad (m on a slide); chosen: ten times a wind-up."""
+
+
+def _pulleys(
+    rig: Rig, posture: Float[np.ndarray, "poses axes"]
+) -> Int[np.ndarray, " poses"]:
+    """Return pulleys in turn, the next where the rope just leaves or touches one.
+
+    A small turn then changes the direction of the pull at once, so that an arm under
+    load may find no rest.
+    """
+    places = len(rig.mounted.pulley)
+    pulley = mixed_pulleys(len(posture), places)
+    model = replace(rig, effects=(), stiffness=None).model
+    data, around = mujoco.MjData(model), posture.shape[1]
+    axes = [model.joint(axis).qposadr[0] for axis in rig.anatomy.axes]
+    tendons = [model.tendon(f"rope_{p}").id for p in range(places)]
+    turns = NEAR * np.concatenate([np.eye(around), -np.eye(around)])
+    for visit, angles in enumerate(posture):
+        wrapped = []
+        for near in rig.anatomy.following(angles + turns):
+            data.qpos[axes] = near
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            mujoco.mj_tendon(model, data)
+            wrapped.append(data.ten_wrapnum[tendons])
+        steady = np.ptp(wrapped, axis=0) == 0
+        inturn = (pulley[visit] + np.arange(places)) % places
+        pulley[visit] = next((p for p in inturn if steady[p]), pulley[visit])
+    return pulley
 
 
 def spread_plan(name: str, rig: Rig, poses: int, path: tuple[LoadStep, ...]) -> Plan:

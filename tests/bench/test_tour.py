@@ -1,3 +1,4 @@
+import mujoco
 import numpy as np
 import pytest
 
@@ -5,7 +6,8 @@ from bench import standard_plans
 from bench.postures import Room, within
 from bench.rig import Rig
 from bench.shared.errors import Unusable
-from bench.standard_plans import is_kr10, tour
+from bench.shared.plan import DEFAULT_PATH
+from bench.standard_plans import is_kr10, once_each, tour
 
 WHERE_THE_HOOK_IS = np.deg2rad([[0, -90, 90, 0, 30, 0], [0, 40, 60, 0, 0, 0]])
 
@@ -39,6 +41,30 @@ def test_kr10_tours_the_papers_table(kr10_rig):
     plan = tour(kr10_rig, 151)
     np.testing.assert_array_equal(plan.posture, standard_plans.table_one_postures())
     assert is_kr10(kr10_rig)
+
+
+def test_rope_that_just_leaves_its_pulley_is_led_over_the_next(kr10_rig):
+    """Else the pull jumps as the arm gives way, and it may find no rest."""
+    edge = np.deg2rad([22.5, -20.5, -15.6, -93.0, -31.0, 140.9])
+    posture = np.array([edge, edge + np.deg2rad([5.0, 0, 0, 0, 0, 0])])
+    plans = [once_each("", kr10_rig, one[None], DEFAULT_PATH) for one in posture]
+    assert [plan.pulley.tolist() for plan in plans] == [[1], [0]]
+    turns = 0.01 * np.concatenate([np.eye(6), -np.eye(6)])
+    jumps = []
+    for pulley in range(2):
+        pulls = np.array([pull_at(kr10_rig, edge + turn, pulley) for turn in turns])
+        jumps.append(np.degrees(np.arccos((pulls @ pulls.T).min())))
+    assert jumps[0] > 3.0 * jumps[1]
+
+
+def pull_at(rig, posture, pulley):
+    """Return the direction in which a rope leaves the hook."""
+    data = mujoco.MjData(rig.model)
+    data.qpos[[rig.model.joint(a).qposadr[0] for a in rig.anatomy.axes]] = posture
+    mujoco.mj_forward(rig.model, data)
+    start = data.ten_wrapadr[rig.model.tendon(f"rope_{pulley}").id]
+    hook, after = data.wrap_xpos.reshape(-1, 3)[start : start + 2]
+    return (after - hook) / np.linalg.norm(after - hook)
 
 
 def test_another_arm_tours_the_room_it_has(ur10_rig):
