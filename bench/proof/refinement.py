@@ -176,8 +176,8 @@ regions (Nocedal and Wright 2006, algorithm 4.1)."""
 FAR = 0.2
 """Share by which a parameter moves until its effect is simulated anew; chosen: a kink
 of a law then moves past a few readings."""
-ENOUGH = 0.5
-"""χ² for each parameter below which another step gains nothing; chosen: half of what a
+ENOUGH = 1.0
+"""χ² for each parameter below which the step that gains it is the last; chosen: what a
 parameter's own error makes."""
 BENT_BY = {"hysteresis": ("stiffening",), "lost_motion": ("closing_nm",)}
 """What bends a law's form and is no parameter of the vocabulary."""
@@ -334,20 +334,21 @@ def refined(
     sensitive = sensitivity(world, assumed, knobs, known)
     at = _Refined(assumed, np.zeros(len(knobs)), chi_square(world, assumed, gauge))
     simulated_at = at.from_start
+    enough = ENOUGH * len(knobs)
     for _ in range(ROUNDS):
         cost, at = at.cost, _better(world, at, gauge, sensitive)
-        gained = cost - at.cost
-        since = np.abs(at.from_start - simulated_at)
-        if 0.0 < gained < ENOUGH * len(knobs) or not (gained or since.any()):
+        gained, predicted = cost - at.cost, cost - at.predicted
+        if predicted < enough:
             break
-        if at.predicted is not None and gained > TRUSTED * (cost - at.predicted):
-            continue
-        far = np.flatnonzero(since > (FAR if gained else 0.0))
-        own = {knobs[i].effect for i in far}
-        others = sensitive.of_others(own)
-        sensitive = sensitivity(world, at.assumed, knobs, others)
-        anew = np.array([knob.effect in own for knob in knobs])
-        simulated_at = np.where(anew, at.from_start, simulated_at)
+        far = np.flatnonzero(np.abs(at.from_start - simulated_at) > FAR)
+        if len(far) and gained < TRUSTED * predicted:
+            own = {knobs[i].effect for i in far}
+            others = sensitive.of_others(own)
+            sensitive = sensitivity(world, at.assumed, knobs, others)
+            anew = np.array([knob.effect in own for knob in knobs])
+            simulated_at = np.where(anew, at.from_start, simulated_at)
+        elif gained < enough:
+            break
     return at.assumed, sensitive
 
 
@@ -358,13 +359,13 @@ class _Refined:
     Attributes:
         from_start: Shares by which effects' parameters were moved.
         cost: χ² of readings and prior.
-        predicted: What it was to be by the step that came here; None where none did.
+        predicted: What it was to be by the step that came here.
     """
 
     assumed: NominalState
     from_start: Float[np.ndarray, " knobs"]
     cost: float
-    predicted: float | None = None
+    predicted: float = np.inf
 
 
 def _better(
@@ -399,7 +400,7 @@ def _better(
                 change = centred(change, world.replay.visit, gauge.keep)
             linear = _square(world, left - change, gauge) + float(moved @ moved)
             return _Refined(trial, moved, cost, linear)
-    return replace(at, predicted=None)
+    return replace(at, predicted=-np.inf)
 
 
 def chi_square(

@@ -4,8 +4,9 @@ A hypothesis and a mechanism write the same physics in different forms. Where a 
 shape bends the form, it becomes the mechanism's own setting as a first guess, which the
 simulator then refines:
 
-- hysteresis: a stop that slips at r = slip_nm and is w wide has, as springs that slip
-  beside one of stiffness K, (1 + stiffening) = 1 / (1 - w K / 2r);
+- hysteresis: stops of three even slips up to r = slip_nm, w wide together, rise by 3/2r
+  at first and have, as springs that slip beside one of stiffness K, (1 + stiffening) =
+  1 / (1 - 3 w K / 4r);
 - lost motion: the play closes at the same torque.
 
 What was named between encoders goes into a patch but for delays. A patch keeps where
@@ -304,10 +305,10 @@ def _magnitudes(effect: NamedEffect) -> set[str]:
 
 
 def stiffening(width_rad: float, stiffness: float | None, slip_nm: float) -> float:
-    """Return how much stiffer a gear is before anything slips: 1/(1 - w K/2r) - 1."""
+    """Return how much stiffer a gear is before anything slips: 1/(1 - 3 w K/4r) - 1."""
     if stiffness is None:
         return 1.0
-    share = width_rad * stiffness / (2.0 * max(slip_nm, 1e-9))
+    share = 0.75 * width_rad * stiffness / max(slip_nm, 1e-9)
     if share >= 1.0:
         return STIFFEST
     return float(np.clip(1.0 / (1.0 - share) - 1.0, SOFTEST, STIFFEST))

@@ -196,11 +196,12 @@ def test_a_mechanism_starts_from_the_stiffness_that_its_own_law_calls_the_spring
     assert springs["a3"] is None
 
 
-def test_a_stop_and_slipping_springs_are_equally_stiff_before_they_slip():
-    """C - w/2r = 1 / (K (1 + stiffening))."""
+def test_stops_and_slipping_springs_are_equally_stiff_before_they_slip():
+    """C - w/2 dz/dτ = 1 / (K (1 + stiffening)), dz/dτ the sum of (j / 6) (3 / j r)."""
     width, stiffness, slip = 1.5e-4, 6e4, 12.0
     extra = stiffening(width, stiffness, slip)
-    soft = 1 / stiffness - width / (2 * slip)
+    rise = sum(j / 6.0 * 3.0 / (j * slip) for j in (1, 2, 3))
+    soft = 1 / stiffness - width / 2 * rise
     assert soft == pytest.approx(1 / (stiffness * (1 + extra)))
     assert stiffening(1e-2, stiffness, slip) == STIFFEST
     assert stiffening(width, None, slip) > 0.0
