@@ -334,7 +334,7 @@ def refined(
     sensitive = sensitivity(world, assumed, knobs, known)
     at = _Refined(assumed, np.zeros(len(knobs)), chi_square(world, assumed, gauge))
     simulated_at = at.from_start
-    enough = ENOUGH * len(knobs)
+    enough = ENOUGH * max(len(knobs), 1)
     for _ in range(ROUNDS):
         cost, at = at.cost, _better(world, at, gauge, sensitive)
         gained, predicted = cost - at.cost, cost - at.predicted
