@@ -3,7 +3,8 @@
 An effect that the load brings about shows in how markers move while the load comes and
 goes; there each marker's mean over a visit says nothing and is taken off. An effect of
 geometry shows in the means alone, and so does every effect where no load comes and
-goes; then nothing is taken off.
+goes; then nothing is taken off. Where noise explains the means that are left, they hold
+the patched arm's parameters, too, and are still taken off where arms are compared.
 
 What a body turns beside the simulation (`turns_of`) shows in its marks' residuals:
 
@@ -76,6 +77,28 @@ def means_count(
     sigma = sigma_of(world, every)[: away.shape[1]]
     within = centred(away, world.replay.visit, every.keep) / sigma
     return float(np.nansum(within**2)) < FAINT
+
+
+SCATTERED = 2.0
+"""Mean square of visits' means, over what the noise leaves of them, up to which they
+scatter no more than the noise; chosen: errors of their own are then no larger."""
+
+
+def means_are_explained(
+    world: ReplaySimulation, seen: SimulatedReadings, gauge: ComparisonMode
+) -> bool:
+    """Return whether noise explains the means of visits that a simulated arm leaves."""
+    if world.recording.displacement != "absolute" or not seen.residual.size:
+        return False
+    left = np.reshape(seen.residual, (len(seen.residual), -1))[gauge.keep]
+    visit, good = world.replay.visit[gauge.keep], np.isfinite(left)
+    count = int(visit.max()) + 1
+    number, total = np.zeros((2, count, left.shape[1]))
+    np.add.at(number, visit, good.astype(float))
+    np.add.at(total, visit, np.where(good, left, 0.0))
+    read = number > 0
+    square = total[read] ** 2 / number[read] / gauge.sigma**2
+    return float(np.mean(square)) < SCATTERED
 
 
 def _shows_in_means_alone(effect: Effect) -> bool:

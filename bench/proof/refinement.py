@@ -32,7 +32,13 @@ from bench.effects.effect import CommandEffect, Effect, ModelEffect
 from bench.effects.gravity_load import GravityLoad
 from bench.effects.tabled_law import TabledLaw
 from bench.kinematic_chain import Anatomy
-from bench.proof.comparison import ComparisonMode, centred, residual_of, sigma_of
+from bench.proof.comparison import (
+    ComparisonMode,
+    centred,
+    means_are_explained,
+    residual_of,
+    sigma_of,
+)
 from bench.proof.nominal_fit import carried, framed, simulated_jacobian, solved, stepped
 from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.rig import States
@@ -325,6 +331,26 @@ def refined(
     known: Sensitivity | None = None,
 ) -> tuple[NominalState, Sensitivity]:
     """Return where the simulator agrees best, and what each parameter does there.
+
+    Means of visits count, too, where noise explains what differences within visits
+    leave of them: they hold springs that a load hardly winds, and have nothing of their
+    own to bend them by.
+    """
+    found, sensitive = _refined_by(world, assumed, gauge, fixed, known)
+    if gauge.absolute or not means_are_explained(world, world.see(found), gauge):
+        return found, sensitive
+    whole = replace(gauge, absolute=True)
+    return _refined_by(world, found, whole, fixed, sensitive)
+
+
+def _refined_by(
+    world: ReplaySimulation,
+    assumed: NominalState,
+    gauge: ComparisonMode,
+    fixed: Collection[Place],
+    known: Sensitivity | None,
+) -> tuple[NominalState, Sensitivity]:
+    """Return where one comparison agrees best, and what each parameter does there.
 
     Springs, frames and effects are moved. Each parameter of an effect has a prior about
     where it starts, its own size wide: what the readings do not hold stays at its first

@@ -22,6 +22,7 @@ from bench.proof.comparison import (
     bodies_in_6d,
     centred,
     comparison_mode_of,
+    means_are_explained,
     residual_of,
     turns_of,
 )
@@ -195,6 +196,25 @@ def test_changes_on_different_axes_read_alike_alone_and_in_one_run(proof, monkey
     turn = together[1].states.axis_angle - before.states.axis_angle
     assert np.abs(turn[:, 2]).max() > 1e-6
     assert_allclose(np.delete(turn, 2, axis=1), 0.0)
+
+
+def test_means_of_visits_hold_springs_where_noise_explains_them(kr10, held, proof):
+    """A wave of a gear shows in means alone, and may not bend the springs."""
+    springs = spring_errors(kr10, proof)
+    assert np.abs(springs).max() < 0.01
+    seen = proof.simulation.see(proof.patched)
+    assert means_are_explained(proof.simulation, seen, proof.mode)
+    wave = TransmissionError("a3", amplitude_rad=1e-3)
+    loop = Hysteresis("a2", width_rad=3e-4)
+    bent = prove(recorded(kr10, loop, wave), kr10, patch(loop), held, thorough=False)
+    seen = bent.simulation.see(bent.patched)
+    assert not means_are_explained(bent.simulation, seen, bent.mode)
+    assert np.abs(spring_errors(kr10, bent)).max() < 0.04
+
+
+def spring_errors(kr10, proof):
+    springs = np.array(list(proof.patch.stiffness_nm_per_rad.values()))
+    return springs / (Rig(kr10).nominal.jnt_stiffness * SCALE) - 1.0
 
 
 def test_refinement_ends_where_nothing_fits_better_though_it_begins_far(kr10, held):
