@@ -84,9 +84,10 @@ ARM_WORDS = (
     "when they alone are removed and all others are fitted again. False: neither the "
     "name nor one of its first three equivalents is true. Explained: share of the "
     "mismatch on poses kept back, in the linear model or by the proof; the oracle has "
-    "all true names. Largest place: the place whose effects together lose most χ² was "
-    "said first. Outside: the place of the mechanism outside the vocabulary was said "
-    "to be unexplained. Lost: right names that the same arm without it got."
+    "all true names. Largest place: the place whose effects displace most beyond what "
+    "is nominal was said first, or that of an equivalent there. Outside: the place of "
+    "the mechanism outside the vocabulary was said to be unexplained. Lost: right "
+    "names that the same arm without it got."
 )
 
 
