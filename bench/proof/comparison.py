@@ -127,7 +127,16 @@ def residual_of(
     left = np.reshape(seen.residual, (len(seen.residual), -1))
     if seen.angle is not None:
         left = np.hstack([left, seen.angle])
-    return left if gauge.absolute else centred(left, world.replay.visit, gauge.keep)
+    return less_means(left, world, gauge)
+
+
+def less_means(
+    values: np.ndarray, world: ReplaySimulation, gauge: ComparisonMode
+) -> np.ndarray:
+    """Return values of all rows, less means of visits where these do not count."""
+    if gauge.absolute:
+        return values
+    return centred(values, world.replay.visit, gauge.keep)
 
 
 def sigma_of(

@@ -31,7 +31,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from bench.kinematic_chain import carriers_of
-from bench.proof.comparison import ComparisonMode, centred, residual_of, sigma_of
+from bench.proof.comparison import ComparisonMode, less_means, residual_of, sigma_of
 from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.rig import RIGID, Rig
 
@@ -227,9 +227,7 @@ def solved(
     The prior has one sigma of each about its prior mean, from which `moved` says how
     far it stands already; residuals are NaN where nothing was read.
     """
-    if not gauge.absolute:
-        matrix = centred(matrix, world.replay.visit, gauge.keep)
-    rows = gauge.keep
+    matrix, rows = less_means(matrix, world, gauge), gauge.keep
     sigma = sigma_of(world, gauge)
     return least_squares(matrix[rows], prior, residual[rows], sigma, moved)
 

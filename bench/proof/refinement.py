@@ -34,7 +34,7 @@ from bench.effects.tabled_law import TabledLaw
 from bench.kinematic_chain import Anatomy
 from bench.proof.comparison import (
     ComparisonMode,
-    centred,
+    less_means,
     means_are_explained,
     residual_of,
     sigma_of,
@@ -421,9 +421,7 @@ def _better(
         except BenchError:
             continue
         if cost < at.cost:
-            change = share * matrix @ step
-            if not gauge.absolute:
-                change = centred(change, world.replay.visit, gauge.keep)
+            change = less_means(matrix @ (share * step), world, gauge)
             linear = _square(world, left - change, gauge) + float(moved @ moved)
             return _Refined(trial, moved, cost, linear)
     return replace(at, predicted=-np.inf)
@@ -464,9 +462,7 @@ def predicted(
     """Return the residual of all rows after a fit to those kept, to first order."""
     step = solved(matrix, prior, residual_of(world, seen, gauge), world, gauge)
     every = replace(gauge, keep=np.ones(len(gauge.keep), dtype=bool))
-    change = matrix @ step
-    if not gauge.absolute:
-        change = centred(change, world.replay.visit, every.keep)
+    change = less_means(matrix @ step, world, every)
     return residual_of(world, seen, every) - change
 
 

@@ -54,7 +54,12 @@ from stiffness.diagnosis.sufficient_statistics import (
     normal_equations_of,
     per_pose_scores,
 )
-from stiffness.effects.jacobian import EffectJacobian, JointRotation
+from stiffness.effects.jacobian import (
+    EffectJacobian,
+    JointRotation,
+    hstack,
+    mixture,
+)
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.normal_equations import (
     NormalEquations,
@@ -164,21 +169,17 @@ def displaced_by_places(
         data: Readings with the weights of the instruments alone.
         fit: The set.
     """
-    laws = [term.jacobian(case.situation) for term in fit.members]
-    every = np.zeros(len(case.split.fold), dtype=int)
-    gram = normal_equations_of(data, [*case.nominal, *laws], every).gram[0]
-    nominal = np.arange(case.library.nominal)
-    share = projection_coefficients(gram, nominal)
-    columns, sizes, end = dict[str, list[int]](), np.zeros(len(gram)), len(nominal)
+    done: dict[str, list[EffectJacobian]] = {}
     for term, size in zip(fit.members, fit.coefficients, strict=True):
-        own = range(end, end := end + len(size))
-        sizes[own] = size
-        columns.setdefault(term.where, []).extend(own)
-    found = {}
-    for where, own in columns.items():
-        left = schur_complement(gram, nominal, share, np.array(own))
-        found[where] = float(sizes[own] @ left @ sizes[own])
-    return found
+        law = mixture(term.jacobian(case.situation), size[:, None])
+        done.setdefault(term.where, []).append(law)
+    places = [mixture(hstack(own), np.ones((len(own), 1))) for own in done.values()]
+    every = np.zeros(len(case.split.fold), dtype=int)
+    gram = normal_equations_of(data, [*case.nominal, *places], every).gram[0]
+    nominal, own = np.split(np.arange(len(gram)), [case.library.nominal])
+    share = projection_coefficients(gram, nominal)
+    left = np.diag(schur_complement(gram, nominal, share, own))
+    return dict(zip(done, left.tolist(), strict=True))
 
 
 def places_of_names(
