@@ -322,6 +322,7 @@ FORMATS = {
     "bench/patch.py: Patch",
     "scenarios/blind_trials.py: Settings",
     "scenarios/record.py: Settings",
+    "scenarios/studies/arm_trials.py: ArmTrial",
     "scenarios/studies/blind_trials/score.py: TrialScore",
 }
 LARGE = {

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from bench.effects.effect import Effect
@@ -20,7 +21,13 @@ from bench.proof.comparison import ComparisonMode, comparison_mode_of, means_cou
 from bench.proof.explained_share import Channel, FoldPrediction, channels_of
 from bench.proof.nominal_fit import fitted
 from bench.proof.proof_checks import ProofCheck, left_outs, placebos
-from bench.proof.refinement import Place, Sensitivity, refined, with_effects
+from bench.proof.refinement import (
+    Place,
+    Sensitivity,
+    refined,
+    spring_errors,
+    with_effects,
+)
 from bench.proof.setup import for_simulator, replay_simulation_of
 from bench.proof.simulation import NominalState, ReplaySimulation
 from bench.rig import RIGID, Memory
@@ -52,7 +59,6 @@ class Proof:
 
     Attributes:
         held_out: Ids of the poses that were judged, each by arms fitted without it.
-        absolute: Whether means of visits counted, or differences within them alone.
         markers: Displacements; None without markers.
         angles: Encoders after the gears; None without.
         rotations: Turns of 6D targets and of bodies with three marks or more, in rad;
@@ -65,10 +71,11 @@ class Proof:
         mode: How readings were compared, and which rows were fitted.
         sensitivity: What the patch's parameters do; None where there are none.
         folds: Number of fits that judged, each other poses; one where there was one.
+        spring_errors: One sigma of each spring of the patched arm over the spring, 0
+            where it is rigid; None where no patch was refined.
     """
 
     held_out: tuple[int, ...]
-    absolute: bool
     markers: Channel | None
     angles: Channel | None
     rotations: Channel | None
@@ -81,6 +88,12 @@ class Proof:
     mode: ComparisonMode
     sensitivity: Sensitivity | None = None
     folds: int = 1
+    spring_errors: Float[np.ndarray, " axes"] | None = None
+
+    @property
+    def absolute(self) -> bool:
+        """Whether means of visits counted, or differences within them alone."""
+        return self.mode.absolute
 
 
 @threadpool_limits.wrap(limits=1, user_api="blas")
@@ -128,10 +141,11 @@ def prove(
     unpatched = replace(start, rig=bare)
     gauge = comparison_mode_of(world, means_count(world, unpatched, start), ~held)
     nominal = fitted(world, unpatched, gauge, FIRST_ROUNDS + 2)
-    patched, sensitivity = nominal, None
+    patched, sensitivity, errors = nominal, None, None
     if own:
         patched = fitted(world, start, gauge, FIRST_ROUNDS)
         patched, sensitivity = refined(world, patched, gauge, fixed)
+        errors = spring_errors(world, patched, sensitivity, gauge)
     tried = tuple(e for e in patched.rig.effects if e not in bare.effects)
     predictions = [FoldPrediction(nominal, patched, gauge, held)]
     if sensitivity is not None:
@@ -148,7 +162,6 @@ def prove(
         trials += left_outs(world, nominal, patched, sensitivity.matrix, used)
     return Proof(
         held_out=tuple(int(p) for p in (judged if sensitivity else held_out)),
-        absolute=gauge.absolute,
         markers=markers,
         angles=angles,
         rotations=turns,
@@ -161,6 +174,7 @@ def prove(
         mode=gauge,
         sensitivity=sensitivity,
         folds=len(predictions),
+        spring_errors=errors,
     )
 
 

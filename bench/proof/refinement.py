@@ -447,6 +447,43 @@ def _square(
     return float(np.sum(np.minimum(np.abs(share[good]), 6.0 * scale) ** 2))
 
 
+def spring_errors(
+    world: ReplaySimulation,
+    assumed: NominalState,
+    known: Sensitivity,
+    gauge: ComparisonMode,
+) -> Float[np.ndarray, " axes"]:
+    """Return one sigma of the logarithm of each axis' compliance; 0 where it is rigid.
+
+    Beside all that was refined: C = H⁻¹, H of the whitened Jacobian and the priors.
+    Poses are what is independent: where they scatter more than their readings' noise
+    says, it is the variance of H⁻¹ Σ g of their scores g (White 1982).
+    """
+    seen = world.see(assumed)
+    if not gauge.absolute and means_are_explained(world, seen, gauge):
+        gauge = replace(gauge, absolute=True)
+    columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
+    matrix = np.concatenate([columns.matrix, known.matrix], axis=2)
+    prior = np.concatenate([columns.prior, np.ones(known.matrix.shape[2])])
+    sigma, parameters = sigma_of(world, gauge), len(prior)
+    white = (residual_of(world, seen, gauge) / sigma)[gauge.keep]
+    shown = (less_means(matrix, world, gauge) / sigma[:, None])[gauge.keep]
+    good = np.isfinite(white) & np.isfinite(shown).all(axis=2)
+    shown, white = np.where(good[..., None], shown, 0.0), np.where(good, white, 0.0)
+    flat = np.reshape(shown, (-1, parameters))
+    gram = flat.T @ flat + np.diag(prior**-2.0)
+    scale = 1.0 / np.sqrt(np.diag(gram))
+    covariance = np.linalg.inv(gram * scale * scale[:, None]) * scale * scale[:, None]
+    pose = np.unique(world.recording.posture_id[gauge.keep], return_inverse=True)[1]
+    score = np.zeros((pose.max() + 1, parameters))
+    np.add.at(score, pose, np.einsum("rnp,rn->rp", shown, white))
+    moved = score @ covariance
+    variance = np.maximum(np.diag(covariance), np.sum(moved**2, axis=0))
+    found = np.zeros(len(assumed.rig.springs))
+    found[list(columns.axes)] = np.sqrt(variance[: len(columns.axes)])
+    return found
+
+
 def with_effects(assumed: NominalState, effects: Sequence[Effect]) -> NominalState:
     """Return the assumption with other effects."""
     return replace(assumed, rig=replace(assumed.rig, effects=tuple(effects)))

@@ -48,12 +48,12 @@ from bench.patch import (
 from bench.patched_model import patched_model
 from bench.proof.refinement import Place
 from bench.proof.setup import for_simulator
-from bench.rig import Rig
+from bench.rig import RIGID, Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from bench.user_model import ASSETS
 from scenarios.pipelines.recording_check import static_torque
-from stiffness.diagnosis.result import Diagnosis, Interval, NamedEffect
+from stiffness.diagnosis.result import Diagnosis, Interval, NamedEffect, Nominal
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.angle_dependent_stiffness import MOST_UNEVEN
 from stiffness.experiment.visits import BEFORE
@@ -61,6 +61,7 @@ from stiffness.regression.splits import COUNTED
 from stiffness.robot.arm import Arm
 
 if TYPE_CHECKING:
+    from bench.proof.proof import Proof
     from scenarios.pipelines.encoder_axes import Axis
     from stiffness.calibration.final_fit import Table
     from stiffness.calibration.result import Calibrated
@@ -132,15 +133,13 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
         recording: Whose marks were fitted.
         arm: The nominal arm.
     """
-    nominal = diagnosis.nominal
+    nominal = fitted_springs(diagnosis, None)
     if nominal is None:
         return Patch()
-    axes = [f"a{k + 1}" for k in range(len(arm.axes))]
-    fitted = {
-        axis: None if c <= 0.0 else float(1.0 / c)
-        for axis, c in zip(axes, nominal.compliance, strict=True)
+    springs = {
+        f"a{k}": None if c <= 0.0 else float(1.0 / c)
+        for k, c in enumerate(nominal.compliance, start=1)
     }
-    springs = springs_of_mechanisms(fitted, diagnosis.named)
     frame = np.asarray(nominal.base_from_tracker, float)
     seen = recording.take(~np.isin(recording.posture_id, diagnosis.held_out))
     return Patch(
@@ -212,6 +211,30 @@ def springs_of_mechanisms(
                 stiffness /= math.sqrt(1.0 - ratio**2)
         found[where] = stiffness
     return found
+
+
+def fitted_springs(diagnosis: Diagnosis, proof: Proof | None) -> Nominal | None:
+    """Return the nuisance parameters, the springs as the patch's mechanisms have them.
+
+    With a proof they are those of the patched arm, with errors beside all of the patch.
+    """
+    nominal = diagnosis.nominal
+    if nominal is None:
+        return None
+    if proof is not None and proof.spring_errors is not None:
+        own = proof.simulation.order  # axes of the recording
+        stiffness = proof.patched.rig.springs[own]
+        compliance = np.where(stiffness < RIGID, 1.0 / stiffness, 0.0)
+        sigma = compliance * proof.spring_errors[own]
+        return replace(nominal, compliance=compliance, sigma=sigma)
+    axes = [f"a{k + 1}" for k in range(len(nominal.compliance))]
+    every = zip(axes, nominal.compliance, strict=True)
+    fitted = {a: None if c <= 0.0 else float(1.0 / c) for a, c in every}
+    base = springs_of_mechanisms(fitted, diagnosis.named)
+    ratio = np.array([(fitted[a] or 1.0) / (base[a] or 1.0) for a in axes])
+    return replace(
+        nominal, compliance=nominal.compliance * ratio, sigma=nominal.sigma * ratio
+    )
 
 
 def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> PatchEffect:

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from scenarios.pipelines.diagnosis import Result
+from scenarios.pipelines.patching import fitted_springs
 from scenarios.pipelines.schema import (
     Answer,
     At,
@@ -38,6 +39,12 @@ ANOTHER = 0.1
 no better."""
 SIGMAS = 3.0
 """Standard errors that it must differ by as well; chosen."""
+
+
+def springs_of(finding: Result) -> Nominal | None:
+    """Return springs as the patch has them, of the patched arm where it was proved."""
+    proved = finding.answer.verdict != "unproved"
+    return fitted_springs(finding.diagnosis, finding.proof if proved else None)
 
 
 def rows(nominal: Nominal, slides: tuple[bool, ...]) -> Iterator[list[str]]:
@@ -97,13 +104,14 @@ def undecided(answer: Answer) -> Iterator[tuple[At, At]]:
 
 def sentences(finding: Result) -> Iterator[str]:
     """Yield the sentences that state a result; one without proof begins with that."""
-    d, a = finding.diagnosis, finding.answer
+    a = finding.answer
     if a.verdict == "unproved":
         yield _unproved(finding)
     for warning in a.warnings:
         yield f"Note ({warning.where}): {warning.text}"
     yield _detected(a)
-    if d.nominal is not None and (told := sentence(d.nominal)):
+    springs = springs_of(finding)
+    if springs is not None and (told := sentence(springs)):
         yield told
     if a.verdict == "no_mismatch":
         return

@@ -17,7 +17,9 @@ from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 from scipy.spatial.transform import Rotation
+from scipy.stats import norm
 
 from bench.effects import EFFECTS
 from bench.effects.effect import Effect
@@ -33,12 +35,15 @@ from bench.rig import RIGID, Rig
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.plan import Plan
 from bench.shared.recording import Recording
+from bench.shared.settings import SETTINGS
 from bench.standard_plans import tour
 from scenarios.pipelines.diagnosis import answer_of, asked, proved
 from scenarios.pipelines.inputs import arm_of
+from scenarios.pipelines.patching import fitted_springs
 from scenarios.report.page import Table
 from scenarios.studies.blind_trials.generation import error_free_instruments
 from scenarios.studies.blind_trials.visibility import Scale, scale_of
+from stiffness.diagnosis.result import Nominal
 
 CONCEALED = ("hysteresis", "bearing_tilt", "lost_motion", "hardening", "encoder_offset")
 """Effects that are drawn, two at two places; each is visible at a catalogue's size."""
@@ -67,6 +72,8 @@ class ArmTrial:
     Attributes:
         right: Whether every true name was given or declared as an equivalent.
         springs_off: Largest relative error of a spring of the patch; NaN without.
+        compliances_inside: Share of the patch's compliances whose truth lies within
+            its 95 % interval; NaN without.
         after_over_noise: What the patched simulator leaves of the poses kept back, over
             what stated noise leaves; NaN without a proof.
         bends_off: How far `model.xml` in plain MuJoCo bends under a load otherwise than
@@ -81,6 +88,7 @@ class ArmTrial:
     right: bool
     verdict: str
     springs_off: float
+    compliances_inside: float
     after_over_noise: float
     bends_off: float
     seconds: float
@@ -354,7 +362,7 @@ def _failed(
     failed = f"{first} {faults.partition(chr(10))[0].strip()}".strip()
     return ArmTrial(
         *(file.stem, number, base, _names(truth), "", False, "failed"),
-        *(np.nan, np.nan, np.nan, seconds, failed),
+        *(np.nan, np.nan, np.nan, np.nan, seconds, failed),
     )
 
 
@@ -378,10 +386,11 @@ def _answered(
         f"{e.effect}@{e.where}" for n in answer.named for e in n.equivalents[:3]
     }
     wanted = {f"{e.name}@{e.where}" for e in truth}
-    off = after = bends = np.nan
+    off = inside = after = bends = np.nan
     if simulated is not None and not why:
         fitted = np.minimum(simulated.patched.rig.springs, RIGID)
         off = float(np.max(np.abs(fitted / setup.rig.springs - 1.0)))
+        inside = compliances_inside(fitted_springs(found, simulated), setup.rig.springs)
         bends = bends_otherwise(simulated.patched.rig, model)
         if simulated.markers is not None:
             after = simulated.markers.after / simulated.markers.noise
@@ -394,11 +403,23 @@ def _answered(
         right=wanted <= declared,
         verdict=answer.verdict,
         springs_off=off,
+        compliances_inside=inside,
         after_over_noise=after,
         bends_off=bends,
         seconds=seconds,
         failed=why,
     )
+
+
+def compliances_inside(
+    nominal: Nominal | None, springs: Float[np.ndarray, " axes"]
+) -> float:
+    """Return the share of fitted compliances whose truth lies within its interval."""
+    if nominal is None or not np.any(nominal.sigma > 0.0):
+        return np.nan
+    own = nominal.sigma > 0.0
+    off = np.abs(nominal.compliance - 1.0 / springs)[own] / nominal.sigma[own]
+    return float(np.mean(off <= norm.ppf(0.5 + SETTINGS.confidence / 2)))
 
 
 def _names(effects: tuple[Effect, ...]) -> str:
@@ -475,7 +496,13 @@ def summary_of(trials: list[ArmTrial]) -> Table:
         for base in BASES:
             own = [t for t in trials if (t.model, t.base) == (model, base)]
             counts = (f"{sum(map(c, own))}/{len(own)}" for c in COUNTED.values())
+            shares = [t.compliances_inside for t in own if t.compliances_inside >= 0.0]
+            inside = f"{np.mean(shares):.1%}" if shares else ""
             median = f"{np.median([t.seconds for t in own]):.0f}"
-            rows.append([model, base, *counts, median])
-    caption = "Two effects concealed on each arm, its base as shipped and turned."
-    return Table(caption, ("arm", "base", *COUNTED, "median [s]"), rows)
+            rows.append([model, base, *counts, inside, median])
+    caption = (
+        "Two effects concealed on each arm, its base as shipped and turned; the last "
+        "share is of all axes of all trials."
+    )
+    header = ("arm", "base", *COUNTED, "compliances within intervals", "median [s]")
+    return Table(caption, header, rows)

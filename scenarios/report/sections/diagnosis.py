@@ -43,11 +43,17 @@ def data(finding: Result) -> Iterator[Block]:
     answer, recording = finding.answer, finding.recording
     yield Heading("How good the data are")
     yield from _noise(finding)
-    if finding.diagnosis.nominal is not None:
+    springs = summary.springs_of(finding)
+    if springs is not None:
         header = ["axis", "stiffness [kN m/rad]", "one sigma"]
         header += ["model's [kN m/rad]", "ratio"]
-        springs = summary.rows(finding.diagnosis.nominal, recording.slides or ())
-        yield Table("Springs fitted as nuisance parameters.", header, list(springs))
+        caption = (
+            "Springs fitted as nuisance parameters, beside what was named: of a gear "
+            "that hardens at small torques, of an asymmetric one its softer way."
+        )
+        yield Table(
+            caption, header, list(summary.rows(springs, recording.slides or ()))
+        )
     if finding.diagnosis.downweighted:
         worst = sorted(finding.diagnosis.downweighted, key=lambda x: -x[2])[:10]
         rows = [[str(row), name, f"{sigma:.0f}"] for row, name, sigma in worst]

@@ -200,7 +200,7 @@ def test_changes_on_different_axes_read_alike_alone_and_in_one_run(proof, monkey
 
 def test_means_of_visits_hold_springs_where_noise_explains_them(kr10, held, proof):
     """A wave of a gear shows in means alone, and may not bend the springs."""
-    springs = spring_errors(kr10, proof)
+    springs = springs_off(kr10, proof)
     assert np.abs(springs).max() < 0.01
     seen = proof.simulation.see(proof.patched)
     assert means_are_explained(proof.simulation, seen, proof.mode)
@@ -209,12 +209,52 @@ def test_means_of_visits_hold_springs_where_noise_explains_them(kr10, held, proo
     bent = prove(recorded(kr10, loop, wave), kr10, patch(loop), held, thorough=False)
     seen = bent.simulation.see(bent.patched)
     assert not means_are_explained(bent.simulation, seen, bent.mode)
-    assert np.abs(spring_errors(kr10, bent)).max() < 0.04
+    assert np.abs(springs_off(kr10, bent)).max() < 0.04
 
 
-def spring_errors(kr10, proof):
+def springs_off(kr10, proof):
     springs = np.array(list(proof.patch.stiffness_nm_per_rad.values()))
     return springs / (Rig(kr10).nominal.jnt_stiffness * SCALE) - 1.0
+
+
+def test_springs_lie_within_their_errors_beside_a_law_of_their_own_gear(
+    recording, kr10, held, proof
+):
+    """Twelve springs; of a gear that hardens K1, which a few small torques hold."""
+    gear = Hardening("a2", stiffness_ratio=1.6)
+    curved = prove(recorded(kr10, gear), kr10, patch(gear), held, thorough=False)
+    bare = prove(recording, kr10, patch(), held, thorough=False)
+    assert bare.spring_errors is None
+    shares = []
+    for found in (proof, curved):
+        assert found.spring_errors is not None
+        assert np.all((found.spring_errors > 1e-5) & (found.spring_errors < 0.02))
+        shares += list(springs_off(kr10, found) / found.spring_errors)
+    assert 0.5 < np.sqrt(np.mean(np.square(shares))) < 1.6
+    assert np.abs(shares).max() < 3.5
+
+
+def test_springs_are_less_sure_where_poses_scatter_beyond_the_noise(
+    kr10, held, proof, monkeypatch
+):
+    """What a pose adds to all of its readings is one error and not as many."""
+    world, arm, known = proof.simulation, proof.patched, proof.sensitivity
+    quiet = refinement.spring_errors(world, arm, known, proof.mode)
+    assert_allclose(quiet, proof.spring_errors)
+    left = refinement.residual_of(world, world.see(arm), proof.mode)
+    columns = refinement.simulated_jacobian(world, arm, world.see(arm), False).matrix
+    pose = np.unique(world.recording.posture_id, return_inverse=True)[1]
+    of_pose = np.random.default_rng(0).normal(0.0, 0.02, pose.max() + 1)[pose]
+    wild = (
+        left
+        + refinement.less_means(columns[..., 1], world, proof.mode) * (of_pose[:, None])
+    )
+    monkeypatch.setattr(refinement, "residual_of", lambda *_: wild)
+    monkeypatch.setattr(refinement, "means_are_explained", lambda *_: False)
+    loud = refinement.spring_errors(world, arm, known, proof.mode)
+    poses = len(np.unique(pose[proof.mode.keep]))
+    assert loud[1] == pytest.approx(0.02 / np.sqrt(poses), rel=0.5)
+    assert loud[1] > 2.0 * quiet[1]
 
 
 def test_refinement_ends_where_nothing_fits_better_though_it_begins_far(kr10, held):

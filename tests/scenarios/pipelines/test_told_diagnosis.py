@@ -19,6 +19,7 @@ from scenarios.pipelines.diagnosis import Result, answer_of, calls_for_calibrati
 from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.patching import (
     STIFFEST,
+    fitted_springs,
     fixed_of,
     patch_entry,
     patch_of_diagnosis,
@@ -196,6 +197,32 @@ def test_a_mechanism_starts_from_the_stiffness_that_its_own_law_calls_the_spring
     assert springs["a3"] is None
 
 
+@pytest.mark.parametrize("proved", [False, True])
+def test_springs_are_told_as_the_patch_has_them(found, proved):
+    """K1 of a gear that hardens; as the simulator refined them where it did."""
+    sizes = {"stiffness_ratio": Interval(1.6, 1.5, 1.7)}
+    gear = NamedEffect(Name("hardening", "a1"), 1.0, (), sizes)
+    hard = replace(found, named=(gear,))
+    rig = SimpleNamespace(springs=np.array([1e9, 4e4, 5e4, 1e9, 1e9, 1e9]))
+    proof: Any = SimpleNamespace(
+        spring_errors=np.array([0.0, 0.01, 0.02, 0.0, 0.0, 0.0]),
+        simulation=SimpleNamespace(order=np.array([2, 1, 0, 3, 4, 5])),
+        patched=SimpleNamespace(rig=rig),
+    )
+    told = fitted_springs(hard, proof if proved else None)
+    assert told is not None
+    if proved:
+        nothing = [0.0, 0.0, 0.0, 0.0]
+        np.testing.assert_allclose(told.compliance, [2e-5, 2.5e-5, *nothing])
+        np.testing.assert_allclose(told.sigma, [4e-7, 2.5e-7, *nothing])
+        return
+    before = found.nominal
+    np.testing.assert_allclose(told.compliance[0], 1.6 * before.compliance[0])
+    np.testing.assert_allclose(told.sigma[0], 1.6 * before.sigma[0])
+    np.testing.assert_allclose(told.compliance[1:], before.compliance[1:])
+    assert fitted_springs(replace(hard, nominal=None), None) is None
+
+
 def test_stops_and_slipping_springs_are_equally_stiff_before_they_slip():
     """C - w/2 dz/dτ = 1 / (K (1 + stiffening)), dz/dτ the sum of (j / 6) (3 / j r)."""
     width, stiffness, slip = 1.5e-4, 6e4, 12.0
@@ -274,6 +301,7 @@ def test_what_is_left_is_what_the_patched_arm_leaves_where_there_is_one(found):
         absolute=True,
         folds=1,
         rotations=None,
+        spring_errors=None,
     )
     for simulated, left_mm in ((None, 0.03), (proof, 0.02)):
         told: Any = answer_of(found, simulated, "", (), 1.0)
@@ -293,6 +321,7 @@ def test_what_only_few_poses_show_is_left_open(found, recording, after, verdict)
         absolute=True,
         folds=1,
         rotations=None,
+        spring_errors=None,
     )
     named = replace(found, verdict="explained", unexplained=None)
     told = answer_of(named, proof, "", (), 1.0)
@@ -312,6 +341,7 @@ def test_a_proof_has_the_same_sentence_in_the_terminal_and_in_print(found, recor
         absolute=True,
         folds=1,
         rotations=None,
+        spring_errors=None,
     )
     told = answer_of(found, proof, "", (), 1.0)
     every = list(summary.sentences(Result(marked, found, proof, "", None, told)))
@@ -373,6 +403,7 @@ def test_title_and_first_sentence_say_that_a_name_is_not_proved(found, recording
         absolute=True,
         folds=1,
         rotations=None,
+        spring_errors=None,
     )
     all_named = replace(found, verdict="explained", unexplained=None)
     for simulated, why, said in (
@@ -421,6 +452,7 @@ def test_an_arm_that_the_simulator_does_not_have_raises_an_alarm(
         absolute=absolute,
         folds=1,
         rotations=None,
+        spring_errors=None,
     )
     other = replace(found, detection=replace(found.detection, **fitted))
     told = answer_of(other, simulated, "", (), 1.0)

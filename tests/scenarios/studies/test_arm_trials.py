@@ -39,6 +39,7 @@ def test_arms_of_a_folder_are_tried_with_both_bases(models, tmp_path, capsys):
     for trial in trials:
         assert trial.failed == ""
         assert trial.springs_off < 0.15
+        assert trial.compliances_inside >= 4 / 6
         assert trial.after_over_noise < 1.5
         assert trial.bends_off < 0.01
     assert "ur10" in (tmp_path / "out" / "report.md").read_text()
@@ -56,7 +57,7 @@ def test_a_trial_that_failed_is_tried_anew(models, tmp_path, monkeypatch):
         asked.append(known)
         for base in BASES:
             own = ("ur10", 0, base, "", "", not why, "explained")
-            yield ArmTrial(*own, 0.0, 1.0, 0.0, 1.0, *why)
+            yield ArmTrial(*own, 0.0, 1.0, 1.0, 0.0, 1.0, *why)
 
     monkeypatch.setattr(studies, "trials_of", trials_of)
     settings = command.Settings(models, tmp_path / "out", trials=1)
