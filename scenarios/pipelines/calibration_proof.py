@@ -92,7 +92,9 @@ def proved(found: Calibrated, recording: Recording, model: Path) -> CalibrationP
         BenchError: Where the simulator cannot.
     """
     patch = for_simulator(recording, patch_of_calibration(found), model)
-    springs = Patch(stiffness_nm_per_rad=dict(found.springs[0]))
+    springs = Patch(
+        stiffness_nm_per_rad={a: k.estimate for a, k in found.springs[0].items()}
+    )
     nominal = for_simulator(recording, springs, model)
     before = _residual(found, recording, model, nominal, found.before, 0.0)
     if not patch.effects:

@@ -387,7 +387,7 @@ def patch_of_calibration(found: Calibrated) -> Patch:
     fitted = found.readings.take(~found.held)
     torque = CalibrationState.of(fitted, found.corrected_geometry).torque
     return Patch(
-        stiffness_nm_per_rad=dict(found.springs[1]),
+        stiffness_nm_per_rad={a: k.estimate for a, k in found.springs[1].items()},
         effects=tuple(effects),
         base_from_tracker=_rows(found.corrected_geometry.base_from_tracker),
         markers={n: _triple(p) for n, p in zip(names, places, strict=True)},

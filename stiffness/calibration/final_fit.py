@@ -269,19 +269,24 @@ class FinalFit:
         order, phase = int(self.order[waves[at, 0]]), float(np.arctan2(c, s))
         return Wave(order, float(size[at]), phase, float(width[at]))
 
-    def springs(self, nominal: Float[np.ndarray, " axes"]) -> dict[str, float]:
+    def springs(
+        self, nominal: Float[np.ndarray, " axes"], half: Mapping[int, float]
+    ) -> dict[str, Interval]:
         """Return the fitted stiffness of each spring of the model, in N m/rad.
 
         Changes within a decade count as nominal; unidentifiable springs keep their
-        value.
+        value. Intervals are those of compliances, of half a width by number in `known`.
         """
-        softer = {}
-        for j, value in zip(self.known.tolist(), self.fit.x.tolist(), strict=True):
+        found = {}
+        for i, j in enumerate(self.known.tolist()):
             if self.blocks.owner[j] == SILENT and self.blocks.entry[j] < 0:
-                where = _axis_of(self.blocks, j)
+                where, value = _axis_of(self.blocks, j), float(self.fit.x[i])
                 usual = 1.0 / nominal[int(where[1:]) - 1]
-                softer[where] = float(1.0 / np.clip(value, usual / 10.0, 10.0 * usual))
-        return softer
+                give = float(np.clip(value, usual / 10.0, 10.0 * usual))
+                wide = half.get(i, np.inf)
+                stiffest = 1.0 / (give - wide) if wide < give else np.inf
+                found[where] = Interval(1.0 / give, 1.0 / (give + wide), stiffest)
+        return found
 
 
 def final_fit(

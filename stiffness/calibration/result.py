@@ -268,7 +268,7 @@ class Calibrated:
     Attributes:
         before: Nominal arm: tracker frame, target positions and springs fitted.
         springs: Stiffness of springs that the model has, in N m/rad, by axis: as
-            fitted with the nominal geometry, and with the corrected one.
+            fitted with the nominal geometry, without ends, and with the corrected one.
         estimates: Parameters with intervals, by effect and site; tables excepted.
         error_tables: Transmission errors, by axis.
         harmonics: Largest significant harmonic of each table, by axis.
@@ -287,7 +287,7 @@ class Calibrated:
     spatial_folds: SpatialFolds
     before: Geometry
     corrected_geometry: Geometry
-    springs: tuple[dict[str, float], ...]
+    springs: tuple[dict[str, Interval], dict[str, Interval]]
     estimates: dict[Key, dict[str, Interval]]
     error_tables: dict[str, Table]
     harmonics: dict[str, Wave]
@@ -407,7 +407,10 @@ def _result(
         spatial_folds=spatial_folds,
         before=before.corrected_geometry,
         corrected_geometry=after.corrected_geometry,
-        springs=tuple(f.springs(readings.arm.stiffness) for f in (before, after)),
+        springs=(
+            before.springs(readings.arm.stiffness, {}),
+            after.springs(readings.arm.stiffness, widths),
+        ),
         estimates=estimates,
         error_tables=after.error_tables(),
         harmonics=clearest,

@@ -52,6 +52,7 @@ def _blocks(
     )
     yield Heading("What was left out")
     yield from _named(found, answer)
+    yield from _springs(found)
     if found.error_tables:
         yield Figure(
             "Uneven gears: how far each axis stands beside its reported angle (orange) "
@@ -157,6 +158,36 @@ def _named(found: Calibrated, answer: Answer) -> Iterator[Block]:
             "grows by ×": lambda n: f"{np.exp(budget[n.effect, n.where][0]):.2f}",
             "loss / its error": lambda n: (
                 f"{np.divide(*budget[n.effect, n.where]):.1f}"
+            ),
+        },
+    )
+
+
+def _springs(found: Calibrated) -> Iterator[Block]:
+    """Yield the table of springs that the arm's own weight winds up."""
+    fitted = found.springs[1]
+    slides = found.readings.arm.slides
+    seen = [axis for axis, k in fitted.items() if np.isfinite(k.high)]
+    if not seen:
+        return
+
+    def told(axis: str, stiffness: float) -> str:
+        along = slides[int(axis[1:]) - 1]
+        return f"{stiffness:.4g} N/m" if along else f"{1e-3 * stiffness:.4g}"
+
+    def span(axis: str) -> str:
+        return f"{told(axis, fitted[axis].low)} to {told(axis, fitted[axis].high)}"
+
+    yield table_of(
+        "Springs as the arm's own weight winds them up, nuisance parameters of the "
+        "fit, with 95 % intervals over regions; without axes that it hardly loads.",
+        seen,
+        {
+            "axis": lambda a: a,
+            "stiffness [kN m/rad]": lambda a: told(a, fitted[a].estimate),
+            "interval": span,
+            "model's [kN m/rad]": lambda a: told(
+                a, found.readings.arm.stiffness[int(a[1:]) - 1]
             ),
         },
     )

@@ -457,8 +457,10 @@ def test_the_weight_of_a_stated_tool_is_nothing_that_was_left_out():
     truth = arm_of(KR10).stiffness
     assert not o.answer.named
     for axis, tolerance in (("a2", 0.02), ("a3", 0.02), ("a5", 0.05)):
-        own = o.found.springs[0][axis]
+        own = o.found.springs[0][axis].estimate
         assert own == pytest.approx(truth[int(axis[1:]) - 1], rel=tolerance)
+        last = o.found.springs[1][axis]
+        assert last.low < truth[int(axis[1:]) - 1] < last.high < 1.5 * last.low
     size = np.sqrt(np.mean(np.sum(o.proof.before**2, axis=1)))
     assert size < 1.2 * np.sqrt(3) * NOISE
 
