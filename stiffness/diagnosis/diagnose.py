@@ -50,7 +50,6 @@ from stiffness.diagnosis.model_fit import (
 from stiffness.diagnosis.nominal_fit import Prepared, prepare, with_noise
 from stiffness.diagnosis.relinearisation import (
     KINEMATIC,
-    ODD,
     build_problem,
     curvature,
     noise_ratio_of,
@@ -89,9 +88,12 @@ from stiffness.effects.base import Hypothesis
 from stiffness.experiment.outliers import outlier_text, outliers_of, without_outliers
 from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.sensor_noise import (
+    ODD,
     average_encoders,
+    measured_noise_text,
     no_finer,
     with_measured_noise,
+    wrench_noise_text,
 )
 from stiffness.regression.splits import other_splits
 from stiffness.regression.testing import SIGNIFICANCE, SMALLEST
@@ -141,8 +143,7 @@ def held_out_misfit(prepared: Prepared, case: SelectionProblem) -> HeldOut:
     """
     rows = case.split.held_out[prepared.data.visits.posture_index]
     apart, seen = _apart(prepared, case)
-    count = int(seen[rows].sum())
-    if not count:
+    if not (count := int(seen[rows].sum())):
         return HeldOut(np.nan, np.nan)
     square, whole = float(np.sum(apart[rows] ** 2)) / count, np.nan
     between = case.data.between
@@ -229,14 +230,12 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
         said.append(Warned("few_poses", "rig", text))
     tracker = prepared.situation.recording.tracker
     if tracker is not None and tracker.is_stated and _odd(prepared):
-        measured = prepared.noise * float(np.sqrt(np.mean(tracker.repeatability**2)))
         readings = prepared.readings
-        least = no_finer(0.0, readings.weight, readings.inverse) > 0.99
-        less = " or less" if least else ""
-        text = (
-            f"the stated noise cannot be true: readings scatter {prepared.noise:.2f} "
-            f"times as much, {1e3 * measured:.3g} mm{less} "
-            f"({prepared.degrees_of_freedom} contrasts); the measured noise was used."
+        text = measured_noise_text(
+            prepared.noise,
+            float(np.sqrt(np.mean(tracker.repeatability**2))),
+            prepared.degrees_of_freedom,
+            no_finer(0.0, readings.weight, readings.inverse) > 0.99,
         )
         said.append(Warned("noise_statement", "tracker", text))
     if prepared.downweighted:
@@ -395,6 +394,9 @@ def diagnose(
     scatter = scatter_of_readings(detection.noise_rms, ratio)
     told = noise_text(prepared, looked.last, scatter, ratio, bool(unstated))
     said = data_warnings(prepared)
+    if prepared.degrees_of_freedom and recording.wrench is not None and ratio == 1.0:
+        text = wrench_noise_text(looked.last.noise_ratio)
+        remarks += [Warned("noise_statement", "wrench_sensor", text)] * bool(text)
     if told:
         told = Warned("noise_statement", "tracker", told)
         said = (told, *(w for w in said if w.code != told.code))

@@ -56,7 +56,7 @@ from stiffness.effects.jacobian import (
 )
 from stiffness.effects.statics import springs_of, wind_up
 from stiffness.experiment.residuals import expected, shares_of
-from stiffness.experiment.sensor_noise import no_finer
+from stiffness.experiment.sensor_noise import ODD, no_finer
 from stiffness.experiment.static_state import (
     LINEAR,
     Law,
@@ -473,8 +473,6 @@ def _linear_displacement(
 
 # --- Noise as an unknown --------------------------------------------------------------
 
-ODD = 1.1
-"""Noise over the one it was held for from which it is another; chosen: a tenth."""
 MUCH_FINER = 0.5
 """The same below which it is the tracker's, whatever the force sensor does; chosen."""
 

@@ -57,6 +57,8 @@ from stiffness.robot.wrench import turned
 
 # --- Tracker whose noise is not stated, or as good as none ----------------------------
 
+ODD = 1.1
+"""Noise over the one it was held for from which it is another; chosen: a tenth."""
 FINEST = 1e-7
 """Least noise of a coordinate, averaged over its frames, that names are judged against,
 in m; chosen: less than trackers resolve, and what lever arms leave out of a turn of
@@ -88,6 +90,38 @@ def with_measured_noise(recording: Recording) -> tuple[Recording, str]:
         sigma *= float(np.sqrt(np.mean(frames)))
     measured = replace(tracker, repeatability=np.full(3, sigma))
     return replace(recording, tracker=measured), text
+
+
+def measured_noise_text(ratio: float, stated: float, count: int, finest: bool) -> str:
+    """Return what is said where marks measure another noise than the tracker's stated.
+
+    Args:
+        ratio: Measured noise over the stated one.
+        stated: In m.
+        count: Number of contrasts that measure it.
+        finest: Whether it may be finer still.
+    """
+    return (
+        f"the stated noise cannot be true: readings scatter {ratio:.2f} times as much, "
+        f"{1e3 * ratio * stated:.3g} mm{' or less' * finest} ({count} contrasts); the "
+        "measured noise was used."
+    )
+
+
+def wrench_noise_text(ratio: float) -> str:
+    """Return what is said where the force sensor's stated noise is too large.
+
+    Args:
+        ratio: All scatter over what the tracker's measured and the force sensor's
+            stated noise make of it together.
+    """
+    if not 0.0 < ratio < 1.0 / ODD:
+        return ""
+    return (
+        "the stated noise of the force sensor cannot be true: readings scatter "
+        f"{ratio:.2f} times as much as with it; names are judged against the stated "
+        "one. It is `accuracy_n` and `accuracy_nm` of the wrench's sensor."
+    )
 
 
 def no_finer(

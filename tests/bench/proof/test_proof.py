@@ -498,6 +498,22 @@ def test_means_are_those_of_the_rows_that_are_kept():
     assert_allclose(left, [-1.0, 1.0, 6.0, np.nan, 0.0])
 
 
+def test_a_force_sensor_that_is_stated_too_noisy_leaves_no_more_than_is_left(
+    recording, kr10, held, proof
+):
+    """Its noise would leave 40 µm where 15 are left; stated rightly it counts whole."""
+    sensor = recording.wrench_sensor
+    noisy = replace(sensor, accuracy_force=2.0, accuracy_torque=0.2)
+    loop = Hysteresis("a2", width_rad=3e-4)
+    wrong = prove(
+        replace(recording, wrench_sensor=noisy), kr10, patch(loop), held, thorough=False
+    )
+    least, right = of_markers(proof).noise, of_markers(wrong)
+    assert right.noise == pytest.approx(right.after, rel=0.1)
+    assert right.noise == pytest.approx(least, rel=0.1)
+    assert right.explained is not None and right.explained.high < 1.1
+
+
 def test_frames_make_a_reading_quieter(laid_out):
     world, _ = laid_out
     many = replace(

@@ -46,6 +46,7 @@ from stiffness.experiment.sensor_noise import (
     average_encoders,
     left_of_encoders,
     with_measured_noise,
+    wrench_noise_text,
 )
 from stiffness.regression.intervals import Interval
 from stiffness.robot.arm import Arm
@@ -423,3 +424,14 @@ def test_masses_at_other_links_are_as_large_beside_their_priors_as_those_named()
     assert len(want) != len(size)
     assert found is not None
     assert_allclose(np.sqrt(found), want)
+
+
+def test_a_force_sensor_that_is_stated_too_noisy_is_said(plain, arm):
+    """Marks of one body measure the tracker's noise, and all scatter the rest."""
+    sensor = replace(plain.wrench_sensor, accuracy_force=3.0, accuracy_torque=0.3)
+    for recording, count in ((plain, 0), (replace(plain, wrench_sensor=sensor), 1)):
+        found = diagnose(recording, arm, FEW)
+        told = [w.text for w in found.warnings if w.where == "wrench_sensor"]
+        assert len(told) == count
+        assert all("the force sensor cannot be true" in text for text in told)
+    assert wrench_noise_text(0.95) == wrench_noise_text(1.3) == ""
