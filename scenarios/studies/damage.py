@@ -333,7 +333,7 @@ def _set_up(name: str, code: str, samples: Samples) -> Damage:
 MISTAKES = (
     *("axis_reversed", "axis_order", "axis_zero", "mirrored", "units", "wrong_model"),
     *("wrench_sign", "wrench_frame", "wrench_columns", "wrench_rows"),
-    *("tracker_frame", "marker_places", "marker_names"),
+    *("tracker_frame", "marker_places", "marker_names", "marker_columns"),
 )
 """Codes of warnings with which no effect may be named."""
 WHAT = ("refused", "warned", "misnamed", "diagnosed", "half written", "crashed")

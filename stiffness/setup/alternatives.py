@@ -9,6 +9,16 @@ What the tracker saw can be read in other ways: mirrored, in other units and fra
 
 The same holds of where it is said to stand, and of where markers are said to sit.
 
+A marker's column can be another's, of another sign or unit: its body then is not rigid.
+
+==========  ==========================================================================
+Equation    s² = mean over pairs of a body's markers of (1.4826 median |d - median d|)²,
+            d = |p_i - p_j|, under each reading of its columns
+Source      a rigid body keeps its distances; enumeration
+Valid       absolute readings; bodies with three markers or more; one mistake a body
+Ignores     markers that are wrong in less than half of the visits
+==========  ==========================================================================
+
 A wrench's columns can be in another order, of another sign, or of another row.
 
 A wrench can be read in other ways: other signs, units and axes.
@@ -289,6 +299,97 @@ def of_sight(sight: TrackerObservations) -> Iterator[Seeing]:
             "R(quaternion) p_tracker + position is expected."
         )
         yield Seeing(Warned("tracker_frame", "tracker", text), _inverted)
+
+
+KEPT = 1e-3
+"""Spread of a distance within a body that is kept, in m; chosen: a loose marker moves
+by tenths of a millimetre, another's column by centimetres."""
+CLEARLY = 5.0
+"""Factor by which another reading must keep distances better; chosen."""
+INCH = 25.4
+"""Millimetres to an inch."""
+
+
+def detect_column_errors(some: Recording, kept: float) -> tuple[Warned, ...]:
+    """Say which columns of markers stand twice, or are another's than they are called.
+
+    Args:
+        some: Some visits with absolute markers.
+        kept: Spread of a distance within a body up to which it is kept, in m.
+    """
+    assert some.points is not None
+    bodies: dict[str, list[int]] = {}
+    for m, marker in enumerate(some.markers):
+        bodies.setdefault(marker.body, []).append(m)
+    told = [*_columns_read_twice(some)]
+    for own in bodies.values() if not told else ():
+        before = _spread(some.points, own) if len(own) > 2 else 0.0
+        if before <= max(kept, KEPT):
+            continue
+        others = [(_spread(p, own), text) for text, p in _of_columns_of(some, own)]
+        after, text = min(others, key=lambda one: one[0])
+        if after <= max(kept, KEPT, before / CLEARLY):
+            told.append(
+                Warned(
+                    "marker_columns",
+                    "markers",
+                    f"{text}: then the markers of {some.markers[own[0]].body!r} keep "
+                    f"their distances to {1e3 * after:.2g} mm, as written they change "
+                    f"by {1e3 * before:.2g} mm. Correct the mapping or the file.",
+                )
+            )
+    return tuple(told)
+
+
+def _columns_read_twice(some: Recording) -> Iterator[Warned]:
+    """Yield the markers' columns that hold the same numbers as one before."""
+    assert some.points is not None
+    seen: dict[bytes, str] = {}
+    for m, marker in enumerate(some.markers):
+        for c, axis in enumerate("xyz"):
+            values, name = some.points[:, m, c], f"{marker.name}_{axis}_mm"
+            read = values[np.isfinite(values)]
+            if len(read) > 1 and np.ptp(read) > 0.0:
+                first = seen.setdefault(values.tobytes(), name)
+                if first != name:
+                    text = (
+                        f"{first} and {name} hold the same numbers: one is read from "
+                        "the other's column. Correct the mapping or the file."
+                    )
+                    yield Warned("marker_columns", f"marker:{marker.name}", text)
+
+
+def _spread(points: np.ndarray, own: list[int]) -> float:
+    """Return the robust rms by which distances between markers vary, in m."""
+    i, j = np.array(list(combinations(own, 2))).T
+    apart = np.linalg.norm(points[:, i] - points[:, j], axis=2)
+    apart = apart[:, np.isfinite(apart).sum(axis=0) > 1]
+    if not apart.size:
+        return 0.0
+    away = np.abs(apart - np.nanmedian(apart, axis=0))
+    return float(np.sqrt(np.mean((1.4826 * np.nanmedian(away, axis=0)) ** 2)))
+
+
+def _of_columns_of(some: Recording, own: list[int]) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield how else the columns of a body's markers may be meant."""
+    assert some.points is not None
+    every = [(m, c) for m in own for c in range(3)]
+    names = {(m, c): f"{some.markers[m].name}_{'xyz'[c]}_mm" for m, c in every}
+    for one, other in combinations(every, 2):
+        if one[0] == other[0] or one[1] == other[1]:
+            points = some.points.copy()
+            points[:, one[0], one[1]] = some.points[:, other[0], other[1]]
+            points[:, other[0], other[1]] = some.points[:, one[0], one[1]]
+            yield f"{names[one]} and {names[other]} look exchanged", points
+    for m, c in every:
+        for factor, said in (
+            (-1.0, "looks as if it had the other sign"),
+            (INCH, f"looks as if given in inches: it fits times {INCH}"),
+            (1.0 / INCH, f"looks as if taken for inches: it fits over {INCH}"),
+        ):
+            points = some.points.copy()
+            points[:, m, c] *= factor
+            yield f"{names[m, c]} {said}", points
 
 
 def less_is_stated(sight: TrackerObservations) -> Iterator[Seeing]:

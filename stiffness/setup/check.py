@@ -59,6 +59,7 @@ from stiffness.robot.tracker_frame import (
 from stiffness.setup.alternatives import (
     Angles,
     best_shift,
+    detect_column_errors,
     less_is_stated,
     of_angles,
     of_sight,
@@ -377,12 +378,20 @@ def _errors(recording: Recording, arm: Arm) -> Told:
     told: Told = ()
     if recording.displacement == "absolute":
         told = detect_unit_errors(recording, arm)
+        told = told or _mistakes_of_columns(recording)
         mixed = () if told else detect_swapped_markers(recording, arm)
         told = told or tuple(m.warned for m in mixed if m.is_unambiguous)
         told = told or _mistakes_of_places(
             recording, arm, tuple(m.warned for m in mixed)
         )
     return told or load_setup_errors(recording, arm)
+
+
+def _mistakes_of_columns(recording: Recording) -> Told:
+    """Hold markers against the rigid body that they are on, whatever the arm is."""
+    assert recording.tracker is not None
+    noise = CLEAR * float(np.max(recording.tracker.repeatability))
+    return detect_column_errors(some_visits(recording, MANY), noise)
 
 
 def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
@@ -405,6 +414,7 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
         some, sight, before = every, others, whole
     angles = list(of_angles(posture, arm.slides))
     told = _single(some, arm, angles, sight)
+    moved: list[tuple[float, Told]] = []
     if _least(told) > least:
         moved = _on_other_bodies(every, arm, DOUBT * extent)
         if _least(moved) <= least and (said := _best(moved, whole)):
@@ -415,6 +425,7 @@ def _mistakes_of_places(recording: Recording, arm: Arm, mixed: Told) -> Told:
     if _least(told) > DOUBT * extent:
         told += _shifted(some, arm)
         answer = _best(told, before)
+    answer = answer or _best(moved, whole)  # of a soft arm, which sags
     settled = _least(told) < DOUBT * extent if answer else before < GROSS * extent
     if settled:
         return answer

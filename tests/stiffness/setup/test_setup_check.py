@@ -12,7 +12,7 @@ from bench.rig import Rig
 from bench.shared.plan import parse_path
 from bench.shared.recording import Marker, Recording
 from bench.standard_plans import table_one_plan
-from scenarios.pipelines.inputs import arm_of
+from scenarios.pipelines.inputs import arm_of, read_for
 from scenarios.pipelines.synthetic_recording import Watching
 from scenarios.record import Settings, main
 from stiffness.diagnosis.diagnose import diagnose
@@ -541,6 +541,53 @@ def test_one_marker_on_another_body_than_is_said_is_named(tmp_path):
 
 COMPENSATOR = "gravity_compensator@a2,torque_nm=120,phase_rad=-2.4"
 """It turns its axis as gravity along another line would, and no other axis."""
+
+
+def test_a_marker_on_another_body_is_named_where_a_soft_arm_sags(tmp_path):
+    """Its sag is a millimetre, more than a well calibrated arm misses by."""
+    main(Settings(tmp_path / "r", stiffness_scale=(0.5,), path="0", poses=40))
+    recording, arm, _ = read_for(tmp_path / "r", arm_of(MODELS["kr10"]))
+    flange = [k for k, m in enumerate(recording.markers) if m.body == "flange"]
+    only = unplaced(recording.watching(flange))
+    assert setup_errors(only, arm) == ()
+    markers = (replace(only.markers[0], body="link_5"), *only.markers[1:])
+    (told,) = setup_errors(replace(only, markers=markers), arm)
+    assert (told.code, told.where) == ("marker_body", f"marker:{markers[0].name}")
+    assert "to 'link_6'" in told.text or "to 'flange'" in told.text
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (lambda p: p[:, [1, 2], 1], "link3_b_y_mm and link3_c_y_mm look exchanged"),
+        (lambda p: p[:, 1, [1, 0]], "link3_b_x_mm and link3_b_y_mm look exchanged"),
+        (lambda p: -p[:, 1, 1], "link3_b_y_mm looks as if it had the other sign"),
+        (lambda p: p[:, 1, 1] * 25.4, "link3_b_y_mm looks as if taken for inches"),
+        (lambda p: p[:, 1, 1] / 25.4, "link3_b_y_mm looks as if given in inches"),
+        (lambda p: p[:, 2, 1], "link3_b_y_mm and link3_c_y_mm hold the same numbers"),
+    ],
+    ids=["exchanged", "own", "sign", "over", "inches", "twice"],
+)
+@pytest.mark.parametrize("change", [lambda r: r, unplaced])
+def test_a_column_that_is_another_s_is_named_by_the_distances_within_its_body(
+    wrong, words, change, tmp_path
+):
+    """Places that nobody stated would follow the mistake."""
+    recording, arm = recorded(tmp_path / "r", "kr10", "all", False)
+    names = [m.name for m in recording.markers]
+    own = [names.index(f"link3_{letter}") for letter in "abcd"]
+    whole = change(recording)
+    points = whole.points.copy()
+    column = wrong(points[:, own])
+    if column.ndim == 1:
+        points[:, own[1], 1] = column
+    elif "link3_c" in words:
+        points[:, own[2], 1], points[:, own[1], 1] = column.T
+    else:
+        points[:, own[1], 0], points[:, own[1], 1] = column.T
+    (told,) = setup_errors(replace(whole, points=points), arm)
+    assert told.code == "marker_columns"
+    assert words in told.text
 
 
 @pytest.mark.parametrize("effects", [(), (COMPENSATOR,)])
