@@ -113,7 +113,7 @@ def sentences(finding: Result) -> Iterator[str]:
     springs = springs_of(finding)
     if springs is not None and (told := sentence(springs)):
         yield told
-    if a.verdict == "no_mismatch":
+    if a.verdict == "no_mismatch" or finding.diagnosis.nominal is None:
         return
     if a.located:
         yield _where(a.located)

@@ -225,6 +225,8 @@ def title_of(finding: Result) -> str:
     nothing = answer.verdict == "no_mismatch"
     if nothing and any(warning.code == SCATTER for warning in answer.warnings):
         said = "No law was found in what differs"
+    if finding.diagnosis.nominal is None:
+        said = "The set-up has to be mended first"
     return f"{said}: {answer.recording or 'a recording'}"
 
 
