@@ -1,5 +1,6 @@
 """Reads the nominal arm from its model file, and a recording against that arm."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -141,11 +142,16 @@ def under_known_loads(recording: Recording) -> tuple[Recording, tuple[str, ...]]
 
 
 def legend_of(arm: Arm) -> tuple[str, ...]:
-    """Return which joint each axis is, in one sentence; none where names agree."""
+    """Return which joint each axis is, and the flange; nothing where names agree."""
     pairs = [(f"a{k}", visible(axis)) for k, axis in enumerate(arm.axes, start=1)]
     if all(name == axis for name, axis in pairs):
         return ()
     said = ", ".join(f"{name} is {axis!r}" for name, axis in pairs)
+    places, ours = arm.chain.places, ("flange", "tool")
+    last = [n for n, place in places.items() if place is places["flange"]]
+    own = [n for n in last if n not in ours and not re.fullmatch(r"link_\d+", n)]
+    if own:
+        said += f", and the flange is {visible(own[0])!r}"
     return (f"axes go by the recording's columns; in the model {said}.",)
 
 

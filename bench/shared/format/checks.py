@@ -233,6 +233,10 @@ TRAVEL = np.radians(3.0)
 slides); chosen: an offset of half of it would be an error of the arm, not of a file."""
 ZEROS = (90.0, -90.0, 180.0)
 """Degrees by which makers count an axis from different zeros; chosen."""
+TURNS = 1.0
+"""Turns of an axis beyond which its unit is doubted before its zero; chosen."""
+ANGLES = (("degrees", np.pi / 180.0), ("mrad", 1e-3))
+"""What an angle that was read as rad may be in, and its size in rad."""
 COUPLED = 2
 """Axes apart that one may be counted against another; chosen: links of a parallelogram
 are counted against the axis before, and wrists are coupled over two."""
@@ -390,6 +394,9 @@ def _ways_inside(
         return bool(np.all((column >= span[0]) & (column <= span[1])))
 
     column, unit = values[name], name.partition("_")[2]
+    if unit == "deg" and np.abs(column).max() > TURNS * 2.0 * np.pi:
+        fits = [word for word, size in ANGLES if inside(column * size)]
+        return [f"taken for {word} (check the unit)" for word in fits[:1]]
     ways = ["with the other sign"] if inside(-column) else []
     if unit == "deg":
         fits = [o for o in (*ZEROS, -180.0) if inside(column + np.radians(o))]

@@ -116,6 +116,7 @@ SPELLINGS: dict[str, str] = {
 """How units are also written."""
 _UNIT = re.compile(r"^(.*?)[\s_]*[\[(]([^\])]+)[\])]\s*$")
 _AXIS = re.compile(r"(?:j|q|a|ax|axis|joint|achse|angle|theta)[ _.-]*([1-9][0-9]?)")
+_SUM = re.compile(rf"{_AXIS.pattern}\s*([+-])\s*{_AXIS.pattern}")
 _FORCE = re.compile(r"(?:f|force|kraft)[ _.-]*([xyz])")
 _TORQUE = re.compile(r"(?:m|t|mom|moment|torque)[ _.-]*([xyz])")
 _SPREAD = re.compile(r"(?:(.*?)[ _.-]*(?:std|sigma|sd|rms)|s)[ _.-]*([xyz])")
@@ -143,9 +144,14 @@ class Guess:
     Attributes:
         columns: The format's name, to the file's name and its unit; None for the
             format's own.
+        sums: The format's name of an axis, to the columns that make it up with their
+            factors, and their unit.
     """
 
     columns: Mapping[str, tuple[str, str | None]] = field(default_factory=dict)
+    sums: Mapping[str, tuple[Mapping[str, int], str | None]] = field(
+        default_factory=dict
+    )
     markers: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
 
@@ -158,6 +164,7 @@ def guess_of(sheet: Sheet, model: ModelFacts | None = None) -> Guess:
         model: The robot, whose joints columns may be called after.
     """
     columns: dict[str, tuple[str, str | None]] = {}
+    coupled: list[tuple[str, str, re.Match[str]]] = []
     points: dict[str, dict[str, tuple[str, str]]] = {}
     spreads: dict[str, dict[str, tuple[str, str]]] = {}
     for name, below in zip(sheet.names, sheet.units, strict=True):
@@ -168,6 +175,10 @@ def guess_of(sheet: Sheet, model: ModelFacts | None = None) -> Guess:
         plain = plain.strip().casefold()
         if said := _known(name) or _by_word(plain) or _by_joint(plain, model):
             columns.setdefault(said, (name, _unit(said, unit)))
+        elif SPELLINGS.get(unit.casefold(), unit) in UNITS["temperature"]:
+            columns.setdefault("temperature_c", (name, _unit("temperature_c", unit)))
+        elif match := _SUM.fullmatch(plain):
+            coupled.append((name, unit, match))
         elif match := _SPREAD.fullmatch(plain):
             spreads.setdefault(match[1] or "", {})[match[2]] = (name, unit)
         elif match := _POINT.fullmatch(plain):
@@ -185,9 +196,28 @@ def guess_of(sheet: Sheet, model: ModelFacts | None = None) -> Guess:
                 name, unit = spread[end[1]]
                 own = _unit("p_x_mm", unit, ("p",))
                 columns[f"{marker}_std{end}"] = (name, own)
+    sums = dict(_sums(coupled, columns))
     read = {source for source, _ in columns.values()}
+    read |= {source for terms, _ in sums.values() for source in terms}
     names = tuple(re.sub(r"\W+", "_", p).strip("_") or "p" for p in markers)
-    return Guess(columns, names, tuple(n for n in sheet.names if n and n not in read))
+    unknown = tuple(n for n in sheet.names if n and n not in read)
+    return Guess(columns, sums, names, unknown)
+
+
+def _sums(
+    coupled: Sequence[tuple[str, str, re.Match[str]]],
+    columns: Mapping[str, tuple[str, str | None]],
+) -> Iterator[tuple[str, tuple[dict[str, int], str | None]]]:
+    """Yield the axis that each sum of two holds beside one that is known."""
+    for name, unit, match in coupled:
+        one, sign, other = match.groups()
+        axes = {f"a{one}_deg": 1, f"a{other}_deg": 1 if sign == "+" else -1}
+        known = [axis for axis in axes if axis in columns]
+        if len(axes) == 2 and len(known) == 1:
+            (asked,) = axes.keys() - known
+            beside = -axes[asked] * axes[known[0]]
+            terms = {name: axes[asked], columns[known[0]][0]: beside}
+            yield asked, (terms, _unit(asked, unit))
 
 
 def _known(name: str) -> str | None:
@@ -305,6 +335,11 @@ def _lines(
             yield "# what the world exerts on the robot: pulled along +x, fx_n is above"
             yield "# 0; of the other sign: factor = -1.0 beside unit, in all six"
         yield f"{said if plain else _quoted(said)} = {entry}"
+    for said, (terms, unit) in guess.sums.items():
+        sources = ", ".join(map(_quoted, terms))
+        own = f", unit = {_quoted(unit)}" if unit else ""
+        entry = f"{{ from = [{sources}], sum = {list(terms.values())}{own} }}"
+        yield f"{said} = {entry}  # by its name: is it so?"
     if not any(said in columns for said in ("a1_deg", "a1_mm")):
         yield '# a1_deg = "?"  # which columns are the axes\' angles?'
     if guess.unknown:
@@ -329,6 +364,8 @@ def _sensors(guess: Guess, bodies: Sequence[str]) -> Iterator[str]:
             "# [tool]  # what the flange carries beside the model, sensor too",
         ]
         yield from ["# mass_kg = 0.5", "# com_mm = [0, 0, 25]  # in the flange's frame"]
+    if bodies and not all(_body_of(marker, bodies) for marker in guess.markers):
+        yield from ["", f"# this robot's bodies: {', '.join(bodies)}"]
     for marker in guess.markers:
         yield from ["", f"[markers.{_quoted(marker)}]"]
         body = _body_of(marker, bodies)

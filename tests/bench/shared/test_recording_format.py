@@ -191,6 +191,14 @@ def test_an_angle_whose_other_sign_is_within_the_limits_is_said_to_be(folder):
         read(folder, ARM)
 
 
+def test_an_angle_of_many_turns_is_doubted_for_its_unit_before_its_zero(folder):
+    """Degrees that were read as radians."""
+    every("a3_deg", lambda v: str(np.degrees(-float(v))))(folder)
+    said = "all rows are inside taken for degrees (check the unit)."
+    with pytest.raises(Unusable, match=re.escape(said)):
+        read(folder, ARM)
+
+
 def test_what_brings_an_angle_within_the_limits_is_said(folder):
     """Its axis' other zero, or the axis that it is counted against."""
     every("a3_deg", lambda v: str(175.0 + float(v) / 100.0))(folder)

@@ -55,6 +55,37 @@ def test_columns_called_after_joints_of_the_robot_are_its_axes():
     }
 
 
+@pytest.mark.parametrize(
+    ("name", "factors", "asked", "truth"),
+    [
+        ("J2+J3", [1, -1], "a3_deg", 30.0),
+        ("J3 - J2", [1, 1], "a3_deg", 30.0),
+        ("J2-J3", [-1, 1], "a3_deg", 30.0),
+        ("A1+A2 [°]", [1, -1], "a1_deg", 10.0),
+    ],
+)
+def test_a_column_of_two_axes_is_what_it_holds_beside_the_known_one(
+    tmp_path, name, factors, asked, truth
+):
+    """Of angles 10, 20 and 30 degrees."""
+    held = {"J2+J3": 50, "J3 - J2": 10, "J2-J3": -10, "A1+A2 [°]": 30}[name]
+    other = ("J1", 10) if asked == "a3_deg" else ("J3", 30)
+    file = tmp_path / "cell.csv"
+    file.write_text(
+        f"Time;{other[0]};J2;{name};X;Y;Z\n"
+        f"0;{other[1]};20;{held};0,1;0;0\n9;{other[1]};20;{held};0,2;0;0\n"
+    )
+    text = suggested(file)
+    assert f'{asked} = {{ from = ["{name}", "J2"], sum = {factors} }}' in text
+    assert "not understood" not in text
+    text = text.replace('# body = "?"', 'body = "flange"')
+    (tmp_path / "m.toml").write_text(text)
+    read = main(Settings(file, tmp_path / "m.toml", tmp_path / "out"))
+    assert read is not None
+    k = int(asked[1]) - 1
+    np.testing.assert_allclose(np.degrees(read.posture[:, k]), truth)
+
+
 def test_a_suggestion_is_never_written_over_a_mapping(tmp_path):
     (tmp_path / "cell.csv").write_text(SHEET)
     (tmp_path / "mine.toml").write_text("mine")
@@ -78,6 +109,8 @@ def test_a_suggestion_is_never_written_over_a_mapping(tmp_path):
         ("Zeit [s]", "", "time_s", None),
         ("timestamp", "ms", "time_s", "ms"),
         ("load_kg", "", "load_kg", None),
+        ("Temp Halle", "°C", "temperature_c", None),
+        ("Ambient [°F]", "", "temperature_c", "degF"),
         ("Zusatzlast [g]", "", "load_kg", "g"),
         ("Gewicht", "kg", "load_kg", None),
         ("Zuggewicht", "g", "load_kg", "g"),

@@ -378,6 +378,11 @@ def test_axes_go_by_one_name_and_a_legend_says_which_joint_each_is(arm):
     other = arm_of(MODEL.parents[1] / "ur10" / "ur10.xml")
     (said,) = legend_of(other)
     assert "a1 is 'shoulder_pan_joint', a2 is 'shoulder_lift_joint', a3" in said
+    own = MODEL.read_text().replace('body name="flange"', 'body name="hand"')
+    own = own.replace('body name="tool"', 'body name="gripper"')
+    (said,) = legend_of(Arm.from_mjcf_text(own.replace('"a1"', '"waist"')))
+    assert "a1 is 'waist', a2 is 'a2'" in said
+    assert said.endswith("a6 is 'a6', and the flange is 'gripper'.")
 
 
 def test_a_recording_written_again_checks_alike(folder, tmp_path, arm):
