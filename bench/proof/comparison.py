@@ -3,8 +3,9 @@
 An effect that the load brings about shows in how markers move while the load comes and
 goes; there each marker's mean over a visit says nothing and is taken off. An effect of
 geometry shows in the means alone, and so does every effect where no load comes and
-goes; then nothing is taken off. Where noise explains the means that are left, they hold
-the patched arm's parameters, too, and are still taken off where arms are compared.
+goes; then nothing is taken off. Where noise explains what a fit leaves of the means,
+they hold the patched arm's parameters, too, and are still taken off where arms are
+compared.
 
 What a body turns beside the simulation (`turns_of`) shows in its marks' residuals:
 
@@ -85,15 +86,18 @@ scatter no more than the noise; chosen: errors of their own are then no larger."
 
 
 def means_are_explained(
-    world: ReplaySimulation, seen: SimulatedReadings, gauge: ComparisonMode
+    world: ReplaySimulation,
+    left: Float[np.ndarray, "rows readings"],
+    gauge: ComparisonMode,
 ) -> bool:
-    """Return whether noise explains the means of visits that a simulated arm leaves."""
-    if world.recording.displacement != "absolute" or not seen.residual.size:
+    """Return whether noise explains the means of visits in residuals of all rows."""
+    points = 3 * len(world.recording.markers)
+    if world.recording.displacement != "absolute" or not points:
         return False
-    left = np.reshape(seen.residual, (len(seen.residual), -1))[gauge.keep]
+    left = left[gauge.keep, :points]
     visit, good = world.replay.visit[gauge.keep], np.isfinite(left)
     count = int(visit.max()) + 1
-    number, total = np.zeros((2, count, left.shape[1]))
+    number, total = np.zeros((2, count, points))
     np.add.at(number, visit, good.astype(float))
     np.add.at(total, visit, np.where(good, left, 0.0))
     read = number > 0

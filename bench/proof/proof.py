@@ -144,8 +144,9 @@ def prove(
     patched, sensitivity, errors = nominal, None, None
     if own:
         patched = fitted(world, start, gauge, FIRST_ROUNDS)
-        patched, sensitivity = refined(world, patched, gauge, fixed)
-        errors = spring_errors(world, patched, sensitivity, gauge)
+        done = refined(world, patched, gauge, fixed)
+        patched, sensitivity = done.assumed, done.sensitivity
+        errors = spring_errors(world, done)
     tried = tuple(e for e in patched.rig.effects if e not in bare.effects)
     predictions = [FoldPrediction(nominal, patched, gauge, held)]
     if sensitivity is not None:
@@ -202,7 +203,7 @@ def _of_fold(
     ]
     if own:
         start = with_effects(patched, (*bare, *own))
-        patched, _ = refined(world, start, gauge, fixed, known)
+        patched = refined(world, start, gauge, fixed, known).assumed
     return FoldPrediction(nominal, patched if own else nominal, gauge, held)
 
 

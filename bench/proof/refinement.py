@@ -39,7 +39,14 @@ from bench.proof.comparison import (
     residual_of,
     sigma_of,
 )
-from bench.proof.nominal_fit import carried, framed, simulated_jacobian, solved, stepped
+from bench.proof.nominal_fit import (
+    SimulatedJacobian,
+    carried,
+    framed,
+    simulated_jacobian,
+    solved,
+    stepped,
+)
 from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
 from bench.rig import States
 from bench.shared.errors import BenchError
@@ -323,24 +330,77 @@ def sensitivity(
     return Sensitivity(tuple(parameters), tuple(places), found)
 
 
+@dataclass(frozen=True)
+class Refinement:
+    """An arm where the simulator agrees best.
+
+    Attributes:
+        sensitivity: What each parameter of its effects does there.
+        mode: Which readings it was refined by.
+    """
+
+    assumed: NominalState
+    sensitivity: Sensitivity
+    mode: ComparisonMode
+
+
+DISAGREE = 3.0
+"""Standard deviations of χ² beyond which means of visits and differences within them do
+not hold the same arm; chosen."""
+
+
 def refined(
     world: ReplaySimulation,
     assumed: NominalState,
     gauge: ComparisonMode,
     fixed: Collection[Place] = (),
     known: Sensitivity | None = None,
-) -> tuple[NominalState, Sensitivity]:
-    """Return where the simulator agrees best, and what each parameter does there.
+) -> Refinement:
+    """Return where the simulator agrees best.
 
-    Means of visits count, too, where noise explains what differences within visits
-    leave of them: they hold springs that a load hardly winds, and have nothing of their
-    own to bend them by.
+    ==========  ======================================================================
+    Equation    means of visits count, too, where noise explains what a fit to all
+                readings leaves of them, and differences within visits lose no more by
+                it than n + 3 sqrt(2 n) of their χ², n parameters
+    Source      two estimates of one arm, of which one may be inconsistent: Hausman
+                1978, "Specification Tests in Econometrics"
+    Valid       absolute readings; parameters that both hold
+    Ignores     errors of geometry that imitate springs under the arm's own weight
+    ==========  ======================================================================
+
+    They hold springs that a load hardly winds, and have nothing of their own to bend
+    them by.
     """
     found, sensitive = _refined_by(world, assumed, gauge, fixed, known)
-    if gauge.absolute or not means_are_explained(world, world.see(found), gauge):
-        return found, sensitive
-    whole = replace(gauge, absolute=True)
-    return _refined_by(world, found, whole, fixed, sensitive)
+    within = Refinement(found, sensitive, gauge)
+    if gauge.absolute or world.recording.displacement != "absolute":
+        return within
+    whole, seen = replace(gauge, absolute=True), world.see(found)
+    matrix, prior, _ = _columns(world, found, seen, whole, sensitive)
+    left = predicted(matrix, prior, seen, world, whole)
+    if not means_are_explained(world, left, whole):
+        return within
+    found, sensitive = _refined_by(world, found, whole, fixed, sensitive)
+    lost = chi_square(world, found, gauge) - chi_square(world, within.assumed, gauge)
+    most = len(prior) + DISAGREE * np.sqrt(2.0 * len(prior))
+    left = residual_of(world, world.see(found), whole)
+    if lost > most or not means_are_explained(world, left, whole):
+        return within
+    return Refinement(found, sensitive, whole)
+
+
+def _columns(
+    world: ReplaySimulation,
+    assumed: NominalState,
+    seen: SimulatedReadings,
+    gauge: ComparisonMode,
+    known: Sensitivity,
+) -> tuple[np.ndarray, np.ndarray, SimulatedJacobian]:
+    """Return what all parameters do, their priors, and those that are silent."""
+    silent = simulated_jacobian(world, assumed, seen, gauge.absolute)
+    matrix = np.concatenate([silent.matrix, known.matrix], axis=2)
+    prior = np.concatenate([silent.prior, np.ones(known.matrix.shape[2])])
+    return matrix, prior, silent
 
 
 def _refined_by(
@@ -399,9 +459,7 @@ def _better(
 ) -> _Refined:
     """Return where a Gauss-Newton step gains, shortened where it must be, or `at`."""
     seen = world.see(at.assumed)
-    columns = simulated_jacobian(world, at.assumed, seen, gauge.absolute)
-    matrix = np.concatenate([columns.matrix, known.matrix], axis=2)
-    prior = np.concatenate([columns.prior, np.ones(len(at.from_start))])
+    matrix, prior, columns = _columns(world, at.assumed, seen, gauge, known)
     n = columns.matrix.shape[2]
     since = np.concatenate([np.zeros(n), at.from_start])
     left = residual_of(world, seen, gauge)
@@ -448,10 +506,7 @@ def _square(
 
 
 def spring_errors(
-    world: ReplaySimulation,
-    assumed: NominalState,
-    known: Sensitivity,
-    gauge: ComparisonMode,
+    world: ReplaySimulation, found: Refinement
 ) -> Float[np.ndarray, " axes"]:
     """Return one sigma of the logarithm of each axis' compliance; 0 where it is rigid.
 
@@ -459,12 +514,9 @@ def spring_errors(
     Poses are what is independent: where they scatter more than their readings' noise
     says, it is the variance of H⁻¹ Σ g of their scores g (White 1982).
     """
+    assumed, gauge = found.assumed, found.mode
     seen = world.see(assumed)
-    if not gauge.absolute and means_are_explained(world, seen, gauge):
-        gauge = replace(gauge, absolute=True)
-    columns = simulated_jacobian(world, assumed, seen, gauge.absolute)
-    matrix = np.concatenate([columns.matrix, known.matrix], axis=2)
-    prior = np.concatenate([columns.prior, np.ones(known.matrix.shape[2])])
+    matrix, prior, columns = _columns(world, assumed, seen, gauge, found.sensitivity)
     sigma, parameters = sigma_of(world, gauge), len(prior)
     white = (residual_of(world, seen, gauge) / sigma)[gauge.keep]
     shown = (less_means(matrix, world, gauge) / sigma[:, None])[gauge.keep]
@@ -479,9 +531,9 @@ def spring_errors(
     np.add.at(score, pose, np.einsum("rnp,rn->rp", shown, white))
     moved = score @ covariance
     variance = np.maximum(np.diag(covariance), np.sum(moved**2, axis=0))
-    found = np.zeros(len(assumed.rig.springs))
-    found[list(columns.axes)] = np.sqrt(variance[: len(columns.axes)])
-    return found
+    errors = np.zeros(len(assumed.rig.springs))
+    errors[list(columns.axes)] = np.sqrt(variance[: len(columns.axes)])
+    return errors
 
 
 def with_effects(assumed: NominalState, effects: Sequence[Effect]) -> NominalState:

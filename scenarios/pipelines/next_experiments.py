@@ -70,7 +70,7 @@ def _between(proof: Proof, own: Name, rival: Name) -> list[Next]:
     start = effect_of(PatchEffect(rival.effect, rival.where, usual_size(rival)))
     rival_arm = with_effects(proof.patched, [*others, start])
     known = None if proof.sensitivity is None else proof.sensitivity.part(some)
-    other, _ = refined(world, rival_arm, gauge, known=known)
+    other = refined(world, rival_arm, gauge, known=known).assumed
     experiments = candidates(world, proof.patched)
     factor = expected(world, proof.patched, other, experiments, gauge.sigma)
     why = f"tells {own.effect} from {rival.effect} on {own.where}"

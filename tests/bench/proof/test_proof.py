@@ -202,14 +202,18 @@ def test_means_of_visits_hold_springs_where_noise_explains_them(kr10, held, proo
     """A wave of a gear shows in means alone, and may not bend the springs."""
     springs = springs_off(kr10, proof)
     assert np.abs(springs).max() < 0.01
-    seen = proof.simulation.see(proof.patched)
-    assert means_are_explained(proof.simulation, seen, proof.mode)
+    left = means_of(proof)
+    assert means_are_explained(proof.simulation, left, proof.mode)
     wave = TransmissionError("a3", amplitude_rad=1e-3)
     loop = Hysteresis("a2", width_rad=3e-4)
     bent = prove(recorded(kr10, loop, wave), kr10, patch(loop), held, thorough=False)
-    seen = bent.simulation.see(bent.patched)
-    assert not means_are_explained(bent.simulation, seen, bent.mode)
+    assert not means_are_explained(bent.simulation, means_of(bent), bent.mode)
     assert np.abs(springs_off(kr10, bent)).max() < 0.04
+
+
+def means_of(proof):
+    whole, world = replace(proof.mode, absolute=True), proof.simulation
+    return refinement.residual_of(world, world.see(proof.patched), whole)
 
 
 def springs_off(kr10, proof):
@@ -239,8 +243,10 @@ def test_springs_are_less_sure_where_poses_scatter_beyond_the_noise(
 ):
     """What a pose adds to all of its readings is one error and not as many."""
     world, arm, known = proof.simulation, proof.patched, proof.sensitivity
-    quiet = refinement.spring_errors(world, arm, known, proof.mode)
-    assert_allclose(quiet, proof.spring_errors)
+    done = refinement.Refinement(arm, known, replace(proof.mode, absolute=True))
+    assert_allclose(refinement.spring_errors(world, done), proof.spring_errors)
+    done = replace(done, mode=proof.mode)
+    quiet = refinement.spring_errors(world, done)
     left = refinement.residual_of(world, world.see(arm), proof.mode)
     columns = refinement.simulated_jacobian(world, arm, world.see(arm), False).matrix
     pose = np.unique(world.recording.posture_id, return_inverse=True)[1]
@@ -250,8 +256,7 @@ def test_springs_are_less_sure_where_poses_scatter_beyond_the_noise(
         + refinement.less_means(columns[..., 1], world, proof.mode) * (of_pose[:, None])
     )
     monkeypatch.setattr(refinement, "residual_of", lambda *_: wild)
-    monkeypatch.setattr(refinement, "means_are_explained", lambda *_: False)
-    loud = refinement.spring_errors(world, arm, known, proof.mode)
+    loud = refinement.spring_errors(world, done)
     poses = len(np.unique(pose[proof.mode.keep]))
     assert loud[1] == pytest.approx(0.02 / np.sqrt(poses), rel=0.5)
     assert loud[1] > 2.0 * quiet[1]
