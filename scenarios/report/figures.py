@@ -107,6 +107,40 @@ def of_bodies(simulated: Proof, proved: bool, file: Path) -> None:
     save(figure, file)
 
 
+def of_marks(simulated: Proof, file: Path | None = None) -> Figure:
+    """Draw what marks do along what the patch does to them, measured over simulated.
+
+    Of a row with the residuals b of the nominal arm and a of the patched one, l = b -
+    a: |l| and b · l / |l|, over the root of the number of marks.
+    """
+    world, gauge = simulated.simulation, simulated.mode
+    points = 3 * len(world.recording.markers)
+    before, after = (
+        residual_of(world, world.see(one), gauge)[:, :points]
+        for one in (simulated.nominal, simulated.patched)
+    )
+    law = np.nan_to_num(before - after)
+    size = np.maximum(np.linalg.norm(law, axis=1), 1e-12)
+    marks = np.sqrt(np.maximum(np.isfinite(before).sum(axis=1) / 3.0, 1.0))
+    x = MICRO * size / marks
+    y = MICRO * np.sum(np.nan_to_num(before) * law, axis=1) / size / marks
+    figure = Figure(figsize=(10.5, 4.0), layout="constrained")
+    axes = figure.subplots()
+    low, high = min(float(y.min()), 0.0), max(float(x.max()), float(y.max()))
+    axes.plot([0.0, x.max()], [0.0, x.max()], color=ORANGE, lw=1.2)
+    first = f", first of {simulated.folds} fits" if simulated.folds > 1 else ""
+    for rows, colour, word in (
+        (gauge.keep, GREY, f"fitted poses{first}"),
+        (~gauge.keep, BLUE, f"poses kept back{first}"),
+    ):
+        axes.plot(x[rows], y[rows], ".", color=colour, ms=4, label=word)
+    axes.set(xlim=(0.0, 1.03 * x.max()), ylim=(1.05 * low, 1.05 * high))
+    axes.set_xlabel("patch, simulated [µm]")
+    axes.set_ylabel("measured along it [µm]")
+    axes.legend(markerscale=2)
+    return save(figure, file)
+
+
 def by_body(simulated: Proof) -> tuple[dict[str, float], dict[str, float]]:
     """Return the rms of each body's markers over all rows, before and after, in m."""
     world, gauge = simulated.simulation, simulated.mode

@@ -302,18 +302,7 @@ def _at(
     yield Table(f"Named at {where}.", ["effect", "parameter", "estimate, 95 %"], rows)
     if curves is None or finding.proof is None or where not in curves.axes:
         return
-    k = curves.axes.index(where)
-    if not curves.visible[k]:
-        unit = "µm" if curves.slides[k] else "µrad"
-        yield Paragraph(
-            f"No curve: of {where}'s own turn, noise alone makes more than half "
-            f"(± {MICRO * curves.noise[k]:.2g} {unit})."
-        )
-        return
-    file = f"law_{where}.png"
-    of_law(curves, where, folder / file, _over(finding, where))
-    caption = f"Turn about {where}'s own axis: what was put in, beside what marks show."
-    yield Figure(caption, file)
+    yield from _law_of(finding, where, curves, folder)
 
 
 def _over(finding: Result, where: str) -> str:
@@ -451,23 +440,54 @@ def _pictures(finding: Result, folder: Path) -> Iterator[Block]:
     if law is not None and law.law:
         named |= {law.where}
     curves = curves_of(simulated)
-    figures.of_axes(curves, named, folder / "axes.png")
     patch = " Orange: the patched simulation, without noise." if proved else ""
     means = "" if simulated.absolute else " Each visit's mean is taken off."
-    yield Figure(
-        "Turn of every axis beyond the fitted nominal arm, against its torque; gravity "
-        f"included.{means} Grey: all readings.{patch}",
-        "axes.png",
-    )
-    for name in sorted(named & set(curves.axes)) if proved else ():
-        file = f"law_{name}.png"
-        of_law(curves, name, folder / file, _over(finding, name))
+    if any(curves.visible):
+        figures.of_axes(curves, named, folder / "axes.png")
         yield Figure(
-            f"Turn about {name}'s own axis: what was put in, beside what marks show.",
-            file,
+            "Turn of every axis beyond the fitted nominal arm, against its torque; "
+            f"gravity included.{means} Grey: all readings.{patch}",
+            "axes.png",
         )
-    figures.of_bodies(simulated, proved, folder / "bodies.png")
-    yield Figure("Error of the marks by body, all rows.", "bodies.png")
+    else:
+        yield Paragraph(
+            "No axis' own turn shows beyond what noise makes of it: too few marks, or "
+            "marks on too few bodies, tell the axes' turns apart. Together the marks "
+            "still show what the patch does."
+        )
+    own = sorted(named & set(curves.axes)) if proved else []
+    for name in own if any(curves.visible) else ():
+        yield from _law_of(finding, name, curves, folder)
+    hidden = [a for a in own if not curves.visible[curves.axes.index(a)]]
+    if proved and (hidden or not any(curves.visible)):
+        figures.of_marks(simulated, folder / "marks.png")
+        yield Figure(
+            "How far the marks stand off the fitted nominal arm along what the patch "
+            f"does to them, rms over the marks of a row.{means} On the line the patch "
+            "does what was measured.",
+            "marks.png",
+        )
+    if len({marker.body for marker in finding.recording.markers}) > 1:
+        figures.of_bodies(simulated, proved, folder / "bodies.png")
+        yield Figure("Error of the marks by body, all rows.", "bodies.png")
+
+
+def _law_of(
+    finding: Result, where: str, curves: Curves, folder: Path
+) -> Iterator[Block]:
+    """Yield an axis' law beside what marks show of its turn, if they show it."""
+    k = curves.axes.index(where)
+    if not curves.visible[k]:
+        unit = "µm" if curves.slides[k] else "µrad"
+        yield Paragraph(
+            f"No curve: of {where}'s own turn, noise alone makes more than half "
+            f"(± {MICRO * curves.noise[k]:.2g} {unit})."
+        )
+        return
+    file = f"law_{where}.png"
+    of_law(curves, where, folder / file, _over(finding, where))
+    caption = f"Turn about {where}'s own axis: what was put in, beside what marks show."
+    yield Figure(caption, file)
 
 
 # --- The files ------------------------------------------------------------------------
@@ -491,7 +511,8 @@ def write_diagnosis(folder: Path, finding: Result) -> None:
     first = next((summary.headlines if many else summary.sentences)(finding))
     page.write(folder, title_of(finding), first, blocks)
     laws = sorted(folder.glob("law_*.png"))
-    for picture in (folder / "arm.png", *laws, folder / "axes.png"):
+    others = [folder / name for name in ("axes.png", "marks.png")]
+    for picture in (folder / "arm.png", *laws, *others):
         if picture.exists():
             shutil.copy(picture, folder / "picture.png")
             break

@@ -281,6 +281,26 @@ def test_no_cloud_is_drawn_where_a_turn_is_mostly_noise():
     assert "a1 (± 10 µrad)" in figure.get_supxlabel()
 
 
+def test_marks_stand_on_the_line_where_the_patch_does_what_was_measured(monkeypatch):
+    """Two marks, one of them unseen in the last row; noise lies across the patch."""
+    patch = np.array([[3.0, 0, 0, 4.0, 0, 0], [0, 2.0, 0, 0, 0, 0]]) * 1e-6
+    across = np.array([[0, 9.0, 0, 0, 9.0, 0], [5.0, 0, 0, np.nan, 0, 0]]) * 1e-6
+    across[1, 3:] = np.nan
+    left = {"nominal": patch + across, "patched": across}
+    world = SimpleNamespace(
+        recording=SimpleNamespace(markers=(1, 2)), see=lambda which: which
+    )
+    mode = SimpleNamespace(keep=np.array([True, False]))
+    proof: Any = SimpleNamespace(
+        simulation=world, mode=mode, nominal="nominal", patched="patched", folds=1
+    )
+    monkeypatch.setattr(figures, "residual_of", lambda _, which, mode: left[which])
+    (axes,) = figures.of_marks(proof).axes
+    points = np.concatenate([line.get_xydata() for line in axes.lines[1:]])
+    np.testing.assert_allclose(points[:, 0], [5.0 / np.sqrt(2.0), 2.0])
+    np.testing.assert_allclose(points[:, 1], points[:, 0])
+
+
 def test_a_law_is_drawn_over_what_it_depends_on_and_its_split_and_mean_are_said():
     angle = np.linspace(-1.0, 1.0, 30)[:, None]
     wave, row = 1e-4 * np.sin(3.0 * angle), np.arange(30)
