@@ -377,14 +377,17 @@ def refined(
         return within
     whole, seen = replace(gauge, absolute=True), world.see(found)
     matrix, prior, _ = _columns(world, found, seen, whole, sensitive)
-    left = predicted(matrix, prior, seen, world, whole)
-    if not means_are_explained(world, left, whole):
+    most = chi_square(world, found, gauge)
+    most += len(prior) + DISAGREE * np.sqrt(2.0 * len(prior))
+
+    def agree(left: Float[np.ndarray, "rows readings"]) -> bool:
+        square = _square(world, less_means(left, world, gauge), gauge)
+        return square <= most and means_are_explained(world, left, whole)
+
+    if not agree(predicted(matrix, prior, seen, world, whole)):
         return within
     found, sensitive = _refined_by(world, found, whole, fixed, sensitive)
-    lost = chi_square(world, found, gauge) - chi_square(world, within.assumed, gauge)
-    most = len(prior) + DISAGREE * np.sqrt(2.0 * len(prior))
-    left = residual_of(world, world.see(found), whole)
-    if lost > most or not means_are_explained(world, left, whole):
+    if not agree(residual_of(world, world.see(found), whole)):
         return within
     return Refinement(found, sensitive, whole)
 
