@@ -378,7 +378,7 @@ def refined(
     whole, seen = replace(gauge, absolute=True), world.see(found)
     matrix, prior, _ = _columns(world, found, seen, whole, sensitive)
     most = chi_square(world, found, gauge)
-    most += len(prior) + DISAGREE * np.sqrt(2.0 * len(prior))
+    most += len(prior) + DISAGREE * float(np.sqrt(2.0 * len(prior)))
 
     def agree(left: Float[np.ndarray, "rows readings"]) -> bool:
         square = _square(world, less_means(left, world, gauge), gauge)
