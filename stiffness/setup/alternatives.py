@@ -328,7 +328,7 @@ def detect_column_errors(some: Recording, kept: float) -> tuple[Warned, ...]:
             continue
         others = [(_spread(p, own), text) for text, p in _of_columns_of(some, own)]
         after, text = min(others, key=lambda one: one[0])
-        if after <= max(kept, KEPT, before / CLEARLY):
+        if after <= min(max(kept, KEPT), before / CLEARLY):
             told.append(
                 Warned(
                     "marker_columns",
