@@ -11,7 +11,7 @@ import csv
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any, Literal
 
@@ -322,6 +322,13 @@ def _markers(good: Samples) -> Iterator[Damage]:
                 cells[other + end] = b[:start] + a[start:]
             what = f"{one} and {other} swapped{much}"
             yield _set_up(what, "marker_names", good.having(**cells))
+        for end in ENDS:
+            swapped = good.swapping((one + end, other + end))
+            what = f"{one}{end} and {other}{end} swapped"
+            yield _set_up(what, "marker_columns", swapped)
+    for name, end in product(names, ENDS):
+        mirrored = good.scaled(-1.0, name + end)
+        yield _set_up(f"{name}{end} reversed", "marker_columns", mirrored)
 
 
 def _set_up(name: str, code: str, samples: Samples) -> Damage:
