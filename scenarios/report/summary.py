@@ -58,7 +58,7 @@ def rows(nominal: Nominal, slides: tuple[bool, ...]) -> Iterator[list[str]]:
         stiffness, model = (
             f"{unit / x:.4g}{word}" if x > 0.0 else "rigid" for x in (c, m)
         )
-        known = f"{s / c:.1%}" if c > 0.0 and s > 0.0 else ""
+        known = f"{100.0 * s / c:.2g}%" if c > 0.0 and s > 0.0 else ""
         if f"a{k + 1}" in nominal.blind:
             known = "not seen"
         ratio = f"{m / c:.2f}" if c > 0.0 and m > 0.0 and known != "not seen" else ""
