@@ -381,6 +381,8 @@ def test_a_mistake_of_the_set_up_is_said_once(found, recording):
     finding = Result(marked, stopped, None, "why.", None, told)
     for said in (summary.sentences(finding), summary.narrative(told)):
         assert " ".join(said).count(text) == 1
+    assert diagnosis.title_of(finding).startswith("The set-up has to be mended first:")
+    assert not any("no name" in said for said in summary.sentences(finding))
 
 
 def test_of_several_open_places_none_is_said_twice(found, recording):
