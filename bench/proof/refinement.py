@@ -376,15 +376,16 @@ def refined(
     if gauge.absolute or world.recording.displacement != "absolute":
         return within
     whole, seen = replace(gauge, absolute=True), world.see(found)
-    matrix, prior, _ = _columns(world, found, seen, whole, sensitive)
+    columns = _joint_jacobian(world, found, seen, whole, sensitive)
+    count = len(columns.prior)
     most = chi_square(world, found, gauge)
-    most += len(prior) + DISAGREE * float(np.sqrt(2.0 * len(prior)))
+    most += count + DISAGREE * float(np.sqrt(2.0 * count))
 
     def agree(left: Float[np.ndarray, "rows readings"]) -> bool:
         square = _square(world, less_means(left, world, gauge), gauge)
         return square <= most and means_are_explained(world, left, whole)
 
-    if not agree(predicted(matrix, prior, seen, world, whole)):
+    if not agree(predicted(columns.matrix, columns.prior, seen, world, whole)):
         return within
     found, sensitive = _refined_by(world, found, whole, fixed, sensitive)
     if not agree(residual_of(world, world.see(found), whole)):
@@ -392,18 +393,18 @@ def refined(
     return Refinement(found, sensitive, whole)
 
 
-def _columns(
+def _joint_jacobian(
     world: ReplaySimulation,
     assumed: NominalState,
     seen: SimulatedReadings,
     gauge: ComparisonMode,
     known: Sensitivity,
-) -> tuple[np.ndarray, np.ndarray, SimulatedJacobian]:
-    """Return what all parameters do, their priors, and those that are silent."""
+) -> SimulatedJacobian:
+    """Return the columns of all silent parameters, then those of effects' own."""
     silent = simulated_jacobian(world, assumed, seen, gauge.absolute)
     matrix = np.concatenate([silent.matrix, known.matrix], axis=2)
     prior = np.concatenate([silent.prior, np.ones(known.matrix.shape[2])])
-    return matrix, prior, silent
+    return replace(silent, matrix=matrix, prior=prior)
 
 
 def _refined_by(
@@ -462,11 +463,11 @@ def _better(
 ) -> _Refined:
     """Return where a Gauss-Newton step gains, shortened where it must be, or `at`."""
     seen = world.see(at.assumed)
-    matrix, prior, columns = _columns(world, at.assumed, seen, gauge, known)
-    n = columns.matrix.shape[2]
+    columns = _joint_jacobian(world, at.assumed, seen, gauge, known)
+    n = len(columns.prior) - len(at.from_start)
     since = np.concatenate([np.zeros(n), at.from_start])
     left = residual_of(world, seen, gauge)
-    step = solved(matrix, prior, left, world, gauge, since)
+    step = solved(columns.matrix, columns.prior, left, world, gauge, since)
     furthest = float(np.abs(step[n:]).max(initial=0.0))
     step *= MAX_STEP / max(furthest, MAX_STEP)
     for share in SHORTER:
@@ -482,7 +483,7 @@ def _better(
         except BenchError:
             continue
         if cost < at.cost:
-            change = less_means(matrix @ (share * step), world, gauge)
+            change = less_means(columns.matrix @ (share * step), world, gauge)
             linear = _square(world, left - change, gauge) + float(moved @ moved)
             return _Refined(trial, moved, cost, linear)
     return replace(at, predicted=-np.inf)
@@ -519,14 +520,14 @@ def spring_errors(
     """
     assumed, gauge = found.assumed, found.mode
     seen = world.see(assumed)
-    matrix, prior, columns = _columns(world, assumed, seen, gauge, found.sensitivity)
-    sigma, parameters = sigma_of(world, gauge), len(prior)
+    columns = _joint_jacobian(world, assumed, seen, gauge, found.sensitivity)
+    sigma, parameters = sigma_of(world, gauge), len(columns.prior)
     white = (residual_of(world, seen, gauge) / sigma)[gauge.keep]
-    shown = (less_means(matrix, world, gauge) / sigma[:, None])[gauge.keep]
+    shown = (less_means(columns.matrix, world, gauge) / sigma[:, None])[gauge.keep]
     good = np.isfinite(white) & np.isfinite(shown).all(axis=2)
     shown, white = np.where(good[..., None], shown, 0.0), np.where(good, white, 0.0)
     flat = np.reshape(shown, (-1, parameters))
-    gram = flat.T @ flat + np.diag(prior**-2.0)
+    gram = flat.T @ flat + np.diag(columns.prior**-2.0)
     scale = 1.0 / np.sqrt(np.diag(gram))
     covariance = np.linalg.inv(gram * scale * scale[:, None]) * scale * scale[:, None]
     pose = np.unique(world.recording.posture_id[gauge.keep], return_inverse=True)[1]

@@ -128,17 +128,24 @@ def of_marks(simulated: Proof, file: Path | None = None) -> Figure:
     axes = figure.subplots()
     low, high = min(float(y.min()), 0.0), max(float(x.max()), float(y.max()))
     axes.plot([0.0, x.max()], [0.0, x.max()], color=ORANGE, lw=1.2)
-    first = f", first of {simulated.folds} fits" if simulated.folds > 1 else ""
-    for rows, colour, word in (
-        (gauge.keep, GREY, f"fitted poses{first}"),
-        (~gauge.keep, BLUE, f"poses kept back{first}"),
-    ):
-        axes.plot(x[rows], y[rows], ".", color=colour, ms=4, label=word)
+    _by_split(axes, x, y, ~gauge.keep, simulated.folds)
     axes.set(xlim=(0.0, 1.03 * x.max()), ylim=(1.05 * low, 1.05 * high))
     axes.set_xlabel("patch, simulated [µm]")
     axes.set_ylabel("measured along it [µm]")
     axes.legend(markerscale=2)
     return save(figure, file)
+
+
+def _by_split(
+    axes: Axes, x: np.ndarray, y: np.ndarray, held: np.ndarray, folds: int
+) -> None:
+    """Draw rows as points: those that were fitted, and those that were kept back."""
+    first = f", first of {folds} fits" if folds > 1 else ""
+    for rows, colour, word in (
+        (~held, GREY, f"fitted poses{first}"),
+        (held, BLUE, f"poses kept back{first}"),
+    ):
+        axes.plot(x[rows], y[rows], ".", color=colour, ms=4, label=word)
 
 
 def by_body(simulated: Proof) -> tuple[dict[str, float], dict[str, float]]:
@@ -218,19 +225,7 @@ def of_law(
     left.legend()
     lim = _limit(curves, k)
     right.plot([-lim, lim], [-lim, lim], color=ORANGE, lw=1.2)
-    first = f", first of {curves.folds} fits" if curves.folds > 1 else ""
-    for rows, colour, word in (
-        (~curves.held, GREY, f"fitted poses{first}"),
-        (curves.held, BLUE, f"poses kept back{first}"),
-    ):
-        right.plot(
-            MICRO * law[rows],
-            MICRO * measured[rows],
-            ".",
-            color=colour,
-            ms=4,
-            label=word,
-        )
+    _by_split(right, MICRO * law, MICRO * measured, curves.held, curves.folds)
     right.set_xlim(-lim, lim)
     right.set_ylim(-lim, lim)
     right.set_xlabel(f"patch, simulated [{unit}]")

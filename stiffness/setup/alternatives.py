@@ -310,6 +310,14 @@ INCH = 25.4
 """Millimetres to an inch."""
 
 
+def markers_of_bodies(recording: Recording) -> dict[str, list[int]]:
+    """Return the markers that are said to be on each body."""
+    bodies: dict[str, list[int]] = {}
+    for m, marker in enumerate(recording.markers):
+        bodies.setdefault(marker.body, []).append(m)
+    return bodies
+
+
 def detect_column_errors(some: Recording, kept: float) -> tuple[Warned, ...]:
     """Say which columns of markers stand twice, or are another's than they are called.
 
@@ -318,15 +326,13 @@ def detect_column_errors(some: Recording, kept: float) -> tuple[Warned, ...]:
         kept: Spread of a distance within a body up to which it is kept, in m.
     """
     assert some.points is not None
-    bodies: dict[str, list[int]] = {}
-    for m, marker in enumerate(some.markers):
-        bodies.setdefault(marker.body, []).append(m)
     told = [*_columns_read_twice(some)]
-    for own in bodies.values() if not told else ():
-        before = _spread(some.points, own) if len(own) > 2 else 0.0
+    for own in markers_of_bodies(some).values() if not told else ():
+        points, names = some.points[:, own], [some.markers[m].name for m in own]
+        before = _spread(points) if len(own) > 2 else 0.0
         if before <= max(kept, KEPT):
             continue
-        others = [(_spread(p, own), text) for text, p in _of_columns_of(some, own)]
+        others = [(_spread(p), text) for text, p in _of_marker_columns(points, names)]
         after, text = min(others, key=lambda one: one[0])
         if after <= min(max(kept, KEPT), before / CLEARLY):
             told.append(
@@ -359,9 +365,9 @@ def _columns_read_twice(some: Recording) -> Iterator[Warned]:
                     yield Warned("marker_columns", f"marker:{marker.name}", text)
 
 
-def _spread(points: np.ndarray, own: list[int]) -> float:
+def _spread(points: np.ndarray) -> float:
     """Return the robust rms by which distances between markers vary, in m."""
-    i, j = np.array(list(combinations(own, 2))).T
+    i, j = np.triu_indices(points.shape[1], 1)
     apart = np.linalg.norm(points[:, i] - points[:, j], axis=2)
     apart = apart[:, np.isfinite(apart).sum(axis=0) > 1]
     if not apart.size:
@@ -370,26 +376,27 @@ def _spread(points: np.ndarray, own: list[int]) -> float:
     return float(np.sqrt(np.mean((1.4826 * np.nanmedian(away, axis=0)) ** 2)))
 
 
-def _of_columns_of(some: Recording, own: list[int]) -> Iterator[tuple[str, np.ndarray]]:
+def _of_marker_columns(
+    points: np.ndarray, names: list[str]
+) -> Iterator[tuple[str, np.ndarray]]:
     """Yield how else the columns of a body's markers may be meant."""
-    assert some.points is not None
-    every = [(m, c) for m in own for c in range(3)]
-    names = {(m, c): f"{some.markers[m].name}_{'xyz'[c]}_mm" for m, c in every}
+    every = list(product(range(len(names)), range(3)))
+    said = {(m, c): f"{names[m]}_{'xyz'[c]}_mm" for m, c in every}
     for one, other in combinations(every, 2):
         if one[0] == other[0] or one[1] == other[1]:
-            points = some.points.copy()
-            points[:, one[0], one[1]] = some.points[:, other[0], other[1]]
-            points[:, other[0], other[1]] = some.points[:, one[0], one[1]]
-            yield f"{names[one]} and {names[other]} look exchanged", points
+            meant = points.copy()
+            meant[:, one[0], one[1]] = points[:, other[0], other[1]]
+            meant[:, other[0], other[1]] = points[:, one[0], one[1]]
+            yield f"{said[one]} and {said[other]} look exchanged", meant
     for m, c in every:
-        for factor, said in (
+        for factor, how in (
             (-1.0, "looks as if it had the other sign"),
             (INCH, f"looks as if given in inches: it fits times {INCH}"),
             (1.0 / INCH, f"looks as if taken for inches: it fits over {INCH}"),
         ):
-            points = some.points.copy()
-            points[:, m, c] *= factor
-            yield f"{names[m, c]} {said}", points
+            meant = points.copy()
+            meant[:, m, c] *= factor
+            yield f"{said[m, c]} {how}", meant
 
 
 def less_is_stated(sight: TrackerObservations) -> Iterator[Seeing]:

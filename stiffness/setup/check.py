@@ -61,6 +61,7 @@ from stiffness.setup.alternatives import (
     best_shift,
     detect_column_errors,
     less_is_stated,
+    markers_of_bodies,
     of_angles,
     of_sight,
     of_signs,
@@ -224,12 +225,9 @@ def detect_swapped_markers(recording: Recording, arm: Arm) -> tuple[Mixed, ...]:
     first = every[:: -(-len(every) // MANY)]
     looked_at = "" if len(first) == len(every) else " looked at"
     sight = TrackerObservations.of(arm, recording.take(first), recording.posture[first])
-    bodies: dict[str, list[int]] = {}
-    for m, marker in enumerate(recording.markers):
-        bodies.setdefault(marker.body, []).append(m)
     told = []
     inside = _inside(sight)
-    for own in bodies.values():
+    for own in markers_of_bodies(recording).values():
         for order, visits in _orders(inside, sight, own).items():
             if len(visits) < TWICE:
                 continue
