@@ -427,6 +427,33 @@ def with_outliers(
     return replace(recording, points=points), {"outliers": outliers}
 
 
+PAUSE = 10.0
+"""From one visit to the next where they are told in another order, in s; chosen."""
+
+
+def in_another_order(recording: Recording, chance: np.random.SeedSequence) -> Recording:
+    """Return a recording with its visits in an order in which no arm went to them.
+
+    What was before each visit is then not to be seen from the recording. Times and
+    numbers of visits run on as if they had been carried out so.
+    """
+    order = np.random.default_rng(chance).permutation(np.unique(recording.visit))
+    rows = [np.flatnonzero(recording.visit == visit) for visit in order]
+    told = recording.take(np.concatenate(rows))
+    long = [np.ptp(recording.time[own]) for own in rows]
+    start = np.cumsum([0.0, *(np.array(long[:-1]) + PAUSE)])
+    later = [t - recording.time[own[0]] for t, own in zip(start, rows, strict=True)]
+    lengths = [len(own) for own in rows]
+    later = np.repeat(later, lengths)
+    return replace(
+        told,
+        visit=np.repeat(np.arange(len(rows)), lengths),
+        time=told.time + later,
+        load_time=told.load_time + later,
+        last_move=None,
+    )
+
+
 def as_differences(recording: Recording) -> Recording:
     """Return a recording whose readings count from the first row of their visit."""
     assert recording.points is not None

@@ -74,11 +74,18 @@ from scenarios.studies.blind_trials.strata import (
     CARRIED,
     MISTAKEN,
     OUTLIERS,
+    RELATIVE,
+    REORDERED,
     STRATA,
     Stratum,
 )
 from scenarios.studies.blind_trials.visibility import Visibility, scale_of
-from scenarios.studies.damage import as_differences, with_axis_mistaken, with_outliers
+from scenarios.studies.damage import (
+    as_differences,
+    in_another_order,
+    with_axis_mistaken,
+    with_outliers,
+)
 
 # --- Instruments ----------------------------------------------------------------------
 
@@ -445,16 +452,12 @@ def _simulate(
             "chi2": [w.chi2 for w in weights],
             "weights": [asdict(w) for w in weights],
         }
-    recording = as_stated(recording, trial.stratum)
     key = (*trial.chance.spawn_key, 2, attempt)
     apart = np.random.SeedSequence(trial.chance.entropy, spawn_key=key)
-    if trial.stratum.name in OUTLIERS:
-        recording, more = with_outliers(recording, OUTLYING, apart)
-        facts |= more
-    if trial.stratum.name in MISTAKEN:
-        turn = turning(arm, plan.posture)
-        recording, more = with_axis_mistaken(as_differences(recording), turn, apart)
-        facts |= more
+    recording, more = _as_told(
+        as_stated(recording, trial.stratum), trial, turning(arm, plan.posture), apart
+    )
+    facts |= more
     if twin:
         quiet = bench.quiet(effects)
         factor = log_bayes_factor(recording, quiet, given, effects[0], twin)
@@ -472,6 +475,25 @@ def _simulate(
         "drawn_again": attempt,
     }
     return Made(recording, given, without, true, truth)
+
+
+def _as_told(
+    recording: Recording,
+    trial: BlindTrial,
+    turn: tuple[str, ...],
+    apart: np.random.SeedSequence,
+) -> tuple[Recording, dict[str, Any]]:
+    """Return a recording with what is told wrongly or not told, and what that is."""
+    stratum = trial.stratum.name
+    if stratum in OUTLIERS:
+        return with_outliers(recording, OUTLYING, apart)
+    if stratum in REORDERED:
+        return in_another_order(recording, apart), {}
+    if stratum in RELATIVE:
+        recording = as_differences(recording)
+    if stratum in MISTAKEN:
+        return with_axis_mistaken(recording, turn, apart)
+    return recording, {}
 
 
 def as_stated(recording: Recording, stratum: Stratum) -> Recording:

@@ -73,7 +73,7 @@ class Stratum:
             everywhere; 0: the trial is none of a whole arm.
         arm_of: Stratum whose trials have the same arms: without the one mechanism
             outside the vocabulary that is here added to each, with another noise
-            stated, or without outliers; empty: none is.
+            stated, without outliers, or with visits in order; empty: none is.
         most: Largest projected χ², drawn log-uniformly from the least; 0: the least.
         has_twin: Whether the answer is asked for the twin of its effect: the same at
             another place, `arms.draw_twins`.
@@ -256,17 +256,39 @@ STRATA = {
             most=40_000.0,
         ),
         *_other_laws(),
+        Stratum(
+            "memory_unknown",
+            "the same as memory_carried, visits told in another order",
+            (400.0,),
+            arm_of="memory_carried",
+            pool=MEMORY,
+            most=40_000.0,
+        ),
+        Stratum(
+            "mistaken_absolute",
+            "one effect, an axis read wrongly",
+            (400.0,),
+            arm_of="mistaken_relative",
+            pool=OF_LOADS,
+        ),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""
 OUTLIERS = ("outliers",)
 """Strata of which a thousandth of the readings is far off."""
-MISTAKEN = ("mistaken_relative",)
-"""Strata of differences within visits in which an axis is coupled, reversed or of
-another zero."""
+RELATIVE = ("mistaken_relative",)
+"""Strata of differences within visits."""
+MISTAKEN = (*RELATIVE, "mistaken_absolute")
+"""Strata in which an axis is coupled, reversed or of another zero."""
 BY_SHARE = ("share_lag",)
 """Strata whose readings lag in proportion to an axis' share of the move."""
-CARRIED = ("memory_carried", *(stratum.name for stratum in _other_laws()))
+REORDERED = ("memory_unknown",)
+"""Strata whose recording does not say from which posture the arm came to each visit."""
+CARRIED = (
+    "memory_carried",
+    *REORDERED,
+    *(stratum.name for stratum in _other_laws()),
+)
 """Strata whose gears remember the visit before, of which the answer is not told."""
 USUAL = tuple(
     name
@@ -318,10 +340,13 @@ BARS = (
     Bar(("memory",), "told_apart", 0.90),
     Bar(("memory_carried",), "right", 0.95),
     Bar(("memory_carried",), "told_apart", 0.90),
+    Bar(("memory_unknown",), "right", 0.95),
+    Bar(("memory_unknown",), "told_apart", 0.90),
     Bar(("memory_blind",), "declared", 0.90),
     Bar(("second_law",), "right", 0.97),
     Bar(("one_45",), "detected", 0.90),
     Bar(("outliers",), "listed", 0.95),
     Bar(("mistaken_relative",), "listed", 0.95),
+    Bar(("mistaken_absolute",), "listed", 0.95),
 )
 """Limits on shares of trials; those on coverage, gain and time are in `rates`."""

@@ -42,7 +42,9 @@ from scenarios.studies.blind_trials.generation import (
 )
 from scenarios.studies.blind_trials.strata import LIBRARY, STRATA, USUAL
 from scenarios.studies.damage import (
+    PAUSE,
     as_differences,
+    in_another_order,
     with_axis_mistaken,
     with_outliers,
 )
@@ -213,6 +215,33 @@ def test_an_axis_is_coupled_reversed_or_of_another_zero_and_said_which(kr10):
     assert apart.displacement == "relative" and apart.points is not None
     first = np.unique(apart.visit, return_index=True)[1]
     assert np.nanmax(np.abs(apart.points[first])) == 0.0
+
+
+def test_visits_are_told_in_another_order_and_each_as_it_was(kr10):
+    watch = trial_of(0, "null", 0).instruments
+    seen = record(Rig(kr10), table_one_plan(poses=6), watch, 0)
+    made = in_another_order(seen, np.random.SeedSequence(2))
+    assert made.points is not None
+    assert seen.points is not None
+    assert np.unique(made.visit).tolist() == np.unique(seen.visit).tolist()
+    came_from, end = [], -PAUSE
+    for visit in np.unique(made.visit):
+        now = np.flatnonzero(made.visit == visit)
+        own = np.flatnonzero(
+            (seen.posture == made.posture[now[0]]).all(axis=1)
+            & (seen.posture_id == made.posture_id[now[0]])
+        )
+        came_from.append(int(seen.visit[own[0]]))
+        np.testing.assert_array_equal(made.points[now], seen.points[own])
+        later = made.time[now] - seen.time[own]
+        np.testing.assert_allclose(later, later[0], atol=1e-9)
+        np.testing.assert_allclose(
+            made.load_time[now] - seen.load_time[own], later, atol=1e-9
+        )
+        assert made.time[now[0]] - end == pytest.approx(PAUSE)
+        end = made.time[now[-1]]
+    assert sorted(came_from) == np.unique(seen.visit).tolist() != came_from
+    assert not np.array_equal(made.moves.side, seen.moves.take(made.visit).side)
 
 
 def test_strata_keep_their_order_and_new_ones_come_last():
