@@ -34,7 +34,7 @@ from bench.proof.proof import Proof
 from bench.shared.effect_catalogue import CATALOGUE
 from scenarios.pipelines.diagnosis import MICRO
 from scenarios.pipelines.schema import Answer, At
-from scenarios.report.style import BLUE, GREEN, GREY, HEAT, ORANGE, RED, save
+from scenarios.report.figures import BLUE, GREEN, GREY, HEAT, ORANGE, RED, save
 
 MANY = 4
 """Number of names from which an answer is told in groups; chosen: up to three lines

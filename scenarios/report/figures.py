@@ -13,12 +13,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.axis import Axis as FigureAxis
+from matplotlib.colors import LinearSegmentedColormap, LogNorm
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator
 
 from bench.proof.comparison import residual_of
 from bench.proof.explained_share import Channel
@@ -26,7 +28,6 @@ from bench.proof.proof import Proof
 from bench.proof.proof_checks import squares
 from scenarios.pipelines.diagnosis import MICRO, Curves, courses_of
 from scenarios.pipelines.patching import NEAR
-from scenarios.report.style import BLUE, GREY, ORANGE, plain_log, save
 
 if TYPE_CHECKING:
     from scenarios.pipelines.calibration_proof import CalibrationProof
@@ -34,6 +35,51 @@ if TYPE_CHECKING:
     from scenarios.pipelines.judgement import Judgement
     from stiffness.calibration.result import Calibrated
     from stiffness.dual_encoder.motions import Motion
+
+# --- Colours, sizes and axes that all figures share -----------------------------------
+
+ORANGE, GREY, BLUE, GREEN, RED = "#f06400", "#8a8a8a", "#1f6fb4", "#3a923a", "#c03d3e"
+"""Orange is this tool, grey the paper or reference, others in order of appearance."""
+HEAT = LinearSegmentedColormap.from_list(
+    "heat", [(0.0, "#d9dcdf"), (0.6, ORANGE), (1.0, "#96141e")]
+)
+"""Of a share or an error: none, more than half, the largest."""
+
+mpl.rcParams.update(
+    {
+        "figure.dpi": 110,
+        "savefig.dpi": 110,
+        "savefig.bbox": "tight",
+        "font.size": 10,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.grid": True,
+        "grid.color": "#e6e6e6",
+        "axes.axisbelow": True,
+        "legend.frameon": False,
+    }
+)
+
+
+def save(figure: Figure, file: Path | None) -> Figure:
+    """Write a figure as png without a time stamp: equal data give equal bytes.
+
+    It is empty afterwards where it is written.
+    """
+    if file is not None:
+        figure.savefig(file, metadata={"Software": None})
+        figure.clear()
+    return figure
+
+
+def plain_log(axis: FigureAxis) -> None:
+    """Label a logarithmic axis by plain numbers, few enough not to overlap."""
+    low, high = axis.get_view_interval()
+    wide = np.log10(high / low) > 2.0
+    axis.set_major_locator(LogLocator(subs=(1,) if wide else (1, 2, 5)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
+
 
 # --- A diagnosis ----------------------------------------------------------------------
 

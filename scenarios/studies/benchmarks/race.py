@@ -25,7 +25,7 @@ from matplotlib.figure import Figure as Picture
 from rich.console import Console
 from rich.table import Table as RichTable
 
-from scenarios.report import page, style
+from scenarios.report import figures, page
 from scenarios.report.page import Block, Figure, Paragraph, Table
 
 # --- Timing in turn -------------------------------------------------------------------
@@ -217,15 +217,15 @@ def _draw(laps: Sequence[Lap], file: Path) -> None:
     axes = picture.subplots()
     ratio = np.array([[f(lap.ratio) for lap in others] for f in (np.median, min, max)])
     middle, low, high = ratio
-    look = {"left": 1.0, "color": style.GREY, "height": 0.6}
+    look = {"left": 1.0, "color": figures.GREY, "height": 0.6}
     axes.barh(range(len(others)), middle - 1.0, **look)
     axes.errorbar(middle, range(len(others)), xerr=(middle - low, high - middle),
                   fmt="none", ecolor="black", capsize=2)  # fmt: skip
-    axes.axvline(1.0, color=style.ORANGE, lw=2)
+    axes.axvline(1.0, color=figures.ORANGE, lw=2)
     axes.set_xscale("log")
-    style.plain_log(axes.xaxis)
+    figures.plain_log(axes.xaxis)
     labels = [f"{lap.task.partition(':')[0]}: {lap.way}" for lap in others]
     axes.set_yticks(range(len(others)), labels)
     axes.set_xlabel("times as long as ours (orange)")
     axes.grid(visible=False, axis="y")
-    style.save(picture, file)
+    figures.save(picture, file)

@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from scenarios.report import data_files, page
-from scenarios.report.style import BLUE, GREY, ORANGE, RED, save
+from scenarios.report.figures import BLUE, GREY, ORANGE, RED, save
 from scenarios.studies.blind_trials.rates import (
     EQUAL,
     MARKS,

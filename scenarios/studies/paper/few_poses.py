@@ -17,7 +17,7 @@ from typing_extensions import override
 
 from bench.shared.errors import NotIdentifiable
 from bench.shared.recording import Recording
-from scenarios.report import page, style
+from scenarios.report import figures, page
 from scenarios.studies.paper.budget import Effort
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import NAMED, TITLES
@@ -353,7 +353,7 @@ TICKS_MM = (
 BESIDE = 1.035
 """Factor between the abscissae of methods, so that their bars do not overlap."""
 COLOURS = (
-    style.GREY, style.BLUE, style.GREEN, style.RED, style.ORANGE, "#f6b26b",
+    figures.GREY, figures.BLUE, figures.GREEN, figures.RED, figures.ORANGE, "#f6b26b",
 )  # fmt: skip
 
 
@@ -387,4 +387,4 @@ def draw_courses(rows: Sequence[Mapping], file: Path) -> None:
     axes.set_xlabel("poses learnt from")
     axes.set_ylabel("MAE on fresh poses [mm]")
     axes.legend()
-    style.save(picture, file)
+    figures.save(picture, file)

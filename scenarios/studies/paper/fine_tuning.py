@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure as Picture
 
-from scenarios.report import data_files, style
+from scenarios.report import data_files, figures
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.studies.paper.budget import PLANS, Budget
 from scenarios.studies.paper.cells import Cell, CellResult
@@ -29,8 +29,10 @@ def figure_06(names: Sequence[str], results: Sequence[CellResult], file: Path) -
     learnt = [np.mean([r[f"{n}/learnt"][0, 0] for r in results]) for n in names]
     draws = [overall(results, n).interval for n in names]
     fresh = np.array([[d.estimate, d.low, d.high] for d in draws]).T
-    axes.bar(place - 0.2, learnt, 0.38, color=style.GREY, label="poses it learnt from")
-    axes.bar(place + 0.2, fresh[0], 0.38, color=style.ORANGE, label="fresh poses")
+    axes.bar(
+        place - 0.2, learnt, 0.38, color=figures.GREY, label="poses it learnt from"
+    )
+    axes.bar(place + 0.2, fresh[0], 0.38, color=figures.ORANGE, label="fresh poses")
     axes.errorbar(
         place + 0.2,
         fresh[0],
@@ -46,7 +48,7 @@ def figure_06(names: Sequence[str], results: Sequence[CellResult], file: Path) -
     axes.set_ylim(top=1.25 * fresh[2].max())
     axes.grid(visible=False, axis="x")
     axes.legend(ncols=2, loc="upper right")
-    style.save(picture, file)
+    figures.save(picture, file)
 
 
 SHOWN_PLAN = "spanning"
@@ -167,14 +169,14 @@ def figure_07(result: CellResult, file: Path) -> None:
     training, validation = result["best/curve"]
     epoch = np.arange(1, len(training) + 1)
     kept = int(result["best/epoch"])
-    axes.plot(epoch, training, color=style.GREY, label="poses it learns from")
-    axes.plot(epoch, validation, color=style.ORANGE, label="poses held back")
+    axes.plot(epoch, training, color=figures.GREY, label="poses it learns from")
+    axes.plot(epoch, validation, color=figures.ORANGE, label="poses held back")
     axes.plot(kept, validation[kept - 1], "o", color="black", label=f"kept: {kept}")
     axes.set_xlabel("epoch")
     axes.set_ylabel("MAE over all directions [mm]")
     axes.set_ylim(bottom=0.0)
     axes.legend()
-    style.save(picture, file)
+    figures.save(picture, file)
 
 
 ROWS = ("training", "validation", "fresh poses")

@@ -33,7 +33,7 @@ from bench.rig import Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.study_arm import Truth, default_truth
 from scenarios.pipelines.synthetic_recording import KR10
-from scenarios.report import page, style
+from scenarios.report import figures, page
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import MEASURES, Draws, pooled
 from scenarios.studies.paper.experiment import (
@@ -228,7 +228,7 @@ def draw(
     names = [r["method"] for r in learnt]
     share = np.array([[r[f"share_{k}"] for r in learnt] for k in ("low", "high")])
     value = np.array([r["share_of_the_way"] for r in learnt])
-    axes[0].barh(names, 100 * value, 0.6, color=style.ORANGE)
+    axes[0].barh(names, 100 * value, 0.6, color=figures.ORANGE)
     axes[0].errorbar(
         100 * value, names, xerr=100 * np.abs(share - value), fmt="none", ecolor="black"
     )
@@ -260,7 +260,7 @@ def draw(
     picture.colorbar(
         axes[-1].collections[0], ax=axes[-1], label="error [mm]", shrink=0.7
     )
-    style.save(picture, file)
+    figures.save(picture, file)
 
 
 # --- Shares of the way to the floor ---------------------------------------------------

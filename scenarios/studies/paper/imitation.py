@@ -15,7 +15,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure as Picture
 from typing_extensions import override
 
-from scenarios.report import data_files, style
+from scenarios.report import data_files, figures
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.studies.paper.budget import Budget, said_seeds
 from scenarios.studies.paper.cells import Cell, CellResult
@@ -290,7 +290,7 @@ def of_doubling(longer: Mapping[int, Sequence[Imitation]], found: CellResults) -
 
 # --- Figure ---------------------------------------------------------------------------
 
-COLOURS = (style.GREY, style.ORANGE, style.BLUE)
+COLOURS = (figures.GREY, figures.ORANGE, figures.BLUE)
 
 
 def figure_05(
@@ -315,11 +315,11 @@ def figure_05(
         axes.set_ylim(bottom=0.0)
     mae.legend(title="hidden layers")
     result = found[curve]
-    loss.plot(result["step"], result["loss"], color=style.ORANGE)
+    loss.plot(result["step"], result["loss"], color=figures.ORANGE)
     loss.set_yscale("log")
     loss.set_xlabel("step of 256 rows")
     loss.set_ylabel("loss [no unit]")
-    style.save(picture, file)
+    figures.save(picture, file)
 
 
 # --- Tables ---------------------------------------------------------------------------

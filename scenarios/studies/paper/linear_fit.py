@@ -16,7 +16,7 @@ from matplotlib.figure import Figure as Picture
 
 from bench.shared.errors import NotIdentifiable, Unusable
 from bench.shared.recording import Recording
-from scenarios.report import data_files, style
+from scenarios.report import data_files, figures
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table, table_of
 from scenarios.studies.paper.experiment import Experiment, Material
 from scenarios.studies.paper.published_values import TABLE_02_MM, TABLE_03_NM_PER_RAD
@@ -179,13 +179,13 @@ def figure_04(experiment: Experiment, found: LinearFit, file: Path) -> None:
         x, y = measured[:, k], predicted[:, k]
         ends = np.array([min(x.min(), y.min()), max(x.max(), y.max())])
         r = np.corrcoef(x, y)[0, 1]
-        axes.plot(ends, ends, color=style.GREY, lw=1, label="equal")
-        axes.plot(x, y, "o", ms=4, color=style.ORANGE, mec="white", mew=0.4)
+        axes.plot(ends, ends, color=figures.GREY, lw=1, label="equal")
+        axes.plot(x, y, "o", ms=4, color=figures.ORANGE, mec="white", mew=0.4)
         axes.set_title(f"{DIRECTIONS[k].upper()}: r = {r:.4f}, n = {len(x)}")
         axes.set_xlabel("measured deflection [mm]")
         axes.set_ylabel("six springs [mm]" if k == 0 else "")
         axes.set_aspect("equal", adjustable="datalim")
-    style.save(picture, file)
+    figures.save(picture, file)
 
 
 def stiffness_points(experiment: Experiment, found: LinearFit, file: Path) -> None:
@@ -201,23 +201,23 @@ def stiffness_points(experiment: Experiment, found: LinearFit, file: Path) -> No
     for shift, (label, height, colour) in zip(
         (-0.2, 0.0, 0.2),
         (
-            ("identified", value, style.ORANGE),
-            ("truth, secant", experiment.secant_stiffness / 1e3, style.BLUE),
-            ("paper", paper, style.GREY),
+            ("identified", value, figures.ORANGE),
+            ("truth, secant", experiment.secant_stiffness / 1e3, figures.BLUE),
+            ("paper", paper, figures.GREY),
         ),
         strict=True,
     ):
         axes.plot(place + shift, height, "o", color=colour, label=label)
     axes.errorbar(
-        place - 0.2, value, (low, high), fmt="none", ecolor=style.ORANGE, capsize=2
+        place - 0.2, value, (low, high), fmt="none", ecolor=figures.ORANGE, capsize=2
     )
     axes.set_yscale("log")
-    style.plain_log(axes.yaxis)
+    figures.plain_log(axes.yaxis)
     axes.set_xticks(place, [p.name.upper() for p in springs])
     axes.set_ylabel("stiffness [kN m/rad]")
     axes.grid(visible=False, axis="x")
     axes.legend(ncols=3, loc="upper right")
-    style.save(picture, file)
+    figures.save(picture, file)
 
 
 # --- Tables ---------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure as Picture
 
-from scenarios.report import data_files, style
+from scenarios.report import data_files, figures
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
 from scenarios.studies.paper.budget import said_seeds
 from scenarios.studies.paper.comparison import (
@@ -24,7 +24,7 @@ from stiffness.methods.score import DIRECTIONS
 
 # --- Figures --------------------------------------------------------------------------
 
-COLOURS = (style.GREY, style.BLUE, style.ORANGE, style.GREEN, style.RED)
+COLOURS = (figures.GREY, figures.BLUE, figures.ORANGE, figures.GREEN, figures.RED)
 
 
 def figure_08(contenders: Sequence[Contender], file: Path) -> None:
@@ -37,12 +37,12 @@ def figure_08(contenders: Sequence[Contender], file: Path) -> None:
             axes.plot(size, share, color=colour, label=c.name)
         axes.set_xscale("log")
         axes.set_xlim(left=1e-3)
-        style.plain_log(axes.xaxis)
+        figures.plain_log(axes.xaxis)
         axes.set_xlabel(f"error in {DIRECTIONS[k].upper()} at most [mm]")
         axes.set_ylabel("share of fresh poses [%]" if k == 0 else "")
     handles = picture.axes[0].get_lines()
     picture.legend(handles=handles, loc="outside upper center", ncols=len(contenders))
-    style.save(picture, file)
+    figures.save(picture, file)
 
 
 def figure_09(contenders: Sequence[Contender], file: Path) -> None:
@@ -69,7 +69,7 @@ def figure_09(contenders: Sequence[Contender], file: Path) -> None:
         axes.grid(visible=False, axis="x")
     handles, labels = picture.axes[0].get_legend_handles_labels()
     picture.legend(handles, labels, loc="outside upper center", ncols=len(contenders))
-    style.save(picture, file)
+    figures.save(picture, file)
 
 
 # --- Table ----------------------------------------------------------------------------

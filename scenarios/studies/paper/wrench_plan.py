@@ -15,7 +15,7 @@ from matplotlib.figure import Figure as Picture
 
 from bench.cell import GRAVITY
 from bench.shared.plan import DEFAULT_PATH
-from scenarios.report import page, style
+from scenarios.report import figures, page
 from scenarios.studies.paper.budget import PLANS
 from scenarios.studies.paper.comparison import (
     MEASURES,
@@ -131,7 +131,7 @@ def finding(rows: Sequence[dict]) -> str:
 # --- Figure ---------------------------------------------------------------------------
 
 COLOURS = (
-    style.GREY, style.GREEN, style.ORANGE, "#f6b26b", style.BLUE, style.RED,
+    figures.GREY, figures.GREEN, figures.ORANGE, "#f6b26b", figures.BLUE, figures.RED,
 )  # fmt: skip
 
 
@@ -175,8 +175,8 @@ def draw(
     lines.set_ylabel("median error [mm]")
     lines.set_yscale("log")
     for chart in (means, lines):
-        style.plain_log(chart.yaxis)
-    style.save(picture, file)
+        figures.plain_log(chart.yaxis)
+    figures.save(picture, file)
 
 
 def _by_angle(

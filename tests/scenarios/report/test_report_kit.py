@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure as Picture
 
-from scenarios.report import command_line, data_files, page, style
+from scenarios.report import command_line, data_files, figures, page
 from scenarios.report.command_line import progress_bar
 from scenarios.report.page import Figure, Heading, Paragraph, Table
 
@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     picture = Picture(figsize=(2, 1))
     picture.subplots().plot([0, 1], [1, 0])
-    style.save(picture, folder / "one.png")
+    figures.save(picture, folder / "one.png")
     return folder
 
 
@@ -129,8 +129,8 @@ def test_missing_picture_is_an_error_and_no_hole(folder):
 def test_same_figure_is_the_same_bytes(tmp_path):
     for name in ("one.png", "two.png"):
         picture = Picture(figsize=(2, 1))
-        picture.subplots().plot([0, 1, 2], [2, 0, 1], color=style.ORANGE)
-        style.save(picture, tmp_path / name)
+        picture.subplots().plot([0, 1, 2], [2, 0, 1], color=figures.ORANGE)
+        figures.save(picture, tmp_path / name)
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
 
 
@@ -185,7 +185,7 @@ def test_decades_are_told_in_plain_numbers_that_do_not_touch(ends):
     figure = Picture(figsize=(3, 3), layout="constrained")
     axes = figure.subplots()
     axes.set(xscale="log", xlim=ends)
-    style.plain_log(axes.xaxis)
+    figures.plain_log(axes.xaxis)
     FigureCanvasAgg(figure).draw()
     low, high = ends
     said = [t for t in axes.get_xticklabels() if low <= float(t.get_text()) <= high]
