@@ -44,6 +44,7 @@ from bench.shared.settings import SETTINGS
 from scenarios.pipelines.patching import FROM_SIDES, NEAR, digests_of
 from scenarios.pipelines.recording_check import SMALL_TORQUE, static_torque
 from scenarios.pipelines.schema import At, Proved, proved_in
+from stiffness.experiment.outliers import outliers_of, without_outliers
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import initial_tracker_frame
 
@@ -56,7 +57,7 @@ HowItHolds = Literal["holds", "better", "not shown", "worse"]
 
 
 class FarReading(msgspec.Struct, frozen=True):
-    """A reading far from the arm, and by how much with the patch."""
+    """A reading that is far off: from the arm with the patch, or from the others."""
 
     pose: int
     marker: str
@@ -72,6 +73,8 @@ class ProofFile(msgspec.Struct, frozen=True):
             depends on lies in the fitted range; null where the patch does not say.
         covered: The proof over these readings alone; null where there are none.
         outliers: Readings that no smooth error makes; they are in the proof.
+        disregarded: Readings that other readings of the recording contradict; they are
+            not in the proof.
         left_out: Effects of the patch that belong to the recording it was fitted to.
         verdict: Whether the patch holds; see `verdict_of`.
         taught: Whether the patch was fitted to readings of this very recording.
@@ -90,6 +93,7 @@ class ProofFile(msgspec.Struct, frozen=True):
     taught: bool = False
     harmful: tuple[str, ...] = ()
     springs: Proved | None = None
+    disregarded: tuple[FarReading, ...] = ()
     schema: int = 1
 
 
@@ -195,6 +199,8 @@ def judge(
     Raises:
         BenchError: Where it cannot be judged there, or an arm finds no rest.
     """
+    outliers = outliers_of(recording)
+    recording = without_outliers(recording, outliers)
     model = load(robot)
     _check(recording, patch, [model.joint(j).name for j in range(model.njnt)])
     kept = tuple(e for e in patch.effects if e.effect not in OWN_RECORDING)
@@ -266,6 +272,7 @@ def judge(
         taught=bool({*patch.readings} & {*digests_of(recording, None)}),
         harmful=tuple(p.name for p in parts if p.harmful),
         springs=springs[0] and _entry(springs, count(mode.keep)),
+        disregarded=tuple(FarReading(o.pose, o.marker, MM * o.size) for o in outliers),
     )
     return Judgement(
         recording=recording,

@@ -11,6 +11,7 @@ from scenarios.pipelines.schema import said_of_turns
 from scenarios.report import figures, page
 from scenarios.report.data_files import write_folder
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table, table_of
+from stiffness.experiment.outliers import Outlier, outlier_text
 
 # --- The result in words --------------------------------------------------------------
 
@@ -193,6 +194,9 @@ def _notes(j: Judgement) -> Iterator[Block]:
             f"Left out: {names}. They refer to the clock or the frame of the recording "
             "that the patch was fitted to."
         )
+    if gone := j.answer.disregarded:
+        found = [Outlier(0, o.pose, o.marker, o.size_mm / 1e3) for o in gone]
+        yield Paragraph(outlier_text(found))
     if far:
         rest = j.after[np.isfinite(j.after)]
         others = np.sort(rest)[: len(rest) - len(far)]

@@ -114,6 +114,19 @@ def test_a_patch_that_does_not_hold_is_said_to_make_it_worse(loaded, kr10):
     assert first_sentence(found).startswith("The patch makes it worse here.")
 
 
+def test_a_reading_that_others_contradict_is_listed_and_not_counted(loaded, kr10):
+    points = loaded.points.copy()
+    points[4, 1] += [0.02, 0.0, -0.03]
+    clean, found = (
+        judged(one, kr10, TRUE) for one in (loaded, replace(loaded, points=points))
+    )
+    (wild,) = found.answer.disregarded
+    assert (wild.pose, wild.marker) == (loaded.posture_id[4], loaded.markers[1].name)
+    assert wild.size_mm == pytest.approx(36.0, rel=0.05)
+    assert found.whole.after < 1.01 * clean.whole.after
+    assert not found.answer.outliers and not clean.answer.disregarded
+
+
 def test_gears_remember_where_the_patch_says_so(kr10):
     """Loads too small to wipe out what the visit before left."""
     recording = recorded(kr10, path="0,1,2,0", memory="carried")
