@@ -46,6 +46,9 @@ Value = float | str | None
 """A parameter as written: a number, a name, or null for one without end."""
 
 
+PatchMemory = Memory | Literal["unknown"]
+
+
 @dataclass(frozen=True)
 class PatchEffect:
     """One effect with its place and its parameters.
@@ -254,7 +257,8 @@ class Patch:
         not_in_model: What of it `model.xml` cannot hold, in words.
         fitted: Range of each axis, by a1, a2 …, in the poses that it was fitted to;
             empty: not known.
-        memory: Whether gears keep what slipped and crept from visit to visit.
+        memory: Whether gears keep what slipped and crept from visit to visit; unknown:
+            they arrive at each in a state that nothing tells.
         readings: Digests of some of the rows that it was fitted to; empty: not known.
     """
 
@@ -270,7 +274,7 @@ class Patch:
     schema: Literal[1] = 1
     not_in_model: tuple[str, ...] = ()
     fitted: dict[str, AxisRange] = field(default_factory=dict)
-    memory: Memory = "forgotten"
+    memory: PatchMemory = "forgotten"
     readings: tuple[str, ...] = ()
 
 

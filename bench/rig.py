@@ -5,6 +5,7 @@ It answers one question: where does everything come to rest, row by row, when a 
 carried out? What the instruments make of that is `bench.instruments`' business.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +19,14 @@ from bench import equilibrium
 from bench.cell import GRAVITY, Cell, cell_for, load_on_sensor, mount
 from bench.effects.creep import creeping
 from bench.effects.effect import Command, CommandEffect, Effect, ModelEffect, RopeEffect
-from bench.kinematic_chain import Anatomy, anatomy, pose_in, with_axes, with_seats
+from bench.kinematic_chain import (
+    Anatomy,
+    anatomy,
+    pose_in,
+    with_axes,
+    with_seats,
+    wraps_on_joints,
+)
 from bench.model_file import RIGID, load, plain_mjcf
 from bench.shared.errors import BenchError, Unusable
 from bench.shared.plan import Plan
@@ -181,16 +189,19 @@ class Rig:
         pulley = plan.pulley[:, None, None] % ropes.shape[2]
         np.put_along_axis(ropes, pulley, tension.reshape(-1, steps, 1), axis=2)
         hold = np.array([step.hold for step in plan.path])
-        states = self._rest(
-            plan.posture,
+        arrival = np.zeros(plan.posture.shape) if arrival is None else arrival
+        command, ways = self.command(plan.posture), None
+        if memory == "carried":
+            time = np.full(len(plan.posture_id), plan.move_time)
+            ways = self._ways(plan.posture, arrival, time)
+        schedule = equilibrium.Schedule(
+            command.reference + arrival,
+            command.stiffness,
             ropes,
             np.zeros((len(plan.posture_id), steps, 6)),
             np.broadcast_to(hold, (len(plan.posture_id), steps)),
-            np.zeros(plan.posture.shape) if arrival is None else arrival,
-            np.full(len(plan.posture_id), plan.move_time)
-            if memory == "carried"
-            else None,
         )
+        states = self._rest(schedule, ways)
         return states.near(plan.posture[plan.row_visit])
 
     def respond(
@@ -200,12 +211,15 @@ class Rig:
         hold: Float[np.ndarray, "visits steps"],
         way: Float[np.ndarray, " visits"] | None = None,
         moves: LastMoves | None = None,
+        slipped: Mapping[str, float] | None = None,
     ) -> States:
         """Apply wrenches at the sensor's origin along the base's axes, step by step.
 
         Postures are in rad, wrenches in N and N m; each is held for some s before its
         row is read. The way to each visit takes some s where gears remember the visit
-        before. Moves say how each axis arrived, by default from the visit before.
+        before. Moves say how each axis arrived, by default from the visit before;
+        `slipped`, of axes, the torque of what slips in their gears at the first step,
+        over the one at which it slips.
 
         Returns:
             Where everything was; rows run over visits, then steps.
@@ -213,8 +227,12 @@ class Rig:
         ropes = np.zeros((*hold.shape, len(self.mounted.pulley)))
         turn = pose_in(self.spec.body(self.anatomy.base), self.spec.worldbody)[0]
         wrench = (wrench.reshape(-1, 3) @ turn.T).reshape(wrench.shape)
-        none = np.zeros(posture.shape)
-        return self._rest(posture, ropes, wrench, hold, none, way, moves)
+        command, none = self.command(posture, moves), np.zeros(posture.shape)
+        ways = None if way is None else self._ways(posture, none, way)
+        schedule = equilibrium.Schedule(
+            command.reference, command.stiffness, ropes, wrench, hold
+        )
+        return self._rest(schedule, ways, slipped)
 
     def command(
         self, posture: Float[np.ndarray, "visits axes"], moves: LastMoves | None = None
@@ -237,27 +255,19 @@ class Rig:
 
     def _rest(
         self,
-        posture,
-        ropes,
-        wrench,
-        hold,
-        arrival: Float[np.ndarray, "visits axes"],
-        way: Float[np.ndarray, " visits"] | None,
-        moves: LastMoves | None = None,
+        schedule: equilibrium.Schedule,
+        ways: equilibrium.Ways | None,
+        slipped: Mapping[str, float] | None = None,
     ) -> States:
         model = self.model
         axes = np.array([model.joint(axis).id for axis in self.anatomy.axes])
         creep = creeping(self._sorted, model, self.anatomy)
-        command = self.command(posture, moves)
-        schedule = equilibrium.Schedule(
-            command.reference + arrival, command.stiffness, ropes, wrench, hold
-        )
-        if way is None or not (model.nplastic or creep):  # nothing to remember
-            rest = equilibrium.solve_in_blocks(model, axes, creep, schedule)
+        if ways is None or not (model.nplastic or creep):  # nothing to remember
+            share = None if slipped is None else self._on_tendons(slipped)
+            rest = equilibrium.solve_in_blocks(model, axes, creep, schedule, share)
         else:
-            ways = self._ways(posture, arrival, way)
             rest = equilibrium.solve_in_turn(model, axes, creep, schedule, ways)
-        rows = hold.size
+        rows = schedule.hold.size
         rotation = rest.rotation.reshape(rows, model.nbody, 3, 3)
         joint = rest.joint.reshape(rows, -1)
         return States(
@@ -286,6 +296,27 @@ class Rig:
             command.stiffness.reshape(told.shape),
             time,
         )
+
+    @cached_property
+    def slipping(self) -> tuple[str, ...]:
+        """Axes in whose gears something slips."""
+        slips = self.model.tendon_plasticadr >= 0
+        return tuple(
+            axis
+            for axis in self.anatomy.axes
+            if np.any(slips & (self._on_tendons({axis: 1.0}) > 0.0))
+        )
+
+    def _on_tendons(
+        self, of_axes: Mapping[str, float]
+    ) -> Float[np.ndarray, " tendons"]:
+        """Return what is said of axes for the tendons on their joints."""
+        found = np.zeros(self.model.ntendon)
+        for tendon in range(len(found)):
+            for wrap in wraps_on_joints(self.model, tendon):
+                joint = self.model.joint(self.model.wrap_objid[wrap]).name
+                found[tendon] = of_axes.get(joint, 0.0)
+        return found
 
     @cached_property
     def _about_axes(self) -> Float[np.ndarray, "joints axes"]:

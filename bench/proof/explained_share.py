@@ -41,7 +41,8 @@ def floor_of(
 ) -> tuple[Float[np.ndarray, " rows"], float]:
     """Return the mean square that noise leaves on a marker and on an encoder.
 
-    Of the wrench's noise as much counts as the rows that were fitted have room for.
+    Of the wrench's noise as much counts as the rows that were fitted have room for;
+    what states of gears do that nobody knows is noise, too.
 
     Returns:
         Of a marker in every row, 3-D, in m²; of an angle, in rad².
@@ -56,7 +57,7 @@ def floor_of(
     if not gauge.absolute:
         _, counts = np.unique(world.replay.visit, return_counts=True)
         share = 1.0 - 1.0 / counts[world.replay.visit]
-    square = square * share
+    square = square * share + world.arrival_square(assumed, gauge.absolute)
     wrench = _through_the_wrench(world, assumed, seen) * share
     square = square + wrench * _true_part(world, seen, gauge, square, wrench)
     angle = recording.encoder_repeatability or 0.0

@@ -30,7 +30,7 @@ from bench.proof.refinement import (
 )
 from bench.proof.setup import for_simulator, replay_simulation_of
 from bench.proof.simulation import NominalState, ReplaySimulation
-from bench.rig import RIGID, Memory
+from bench.rig import RIGID
 from bench.shared.recording import Recording, transform_of
 
 MOST_ROWS = 3000
@@ -207,7 +207,7 @@ def _of_fold(
     return FoldPrediction(nominal, patched if own else nominal, gauge, held)
 
 
-def _thinned(recording: Recording, memory: Memory) -> Recording:
+def _thinned(recording: Recording, memory: str) -> Recording:
     """Return a recording of bearable length: every so many visits, evenly.
 
     Where gears remember the visit before, its first visits.

@@ -25,6 +25,7 @@ Ignores     noise
 ==========  ==========================================================================
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -35,8 +36,15 @@ from bench.effects.effect import Effect, InstrumentEffect, RopeEffect
 from bench.experiment import faulty
 from bench.instruments import ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.tracker import STILL, displaced, inverse, misplacement
-from bench.rig import Memory, Rig, States
+from bench.patch import PatchMemory
+from bench.rig import Rig, States
 from bench.shared.recording import LastMoves, Recording, transform_of
+
+STARTS = (-1.0, 0.0, 1.0)
+"""Torque of what slips in a gear at arrival, over the one at which it slips, one as
+likely as the other, where nothing tells it; chosen: it comes from either side, or from
+rest."""
+BY_ROW = ("position", "rotation", "axis_angle", "wrench")
 
 # --- Replay ---------------------------------------------------------------------------
 
@@ -232,7 +240,8 @@ class ReplaySimulation:
         weight: Of what hangs beyond the sensor, where the readings still hold it, about
             the sensor's origin along the base's axes, in N and N m.
         base: Where the base stands in the world, in m, and how it is turned.
-        memory: Whether gears keep what slipped and crept from visit to visit.
+        memory: Whether gears keep what slipped and crept from visit to visit; unknown:
+            what is simulated is the mean over `STARTS`.
     """
 
     recording: Recording
@@ -242,7 +251,7 @@ class ReplaySimulation:
     sensor_axes: Float[np.ndarray, "rows 3 3"]
     weight: Float[np.ndarray, "rows 6"]
     base: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]
-    memory: Memory = "forgotten"
+    memory: PatchMemory = "forgotten"
     _known: dict = field(default_factory=dict, repr=False)
 
     def see(self, assumed: NominalState) -> SimulatedReadings:
@@ -298,6 +307,34 @@ class ReplaySimulation:
             point[:, m] = (at + states.position[:, b] - base) @ turn
         return point
 
+    def arrival_square(
+        self, assumed: NominalState, absolute: bool
+    ) -> Float[np.ndarray, " rows"]:
+        """Return the mean square that unknown states of gears at arrival make, in m².
+
+        Of a marker, 3-D, about the mean over `STARTS`; gears arrive independently. The
+        mean of a visit counts only where readings are absolute.
+        """
+        square = np.zeros(self.replay.rows)
+        if self.memory != "unknown":
+            return square
+        slipping, visit = assumed.rig.slipping, self.replay.visit
+        for axis in slipping:
+            points = []
+            for share in STARTS:
+                start = {**dict.fromkeys(slipping, 0.0), axis: share}
+                states = self._responded(assumed.rig, start)
+                points.append(self.points(states, assumed.marker_positions))
+            away = np.array(points) - np.mean(points, axis=0)
+            if not absolute:
+                count = np.bincount(visit)[:, None, None]
+                total = np.zeros((len(STARTS), *count.shape[:1], *away.shape[2:]))
+                for start in range(len(STARTS)):
+                    np.add.at(total[start], visit, away[start])
+                away -= (total / count)[:, visit]
+            square += np.mean(np.sum(away**2, axis=3), axis=(0, 2))
+        return square
+
     def part(self, rows: Bool[np.ndarray, " rows"]) -> "ReplaySimulation":
         """Return the world of some visits alone."""
         recording = self.recording.take(rows)
@@ -317,20 +354,27 @@ class ReplaySimulation:
         return first[index]
 
     def _simulated(self, rig: Rig) -> States:
+        if self.memory != "unknown" or not rig.model.nplastic:
+            return self._responded(rig)
+        every = [self._responded(rig, dict.fromkeys(rig.slipping, s)) for s in STARTS]
+        mean = {
+            name: np.mean([getattr(states, name) for states in every], axis=0)
+            for name in BY_ROW
+        }
+        return replace(every[0], **mean)
+
+    def _responded(
+        self, rig: Rig, slipped: Mapping[str, float] | None = None
+    ) -> States:
         replay, axes = self.replay, len(rig.anatomy.axes)
         posture = np.zeros((len(replay.posture), axes))
         posture[:, self.order] = replay.posture
         moves = replay.moves.of_axes(self.order, axes)
         wrench = self.wrench(rig)[replay.row]
         way = replay.way if self.memory == "carried" else None
-        states = rig.respond(posture, wrench, replay.hold, way, moves)
-        return replace(
-            states,
-            position=replay.to_rows(states.position),
-            rotation=replay.to_rows(states.rotation),
-            axis_angle=replay.to_rows(states.axis_angle),
-            wrench=replay.to_rows(states.wrench),
-        )
+        states = rig.respond(posture, wrench, replay.hold, way, moves, slipped)
+        by_row = {name: replay.to_rows(getattr(states, name)) for name in BY_ROW}
+        return replace(states, **by_row)
 
     def wrench(self, rig: Rig) -> Float[np.ndarray, "rows 6"]:
         """Return what pulled at the sensor, along the base's axes, in N and N m."""

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -36,6 +36,7 @@ from bench.patch import (
     Law,
     Patch,
     PatchEffect,
+    PatchMemory,
     Value,
     WrittenRig,
     can_build,
@@ -56,7 +57,7 @@ from scenarios.pipelines.recording_check import static_torque
 from stiffness.diagnosis.result import Diagnosis, Interval, NamedEffect, Nominal
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.angle_dependent_stiffness import MOST_UNEVEN
-from stiffness.experiment.visits import BEFORE
+from stiffness.experiment.visits import BEFORE, UNKNOWN
 from stiffness.regression.splits import COUNTED
 from stiffness.robot.arm import Arm
 
@@ -137,8 +138,10 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
     if nominal is None:
         return Patch()
     springs = {
-        f"a{k}": None if c <= 0.0 else float(1.0 / c)
-        for k, c in enumerate(nominal.compliance, start=1)
+        f"a{k}": _start_of_spring(float(c), float(model))
+        for k, (c, model) in enumerate(
+            zip(nominal.compliance, nominal.modelled, strict=True), start=1
+        )
     }
     frame = np.asarray(nominal.base_from_tracker, float)
     seen = recording.take(~np.isin(recording.posture_id, diagnosis.held_out))
@@ -168,18 +171,33 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
     )
 
 
-def memory_of(named: Sequence[NamedEffect]) -> Literal["carried", "forgotten"]:
+LEAST = 0.1
+"""Compliance over the model's below which an estimate is none; chosen: a decade."""
+
+
+def _start_of_spring(compliance: float, modelled: float) -> float | None:
+    """Return the stiffness that the simulator starts from; None: the axis is rigid.
+
+    The model's own, where what is fitted beside laws that turn the axis alike is no
+    compliance, or next to none.
+    """
+    start = modelled if compliance < LEAST * modelled else compliance
+    return 1.0 / start if start > 0.0 else None
+
+
+def memory_of(named: Sequence[NamedEffect]) -> PatchMemory:
     """Return what gears keep of the visit before, as most of what they do says.
 
     A patch has one memory for all gears: a faint name alone does not decide. A name
     alone has no share.
     """
-    votes = {True: 0.0, False: 0.0}
+    kinds: dict[int, PatchMemory] = {BEFORE: "carried", UNKNOWN: "unknown"}
+    votes: dict[PatchMemory, float] = {"forgotten": 0.0, "unknown": 0.0, "carried": 0.0}
     for effect in named:
         if effect.name.effect in ("hysteresis", "creep") and len(effect.shape) > 1:
             share = 1.0 if effect.share is None else max(effect.share, 0.0)
-            votes[round(effect.shape[1]) == BEFORE] += share
-    return "carried" if votes[True] > votes[False] else "forgotten"
+            votes[kinds.get(round(effect.shape[1]), "forgotten")] += share
+    return max(votes, key=lambda memory: votes[memory])
 
 
 def springs_of_mechanisms(

@@ -52,12 +52,7 @@ from stiffness.diagnosis.relinearisation import (
     KINEMATIC,
     build_problem,
     curvature,
-    noise_ratio_of,
-    noise_text,
     prepared_about,
-    reading_noise,
-    scatter_of_readings,
-    scattering_axes,
 )
 from stiffness.diagnosis.result import (
     Decision,
@@ -74,6 +69,16 @@ from stiffness.diagnosis.result import (
     scattered,
 )
 from stiffness.diagnosis.selection import SelectedModel, select_again, select_model
+from stiffness.diagnosis.unknown_noise import (
+    data_warnings,
+    is_odd,
+    noise_ratio_of,
+    noise_text,
+    reading_noise,
+    scatter_of_readings,
+    scattering_axes,
+    unknown_arrivals,
+)
 from stiffness.diagnosis.verdict import (
     SURE,
     ExchangePosterior,
@@ -88,10 +93,7 @@ from stiffness.effects.base import Hypothesis
 from stiffness.experiment.outliers import outlier_text, outliers_of, without_outliers
 from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.sensor_noise import (
-    ODD,
     average_encoders,
-    measured_noise_text,
-    no_finer,
     with_measured_noise,
     wrench_noise_text,
 )
@@ -218,41 +220,6 @@ def _softer(
 # --- Warnings about the data ----------------------------------------------------------
 
 
-def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
-    """Return what is remarkable but no mistake."""
-    said = list(prepared.warnings)
-    poses = int(prepared.situation.posture_index.max()) + 1
-    if poses < FEWEST_POSES:
-        text = (
-            f"in {poses} poses only what is far beyond the stated noise can show: "
-            f"bring {FEWEST_POSES} at least, forty to be told of small effects."
-        )
-        said.append(Warned("few_poses", "rig", text))
-    tracker = prepared.situation.recording.tracker
-    if tracker is not None and tracker.is_stated and _odd(prepared):
-        readings = prepared.readings
-        text = measured_noise_text(
-            prepared.noise,
-            float(np.sqrt(np.mean(tracker.repeatability**2))),
-            prepared.degrees_of_freedom,
-            no_finer(0.0, readings.weight, readings.inverse) > 0.99,
-        )
-        said.append(Warned("noise_statement", "tracker", text))
-    if prepared.downweighted:
-        count = len(prepared.downweighted)
-        text = f"{count} readings lie beyond the noise and counted less."
-        said.append(Warned("downweighted", "tracker", text))
-    for k in prepared.blind:
-        text = f"the stiffness of a{k + 1} cannot be seen and was left at the model's."
-        said.append(Warned("not_identifiable", f"a{k + 1}", text))
-    return tuple(said)
-
-
-def _odd(prepared: Prepared) -> bool:
-    """Return whether noise is clearly another than the one it was held for."""
-    return not 1.0 / ODD <= prepared.noise <= ODD
-
-
 # --- Names over splits of few poses ---------------------------------------------------
 
 MOST_SPLITS = 0.5
@@ -376,6 +343,7 @@ def diagnose(
         return _stopped(recording, mistakes, started)
     recording, prepared, outliers = _prepared(recording, arm)
     first = _about_kinematics(_look(prepared, hypotheses), recording, arm, hypotheses)
+    first = _with_unknown_arrivals(first, hypotheses)
     looked, scattering = _with_scattering_axes(first, hypotheses)
     named = looked.judged is not None and bool(looked.judged.model.fit.members)
     ratio = noise_ratio_of(looked.prepared, looked.last, named, bool(unstated))
@@ -390,7 +358,7 @@ def diagnose(
     remarks = [Warned("outliers", "tracker", outlier_text(outliers))] * bool(outliers)
     if unstated and (prepared.degrees_of_freedom or ratio == 1.0):
         remarks.append(Warned("noise_statement", "tracker", unstated))
-    noise = reading_noise(prepared) if unstated or _odd(prepared) else None
+    noise = reading_noise(prepared) if unstated or is_odd(prepared) else None
     scatter = scatter_of_readings(detection.noise_rms, ratio)
     told = noise_text(prepared, looked.last, scatter, ratio, bool(unstated))
     said = data_warnings(prepared)
@@ -504,6 +472,22 @@ def _about_kinematics(
     return looked
 
 
+def _with_unknown_arrivals(
+    looked: _Looked, hypotheses: Sequence[Hypothesis]
+) -> _Looked:
+    """Look again where gears that were found arrive in states that nothing tells."""
+    if looked.judged is None:
+        return looked
+    case, fit = looked.judged.model.case, looked.judged.model.fit
+    left = residual_after(case, fit)
+    turns, members = unknown_arrivals(case.situation, left, fit)
+    if not turns:
+        return looked
+    situation = looked.prepared.situation.with_unknown(turns)
+    about = with_noise(replace(looked.prepared, situation=situation), 1.0)
+    return _look(about, hypotheses, members)
+
+
 def _with_scattering_axes(
     looked: _Looked, hypotheses: Sequence[Hypothesis]
 ) -> tuple[_Looked, tuple[UnexplainedPlace, ...]]:
@@ -518,7 +502,7 @@ def _with_scattering_axes(
     case = judged.model.case
 
     def beside(fit: ModelFit) -> Float[np.ndarray, " axes"]:
-        return scattering_axes(looked.prepared, residual_after(case, fit).data)
+        return scattering_axes(looked.prepared, residual_after(case, fit))
 
     scatter = beside(judged.model.fit)
     if not np.any(scatter):

@@ -153,15 +153,22 @@ def induced_rotations(
 ) -> Float[np.ndarray, "visits turns errors"]:
     """Return the turns that one sigma of each error induces; index order axis, row.
 
-    The first errors belong to the whole visit (three turns of the force and a gain),
-    six more to each row.
+    The first errors belong to the whole visit (`whole_visit_errors`: three turns of the
+    force, a gain and unknown states of gears), six more to each row.
     """
     recording = situation.recording
     spec = recording.wrench_sensor
     rows, axes = situation.rest.shape
     stays, longest = visits.row.shape
+    whole_visit = whole_visit_errors(situation)
+    errors = np.zeros((stays, axes, longest, whole_visit + 6 * longest))
+    end = COMMON
+    for k, gear in situation.gears.items():
+        if gear.unknown is not None:
+            start, end = end, end + gear.unknown.shape[1]
+            errors[:, k, :, start:end] = visits.gather(gear.unknown)
     if recording.wrench is None or spec is None:
-        return np.zeros((stays, axes * longest, 1))
+        return errors[..., :whole_visit].reshape(stays, axes * longest, -1)
     jacobian = situation.arm.at(situation.rest).jacobian(spec.body, spec.position)
     give = jacobian.swapaxes(1, 2) * situation.compliance[:, None]  # (rows, axes, 6)
     force, torque = situation.wrench[:, :3], situation.wrench[:, 3:]
@@ -175,11 +182,17 @@ def induced_rotations(
     whole[:, :, 3] = gain * situation.wrench
     common = visits.gather(give @ whole)  # (visits, longest, axes, 4)
     own = visits.gather(give * spec.sigma)
-    errors = np.zeros((stays, axes, longest, COMMON + 6 * longest))
     errors[..., :COMMON] = common.transpose(0, 2, 1, 3)
     for r in range(longest):
-        errors[:, :, r, COMMON + 6 * r : COMMON + 6 * r + 6] = own[:, r]
+        first = whole_visit + 6 * r
+        errors[:, :, r, first : first + 6] = own[:, r]
     return errors.reshape(stays, axes * longest, -1)
+
+
+def whole_visit_errors(situation: StaticState) -> int:
+    """Return how many errors of `induced_rotations` belong to a whole visit."""
+    unknown = [gear.unknown for gear in situation.gears.values()]
+    return COMMON + sum(x.shape[1] for x in unknown if x is not None)
 
 
 # --- Rigid motion of a body -----------------------------------------------------------

@@ -35,7 +35,6 @@ from bench.shared.errors import Unusable, Warned
 from bench.shared.recording import Recording
 from stiffness.diagnosis.between_visit import BetweenVisitModel, NuisanceJacobian
 from stiffness.diagnosis.noise_model import (
-    COMMON,
     checked,
     induced_rotations,
     max_pose_repeatability,
@@ -44,6 +43,7 @@ from stiffness.diagnosis.noise_model import (
     rigid_motion,
     smooth_basis,
     trend_of,
+    whole_visit_errors,
     with_shapes,
 )
 from stiffness.diagnosis.sufficient_statistics import (
@@ -192,7 +192,8 @@ def blocks(
     mean = np.einsum("vr,vrmi->vmi", share, complete)
     carried = situation.carried[:, readings.body]
     turned = BetweenVisitModel.turned(point_jacobian(point), screw, carried)
-    shared = errors.reshape(count, axes, longest, -1)[..., :COMMON].mean(axis=2)
+    shared = errors.reshape(count, axes, longest, -1).mean(axis=2)
+    shared = shared[..., : whole_visit_errors(situation)]
     precision = weight.sum(axis=1)[..., None, None] * readings.inverse
     nuisance = nuisance_parameters(situation, visits, point, field)
     if nuisance.field.shape[2]:

@@ -1,4 +1,4 @@
-"""Relinearisation about the effects that were selected, and the noise they leave.
+"""Relinearisation about the effects that were selected.
 
 ==========  ==========================================================================
 Equation    y = f(c0) + (c1 - c0) df/dc + c1 (t' - t) + (c - c1) df/dc' + sizes x
@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from bench.shared.recording import Recording
 from stiffness.diagnosis.candidates import Library, library_of
-from stiffness.diagnosis.detection import MEASURED, MISSTATED, DetectionTest
+from stiffness.diagnosis.detection import MEASURED, MISSTATED
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -35,7 +35,6 @@ from stiffness.diagnosis.model_fit import (
 )
 from stiffness.diagnosis.nominal_fit import (
     Prepared,
-    axis_scatter,
     blocks,
     prepare,
 )
@@ -55,8 +54,7 @@ from stiffness.effects.jacobian import (
     mixture,
 )
 from stiffness.effects.statics import springs_of, wind_up
-from stiffness.experiment.residuals import expected, shares_of
-from stiffness.experiment.sensor_noise import ODD, no_finer
+from stiffness.experiment.residuals import expected
 from stiffness.experiment.static_state import (
     LINEAR,
     Law,
@@ -469,126 +467,3 @@ def _linear_displacement(
                 moved, site = part.twist[..., 0], part.site
             twist += here.carried[site, readings.body][:, None] * moved[:, None]
     return np.einsum("rmij,rmj->rmi", lever, twist)
-
-
-# --- Noise as an unknown --------------------------------------------------------------
-
-MUCH_FINER = 0.5
-"""The same below which it is the tracker's, whatever the force sensor does; chosen."""
-
-
-def noise_ratio_of(
-    prepared: Prepared, last: DetectionTest, named: bool, unstated: bool
-) -> float:
-    """Return by what noise is to grow for what fits no law; one: by nothing.
-
-    Marks of one body measure noise: scatter beyond it is a finding, and noise only
-    where names are judged. A noise that is only stated is a lower bound, one that is
-    not stated is none.
-
-    Args:
-        prepared: The recording against its nominal model.
-        last: Test of the residual of the set, or of everything where none was selected.
-        named: Whether a set was selected.
-        unstated: Whether no noise is stated.
-    """
-    ratio = _ratio_of_scatter(prepared, last)
-    if prepared.degrees_of_freedom:
-        return ratio if named and last.is_overdispersed else 1.0
-    smaller = unstated and 0.0 < ratio < 1.0 / ODD
-    if smaller:
-        readings = prepared.readings
-        return no_finer(ratio, readings.weight, readings.inverse)
-    return ratio if ratio > ODD else 1.0
-
-
-def _ratio_of_scatter(prepared: Prepared, last: DetectionTest) -> float:
-    """Return what scatter along no law is over noise; of 6D targets, one at least.
-
-    Points of a 6D target share its noise and scatter by less than as many marks.
-    """
-    shared = np.any(shares_of(prepared.situation.recording) != 1.0)
-    return max(last.noise_ratio, 1.0) if shared else last.noise_ratio
-
-
-CLEARLY = 3.0
-"""Scatter of an axis over the most that a data sheet allows from which it is a finding;
-chosen."""
-BESIDE_ANOTHER = 0.5
-"""The same over that of the axis that scatters most; chosen: what others seem to do
-beside it may be its own."""
-MOST_SCATTER = 100.0
-"""The most that is taken for scatter and not for a law, over the same; chosen."""
-
-
-def scattering_axes(
-    prepared: Prepared, left: SufficientStatistics
-) -> Float[np.ndarray, " axes"]:
-    """Return one sigma of axes that miss their angles after no law; zero for others.
-
-    The teeth of a gear make an error of hundreds of periods in a turn, which no poses
-    tell from chance.
-
-    Args:
-        prepared: The recording against its nominal model.
-        left: What a set leaves of it.
-    """
-    none = np.zeros_like(prepared.pose_repeatability)
-    if left.between is None:
-        return none
-    trend = np.ones((len(left.between.residual), 1))
-    own = (prepared.situation, left.between, trend)
-    found, least = axis_scatter(*own, MOST_SCATTER), axis_scatter(*own)
-    beyond = np.divide(found, least, out=none.copy(), where=least > 0.0)
-    clear = beyond > max(CLEARLY, BESIDE_ANOTHER * float(beyond.max()))
-    return np.where(clear, np.hypot(found, prepared.pose_repeatability), none)
-
-
-def reading_noise(prepared: Prepared) -> float:
-    """Return one sigma of a frame's coordinates as they are judged, in m."""
-    return float(np.sqrt(np.trace(np.linalg.inv(prepared.readings.inverse)) / 3.0))
-
-
-def scatter_of_readings(noise_rms: float, ratio: float) -> float | None:
-    """Return the rms of a reading that was taken for noise, in m; None without.
-
-    Args:
-        noise_rms: What noise as it is judged now leaves, in m.
-        ratio: That noise over the one before.
-    """
-    return noise_rms * float(np.sqrt(1.0 - ratio**-2.0)) if ratio > 1.0 else None
-
-
-def noise_text(
-    prepared: Prepared,
-    last: DetectionTest,
-    scatter: float | None,
-    ratio: float,
-    unstated: bool,
-) -> str:
-    """Return what is said of a noise that scatter shows; empty: it is as it was held.
-
-    Args:
-        prepared: The recording with the noise that names were judged against.
-        last: The last test under it.
-        scatter: As `scatter_of_readings` has it.
-        ratio: That noise over the one before.
-        unstated: Whether no noise is stated.
-    """
-    sigma, now = 1e3 * reading_noise(prepared), _ratio_of_scatter(prepared, last)
-    if scatter is not None:
-        return (
-            f"{1e3 * scatter:.3g} mm rms of a reading fit no law and were taken for "
-            f"noise, now {sigma:.3g} mm a coordinate, {ratio:.2f} times what it was "
-            "held for; names are judged against that."
-        )
-    if ratio < 1.0:
-        return f"the tracker's noise is not stated; readings scatter by {sigma:.3g} mm."
-    if unstated or prepared.degrees_of_freedom or not 0.0 < now < 1.0 / ODD:
-        return ""
-    sure = now < MUCH_FINER or prepared.situation.recording.wrench is None
-    stated = "noise" if sure else "noise of tracker or force sensor"
-    return (
-        f"the stated {stated} cannot be true: readings scatter {now:.2f} times as "
-        f"much, {now * sigma:.3g} mm; names are judged against the stated one."
-    )

@@ -451,6 +451,31 @@ class WithinVisitModel:
             kernel, raw, on_turns, pull, square, freedom,
         )  # fmt: skip
 
+    def log_bayes_of(
+        self, axis: int, turns: Float[np.ndarray, "visits rows states"]
+    ) -> float:
+        """Return how much better the residual goes with random turns of an axis.
+
+        Log Bayes factor of normal residuals, whose covariance is known either way:
+        (p' (1 + u' I u)^-1 p - log det(1 + u' I u)) / 2, p the pull along u, summed
+        over the visits.
+
+        Args:
+            axis: Its index, counted from 0.
+            turns: u, one sigma of each state.
+        """
+        found, rows = 0.0, turns.shape[1]
+        own = slice(axis * rows, axis * rows + rows)
+        for some in stretches(len(turns)):
+            u, seen = turns[some], self.some(some)
+            across = u.swapaxes(1, 2)
+            pull = across @ seen.on_rotations(seen.weighted_residual)[:, own]
+            information = across @ seen.rotation_information[:, own, own] @ u
+            inner = np.eye(u.shape[2]) + information
+            gain = np.sum(pull * np.linalg.solve(inner, pull))
+            found += float(gain - np.sum(np.linalg.slogdet(inner)[1])) / 2.0
+        return found
+
     def some(self, visits: Int[np.ndarray, " some"]) -> WithinVisitContrasts:
         """Return what differences within some visits say."""
         laid = self.kept.of(visits, self._contrasts)

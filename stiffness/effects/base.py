@@ -205,6 +205,16 @@ class Hypothesis(ABC):
         """
         return {}
 
+    def arrival_turns(
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
+    ) -> Mapping[int, Float[np.ndarray, "rows states"]]:
+        """Return turns of axes, one sigma, by states of gears that nothing tells.
+
+        In rad, of each state in which a visit may begin. Nothing, unless overridden:
+        the law has no memory.
+        """
+        return {}
+
     def mean_softening(
         self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
     ) -> Mapping[int, float]:

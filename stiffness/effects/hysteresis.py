@@ -33,6 +33,7 @@ from stiffness.experiment.visits import (
     BEFORE,
     GRAVITY,
     NOTHING,
+    UNKNOWN,
     carried_states,
     memories,
 )
@@ -43,6 +44,9 @@ SLIPS, ENDS = (0.09, 0.22, 0.55), (0.03, 1.4)
 """Largest slip over the axis' largest torque by a load; chosen: of a stop that no load
 makes slip as a whole, the smaller ones still do. At the ends with `NOTHING` alone: the
 first slips at once however it arrived, and the last hardly ever."""
+STARTS = np.array([-1.0, 0.0, 1.0])
+"""States at arrival over their bound, as likely one as the other, where nothing tells
+the state; chosen: a gear comes from either side or from rest."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,10 @@ class Hysteresis(Hypothesis):
     @override
     def shapes(self, situation: StaticState, where: str) -> Shapes:
         largest = np.max(np.abs(situation.load_torque[:, situation.axis(where)]))
+        gear = situation.gears.get(situation.axis(where), LINEAR)
+        if gear.unknown is not None:
+            every = [(slip, UNKNOWN) for slip in (*SLIPS, *ENDS)]
+            return np.array(every, dtype=float) * [largest, 1.0]
         kept = memories(situation.recording.visit)
         shapes = [(slip, memory) for memory in kept for slip in SLIPS]
         shapes += [(slip, NOTHING) for slip in ENDS]
@@ -91,6 +99,17 @@ class Hysteresis(Hypothesis):
         if situation.is_curved(k):  # friction in series with the spring, not beside it
             forms.append(spread_stop(situation, k, slip, own))
         return turn(k, *forms)
+
+    @override
+    def arrival_turns(
+        self, situation: StaticState, where: str, shape: Shape, coefficients: Coeffs
+    ) -> Mapping[int, np.ndarray]:
+        k, slips = situation.axis(where), np.array(SPREAD) * shape[0]
+        stops = _from_any_state(situation, k, slips, slipped(slips))
+        law = np.sum(stops, axis=1) / np.sum(slips)
+        half = 0.5 * coefficients[0] * situation.softness_of(k)
+        away = half * (law - law.mean(axis=0)) / np.sqrt(len(STARTS))
+        return {k: away.T}
 
     @override
     def parallel_torque(
@@ -138,14 +157,18 @@ def _stops(
     situation: StaticState, axis: int, slips: Float[np.ndarray, " slips"], memory: int
 ) -> Float[np.ndarray, "slips rows"]:
     """Return the stops of several slips; see `stop`."""
+    state = _along(situation, axis, slips, slipped(slips), memory, is_stop=True)
+    return state / np.maximum(slips[:, None], np.finfo(float).tiny)  # 0: never loaded
+
+
+def slipped(slips: Float[np.ndarray, " slips"]) -> "Moved":
+    """Return how stops of some slips follow a torque, all in N m."""
     high = slips[:, None]
-    low = -high
 
-    def slipped(last: np.ndarray, before: np.ndarray, now: np.ndarray) -> np.ndarray:
-        return np.minimum(np.maximum(last + now - before, low), high)
+    def moved(last: np.ndarray, before: np.ndarray, now: np.ndarray) -> np.ndarray:
+        return np.minimum(np.maximum(last + now - before, -high), high)
 
-    state = _along(situation, axis, slips, slipped, memory, is_stop=True)
-    return state / np.maximum(high, np.finfo(float).tiny)  # 0: never loaded
+    return moved
 
 
 def rounded(
@@ -191,9 +214,11 @@ def _along(
         moved: The laws, one a row.
         memory: BEFORE: through all visits and the ways between them; else along each
             visit by itself, and 0 at its first reading for GRAVITY, at no torque for
-            NOTHING.
+            NOTHING, the mean over `STARTS` for UNKNOWN.
         is_stop: Whether they sum changes of torque between bounds.
     """
+    if memory == UNKNOWN:
+        return _from_any_state(situation, axis, bounds, moved).mean(axis=0)
     carries = memory == BEFORE
     key = ("path", axis, carries)
     path = situation.once(key, lambda: _path(situation, axis, carries))
@@ -214,6 +239,17 @@ def _along(
         before = path[:, 0] if memory == GRAVITY else np.zeros(len(path))
     states = _states(path, before, start, moved)[skipped:]
     return np.stack([situation.from_steps(states[:, k].T) for k in range(len(bounds))])
+
+
+def _from_any_state(
+    situation: StaticState, axis: int, bounds: Float[np.ndarray, " laws"], moved: Moved
+) -> Float[np.ndarray, "starts laws rows"]:
+    """Return the states along each visit from each of `STARTS` at its first reading."""
+    key = ("path", axis, False)
+    path = situation.once(key, lambda: _path(situation, axis, carries=False))
+    start = STARTS[:, None, None] * bounds[:, None] + np.zeros(len(path))
+    states = np.moveaxis(np.array(_states(path, path[:, 0], start, moved)), 0, -1)
+    return np.array([[situation.from_steps(law) for law in one] for one in states])
 
 
 def _path(

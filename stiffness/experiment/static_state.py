@@ -72,10 +72,13 @@ class Gear:
     Attributes:
         curves: By effect, the curve that it gives to the axis' spring.
         parallel: Torque that each law carries beside the spring in each row, in N m.
+        unknown: Turns of the axis, one sigma a column, by the state in which the gear
+            arrives at each visit, in rad; None where the recording tells it.
     """
 
     curves: Mapping[str, CurvedSpring] = field(default_factory=dict)
     parallel: Mapping[Law, Float[np.ndarray, " rows"]] = field(default_factory=dict)
+    unknown: Float[np.ndarray, "rows states"] | None = None
 
     def curves_but(self, effect: str) -> list[CurvedSpring]:
         """Return the curves of all other effects, in the order in which they act."""
@@ -101,7 +104,8 @@ class Gear:
     def some(self, rows: Int[np.ndarray, " some"]) -> "Gear":
         """Return the same in some rows."""
         own = {law: torque[rows] for law, torque in self.parallel.items()}
-        return replace(self, parallel=own)
+        unknown = None if self.unknown is None else self.unknown[rows]
+        return replace(self, parallel=own, unknown=unknown)
 
 
 NO_WAY = 1e-6
@@ -274,6 +278,15 @@ class StaticState:
         gear = self.gears.get(axis, LINEAR)
         gear = replace(gear, curves={**gear.curves, effect: spring})
         return replace(self, gears={**self.gears, axis: gear})
+
+    def with_unknown(
+        self, turns: Mapping[int, Float[np.ndarray, "rows states"]]
+    ) -> "StaticState":
+        """Return the same state where gears of axes arrive in states nobody knows."""
+        gears = dict(self.gears)
+        for axis, own in turns.items():
+            gears[axis] = replace(gears.get(axis, LINEAR), unknown=own)
+        return replace(self, gears=gears)
 
     def is_curved(self, axis: int) -> bool:
         """Return whether a named effect curves an axis' spring."""

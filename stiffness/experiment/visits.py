@@ -166,12 +166,13 @@ def commanded_lags(recording: Recording) -> Float[np.ndarray, "axes 2"]:
 
 # --- Memory from visit to visit -------------------------------------------------------
 
-NOTHING, GRAVITY, BEFORE = 0, 1, 2
+NOTHING, GRAVITY, BEFORE, UNKNOWN = 0, 1, 2, 3
 """What a gear's memory holds at arrival: nothing, so that gravity's torque grows from
 zero there; gravity's torque, under which it came to rest; what the visit before and the
-way from it left."""
+way from it left; any state between its bounds, another in each visit."""
 MEMORIES = (NOTHING, GRAVITY, BEFORE)
-ALIKE = {NOTHING: (GRAVITY,), GRAVITY: (NOTHING,), BEFORE: ()}
+"""Memories whose state follows from a recording."""
+ALIKE = {NOTHING: (GRAVITY,), GRAVITY: (NOTHING,), BEFORE: (), UNKNOWN: ()}
 """Memories between which a gear may be: it came to rest in part. What a visit before
 left is known wholly or not at all."""
 

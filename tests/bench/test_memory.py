@@ -2,7 +2,8 @@ import json
 
 import numpy as np
 import pytest
-from lever import LENGTH, lever
+from lever import LENGTH, lever, moments
+from numpy.testing import assert_allclose
 
 from bench.effects.creep import Creep
 from bench.effects.hysteresis import Hysteresis
@@ -71,6 +72,28 @@ def test_hysteresis_feels_the_torque_of_the_way(tmp_path):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5)
     fresh = wound(rig, plan(-70, 60), "forgotten")
     np.testing.assert_allclose(fresh[1], slipped([torque[-1]]), rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("share", [-1.0, 0.0, 0.4, 1.0])
+def test_what_slips_in_a_gear_begins_at_the_torque_that_is_asked_for(tmp_path, share):
+    """Under the first load, whatever came before; then the torque changes by loads."""
+    rig = Rig(lever(tmp_path, mass=40.0), (GEAR,))
+    torque = np.array([30.0, 45.0, -20.0, 5.0])
+    states = rig.respond(
+        np.zeros((1, 1)),
+        moments(*torque)[None],
+        np.ones((1, 4)),
+        slipped={"a1": share},
+    )
+    most, beside = WIDTH / 2 * STIFFNESS, GEAR.stiffening * STIFFNESS
+    weight = 9.81 * (40.0 + rig.mounted.payload.mass) * LENGTH
+    friction, expected = share * most, []
+    for k, now in enumerate(torque):
+        change = now - torque[k - 1] if k else 0.0
+        trial = friction + beside * change / (STIFFNESS + beside)
+        friction = float(np.clip(trial, -most, most))
+        expected.append((weight + now - friction) / STIFFNESS)
+    assert_allclose(states.axis_angle[:, 0], expected, rtol=0, atol=3e-6)
 
 
 def test_creep_of_the_posture_before_dies_away_with_time(tmp_path):

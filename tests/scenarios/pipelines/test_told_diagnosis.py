@@ -134,6 +134,20 @@ def test_what_was_named_becomes_mechanisms_and_a_table(found, recording, kr10):
     assert len(patch.effects_of(made)) == 3
 
 
+def test_a_spring_of_the_model_that_a_law_took_over_starts_as_the_model_has_it(
+    found, recording, kr10
+):
+    """Such as a5's by the torsion of a link along it, whose size is not held."""
+    marked, _ = folder.read(recording)
+    bare = replace(marked, markers=(), points=None)
+    fit = found.nominal.compliance.copy()
+    fit[[1, 4]] = -3e-5, 1e-6
+    taken = replace(found, nominal=replace(found.nominal, compliance=fit), named=())
+    made = patch_of_diagnosis(taken, bare, arm_of(kr10)).stiffness_nm_per_rad
+    assert (made["a2"], made["a5"]) == pytest.approx((5e4, 1e4))
+    assert made["a4"] is None
+
+
 def beam(torsion: Interval, bending: Interval) -> NamedEffect:
     parameters = {"bending_nm2": bending, "torsion_nm2": torsion}
     return NamedEffect(Name("link_bending", "link_2"), 1.0, (), parameters)

@@ -2,17 +2,21 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_bench import MODEL, arm
+from small_bench import MODEL, arm, prepared
 
 from bench.effects.parse import parse_all
 from bench.experiment import record
 from bench.instruments import Instruments, Markers
+from bench.patch import Patch, PatchEffect
+from bench.proof.proof import prove
 from bench.rig import Rig
 from bench.standard_plans import table_one_plan
 from scenarios.pipelines.patching import memory_of, patch_of_diagnosis
+from scenarios.studies.damage import in_another_order
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.nominal_fit import with_noise
 from stiffness.diagnosis.result import Name, NamedEffect
-from stiffness.experiment.visits import BEFORE, NOTHING
+from stiffness.experiment.visits import BEFORE, NOTHING, UNKNOWN
 
 
 @pytest.mark.parametrize(
@@ -38,6 +42,57 @@ def test_effect_whose_state_lasts_from_visit_to_visit_is_named(said, parameter, 
     patch = patch_of_diagnosis(found, recording, nominal)
     assert patch.memory == "carried"
     assert set(patch.fitted) == {f"a{k}" for k in range(1, 7)}
+
+
+def made_in_another_order(poses, seed):
+    """Return what an arm with hysteresis@a2 did, visits told in another order."""
+    rig = Rig(MODEL)
+    said = "hysteresis@a2,width_rad=2e-4"
+    rig = Rig(MODEL, effects=parse_all((said,), rig.nominal))
+    flange, plan = Instruments(markers=Markers("flange")), table_one_plan(poses=poses)
+    made = record(rig, plan, flange, seed=seed, memory="carried")
+    return in_another_order(made, np.random.SeedSequence(seed))
+
+
+def test_gear_that_arrives_in_a_state_nobody_knows_is_named_and_explained():
+    recording = made_in_another_order(poses=24, seed=1)
+    nominal = arm().for_recording(recording)
+    found = diagnose(recording, nominal)
+    assert found.verdict == "explained"
+    (named,) = found.named
+    assert str(named.name) == "hysteresis at a2"
+    assert round(named.shape[1]) == UNKNOWN
+    np.testing.assert_allclose(named.parameters["width_rad"].estimate, 2e-4, rtol=0.15)
+    assert ("unknown_arrival", "a2") in [(w.code, w.where) for w in found.warnings]
+    assert patch_of_diagnosis(found, recording, nominal).memory == "unknown"
+
+
+def test_proof_counts_what_unknown_states_at_arrival_do_as_noise():
+    recording = made_in_another_order(poses=60, seed=2)
+    held = np.unique(recording.posture_id)[::4].tolist()
+    effect = PatchEffect("hysteresis", "a2", {"width_rad": 2e-4})
+    found = {}
+    for memory in ("forgotten", "unknown"):
+        patch = Patch(effects=(effect,), memory=memory)
+        found[memory] = prove(recording, MODEL, patch, held, thorough=False).markers
+    assert found["forgotten"].after > 1.3 * found["forgotten"].noise
+    assert found["unknown"].after < found["forgotten"].after
+    assert 0.9 < found["unknown"].after / found["unknown"].noise < 1.1
+
+
+def test_unknown_states_at_arrival_are_asked_for_by_how_likely_readings_become():
+    """Against the square once their turns are among the errors of the wrench."""
+    ready = prepared()
+    at, random = ready.situation, np.random.default_rng(2)
+    turns = 1e-5 * random.normal(size=(at.rows, 2))
+    about = replace(ready, situation=at.with_unknown({1: turns}))
+    without, more = (with_noise(one, 1.0).data.within for one in (ready, about))
+    laid = ready.data.visits.gather(turns)
+    rows = laid.shape[1]
+    on = without.rotation_information[:, rows : 2 * rows, rows : 2 * rows]
+    inner = np.eye(2) + laid.swapaxes(1, 2) @ on @ laid
+    half = np.sum(without.square - more.square - np.linalg.slogdet(inner)[1]) / 2.0
+    np.testing.assert_allclose(without.log_bayes_of(1, laid), half, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
