@@ -22,6 +22,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
@@ -33,7 +34,7 @@ from bench.proof.explained_share import Channel
 from bench.proof.proof import Proof
 from bench.shared.effect_catalogue import CATALOGUE
 from scenarios.pipelines.diagnosis import MICRO
-from scenarios.pipelines.schema import Answer, At
+from scenarios.pipelines.schema import Answer, At, Open
 from scenarios.report.figures import BLUE, GREEN, GREY, HEAT, ORANGE, RED, save
 
 MANY = 4
@@ -52,7 +53,7 @@ class ErrorBudget:
         of: Share of each place, by family of effects; places along the arm, then the
             instruments.
         unexplained: What no name explains; None where no proof tells.
-        places: Of what is unexplained, each place where it is significant.
+        places: Of what is unexplained, the share of each place where it is significant.
     """
 
     of: Mapping[str, Mapping[str, float]]
@@ -63,6 +64,13 @@ class ErrorBudget:
     def of_places(self) -> dict[str, float]:
         """The share of each place."""
         return {where: sum(kinds.values()) for where, kinds in self.of.items()}
+
+    @property
+    def totals(self) -> dict[str, float]:
+        """The share of each place, what has no name there with it."""
+        named = self.of_places
+        places = dict.fromkeys((*named, *self.places))
+        return {w: named.get(w, 0.0) + self.places.get(w, 0.0) for w in places}
 
     @property
     def of_families(self) -> dict[str, float]:
@@ -86,7 +94,25 @@ def budget_of(answer: Answer) -> ErrorBudget:
     return ErrorBudget(
         of=found,
         unexplained=None if explained is None else 1.0 - explained,
-        places={p.where: p.share for p in answer.unexplained_places},
+        places={p.where: p.share for p in open_places(answer)},
+    )
+
+
+def open_places(answer: Answer) -> tuple[Open, ...]:
+    """Return the places without a name, together no more than names leave open.
+
+    The search says how much a generic law of each place alone explains; such laws share
+    what they explain with each other.
+    """
+    explained, total = (
+        _explained(answer),
+        sum(p.share for p in answer.unexplained_places),
+    )
+    room = 1.0 - (explained or 0.0)
+    scale = min(1.0, room / total) if total > 0.0 else 1.0
+    return tuple(
+        msgspec.structs.replace(p, share=scale * p.share)
+        for p in answer.unexplained_places
     )
 
 
@@ -262,7 +288,7 @@ def _before_after(axes: Axes, channel: Channel | None, unit: str) -> None:
         return
     values = [MICRO * x for x in (channel.before, channel.after, channel.noise)]
     names = ("before", "after", "noise alone")
-    bars = axes.barh([2, 1, 0], values, 0.72, color=(GREY, ORANGE, BLUE))
+    bars = axes.barh([2, 1, 0], values, 0.72, color=(GREY, "#333333", "#c8c8c8"))
     words = [f"{value:.3g} {unit}" for value in values]
     axes.bar_label(bars, words, padding=4, fontsize=10)
     axes.set_yticks([2, 1, 0], names)
@@ -274,34 +300,30 @@ def _before_after(axes: Axes, channel: Channel | None, unit: str) -> None:
 
 def _budget(axes: Axes, budget: ErrorBudget) -> None:
     """Draw a bar for each place, and for what is open."""
-    rows: list[tuple[str, Mapping[str, float], bool]] = []
-    for where, kinds in budget.of.items():
-        rows.append((where, kinds, where in budget.places))
-    for where in budget.places:
-        if where not in budget.of:
-            rows.append((where, {}, True))
+    rows: list[tuple[str, Mapping[str, float]]] = []
+    for where in sorted(budget.totals, key=along_the_arm):
+        left = {"open": budget.places[where]} if where in budget.places else {}
+        rows.append((where, {**budget.of.get(where, {}), **left}))
     if budget.unexplained is not None:
-        rows.append(("no name", {"open": budget.unexplained}, False))
-    colours = {k: c for k, (_, c) in FAMILIES.items()}
-    colours |= {"open": RED}
-    largest = max((sum(kinds.values()) for _, kinds, _ in rows), default=0.0)
+        elsewhere = budget.unexplained - sum(budget.places.values())
+        rows += [("elsewhere", {"open": elsewhere})] * (elsewhere > 1e-3)
+    words = {**FAMILIES, "open": ("without a name", RED)}
+    largest = max((sum(kinds.values()) for _, kinds in rows), default=0.0)
     labelled: set[str] = set()
-    for i, (_, kinds, is_open) in enumerate(rows):
+    for i, (_, kinds) in enumerate(rows):
         start = 0.0
         for family, share in kinds.items():
-            word = FAMILIES[family][0] if family in FAMILIES else None
-            word = None if word in labelled else word
-            labelled |= {word} if word else set()
-            axes.barh(i, share, 0.72, left=start, color=colours[family], label=word)
+            word, colour = words[family]
+            known = None if word in labelled else word
+            labelled.add(word)
+            axes.barh(i, share, 0.72, left=start, color=colour, label=known)
             start += share
-        more = ", and more without a name" if is_open else ""
-        told = f"{percent(start) if start else ''}{more}".removeprefix(", ")
         at = max(start, 0.0) + 0.015 * largest
-        axes.text(at, i, told, va="center", fontsize=9)
-    axes.set_yticks(range(len(rows)), [where for where, *_ in rows], fontsize=9)
+        axes.text(at, i, percent(start), va="center", fontsize=9)
+    axes.set_yticks(range(len(rows)), [where for where, _ in rows], fontsize=9)
     axes.set_ylim(len(rows) - 0.4, -0.6)
     # what goes against the rest is drawn to the left
-    least = min((sum(kinds.values()) for _, kinds, _ in rows), default=0.0)
+    least = min((sum(kinds.values()) for _, kinds in rows), default=0.0)
     axes.set_xlim(1.1 * min(least, 0.0), 1.25 * max(largest, 1e-9))
     axes.axvline(0.0, color="black", linewidth=0.8)
     axes.set_xticks([])
@@ -336,14 +358,14 @@ def _looked_at(view: ArmView) -> Float[np.ndarray, "3 3"]:
 
 def shades(budget: ErrorBudget) -> dict[str, tuple[float, float, float]]:
     """Return the colour of each place: the darker, the larger its share."""
-    shares = budget.of_places
+    shares = budget.totals
     most = max(shares.values(), default=0.0) or 1.0
     return {where: HEAT(share / most)[:3] for where, share in shares.items()}
 
 
 def body_shades(budget: ErrorBudget) -> dict[str, tuple[float, float, float]]:
     """Return the colour of each link: of its own share or its axis', the larger."""
-    shares, colour = budget.of_places, shades(budget)
+    shares, colour = budget.totals, shades(budget)
     found = {}
     for where in shares:
         number = where.removeprefix("link_").removeprefix("a").partition(":")[0]
@@ -381,9 +403,9 @@ def _arm(axes: Axes, view: ArmView, budget: ErrorBudget) -> None:
 
 def _labels(axes: Axes, view: ArmView, budget: ErrorBudget, looked: np.ndarray) -> None:
     """Name all places beside the arm, one below the other, with a line to each."""
-    shares, colour = budget.of_places, shades(budget)
+    colour = shades(budget)
     numbered = [f"a{k + 1}" for k in range(len(view.axes))]
-    places = [*numbered, *(w for w in (*shares, *budget.places) if w not in numbered)]
+    places = list(dict.fromkeys((*numbered, *budget.totals)))
     spots = {w: looked @ at for w in places if (at := view.point(w)) is not None}
     edge = np.vstack([view.triangles.reshape(-1, 3) @ looked.T, *spots.values()])
     low, high = edge.min(axis=0), edge.max(axis=0)
@@ -404,10 +426,7 @@ def _labels(axes: Axes, view: ArmView, budget: ErrorBudget, looked: np.ndarray) 
         x = high[0] + margin if right else low[0] - margin
         for where, y in zip(some, heights, strict=True):
             at = spots[where]
-            share = percent(shares[where]) if where in shares else "–"
-            told = f"{where.replace('_', ' ')}  {share}"
-            told += ", open" if where in budget.places else ""
-            faint = where not in shares and where not in budget.places
+            told, faint = f"{where}  {_told(budget, where)}", where not in colour
             axes.plot([at[0], x], [at[1], y], "-", color="#9a9a9a", lw=0.7, zorder=5)
             edged = RED if where in budget.places else "#333333"
             look = {"mfc": colour.get(where, "white"), "mec": edged, "zorder": 6}
@@ -423,9 +442,17 @@ def _labels(axes: Axes, view: ArmView, budget: ErrorBudget, looked: np.ndarray) 
     axes.margins(0.0)
     beside = [w for w in places if w not in spots]
     if beside:
-        told = [f"{w} {percent(shares[w]) if w in shares else 'open'}" for w in beside]
+        told = [f"{w} {_told(budget, w)}" for w in beside]
         text = axes.text(0.02, 0.0, f"Beside the arm: {', '.join(told)}", fontsize=9.5)
         text.set(va="bottom", transform=axes.transAxes)
+
+
+def _told(budget: ErrorBudget, where: str) -> str:
+    """Return what a place makes of the mismatch, in words."""
+    named, left = budget.of_places.get(where), budget.places.get(where)
+    told = [] if named is None else [percent(named)]
+    told += [] if left is None else [f"{percent(left)} open"]
+    return ", ".join(told) or "–"
 
 
 def _apart(heights: list[float], least: float) -> list[float]:

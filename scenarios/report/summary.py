@@ -29,7 +29,13 @@ from scenarios.pipelines.schema import (
     said_of_turns,
     unit_of,
 )
-from scenarios.report.error_budget import MANY, along_the_arm, percent, shares_of_names
+from scenarios.report.error_budget import (
+    MANY,
+    along_the_arm,
+    open_places,
+    percent,
+    shares_of_names,
+)
 from stiffness.diagnosis.result import SCATTER, Nominal
 
 # --- Fitted springs -------------------------------------------------------------------
@@ -231,7 +237,7 @@ def _names(answer: Answer, axes: int) -> Iterator[str]:
 
 def _still_open(answer: Answer) -> Iterator[str]:
     """Yield what stays open: several places, or one; no warning is repeated."""
-    places, one = answer.unexplained_places, answer.unexplained
+    places, one = open_places(answer), answer.unexplained
     if len(places) > 1 or (places and len(answer.named) >= MANY):
         yield _open_places(places)
     elif one is not None and one.signature not in {w.text for w in answer.warnings}:

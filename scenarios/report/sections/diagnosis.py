@@ -336,7 +336,7 @@ def _budget(answer: schema.Answer) -> Iterator[Block]:
     if answer.unexplained_places:
         yield table_of(
             "Significant, and without a name.",
-            answer.unexplained_places,
+            error_budget.open_places(answer),
             {
                 "where": lambda p: p.where,
                 "share": lambda p: percent(p.share),

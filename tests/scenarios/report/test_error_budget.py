@@ -246,8 +246,8 @@ def test_arm_is_drawn_with_every_place_its_share_and_what_is_beside_it(answer, v
         if where in ("tracker", "marker:link3_a"):
             assert where in said[said.index("Beside the arm") :]
         else:
-            assert f"{where.replace('_', ' ')}  {percent(share)}" in said
-    assert "a2  9.0 %, open" in said
+            assert f"{where}  {percent(share)}" in said
+    assert "a2  9.0 %, 2.0 % open" in said
     (drawn,) = [c for c in figure.axes[0].collections if isinstance(c, PolyCollection)]
     assert len(drawn.get_paths()) == len(view.triangles)
 
@@ -256,9 +256,18 @@ def test_the_larger_a_share_the_darker_its_place(answer):
     budget = budget_of(answer)
     bright = {w: sum(rgb) for w, rgb in error_budget.shades(budget).items()}
     assert min(bright, key=lambda w: bright[w]) == max(
-        budget.of_places, key=lambda w: budget.of_places[w]
+        budget.totals, key=lambda w: budget.totals[w]
     )
-    assert bright["a4"] < bright["base"] < bright["link_1"]
+    assert bright["a2"] < bright["a4"] < bright["base"] < bright["link_1"]
+
+
+def test_places_without_a_name_add_up_to_no_more_than_names_leave_open(answer):
+    places = (Open("a2", 0.6, ("angle",), ""), Open("a7", 0.2, ("load",), ""))
+    more = msgspec.structs.replace(answer, unexplained_places=places)
+    shares = {p.where: p.share for p in error_budget.open_places(more)}
+    assert shares == pytest.approx({"a2": 0.4226 * 0.75, "a7": 0.4226 * 0.25})
+    assert budget_of(more).totals["a7"] == pytest.approx(0.4226 * 0.25)
+    assert error_budget.open_places(answer) == answer.unexplained_places
 
 
 def test_a_model_without_visible_shapes_is_drawn_as_a_line(answer, view):
