@@ -90,11 +90,15 @@ class PoseStatistics:
 
     def share(self, gain: Float[np.ndarray, " poses"]) -> float:
         """Return the share of the mismatch that a gain on poses left out explains."""
-        return 2.0 * (float(gain.sum()) - self.nominal_gain) / self.whole
+        return self.as_share(2.0 * (float(gain.sum()) - self.nominal_gain))
 
     def share_of(self, lost: Float[np.ndarray, " poses"]) -> float:
         """Return a loss of poses left out as a share of the same mismatch."""
-        return 2.0 * float(lost.sum()) / self.whole
+        return self.as_share(2.0 * float(lost.sum()))
+
+    def as_share(self, square: float) -> float:
+        """Return a square as a share of it, 1 where noise hides how large it is."""
+        return min(square / self.whole, 1.0)
 
 
 def pose_statistics(

@@ -274,7 +274,7 @@ def _unexplained_places(
             beyond.library, given, given.score, beyond.known, model.case.seed + 2
         )
     return joined_places(
-        UnexplainedPlace(where, p, float(captured) / model.statistics.whole, depends_on)
+        UnexplainedPlace(where, p, model.statistics.as_share(captured), depends_on)
         for where, p, captured, depends_on in found
     )
 
@@ -404,7 +404,7 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
         )
     withheld = (
         UnexplainedPlace(
-            m.where, found.p_value, gain / model.statistics.whole, m.depends_on
+            m.where, found.p_value, model.statistics.as_share(gain), m.depends_on
         )
         for m, gain, stood in zip(members, model.drop_one_gains, stands, strict=True)
         if not stood and not m.is_generic
@@ -426,15 +426,8 @@ def answer_of(judged: JudgedModel, prepared: Prepared, found: DetectionTest) -> 
     if not explained:
         loose = loose_marker(case, found, last if effects else found)
         known = [m for m in members if not m.is_generic] if effects else []
-        shown = (
-            *(
-                Located(x.where, x.p_value, x.share, x.depends_on, "")
-                for x in open_places
-            ),
-            *located,
-        )
         last = last if effects else found
-        unexplained = unexplained_of(case, last, known, shown, loose)
+        unexplained = unexplained_of(case, last, known, (open_places, located), loose)
         if loose is not None:
             located = (*located, loose) if effects else (loose, *located)
         words = [unexplained.signature] if unexplained.signature else []
@@ -515,7 +508,7 @@ def unexplained_of(
     case: SelectionProblem,
     last: DetectionTest,
     known: Sequence[ModelTerm],
-    located: tuple[Located, ...],
+    places: tuple[tuple[UnexplainedPlace, ...], tuple[Located, ...]],
     loose: Located | None,
 ) -> Unexplained:
     """Return the place where most is left, how it looks, and its law.
@@ -524,18 +517,21 @@ def unexplained_of(
         case: What was looked at.
         last: The residual test.
         known: The set that was named.
-        located: Places, with what they depend on.
+        places: Those without a name and those of names, the largest first.
         loose: The marker that moves against its body, where one does.
     """
     where = largest_residual_site(last)
     if loose is not None:
         where = loose.where
-    elif located and (not known or last.p_value >= SIGNIFICANCE):
-        where = located[0].where
+    elif places[0]:
+        where = places[0][0].where
+    elif places[1] and (not known or last.p_value >= SIGNIFICANCE):
+        where = places[1][0].where
     laws = [m.jacobian(case.situation) for m in known]
     law, look = law_of(case, (*case.nominal, *laws), where)
     words = [look] if look else []
-    depends = next((one.depends_on for one in located if one.where == where), ())
+    every = (*places[0], *places[1])
+    depends = next((one.depends_on for one in every if one.where == where), ())
     if depends:
         words.append("depends on " + ", ".join(depends))
     if loose is not None:
