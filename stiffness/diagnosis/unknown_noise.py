@@ -4,7 +4,8 @@
 Equation    y_v = ... + U_v a_v, a_v ~ N(0, 1): turns U_v of a visit that a gear makes
             by the state in which it arrives, z(s) - mean_s z(s) for each of its states
             s as likely one as the other; asked for where the log Bayes factor of what
-            a set leaves, with U_v over without, is beyond `UNTOLD`
+            a set leaves, with U_v over without, is beyond `UNTOLD` and above that with
+            `SMALLER` U_v
 Source      moments of a discrete state, random effects of visits (Laird and Ware 1982,
             "Random-effects models for longitudinal data")
 Valid       states that differ from visit to visit; a set that is found without them
@@ -31,6 +32,9 @@ from stiffness.experiment.visits import UNKNOWN
 UNTOLD = 10.0
 """Log Bayes factor from which gears arrive in states that nothing tells; chosen: as
 `NOT_ALIKE` of names."""
+SMALLER = 0.3
+"""States over those of a gear that comes from either side, than which theirs have to be
+likelier; chosen: what another form of the law does is a few percent of it."""
 
 
 def unknown_arrivals(
@@ -53,7 +57,9 @@ def unknown_arrivals(
         own = (situation, member.where, member.shape, size)
         shape = member.shape.copy()
         for k, turned in member.hypothesis.arrival_turns(*own).items():
-            if data.within.log_bayes_of(k, data.visits.gather(turned)) > UNTOLD:
+            turns = data.visits.gather(turned)
+            least = max(UNTOLD, data.within.log_bayes_of(k, SMALLER * turns))
+            if data.within.log_bayes_of(k, turns) > least:
                 found[k] = turned
                 shape[member.hypothesis.shape_names.index("memory")] = UNKNOWN
         if not member.is_generic:
