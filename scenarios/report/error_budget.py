@@ -426,7 +426,7 @@ def _labels(axes: Axes, view: ArmView, budget: ErrorBudget, looked: np.ndarray) 
         x = high[0] + margin if right else low[0] - margin
         for where, y in zip(some, heights, strict=True):
             at = spots[where]
-            told, faint = f"{where}  {_told(budget, where)}", where not in colour
+            told, faint = f"{where}  {_shares_at(budget, where)}", where not in colour
             axes.plot([at[0], x], [at[1], y], "-", color="#9a9a9a", lw=0.7, zorder=5)
             edged = RED if where in budget.places else "#333333"
             look = {"mfc": colour.get(where, "white"), "mec": edged, "zorder": 6}
@@ -442,12 +442,12 @@ def _labels(axes: Axes, view: ArmView, budget: ErrorBudget, looked: np.ndarray) 
     axes.margins(0.0)
     beside = [w for w in places if w not in spots]
     if beside:
-        told = [f"{w} {_told(budget, w)}" for w in beside]
+        told = [f"{w} {_shares_at(budget, w)}" for w in beside]
         text = axes.text(0.02, 0.0, f"Beside the arm: {', '.join(told)}", fontsize=9.5)
         text.set(va="bottom", transform=axes.transAxes)
 
 
-def _told(budget: ErrorBudget, where: str) -> str:
+def _shares_at(budget: ErrorBudget, where: str) -> str:
     """Return what a place makes of the mismatch, in words."""
     named, left = budget.of_places.get(where), budget.places.get(where)
     told = [] if named is None else [percent(named)]
