@@ -446,10 +446,37 @@ def parameters_text(parameters: Mapping[str, Interval], apart: str = "; ") -> st
     return apart.join(f"{label(n)} {span(n, p)}" for n, p in parameters.items())
 
 
+FAR = 0.5
+"""How far beyond an interval, over its width, a size of a patch is said; chosen."""
+
+
+def sizes_far_off(
+    named: Sequence[Called], sizes: Mapping[tuple[str, str], Mapping[str, object]]
+) -> list[str]:
+    """Return which sizes, by effect and place, are far from their intervals."""
+    found = []
+    for n in named:
+        own = sizes.get((n.effect, n.where), {})
+        for one in CATALOGUE[n.effect].parameters:
+            p, now = n.parameters.get(one.name), own.get(one.name)
+            if one.role != "magnitude" or p is None or not isinstance(now, float):
+                continue
+            if isinstance(p.low, float) and isinstance(p.high, float):
+                beyond = max(p.low - now, now - p.high)
+                if beyond > FAR * (p.high - p.low) > 0.0:
+                    moved = msgspec.structs.replace(p, estimate=now)
+                    found.append(f"{n} {parameters_text({one.name: moved})}")
+    return found
+
+
 def span(name: str, interval: Interval) -> str:
     """Return a parameter's value and its interval in its display unit."""
     text = size(name, interval.estimate)
-    if interval.low is None and interval.high is None:
+    low, high = interval.low, interval.high
+    held = low is not None or high is not None
+    if isinstance(low, float) and isinstance(high, float):
+        held = not 0.0 < ENDLESS * low < high
+    if not held:
         return f"{text} {NOT_HELD}"
     if whole := _whole(name, interval):
         return whole
@@ -465,9 +492,9 @@ def span(name: str, interval: Interval) -> str:
     return f"{told[0]}{text[len(text.split(' ')[0]) :]} ({told[1]} to {told[2]})"
 
 
-DECADES = 100.0
-"""Upper over lower end of an interval from which only its order of magnitude counts;
-chosen."""
+DECADES, ENDLESS = 100.0, 1e6
+"""Upper over lower end of an interval from which only its order of magnitude counts,
+and from which data do not hold the parameter at all; chosen."""
 
 
 def rounded(interval: Interval, factor: float, value: float) -> str:

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from bench.proof.proof import Proof
 from scenarios.pipelines.diagnosis import Result
 from scenarios.pipelines.patching import fitted_springs
 from scenarios.pipelines.schema import (
@@ -27,6 +28,7 @@ from scenarios.pipelines.schema import (
     parameters_text,
     rounded,
     said_of_turns,
+    sizes_far_off,
     unit_of,
 )
 from scenarios.report.error_budget import (
@@ -556,6 +558,17 @@ SIZES = (
 """What the patch of a proved diagnosis holds."""
 
 
+def sizes_text(finding: Result, proof: Proof) -> str:
+    """Return what a proved patch holds, and which of its sizes moved far."""
+    sizes = {(e.effect, e.where): e.parameters for e in proof.patch.effects}
+    told = sizes_far_off(finding.answer.named, sizes)
+    if not told:
+        return SIZES
+    more = [f"{len(told) - MOST_SHOWN} more"] * (len(told) > MOST_SHOWN)
+    far = _list([*told[:MOST_SHOWN], *more])
+    return f"{SIZES} Far from what is said beside all that has no name: {far}."
+
+
 def tell(console: Console, finding: Result, notes: tuple[str, ...], out: Path) -> None:
     """Print the sentences, the table of named effects, and the report's path."""
     for sentence in sentences(finding):
@@ -575,7 +588,7 @@ def tell(console: Console, finding: Result, notes: tuple[str, ...], out: Path) -
             table.add_row(*map(escape, cells[: len(columns)]))
         console.print(table)
     if finding.proof is not None:
-        notes = (*notes, SIZES)
+        notes = (*notes, sizes_text(finding, finding.proof))
     for note in notes:
         console.print(f"Note: {note}", markup=False, highlight=False)
     console.print(f"{out / 'report.html'}", markup=False, highlight=False)

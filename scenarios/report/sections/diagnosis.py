@@ -132,7 +132,7 @@ def proof(finding: Result, folder: Path) -> Iterator[Block]:
     channel, unit = channel_of(proof)
     if channel is None:
         return
-    folded = proof.folds > 1
+    folded, sizes = proof.folds > 1, summary.sizes_text(finding, proof)
     yield Heading("Before and after")
     means = (
         "Readings are compared as they are."
@@ -143,7 +143,7 @@ def proof(finding: Result, folder: Path) -> Iterator[Block]:
         "The effect was put into the MuJoCo model as a mechanism, and what was done in "
         "the poses kept back was done again with the wrenches that were read there. "
         f"Springs, frames and marks were fitted on the other poses, for both. {means} "
-        f"{summary.SIZES[0].upper()}{summary.SIZES[1:]} {CONTROLLER}"
+        f"{sizes[0].upper()}{sizes[1:]} {CONTROLLER}"
     )
     header = ["channel", "before", "after", "stated noise", "gain", "95 % interval"]
     rows = []

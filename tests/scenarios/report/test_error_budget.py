@@ -21,6 +21,7 @@ from scenarios.pipelines.schema import (
     Open,
     Proved,
     large_corrections,
+    sizes_far_off,
     span,
 )
 from scenarios.report import error_budget, figures, page, playback, summary
@@ -393,3 +394,16 @@ def test_a_wrist_axis_that_goes_against_the_rest_has_a_colour():
     found = body_shades(ErrorBudget(of, None, {}))
     assert found["link_6"] == HEAT(-0.002 / 0.9)[:3]
     assert found["link_2"] == HEAT(1.0)[:3]
+
+
+def test_sizes_of_a_patch_far_from_their_intervals_are_said():
+    """A tilt took what has no name; the width is beside its interval, and a little."""
+    tilt = called("bearing_tilt", "a6", 0.1, u_rad_per_nm=7e-6, v_rad_per_nm=2e-6)
+    gear = called("hysteresis", "a2", 0.1, width_rad=1e-4)
+    sizes = {
+        ("bearing_tilt", "a6"): {"u_rad_per_nm": 2.07e-5, "v_rad_per_nm": 2e-6},
+        ("hysteresis", "a2"): {"width_rad": 1.06e-4},
+    }
+    (far,) = sizes_far_off((tilt, gear), sizes)
+    assert far.startswith("bearing_tilt at a6 u 20.70 µrad/(N m)")
+    assert sizes_far_off((tilt, gear), {}) == []
