@@ -40,7 +40,7 @@ from scenarios.pipelines.schema import (
 from scenarios.pipelines.schema import Interval as Said
 from scenarios.report import summary
 from scenarios.report.sections import diagnosis
-from stiffness.diagnosis.gate import is_held, may_be_nothing
+from stiffness.diagnosis.gate import may_be_nothing
 from stiffness.diagnosis.result import (
     Detection,
     Diagnosis,
