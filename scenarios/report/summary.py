@@ -231,7 +231,10 @@ def _names(answer: Answer, axes: int) -> Iterator[str]:
         yield f"Not given in every split of the poses: {_list(told)}."
     unsure = [n for n in answer.named if n.equivalents]
     if unsure:
-        told = [f"{n.equivalents[0]} for {n}" for n in unsure[:MOST_SHOWN]]
+        told = [
+            f"{' or '.join(map(str, n.equivalents))} for {n}"
+            for n in unsure[:MOST_SHOWN]
+        ]
         if more := len(unsure) - len(told):
             told.append(f"{more} more")
         yield f"As well by these data: {_list(told)}."
