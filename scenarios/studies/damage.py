@@ -428,7 +428,7 @@ def with_outliers(
 
 
 PAUSE = 10.0
-"""From one visit to the next where they are told in another order, in s; chosen."""
+"""Way from one visit to the next where they are told in another order, in s; chosen."""
 
 
 def in_another_order(recording: Recording, chance: np.random.SeedSequence) -> Recording:
@@ -440,9 +440,9 @@ def in_another_order(recording: Recording, chance: np.random.SeedSequence) -> Re
     order = np.random.default_rng(chance).permutation(np.unique(recording.visit))
     rows = [np.flatnonzero(recording.visit == visit) for visit in order]
     told = recording.take(np.concatenate(rows))
-    long = [np.ptp(recording.time[own]) for own in rows]
-    start = np.cumsum([0.0, *(np.array(long[:-1]) + PAUSE)])
-    later = [t - recording.time[own[0]] for t, own in zip(start, rows, strict=True)]
+    arrival = np.array([recording.load_time[own[0]] for own in rows])
+    long = np.array([recording.time[own[-1]] for own in rows]) - arrival
+    later = np.cumsum([0.0, *(long[:-1] + PAUSE)]) - arrival
     lengths = [len(own) for own in rows]
     later = np.repeat(later, lengths)
     return replace(

@@ -16,6 +16,7 @@ from bench.experiment import record
 from bench.instruments import Markers
 from bench.instruments.random_streams import streams
 from bench.instruments.tracker import STEADY
+from bench.proof.simulation import replay_of
 from bench.rig import Rig
 from bench.shared.instrument_specs import ASSUMED
 from bench.shared.plan import DEFAULT_PATH
@@ -238,8 +239,10 @@ def test_visits_are_told_in_another_order_and_each_as_it_was(kr10):
         np.testing.assert_allclose(
             made.load_time[now] - seen.load_time[own], later, atol=1e-9
         )
-        assert made.time[now[0]] - end == pytest.approx(PAUSE)
+        assert made.load_time[now[0]] - end == pytest.approx(PAUSE)
         end = made.time[now[-1]]
+    way = replay_of(made).way
+    np.testing.assert_allclose(way[1:], PAUSE)
     assert sorted(came_from) == np.unique(seen.visit).tolist() != came_from
     assert not np.array_equal(made.moves.side, seen.moves.take(made.visit).side)
 
