@@ -74,6 +74,21 @@ def test_hysteresis_feels_the_torque_of_the_way(tmp_path):
     np.testing.assert_allclose(fresh[1], slipped([torque[-1]]), rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize("stiffening", [0.05, 0.6, 5.0, 20.0])
+@pytest.mark.parametrize("share", [-1.0, 0.0, 1.0])
+def test_gear_of_any_stiffness_begins_at_the_torque_that_is_asked_for(
+    tmp_path, share, stiffening
+):
+    """Four elements together: the joint follows what each of them lets go."""
+    gear = Hysteresis("a1", width_rad=WIDTH, stiffening=stiffening)
+    rig, bare = (Rig(lever(tmp_path, mass=40.0), e) for e in ((gear,), ()))
+    load = moments(30.0)[None], np.ones((1, 1))
+    states = rig.respond(np.zeros((1, 1)), *load, slipped={"a1": share})
+    free = bare.respond(np.zeros((1, 1)), *load).axis_angle
+    expected = free - share * WIDTH / 2
+    assert_allclose(states.axis_angle, expected, rtol=0, atol=0.005 * WIDTH)
+
+
 @pytest.mark.parametrize("share", [-1.0, 0.0, 0.4, 1.0])
 def test_what_slips_in_a_gear_begins_at_the_torque_that_is_asked_for(tmp_path, share):
     """Under the first load, whatever came before; then the torque changes by loads."""
