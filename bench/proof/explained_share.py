@@ -9,7 +9,8 @@ Equation    var = sum of the tracker's variances per frame (1 - 1/n where the me
 Source      propagation of errors to first order
 Valid       springs that are nearly linear
 Ignores     errors of a whole visit, such as arrival and the force's direction, which
-            no instrument here states
+            no instrument here states; what states of gears that nobody knows do to
+            encoders and turns of bodies
 ==========  ==========================================================================
 
 The gain's interval is a bootstrap over poses (BCa: Efron 1987), because readings of one
@@ -41,8 +42,8 @@ def floor_of(
 ) -> tuple[Float[np.ndarray, " rows"], float]:
     """Return the mean square that noise leaves on a marker and on an encoder.
 
-    Of the wrench's noise as much counts as the rows that were fitted have room for;
-    what states of gears do that nobody knows is noise, too.
+    Of the wrench's noise as much counts as the rows that were fitted have room for. Of
+    a marker counts, too, what states of gears do that nobody knows, by the patch.
 
     Returns:
         Of a marker in every row, 3-D, in m²; of an angle, in rad².

@@ -138,9 +138,9 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
     if nominal is None:
         return Patch()
     springs = {
-        f"a{k}": _start_of_spring(float(c), float(model))
-        for k, (c, model) in enumerate(
-            zip(nominal.compliance, nominal.modelled, strict=True), start=1
+        f"a{k}": _start_of_spring(*map(float, one))
+        for k, one in enumerate(
+            zip(nominal.compliance, nominal.sigma, nominal.modelled, strict=True), 1
         )
     }
     frame = np.asarray(nominal.base_from_tracker, float)
@@ -175,13 +175,14 @@ LEAST = 0.1
 """Compliance over the model's below which an estimate is none; chosen: a decade."""
 
 
-def _start_of_spring(compliance: float, modelled: float) -> float | None:
+def _start_of_spring(compliance: float, sigma: float, modelled: float) -> float | None:
     """Return the stiffness that the simulator starts from; None: the axis is rigid.
 
-    The model's own, where what is fitted beside laws that turn the axis alike is no
-    compliance, or next to none.
+    The model's own, where what is fitted is no compliance, or next to none and not
+    sure: laws beside it may turn the axis alike.
     """
-    start = modelled if compliance < LEAST * modelled else compliance
+    none = compliance < LEAST * modelled and compliance < 2.0 * sigma
+    start = modelled if compliance <= 0.0 or none else compliance
     return 1.0 / start if start > 0.0 else None
 
 

@@ -563,7 +563,9 @@ SIZES = (
 
 def sizes_text(finding: Result, proof: Proof) -> str:
     """Return what a proved patch holds, and which of its sizes moved far."""
-    sizes = {(e.effect, e.where): e.parameters for e in proof.patch.effects}
+    own = list(proof.simulation.order) == list(range(len(proof.simulation.order)))
+    first = proof.patch.effects[::-1] if own else ()  # else of axes of other names
+    sizes = {(e.effect, e.where): e.parameters for e in first}
     told = sizes_far_off(finding.answer.named, sizes)
     if not told:
         return SIZES

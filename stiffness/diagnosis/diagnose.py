@@ -70,6 +70,7 @@ from stiffness.diagnosis.result import (
 )
 from stiffness.diagnosis.selection import SelectedModel, select_again, select_model
 from stiffness.diagnosis.unknown_noise import (
+    arrives_unknown,
     data_warnings,
     is_odd,
     noise_ratio_of,
@@ -215,9 +216,6 @@ def _softer(
     expected = np.nan_to_num(prepared.readings.point - prepared.readings.value)
     of_marker = np.einsum("rki,km->rmi", twist, carried)
     return np.einsum("rmij,rmj->rmi", point_jacobian(expected), of_marker)
-
-
-# --- Warnings about the data ----------------------------------------------------------
 
 
 # --- Names over splits of few poses ---------------------------------------------------
@@ -480,12 +478,14 @@ def _with_unknown_arrivals(
         return looked
     case, fit = looked.judged.model.case, looked.judged.model.fit
     left = residual_after(case, fit)
-    turns, members = unknown_arrivals(case.situation, left, fit)
+    turns, members = unknown_arrivals(case, left, fit)
     if not turns:
         return looked
     situation = looked.prepared.situation.with_unknown(turns)
     about = with_noise(replace(looked.prepared, situation=situation), 1.0)
-    return _look(about, hypotheses, members)
+    again = replace(_look(about, hypotheses, members), found=looked.found)
+    arriving = {m.name for m in members if arrives_unknown(m)}
+    return again if arriving <= {m.name for m in again.members} else looked
 
 
 def _with_scattering_axes(

@@ -20,11 +20,10 @@ from jaxtyping import Float
 
 from bench.shared.errors import Warned
 from stiffness.diagnosis.detection import FEWEST_POSES, After, DetectionTest
-from stiffness.diagnosis.model_fit import ModelFit, ModelTerm
+from stiffness.diagnosis.model_fit import ModelFit, ModelTerm, SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, axis_scatter
 from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.sensor_noise import ODD, measured_noise_text, no_finer
-from stiffness.experiment.static_state import StaticState
 from stiffness.experiment.visits import UNKNOWN
 
 # --- States of gears at arrival -------------------------------------------------------
@@ -38,12 +37,12 @@ likelier; chosen: what another form of the law does is a few percent of it."""
 
 
 def unknown_arrivals(
-    situation: StaticState, left: After, fit: ModelFit
+    case: SelectionProblem, left: After, fit: ModelFit
 ) -> tuple[dict[int, Float[np.ndarray, "rows states"]], tuple[ModelTerm, ...]]:
     """Return turns by gears' states at arrival that nothing tells, and the set so.
 
     Args:
-        situation: Where the arm stood, under the set.
+        case: What was looked at; poses held out are not asked.
         left: What the set leaves.
         fit: The set.
 
@@ -53,18 +52,25 @@ def unknown_arrivals(
     """
     found: dict[int, np.ndarray] = {}
     data, members = left.data, []
+    asked = np.flatnonzero(~case.split.held_out[data.visits.posture_index])
     for member, size in zip(fit.members, fit.coefficients, strict=True):
-        own = (situation, member.where, member.shape, size)
+        own = (case.situation, member.where, member.shape, size)
         shape = member.shape.copy()
         for k, turned in member.hypothesis.arrival_turns(*own).items():
             turns = data.visits.gather(turned)
-            least = max(UNTOLD, data.within.log_bayes_of(k, SMALLER * turns))
-            if data.within.log_bayes_of(k, turns) > least:
+            least = max(UNTOLD, data.within.log_bayes_of(k, SMALLER * turns, asked))
+            if data.within.log_bayes_of(k, turns, asked) > least:
                 found[k] = turned
                 shape[member.hypothesis.shape_names.index("memory")] = UNKNOWN
         if not member.is_generic:
             members.append(replace(member, shape=shape))
     return found, tuple(members)
+
+
+def arrives_unknown(member: ModelTerm) -> bool:
+    """Return whether a member's law is that of a gear whose states nothing tells."""
+    named = dict(zip(member.hypothesis.shape_names, member.shape, strict=False))
+    return bool(named.get("memory") == UNKNOWN)
 
 
 # --- Scatter of readings and axes -----------------------------------------------------
@@ -211,9 +217,10 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
     for k, gear in sorted(prepared.situation.gears.items()):
         if gear.unknown is not None:
             most = 1e6 * np.sqrt(np.sum(gear.unknown**2, axis=1).max())
+            unit = "µm" if prepared.situation.arm.slides[k] else "µrad"
             text = (
                 f"the gear of a{k + 1} arrives at each visit in a state that the "
-                f"recording does not tell: what such states do, {most:.2g} µrad at "
+                f"recording does not tell: what such states do, {most:.2g} {unit} at "
                 "most (one sigma), counts as noise."
             )
             said.append(Warned("unknown_arrival", f"a{k + 1}", text))

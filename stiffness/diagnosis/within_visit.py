@@ -452,7 +452,10 @@ class WithinVisitModel:
         )  # fmt: skip
 
     def log_bayes_of(
-        self, axis: int, turns: Float[np.ndarray, "visits rows states"]
+        self,
+        axis: int,
+        turns: Float[np.ndarray, "visits rows states"],
+        asked: Int[np.ndarray, " asked"],
     ) -> float:
         """Return how much better the residual goes with random turns of an axis.
 
@@ -463,10 +466,11 @@ class WithinVisitModel:
         Args:
             axis: Its index, counted from 0.
             turns: u, one sigma of each state.
+            asked: The visits that are summed over.
         """
         found, rows = 0.0, turns.shape[1]
         own = slice(axis * rows, axis * rows + rows)
-        for some in stretches(len(turns)):
+        for some in (asked[part] for part in stretches(len(asked))):
             u, seen = turns[some], self.some(some)
             across = u.swapaxes(1, 2)
             pull = across @ seen.on_rotations(seen.weighted_residual)[:, own]

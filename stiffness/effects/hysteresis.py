@@ -11,7 +11,8 @@ Equation    θ = C τ - s w/2 z(u path), s the mean slope of the axis' wind-up b
 Source      Visintin 1994, "Differential Models of Hysteresis", chapter III (play and
             stop); evenly spread slips: Iwan 1966, "A distributed-element model for
             hysteresis"; a stop is one Maxwell-slip element as a function of torque
-Valid       slow loads; rate-independent; a gear that arrives with one of `MEMORIES`
+Valid       slow loads; rate-independent; a gear that arrives with one of `MEMORIES`,
+            or in another state at each visit
 Ignores     a single slip, other spreads and a rounded stop, dz = (1 - z sign(dτ)) dτ /
             r (Dahl 1968), its variants; ways that are not straight
 ==========  ==========================================================================
@@ -132,7 +133,8 @@ def stop(
         situation: With the torque and the order of rows.
         axis: Its index, counted from 0.
         slip: Half width of the play, in N m.
-        memory: Its state at arrival, one of `MEMORIES`; gravity's is its middle.
+        memory: Its state at arrival, one of `MEMORIES`, of which gravity's is its
+            middle, or UNKNOWN.
     """
     return _stops(situation, axis, np.array([slip]), memory)[0]
 

@@ -40,7 +40,7 @@ from scenarios.pipelines.schema import (
 from scenarios.pipelines.schema import Interval as Said
 from scenarios.report import summary
 from scenarios.report.sections import diagnosis
-from stiffness.diagnosis.gate import may_be_nothing
+from stiffness.diagnosis.gate import is_held, may_be_nothing
 from stiffness.diagnosis.result import (
     Detection,
     Diagnosis,
@@ -141,10 +141,13 @@ def test_a_spring_of_the_model_that_a_law_took_over_starts_as_the_model_has_it(
     marked, _ = folder.read(recording)
     bare = replace(marked, markers=(), points=None)
     fit = found.nominal.compliance.copy()
-    fit[[1, 4]] = -3e-5, 1e-6
-    taken = replace(found, nominal=replace(found.nominal, compliance=fit), named=())
+    fit[[0, 1, 4]] = 5e-7, -3e-5, 1e-6
+    sigma = np.array([1e-8, 1e-8, 4e-7, 0.0, 4e-6, 4e-5])
+    nominal = replace(found.nominal, compliance=fit, sigma=sigma)
+    taken = replace(found, nominal=nominal, named=())
     made = patch_of_diagnosis(taken, bare, arm_of(kr10)).stiffness_nm_per_rad
     assert (made["a2"], made["a5"]) == pytest.approx((5e4, 1e4))
+    assert made["a1"] == pytest.approx(2e6)  # sure to be twenty times as stiff
     assert made["a4"] is None
 
 
@@ -542,6 +545,9 @@ def test_a_count_is_said_as_the_whole_number_that_it_can_be():
 def test_what_the_data_do_not_hold_is_said_to_be_so_and_gets_no_ends():
     wide = Said(-3.08e-5, None, None)
     assert span("z_m", wide) == "-0.0308 mm (not held by these data)"
+    assert not is_held((-0.1, 0.1), -3e-5, 2.4)
+    assert not is_held((1.0, np.inf), 1.6e8, 1.1e9)
+    assert is_held((-0.1, 0.1), -3e-5, 1e-4) and is_held(None, 0.0, 9.0)
     endless = Said(4e5, 8e-17, 2e27)
     assert span("time_s", endless).endswith("(not held by these data)")
 

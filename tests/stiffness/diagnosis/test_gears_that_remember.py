@@ -91,8 +91,10 @@ def test_unknown_states_at_arrival_are_asked_for_by_how_likely_readings_become()
     rows = laid.shape[1]
     on = without.rotation_information[:, rows : 2 * rows, rows : 2 * rows]
     inner = np.eye(2) + laid.swapaxes(1, 2) @ on @ laid
-    half = np.sum(without.square - more.square - np.linalg.slogdet(inner)[1]) / 2.0
-    np.testing.assert_allclose(without.log_bayes_of(1, laid), half, rtol=1e-6)
+    each = (without.square - more.square - np.linalg.slogdet(inner)[1]) / 2.0
+    for asked in (np.arange(len(laid)), np.arange(0, len(laid), 3)):
+        found = without.log_bayes_of(1, laid, asked)
+        np.testing.assert_allclose(found, np.sum(each[asked]), rtol=1e-6)
 
 
 @pytest.mark.parametrize(
