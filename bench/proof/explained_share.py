@@ -17,17 +17,27 @@ The gain's interval is a bootstrap over poses (BCa: Efron 1987), because reading
 pose share its errors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.stats import bootstrap
 
-from bench.proof.comparison import ComparisonMode, residual_of, turns_of
+from bench.proof.comparison import (
+    ComparisonMode,
+    less_means,
+    residual_of,
+    turns_of,
+)
 from bench.proof.nominal_fit import turned_by
 from bench.proof.proof_checks import squares
-from bench.proof.simulation import NominalState, ReplaySimulation, SimulatedReadings
+from bench.proof.simulation import (
+    STARTS,
+    NominalState,
+    ReplaySimulation,
+    SimulatedReadings,
+)
 from bench.rig import RIGID
 from bench.shared.settings import SETTINGS
 
@@ -58,7 +68,7 @@ def floor_of(
     if not gauge.absolute:
         _, counts = np.unique(world.replay.visit, return_counts=True)
         share = 1.0 - 1.0 / counts[world.replay.visit]
-    square = square * share + world.arrival_square(assumed, gauge.absolute)
+    square = square * share + _through_the_gears(world, assumed, gauge)
     wrench = _through_the_wrench(world, assumed, seen) * share
     square = square + wrench * _true_part(world, seen, gauge, square, wrench)
     angle = recording.encoder_repeatability or 0.0
@@ -120,6 +130,31 @@ def _through_the_wrench(
             torque = np.hstack([np.cross(along, lever), along])
         answer += screw[..., None] * torque[:, None, None] / rig.springs[k]
     return np.mean(np.sum((answer * spec.sigma) ** 2, axis=(2, 3)), axis=1)
+
+
+def _through_the_gears(
+    world: ReplaySimulation, assumed: NominalState, gauge: ComparisonMode
+) -> Float[np.ndarray, " rows"]:
+    """Return the mean square that unknown states of gears at arrival make, in m².
+
+    Of a marker, 3-D, about the mean over `STARTS`; gears arrive independently.
+    """
+    square, slipping = np.zeros(world.replay.rows), assumed.rig.slipping
+    if world.memory != "unknown" or not slipping:
+        return square
+    rest = dict.fromkeys(slipping, 0.0)
+
+    def points(start: Mapping[str, float]) -> np.ndarray:
+        states = world.responded(assumed.rig, start)
+        return world.points(states, assumed.marker_positions)
+
+    at_rest = points(rest)
+    for axis in slipping:
+        every = [points({**rest, axis: s}) if s else at_rest for s in STARTS]
+        for moved in every - np.mean(every, axis=0):
+            away = less_means(moved, world, gauge)
+            square += np.mean(np.sum(away**2, axis=2), axis=1) / len(STARTS)
+    return square
 
 
 # --- Explained share ------------------------------------------------------------------

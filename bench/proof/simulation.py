@@ -307,34 +307,6 @@ class ReplaySimulation:
             point[:, m] = (at + states.position[:, b] - base) @ turn
         return point
 
-    def arrival_square(
-        self, assumed: NominalState, absolute: bool
-    ) -> Float[np.ndarray, " rows"]:
-        """Return the mean square that unknown states of gears at arrival make, in m².
-
-        Of a marker, 3-D, about the mean over `STARTS`; gears arrive independently. The
-        mean of a visit counts only where readings are absolute.
-        """
-        square = np.zeros(self.replay.rows)
-        if self.memory != "unknown":
-            return square
-        slipping, visit = assumed.rig.slipping, self.replay.visit
-        for axis in slipping:
-            points = []
-            for share in STARTS:
-                start = {**dict.fromkeys(slipping, 0.0), axis: share}
-                states = self._responded(assumed.rig, start)
-                points.append(self.points(states, assumed.marker_positions))
-            away = np.array(points) - np.mean(points, axis=0)
-            if not absolute:
-                count = np.bincount(visit)[:, None, None]
-                total = np.zeros((len(STARTS), *count.shape[:1], *away.shape[2:]))
-                for start in range(len(STARTS)):
-                    np.add.at(total[start], visit, away[start])
-                away -= (total / count)[:, visit]
-            square += np.mean(np.sum(away**2, axis=3), axis=(0, 2))
-        return square
-
     def part(self, rows: Bool[np.ndarray, " rows"]) -> "ReplaySimulation":
         """Return the world of some visits alone."""
         recording = self.recording.take(rows)
@@ -355,17 +327,16 @@ class ReplaySimulation:
 
     def _simulated(self, rig: Rig) -> States:
         if self.memory != "unknown" or not rig.model.nplastic:
-            return self._responded(rig)
-        every = [self._responded(rig, dict.fromkeys(rig.slipping, s)) for s in STARTS]
+            return self.responded(rig)
+        every = [self.responded(rig, dict.fromkeys(rig.slipping, s)) for s in STARTS]
         mean = {
             name: np.mean([getattr(states, name) for states in every], axis=0)
             for name in BY_ROW
         }
         return replace(every[0], **mean)
 
-    def _responded(
-        self, rig: Rig, slipped: Mapping[str, float] | None = None
-    ) -> States:
+    def responded(self, rig: Rig, slipped: Mapping[str, float] | None = None) -> States:
+        """Simulate from torques of what slips in gears; see `Rig.respond`."""
         replay, axes = self.replay, len(rig.anatomy.axes)
         posture = np.zeros((len(replay.posture), axes))
         posture[:, self.order] = replay.posture

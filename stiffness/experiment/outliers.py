@@ -103,7 +103,7 @@ def outliers_of(
         residual = recording.points
     elif recording.displacement == "absolute":
         groups.append(np.zeros_like(groups[0]))
-    for marks in _bodies(recording):
+    for marks in markers_of_bodies(recording).values():
         if len(marks) <= 2:
             _of_visits(residual, groups, marks, found)
         elif point is not None:
@@ -148,7 +148,7 @@ def spread_of_bodies(recording: Recording) -> float | None:
     alone = {m for m, k in enumerate(recording.markers) if k.target is None}
     found = [
         _odd_rows(points[:, marks])[1]
-        for marks in _bodies(recording)
+        for marks in markers_of_bodies(recording).values()
         if len(marks) > 2 and alone.issuperset(marks)
     ]
     return float(np.median(found)) if found else None
@@ -168,12 +168,12 @@ def _rigid(recording: Recording) -> Float[np.ndarray, "rows markers 3"] | None:
     return recording.points if recording.displacement == "absolute" else None
 
 
-def _bodies(recording: Recording) -> list[list[int]]:
-    """Return the marks of each body."""
+def markers_of_bodies(recording: Recording) -> dict[str, list[int]]:
+    """Return the markers that are said to be on each body."""
     bodies: dict[str, list[int]] = {}
     for m, marker in enumerate(recording.markers):
         bodies.setdefault(marker.body, []).append(m)
-    return list(bodies.values())
+    return bodies
 
 
 def _rare(points: np.ndarray, found: np.ndarray) -> Bool[np.ndarray, "rows markers"]:

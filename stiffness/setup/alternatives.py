@@ -34,6 +34,7 @@ from scipy.optimize import fminbound
 from bench.shared.errors import Warned
 from bench.shared.format.checks import COUPLED, TRAVEL, ZEROS
 from bench.shared.recording import Recording
+from stiffness.experiment.outliers import markers_of_bodies
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import TrackerObservations
 
@@ -308,14 +309,6 @@ CLEARLY = 5.0
 """Factor by which another reading must keep distances better; chosen."""
 INCH = 25.4
 """Millimetres to an inch."""
-
-
-def markers_of_bodies(recording: Recording) -> dict[str, list[int]]:
-    """Return the markers that are said to be on each body."""
-    bodies: dict[str, list[int]] = {}
-    for m, marker in enumerate(recording.markers):
-        bodies.setdefault(marker.body, []).append(m)
-    return bodies
 
 
 def detect_column_errors(some: Recording, kept: float) -> tuple[Warned, ...]:

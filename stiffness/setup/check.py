@@ -45,7 +45,11 @@ from threadpoolctl import threadpool_limits
 
 from bench.shared.errors import Warned
 from bench.shared.recording import Marker, Recording
-from stiffness.experiment.outliers import outliers_of, without_outliers
+from stiffness.experiment.outliers import (
+    markers_of_bodies,
+    outliers_of,
+    without_outliers,
+)
 from stiffness.robot.arm import Arm
 from stiffness.robot.tracker_frame import (
     MARKER_POSITION_SIGMA,
@@ -61,7 +65,6 @@ from stiffness.setup.alternatives import (
     best_shift,
     detect_column_errors,
     less_is_stated,
-    markers_of_bodies,
     of_angles,
     of_sight,
     of_signs,
