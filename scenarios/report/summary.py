@@ -450,12 +450,11 @@ def _who_does(effect: str, together: Sequence[Called], axes: int) -> str:
         return f"{effect.replace('_', ' ')} at {_list(places)}".capitalize()
     of_axes = all(place[1:].isdigit() and place[0] == "a" for place in places)
     links = [place for place in places if place.startswith("link_")]
-    everywhere = {"axes": axes, "links": axes - 1}
     kind = "axes" if of_axes else "links" if len(links) == len(places) else ""
     count = len(places)
-    if kind and count > 2 and count == everywhere[kind]:
+    if kind == "axes" and 2 < count == axes:
         word = COUNTS[count] if count < len(COUNTS) else str(count)
-        return f"All {word} {_plural(part or kind[:-1])} {several}"
+        return f"All {word} {_plural(part or 'axis')} {several}"
     if kind == "links":
         numbers = [place.removeprefix("link_") for place in places]
         word = "Link" if count == 1 else "Links"

@@ -353,12 +353,26 @@ def _other_postures(values: Mapping[str, np.ndarray], at: At) -> list[str]:
     if not np.isfinite(pose).all():
         return []
     _, first, which = np.unique(pose, return_index=True, return_inverse=True)
+    axes = [n for n in values if re.fullmatch(r"a[0-9]+_deg", n)]
+    if not axes:
+        return []
+    angle = np.degrees(np.stack([values[name] for name in axes], axis=1))
+    away = np.nan_to_num(angle - angle[first[which]])
+    wrong = np.abs(away) > np.degrees(SAME_POSTURE)
+    several = wrong.sum(axis=1) > 1
+    most = np.argmax(np.abs(away), axis=1)
     say = "{:.3g}° from where pose {:.0f} stood first; give another posture an id of "
-    faults = []
-    for name in (n for n in values if re.fullmatch(r"a[0-9]+_deg", n)):
-        away = np.degrees(values[name] - values[name][first[which]])
-        wrong = np.abs(away) > np.degrees(SAME_POSTURE)
-        faults += at(name, wrong, f"{say}its own.", away, pose)
+    faults = at(
+        "pose",
+        several,
+        f"{{}} axes stand elsewhere, {{}} {say}its own.",
+        wrong.sum(axis=1),
+        np.array(axes)[most],
+        away[np.arange(len(most)), most],
+        pose,
+    )
+    for name, alone, by in zip(axes, (wrong & ~several[:, None]).T, away.T, strict=True):
+        faults += at(name, alone, f"{say}its own.", by, pose)
     return faults
 
 

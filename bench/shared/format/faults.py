@@ -36,10 +36,13 @@ class Place:
 
     def row(self, index: int) -> str:
         """Return a row's name as a spreadsheet numbers it; the first line is line 1."""
-        index //= 2 if self.twice else 1
-        row = index + bisect_right([u - i for i, u in enumerate(self.unread)], index)
+        row = self._row_of_file(index)
         where = line_of(row, self.above) if self.has_lines else f"row {row + 1}"
         return f"{self.file}, {where}"
+
+    def _row_of_file(self, index: int) -> int:
+        index //= 2 if self.twice else 1
+        return index + bisect_right([u - i for i, u in enumerate(self.unread)], index)
 
     def rows(self, count: int) -> np.ndarray:
         """Return which rows of the file so many rows of the table are, from zero."""
@@ -51,18 +54,33 @@ class Place:
     ) -> list[str]:
         """Return messages on some rows of one column, the first few by name.
 
-        Rows count from zero; `say` gives what is wrong in one, a clause without its
-        subject.
+        What is said alike of several rows is said once, of the first. Rows count from
+        zero; `say` gives what is wrong in one, a clause without its subject.
         """
-        rows = [int(row) for row in rows]
-        faults = [f"{self.row(r)}, column {column!r}: {say(r)}" for r in rows[:SHOWN]]
-        if len(rows) > SHOWN:
-            more = len(rows) - SHOWN
-            faults.append(
-                f"{self.file}, column {column!r}: and {more} more "
-                f"{'row' if more == 1 else 'rows'} like these."
-            )
+        alike: dict[str, list[int]] = {}
+        for row in rows:
+            alike.setdefault(say(int(row)), []).append(int(row))
+        told = [*alike.items()]
+        faults = [
+            f"{self.row(same[0])}, column {column!r}: {what}"
+            + (f" The same in {self._further(same[1:])}." if len(same) > 1 else "")
+            for what, same in told[:SHOWN]
+        ]
+        if len(told) > SHOWN:
+            more = sum(len(same) for _, same in told[SHOWN:])
+            rest = f"{more} more {'row' if more == 1 else 'rows'} like these."
+            faults.append(f"{self.file}, column {column!r}: and {rest}")
         return faults
+
+    def _further(self, rows: Sequence[int]) -> str:
+        """Return rows as a list of numbers, the first few, and how many more."""
+        first = 2 + self.above if self.has_lines else 1
+        word = "line" if self.has_lines else "row"
+        shown = [str(self._row_of_file(r) + first) for r in rows[:SHOWN]]
+        more = len(rows) - len(shown)
+        parts = [*shown, f"{more} more"] if more else shown
+        listed = f"{', '.join(parts[:-1])} and {parts[-1]}" if parts[1:] else parts[0]
+        return f"{word if len(rows) == 1 else f'{word}s'} {listed}"
 
 
 def line_of(row: int, above: int = 0) -> str:

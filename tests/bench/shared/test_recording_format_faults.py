@@ -1,6 +1,7 @@
 # ruff: noqa: E501 (a table of damages reads best one to a line)
 import os
 import shutil
+from itertools import count
 from pathlib import Path
 
 import pyarrow as pa
@@ -142,7 +143,7 @@ DAMAGES: list[tuple[str, Damage, tuple[str, ...]]] = [
     ("time backwards", cell(3, "time_s", "1"), ("row 3", "'time_s'", "backwards")),
     ("rows shuffled", shuffled, ("row 11", "'time_s'", "backwards")),
     ("beyond a limit", cell(3, "a2_deg", "45.6"), (*A2_ROW_3, "-190 to 45°")),
-    ("radians for degrees", every("a1_deg", lambda v: str(float(v) * 57.3)), ("'a1_deg'", "beyond the limits", "and 15 more rows")),
+    ("radians for degrees", every("a1_deg", lambda v: str(float(v) * 57.3)), ("'a1_deg'", "beyond the limits", "The same in lines 13, 14, 15")),
     ("force above 20 kN", cell(3, "fz_n", "-20001"), ("row 3", "'fz_n'", "20 kN")),
     ("torque above 5 kNm", cell(3, "ty_nm", "5001"), ("row 3", "'ty_nm'", "5 kNm")),
     ("negative mass on the hook", cell(3, "load_kg", "-1"), ("row 3", "'load_kg'", "less than 0")),
@@ -281,13 +282,37 @@ def test_a_single_damage_is_reported_as_a_single_fault(tmp_path, column):
     assert caught.value.faults == (f"{place}: 'up' is not a number.",)
 
 
-def test_faults_of_many_rows_are_named_five_times_and_counted(tmp_path):
+def test_one_fault_of_many_rows_is_named_once_with_their_lines(tmp_path):
     folder = write_good(tmp_path / "recording")
     every("a2_deg", lambda _: "up")(folder)
     with pytest.raises(Unusable) as caught:
         read(folder, ARM)
+    (fault,) = caught.value.faults
+    assert "line 2 (row 1" in fault
+    assert fault.endswith("The same in lines 3, 4, 5, 6, 7 and 14 more.")
+
+
+def test_different_faults_of_a_column_are_named_five_times_and_counted(tmp_path):
+    folder, words = write_good(tmp_path / "recording"), count()
+    every("a2_deg", lambda _: f"up{next(words)}")(folder)
+    with pytest.raises(Unusable) as caught:
+        read(folder, ARM)
     assert len(caught.value.faults) == 6
     assert "and 15 more rows" in caught.value.faults[-1]
+
+
+def test_a_wrong_id_of_a_pose_is_one_fault_though_every_axis_stands_elsewhere(tmp_path):
+    folder = write_good(tmp_path / "recording")
+    header, *rows = table(folder)
+    ids = [row[header.index("pose")] for row in rows]
+    other = next(n for n, pose in enumerate(ids) if pose != ids[0])
+    cell(other + 1, "pose", ids[0])(folder)
+    with pytest.raises(Unusable) as caught:
+        read(folder, ARM)
+    told = [fault for fault in caught.value.faults if "stood first" in fault]
+    assert len(told) == 1
+    assert "column 'pose'" in told[0]
+    assert "axes stand elsewhere" in told[0]
 
 
 def test_no_folder_and_a_file_for_a_folder_are_refused(tmp_path):
