@@ -241,6 +241,15 @@ def where_known(share: float | None) -> float | msgspec.UnsetType:
 
 # --- The verdict ----------------------------------------------------------------------
 
+VERDICTS: dict[Verdict, str] = {
+    "no_mismatch": "Simulation and recording agree",
+    "unproved": "A cause is named, but not proved",
+    "explained": "The difference is explained",
+    "partly_explained": "The difference is explained in part",
+    "unexplained": "The difference has no name",
+}
+"""Each verdict in words, as titles of reports have them."""
+
 
 @dataclass(frozen=True)
 class Findings:

@@ -276,8 +276,9 @@ def _proved(answer: Answer) -> str:
         values = [proof.before_rms_urad, proof.after_rms_urad, proof.noise_rms_urad]
     before, after, noise = (f"{_in_unit(v, factor)} {unit}" for v in values)
     said = (
-        f"Proof: on {_poses(proof.held_out_poses, proof.folds)}, the patched "
-        f"simulator misses by {after} instead of {before}; noise alone leaves {noise}."
+        f"Proof: on {_poses(proof.held_out_poses, proof.folds)}, the patched simulator "
+        f"misses by {after}, the nominal one, fitted likewise, by {before}; "
+        f"noise alone leaves {noise}."
     )
     low = high = None
     if gain is not None:

@@ -371,8 +371,9 @@ def _other_postures(values: Mapping[str, np.ndarray], at: At) -> list[str]:
         away[np.arange(len(most)), most],
         pose,
     )
-    for name, alone, by in zip(axes, (wrong & ~several[:, None]).T, away.T, strict=True):
-        faults += at(name, alone, f"{say}its own.", by, pose)
+    for axis, name in enumerate(axes):
+        alone = wrong[:, axis] & ~several
+        faults += at(name, alone, f"{say}its own.", away[:, axis], pose)
     return faults
 
 

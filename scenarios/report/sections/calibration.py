@@ -205,7 +205,7 @@ def write_files(
     def make(waiting: Path) -> None:
         blocks = blocks_of(o.found, o.proof, o.residual, o.answer, waiting)
         first = calibration.first_sentence(o.answer, o.proof)
-        title = f"Calibration: {o.answer.recording}"
+        title = f"{form.VERDICTS[o.answer.verdict]}: {o.answer.recording}, calibrated"
         page.write(waiting, title, first, [*blocks, *more])
         text = form.text_of(o.answer)
         (waiting / "diagnosis.json").write_text(text, encoding="utf-8")

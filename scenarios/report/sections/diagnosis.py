@@ -209,19 +209,11 @@ def _trial(trial: ProofCheck) -> list[str]:
 
 # --- The whole report -----------------------------------------------------------------
 
-VERDICTS = {
-    "no_mismatch": "Simulation and recording agree",
-    "unproved": "A cause is named, but not proved",
-    "explained": "The difference is explained",
-    "partly_explained": "The difference is explained in part",
-    "unexplained": "The difference has no name",
-}
-
 
 def title_of(finding: Result) -> str:
     """Return the report's title: the verdict and the recording's name."""
     answer = finding.answer
-    said = VERDICTS[answer.verdict]
+    said = schema.VERDICTS[answer.verdict]
     nothing = answer.verdict == "no_mismatch"
     if nothing and any(warning.code == SCATTER for warning in answer.warnings):
         said = "No law was found in what differs"

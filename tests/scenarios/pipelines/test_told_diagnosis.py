@@ -364,7 +364,7 @@ def test_a_proof_has_the_same_sentence_in_the_terminal_and_in_print(found, recor
     every = list(summary.sentences(Result(marked, found, proof, "", None, told)))
     said = [s for s in every if s.startswith("Proof:")]
     assert said == [s for s in summary.narrative(told) if s.startswith("Proof:")]
-    assert "misses by 20.0 µm instead of 30.0 µm; noise alone leaves 17.0" in said[0]
+    assert "by 20.0 µm, the nominal one, fitted likewise, by 30.0 µm" in said[0]
 
 
 def test_what_encoders_prove_is_told_in_the_same_words(found):
