@@ -261,8 +261,8 @@ def by_stratum(scores: Sequence[TrialScore]) -> list[dict[str, object]]:
 
 
 def failures(scores: Sequence[TrialScore]) -> list[TrialScore]:
-    """Return the trials that failed or violate a bar of their stratum."""
-    return [s for s in scores if s.failed or wrong(s)]
+    """Return the trials that failed, but by a mistake said, or violate a bar."""
+    return [s for s in scores if (s.failed and not s.listed) or wrong(s)]
 
 
 def wrong(score: TrialScore) -> tuple[str, ...]:

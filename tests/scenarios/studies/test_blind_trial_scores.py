@@ -277,6 +277,11 @@ def test_same_trials_of_two_runs_are_compared_by_those_that_differ():
 
 def test_failures_are_those_that_speak_against_a_bar():
     assert [s.label for s in failures(scores())] == ["one_400 9", "null 4"]
+    refused = replace(
+        scores()[0], stratum="mistaken_relative", failed="Unusable", listed=True
+    )
+    assert failures([refused]) == []
+    assert failures([replace(refused, listed=False)]) != []
 
 
 def test_confusion_counts_every_trial_once_and_calibration_every_statement():
