@@ -207,18 +207,14 @@ def solve(
     """Return the equilibrium under every load of every visit, in the order of time.
 
     Joints that creep are given with their time constant, in s. `slipped`: the torque of
-    each slipping tendon under the first load, over the one at which it slips; None: as
-    gravity and that load make it.
+    each slipping tendon under the first load, over the one at which it slips; None, and
+    NaN for one: as what was before and that load make it.
 
     Raises:
         BenchError: Where an arm does not converge, naming the visit.
     """
     arms = _Arms(model, axes, creep, schedule, before)
-    course = [arms.load(schedule, 0, lifted=True)]
-    if slipped is not None:
-        course = [arms.slip(slipped)]
-    course += [arms.load(schedule, k) for k in range(1, schedule.hold.shape[1])]
-    return _rest_of(course, arms)
+    return _rest_of(arms.course(schedule, slipped, lifted=True), arms)
 
 
 @dataclass(frozen=True)
@@ -242,6 +238,7 @@ def solve_in_turn(
     creep: dict[int, float],
     schedule: Schedule,
     ways: Ways,
+    slipped: Float[np.ndarray, " tendons"] | None = None,
 ) -> Rest:
     """Return the equilibrium of every visit, each beginning as the one before ended.
 
@@ -251,7 +248,7 @@ def solve_in_turn(
     Raises:
         BenchError: Where an arm does not converge, naming the visit.
     """
-    visits, steps = schedule.hold.shape
+    visits = len(schedule.hold)
     arms, rests = None, []
     for visit in range(visits):
         own = _some(schedule, slice(visit, visit + 1))
@@ -259,8 +256,7 @@ def solve_in_turn(
             arms = _Arms(model, axes, creep, own, 0)
         else:
             arms.move(_some(ways, slice(visit, visit + 1)), visit)
-        course = [arms.load(own, step, visit + step == 0) for step in range(steps)]
-        rests.append(_rest_of(course, arms))
+        rests.append(_rest_of(arms.course(own, slipped, visit == 0), arms))
     return _joined(rests)
 
 
@@ -328,8 +324,22 @@ class _Arms:
         self.worst = max(self.worst, self.settle())
         return [field.copy() for field in self.fields]
 
+    def course(
+        self,
+        schedule: Schedule,
+        slipped: Float[np.ndarray, " tendons"] | None,
+        lifted: bool,
+    ) -> list[list[np.ndarray]]:
+        """Load the arms step by step; see `solve` and `load`."""
+        course = [self.load(schedule, 0, lifted)]
+        if slipped is not None:
+            course = [self.slip(slipped)]
+        return course + [
+            self.load(schedule, k) for k in range(1, schedule.hold.shape[1])
+        ]
+
     def slip(self, share: Float[np.ndarray, " tendons"]) -> list[np.ndarray]:
-        """Bring slipping tendons to shares of their yield, as the arms stand.
+        """Bring slipping tendons to shares of their yield; NaN: as they are.
 
         A step reckons with how far the joint follows what changes, over the stiffness
         of all that does not slip; steps end where no tendon is off by `SLIPPED`.
@@ -339,7 +349,7 @@ class _Arms:
         """
         model, runs = self.model, self.runs
         plastic, length = runs.bind("plastic"), runs.bind("ten_length")
-        slips = np.flatnonzero(model.tendon_plasticadr >= 0)
+        slips = np.flatnonzero((model.tendon_plasticadr >= 0) & np.isfinite(share))
         slot, yields = model.tendon_plasticadr[slips], model.tendon_springyield[slips]
         on = self.settle.tendons > 0.0
         joint = on[slips].argmax(axis=1)

@@ -46,9 +46,6 @@ Value = float | str | None
 """A parameter as written: a number, a name, or null for one without end."""
 
 
-PatchMemory = Memory | Literal["unknown"]
-
-
 @dataclass(frozen=True)
 class PatchEffect:
     """One effect with its place and its parameters.
@@ -257,8 +254,9 @@ class Patch:
         not_in_model: What of it `model.xml` cannot hold, in words.
         fitted: Range of each axis, by a1, a2 …, in the poses that it was fitted to;
             empty: not known.
-        memory: Whether gears keep what slipped and crept from visit to visit; unknown:
-            they arrive at each in a state that nothing tells.
+        memory: Whether gears keep what slipped and crept from visit to visit.
+        unknown_at_arrival: Axes whose gears arrive at each visit in a state that
+            nothing tells.
         readings: Digests of some of the rows that it was fitted to; empty: not known.
     """
 
@@ -274,7 +272,8 @@ class Patch:
     schema: Literal[1] = 1
     not_in_model: tuple[str, ...] = ()
     fitted: dict[str, AxisRange] = field(default_factory=dict)
-    memory: PatchMemory = "forgotten"
+    memory: Memory = "forgotten"
+    unknown_at_arrival: tuple[str, ...] = ()
     readings: tuple[str, ...] = ()
 
 
@@ -309,13 +308,13 @@ def rig_of(patch: Patch, arm_file: Path | None = None) -> Rig:
     springs = rig.nominal.jnt_stiffness.copy()
     known = list(rig.anatomy.axes)
     faults = [fault for effect in given for fault in misplaced(effect, rig.anatomy)]
-    for name, value in patch.stiffness_nm_per_rad.items():
-        axis = rig.anatomy.axis(name)
-        if axis in known:
-            springs[known.index(axis)] = RIGID if value is None else value
-        else:
+    for name in (*patch.stiffness_nm_per_rad, *patch.unknown_at_arrival):
+        if rig.anatomy.axis(name) not in known:
             faults.append(f"no axis is called {name!r}; known: {known}.")
     refuse("Patch", faults)
+    for name, value in patch.stiffness_nm_per_rad.items():
+        axis = known.index(rig.anatomy.axis(name))
+        springs[axis] = RIGID if value is None else value
     return replace(rig, stiffness=springs)
 
 

@@ -218,8 +218,8 @@ class Rig:
         Postures are in rad, wrenches in N and N m; each is held for some s before its
         row is read. The way to each visit takes some s where gears remember the visit
         before. Moves say how each axis arrived, by default from the visit before;
-        `slipped`, of axes, the torque of what slips in their gears at the first step,
-        over the one at which it slips.
+        `slipped`, of some axes, the torque of what slips in their gears at the first
+        step of each visit, over the one at which it slips.
 
         Returns:
             Where everything was; rows run over visits, then steps.
@@ -262,11 +262,11 @@ class Rig:
         model = self.model
         axes = np.array([model.joint(axis).id for axis in self.anatomy.axes])
         creep = creeping(self._sorted, model, self.anatomy)
+        share = None if slipped is None else self._on_tendons(slipped)
         if ways is None or not (model.nplastic or creep):  # nothing to remember
-            share = None if slipped is None else self._on_tendons(slipped)
             rest = equilibrium.solve_in_blocks(model, axes, creep, schedule, share)
         else:
-            rest = equilibrium.solve_in_turn(model, axes, creep, schedule, ways)
+            rest = equilibrium.solve_in_turn(model, axes, creep, schedule, ways, share)
         rows = schedule.hold.size
         rotation = rest.rotation.reshape(rows, model.nbody, 3, 3)
         joint = rest.joint.reshape(rows, -1)
@@ -310,12 +310,12 @@ class Rig:
     def _on_tendons(
         self, of_axes: Mapping[str, float]
     ) -> Float[np.ndarray, " tendons"]:
-        """Return what is said of axes for the tendons on their joints."""
-        found = np.zeros(self.model.ntendon)
+        """Return what is said of axes for the tendons on their joints; NaN: nothing."""
+        found = np.full(self.model.ntendon, np.nan)
         for tendon in range(len(found)):
             for wrap in wraps_on_joints(self.model, tendon):
                 joint = self.model.joint(self.model.wrap_objid[wrap]).name
-                found[tendon] = of_axes.get(joint, 0.0)
+                found[tendon] = of_axes.get(joint, np.nan)
         return found
 
     @cached_property

@@ -139,17 +139,17 @@ def _through_the_gears(
 
     Of a marker, 3-D, about the mean over `STARTS`; gears arrive independently.
     """
-    square, slipping = np.zeros(world.replay.rows), assumed.rig.slipping
-    if world.memory != "unknown" or not slipping:
+    square, untold = np.zeros(world.replay.rows), world.arriving(assumed.rig)
+    if not untold:
         return square
-    rest = dict.fromkeys(slipping, 0.0)
+    rest = dict.fromkeys(untold, 0.0)
 
     def points(start: Mapping[str, float]) -> np.ndarray:
         states = world.responded(assumed.rig, start)
         return world.points(states, assumed.marker_positions)
 
     at_rest = points(rest)
-    for axis in slipping:
+    for axis in untold:
         every = [points({**rest, axis: s}) if s else at_rest for s in STARTS]
         for moved in every - np.mean(every, axis=0):
             away = less_means(moved, world, gauge)

@@ -135,7 +135,7 @@ def prove(
     own = effects_of(patch)
     bare = rig_of(replace(patch, effects=(), laws=()), arm_file)
     world = replay_simulation_of(recording, rig, own)
-    world = replace(world, memory=patch.memory)
+    world = world.remembering(patch)
     held = np.isin(recording.posture_id, held_out)
     start = _start(recording, patch, rig)
     unpatched = replace(start, rig=bare)

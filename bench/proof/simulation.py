@@ -36,8 +36,8 @@ from bench.effects.effect import Effect, InstrumentEffect, RopeEffect
 from bench.experiment import faulty
 from bench.instruments import ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.tracker import STILL, displaced, inverse, misplacement
-from bench.patch import PatchMemory
-from bench.rig import Rig, States
+from bench.patch import Patch
+from bench.rig import Memory, Rig, States
 from bench.shared.recording import LastMoves, Recording, transform_of
 
 STARTS = (-1.0, 0.0, 1.0)
@@ -240,8 +240,9 @@ class ReplaySimulation:
         weight: Of what hangs beyond the sensor, where the readings still hold it, about
             the sensor's origin along the base's axes, in N and N m.
         base: Where the base stands in the world, in m, and how it is turned.
-        memory: Whether gears keep what slipped and crept from visit to visit; unknown:
-            what is simulated is the mean over `STARTS`.
+        memory: Whether gears keep what slipped and crept from visit to visit.
+        untold: Axes of the patch whose gears arrive in a state that nothing tells: what
+            is simulated is the mean over `STARTS`.
     """
 
     recording: Recording
@@ -251,7 +252,8 @@ class ReplaySimulation:
     sensor_axes: Float[np.ndarray, "rows 3 3"]
     weight: Float[np.ndarray, "rows 6"]
     base: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]
-    memory: PatchMemory = "forgotten"
+    memory: Memory = "forgotten"
+    untold: tuple[str, ...] = ()
     _known: dict = field(default_factory=dict, repr=False)
 
     def see(self, assumed: NominalState) -> SimulatedReadings:
@@ -325,10 +327,20 @@ class ReplaySimulation:
         _, first, index = np.unique(self.replay.visit, True, True)
         return first[index]
 
+    def remembering(self, patch: Patch) -> "ReplaySimulation":
+        """Return the world whose gears remember what a patch says."""
+        return replace(self, memory=patch.memory, untold=patch.unknown_at_arrival)
+
+    def arriving(self, rig: Rig) -> tuple[str, ...]:
+        """Return the arm's axes in which something slips from a state untold."""
+        untold = {rig.anatomy.axis(where) for where in self.untold}
+        return tuple(axis for axis in rig.slipping if axis in untold)
+
     def _simulated(self, rig: Rig) -> States:
-        if self.memory != "unknown" or not rig.model.nplastic:
+        untold = self.arriving(rig) if self.untold else ()
+        if not untold:
             return self.responded(rig)
-        every = [self.responded(rig, dict.fromkeys(rig.slipping, s)) for s in STARTS]
+        every = [self.responded(rig, dict.fromkeys(untold, s)) for s in STARTS]
         mean = {
             name: np.mean([getattr(states, name) for states in every], axis=0)
             for name in BY_ROW

@@ -217,7 +217,7 @@ def judge(
     start = NominalState(bare, fit.turn, fit.shift, fit.marker_positions)
 
     world = replay_simulation_of(recording, bare, effects_of(patch))
-    world = replace(world, memory=patch.memory)
+    world = world.remembering(patch)
     moved, rig = patched_arm(world, patch, robot)
     absolute = means_count(world, start, replace(start, rig=rig))
     some = _some_visits(recording)

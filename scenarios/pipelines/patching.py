@@ -36,7 +36,6 @@ from bench.patch import (
     Law,
     Patch,
     PatchEffect,
-    PatchMemory,
     Value,
     WrittenRig,
     can_build,
@@ -49,7 +48,7 @@ from bench.patch import (
 from bench.patched_model import patched_model
 from bench.proof.refinement import Place
 from bench.proof.setup import for_simulator
-from bench.rig import RIGID, Rig
+from bench.rig import RIGID, Memory, Rig
 from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from bench.user_model import ASSETS
@@ -167,6 +166,7 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
         },
         fitted=ranges_of(seen.posture, static_torque(seen, arm.at(seen.posture))),
         memory=memory_of(diagnosis.named),
+        unknown_at_arrival=unknown_at_arrival(diagnosis.named),
         readings=digests_of(recording),
     )
 
@@ -186,19 +186,31 @@ def _start_of_spring(compliance: float, sigma: float, modelled: float) -> float 
     return 1.0 / start if start > 0.0 else None
 
 
-def memory_of(named: Sequence[NamedEffect]) -> PatchMemory:
+def memory_of(named: Sequence[NamedEffect]) -> Memory:
     """Return what gears keep of the visit before, as most of what they do says.
 
-    A patch has one memory for all gears: a faint name alone does not decide. A name
-    alone has no share.
+    A patch has one memory for all gears whose state is told: a faint name alone does
+    not decide. A name alone has no share.
     """
-    kinds: dict[int, PatchMemory] = {BEFORE: "carried", UNKNOWN: "unknown"}
-    votes: dict[PatchMemory, float] = {"forgotten": 0.0, "unknown": 0.0, "carried": 0.0}
+    votes: dict[Memory, float] = {"forgotten": 0.0, "carried": 0.0}
     for effect in named:
-        if effect.name.effect in ("hysteresis", "creep") and len(effect.shape) > 1:
+        kind = _memory_in(effect)
+        if kind is not None and kind != UNKNOWN:
             share = 1.0 if effect.share is None else max(effect.share, 0.0)
-            votes[kinds.get(round(effect.shape[1]), "forgotten")] += share
+            votes["carried" if kind == BEFORE else "forgotten"] += share
     return max(votes, key=lambda memory: votes[memory])
+
+
+def unknown_at_arrival(named: Sequence[NamedEffect]) -> tuple[str, ...]:
+    """Return the axes whose gears arrive in a state that nothing tells."""
+    return tuple(sorted({n.name.where for n in named if _memory_in(n) == UNKNOWN}))
+
+
+def _memory_in(named: NamedEffect) -> int | None:
+    """Return what a law takes for known at arrival; None where it has no memory."""
+    of_gear = named.name.effect in ("hysteresis", "creep")
+    memory = named.shape[1:2] if of_gear else ()
+    return next(map(round, memory), None)
 
 
 def springs_of_mechanisms(

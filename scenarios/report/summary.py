@@ -277,8 +277,8 @@ def _proved(answer: Answer) -> str:
     before, after, noise = (f"{_in_unit(v, factor)} {unit}" for v in values)
     said = (
         f"Proof: on {_poses(proof.held_out_poses, proof.folds)}, the patched simulator "
-        f"misses by {after}, the nominal one, fitted likewise, by {before}; "
-        f"noise alone leaves {noise}."
+        f"misses by {after}, the nominal one, fitted likewise, by {before}"
+        + (f"; noise alone leaves {noise}." if isinstance(values[2], float) else ".")
     )
     low = high = None
     if gain is not None:

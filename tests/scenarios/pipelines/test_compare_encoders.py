@@ -103,7 +103,7 @@ def test_from_python_a_comparison_states_explains_and_draws_itself(tmp_path):
     assert isinstance(result.found, ComparisonOutcome)
     assert said == [headline(result.found)]
     assert "What: channel_delay at a2" in repr(result)
-    assert "µrad instead of" in repr(result)
+    assert "the nominal one, fitted likewise, by" in repr(result)
     gate = [d for d in result.found.decisions if d.candidate[0] == "joint_compliance"]
     for refused in gate:
         assert refused.reason[1:] in result.why_not("joint_compliance", "a2")

@@ -7,9 +7,10 @@ from small_bench import MODEL, arm, prepared
 from bench.effects.parse import parse_all
 from bench.experiment import record
 from bench.instruments import Instruments, Markers
-from bench.patch import Patch, PatchEffect
+from bench.patch import Patch, PatchEffect, rig_of
 from bench.proof.proof import prove
 from bench.rig import Rig
+from bench.shared.errors import BenchError
 from bench.standard_plans import table_one_plan
 from scenarios.pipelines.patching import memory_of, patch_of_diagnosis
 from scenarios.studies.damage import in_another_order
@@ -64,7 +65,8 @@ def test_gear_that_arrives_in_a_state_nobody_knows_is_named_and_explained():
     assert round(named.shape[1]) == UNKNOWN
     np.testing.assert_allclose(named.parameters["width_rad"].estimate, 2e-4, rtol=0.15)
     assert ("unknown_arrival", "a2") in [(w.code, w.where) for w in found.warnings]
-    assert patch_of_diagnosis(found, recording, nominal).memory == "unknown"
+    patch = patch_of_diagnosis(found, recording, nominal)
+    assert (patch.memory, patch.unknown_at_arrival) == ("forgotten", ("a2",))
 
 
 def test_proof_counts_what_unknown_states_at_arrival_do_as_noise():
@@ -72,12 +74,36 @@ def test_proof_counts_what_unknown_states_at_arrival_do_as_noise():
     held = np.unique(recording.posture_id)[::4].tolist()
     effect = PatchEffect("hysteresis", "a2", {"width_rad": 2e-4})
     found = {}
-    for memory in ("forgotten", "unknown"):
-        patch = Patch(effects=(effect,), memory=memory)
-        found[memory] = prove(recording, MODEL, patch, held, thorough=False).markers
-    assert found["forgotten"].after > 1.3 * found["forgotten"].noise
-    assert found["unknown"].after < found["forgotten"].after
-    assert 0.9 < found["unknown"].after / found["unknown"].noise < 1.1
+    for untold in ((), ("a2",)):
+        patch = Patch(effects=(effect,), unknown_at_arrival=untold)
+        found[untold] = prove(recording, MODEL, patch, held, thorough=False).markers
+    assert found[()].after > 1.3 * found[()].noise
+    assert found["a2",].after < found[()].after
+    assert 0.9 < found["a2",].after / found["a2",].noise < 1.1
+
+
+@pytest.mark.parametrize("way", [None, np.full(2, 5.0)])
+def test_one_gear_arrives_as_is_said_and_others_as_they_do(way):
+    """Whether gears remember the visit before or not."""
+    said = ("hysteresis@a2,width_rad=2e-4", "hysteresis@a3,width_rad=2e-4")
+    both = Rig(MODEL, effects=parse_all(said, Rig(MODEL).nominal))
+    posture = np.radians([[0, -90, 90, 0, 0, 0], [20, -60, 60, 0, 30, 0]])
+    pull, hold = np.zeros((2, 3, 6)), np.ones((2, 3))
+    pull[:, 1, 2] = -100.0
+    told = both.respond(posture, pull, hold, way)
+    found = {
+        s: both.respond(posture, pull, hold, way, slipped={"a2": s}) for s in (-1, 1)
+    }
+    moved = (found[1].axis_angle - found[-1].axis_angle).reshape(2, 3, 6)[:, 0]
+    assert np.all(np.abs(moved[:, 1]) > 1e-4)
+    assert np.all(np.abs(moved[:, 2]) < 1e-6)
+    beside = (found[1].axis_angle - told.axis_angle).reshape(2, 3, 6)[0, 0, 2]
+    assert abs(beside) < 1e-6
+
+
+def test_axis_of_a_patch_that_the_arm_lacks_is_refused():
+    with pytest.raises(BenchError, match="no axis is called 'a9'"):
+        rig_of(Patch(unknown_at_arrival=("a9",)), MODEL)
 
 
 def test_unknown_states_at_arrival_are_asked_for_by_how_likely_readings_become():
