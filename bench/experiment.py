@@ -129,7 +129,7 @@ def marks_in_base(
         b = states.bodies.index(rig.anatomy.body(mark.marker.body))
         rotation = states.rotation[:, b]  # (rows, 3, 3) world_from_body
         in_body = mark.position + markers.slipped(mark.marker.name, time)
-        in_world = np.einsum("nij,nj->ni", rotation, in_body) + states.position[:, b]
+        in_world = rig.mark(states, states.bodies[b], in_body)
         places.append((in_world - base.xpos) @ turn)
         normals.append(rotation @ mark.normal @ turn)
     return np.stack(places, axis=1), np.stack(normals, axis=1)

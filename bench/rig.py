@@ -19,6 +19,7 @@ from bench import equilibrium
 from bench.cell import GRAVITY, Cell, cell_for, load_on_sensor, mount
 from bench.effects.creep import creeping
 from bench.effects.effect import Command, CommandEffect, Effect, ModelEffect, RopeEffect
+from bench.effects.link_bending import Beam, LinkBending
 from bench.kinematic_chain import (
     Anatomy,
     anatomy,
@@ -295,6 +296,41 @@ class Rig:
             command.reference.reshape(told.shape) + (reached - told),
             command.stiffness.reshape(told.shape),
             time,
+        )
+
+    def mark(
+        self, states: States, body: str, place: Float[np.ndarray, "*rows 3"]
+    ) -> Float[np.ndarray, "rows 3"]:
+        """Return where a mark on a body was, in the world's frame, in m.
+
+        Its place is in the body's frame; on a link whose marks bend with it
+        (`LinkBending.marks_bend`), where it is without a load.
+        """
+        b, model = states.bodies.index(body), self.model
+        away = (states.rotation[:, b] @ place[..., None])[..., 0]
+        at = away + states.position[:, b]
+        for beam in self._beams:
+            own, far = (states.bodies.index(name) for name in (beam.link, beam.end))
+            if model.body_weldid[own] != model.body_weldid[b]:
+                continue
+            turn = states.rotation[:, own]
+            to_link = turn.swapaxes(1, 2)
+            spot, end = (
+                (to_link @ (p - states.position[:, own])[..., None])[..., 0]
+                for p in (at, states.position[:, far])
+            )
+            bent = beam.displacement(to_link @ states.rotation[:, far], end, spot)
+            at = at + (turn @ bent[..., None])[..., 0]
+        return at
+
+    @cached_property
+    def _beams(self) -> tuple[Beam, ...]:
+        """Links whose marks bend with them."""
+        return tuple(
+            Beam.of(effect, self.model, self.anatomy)
+            for effect in self._sorted
+            if isinstance(effect, LinkBending)
+            if effect.marks_bend and effect != effect.off()
         )
 
     @cached_property

@@ -3,6 +3,8 @@
 ==========  ==========================================================================
 Equation    a force F across the end: deflection F L³/3EI, slope F L²/2EI; a moment M:
             slope M L/EI, deflection M L²/2EI; a torque T along it: twist T L/GJ
+            at a share s of the way, d and m L the end's deflection and slope across:
+            deflection (3 s² - 2 s³) d + (s³ - s²) m L, twist s T L/GJ
 Source      Euler-Bernoulli beam, held at one axis and loaded at the next; size: an
             aluminium tube of 150 mm with 8 mm wall, EI = 6.3e5 N m², GJ = 4.7e5 N m²
             (chosen; cast links differ)
@@ -19,9 +21,11 @@ from typing import ClassVar
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect, size
+from bench.effects.effect import ModelEffect, assumed, size
 from bench.effects.springs import add_spring, frame_along
 from bench.kinematic_chain import Anatomy, pose_in
 from bench.shared.errors import Unusable
@@ -34,11 +38,14 @@ class LinkBending(ModelEffect):
     Attributes:
         bending_nm2: EI, the same in all directions across the link; inf is rigid.
         torsion_nm2: GJ; inf is rigid.
+        marks_bend: Whether marks on the link move with the part of it that they are on
+            (1), or sit where it does not bend yet (0).
     """
 
     name: ClassVar[str] = "link_bending"
     bending_nm2: float = size(6.3e5, 1.0, off=math.inf)
     torsion_nm2: float = size(4.7e5, 1.0, off=math.inf)
+    marks_bend: int = assumed(0, 0, 1)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
@@ -64,8 +71,66 @@ class LinkBending(ModelEffect):
             add_spring(end, f"{name}_twist", w, self.torsion_nm2 / length, pos=middle)
 
 
-def _anchor(spec: mujoco.MjSpec, arm: Anatomy, body: str) -> np.ndarray:
+def _anchor(
+    spec: mujoco.MjSpec | mujoco.MjModel, arm: Anatomy, body: str
+) -> np.ndarray:
     """Return where the axis on a link or an end is held, in that body's frame, in m."""
     held = {arm.end(axis): axis for axis in arm.axes}
     held |= dict(zip(arm.links, arm.axes, strict=True))
     return np.array(spec.joint(held[body]).pos) if body in held else np.zeros(3)
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A link that bends along its way, undeformed.
+
+    Attributes:
+        link: Name of its body.
+        end: Name of the body at its end.
+        start: Where it begins, in the link's frame, in m.
+        tip: Where it ends, in the end's frame, in m.
+        rotation: Of the end, in the link's frame.
+        origin: Of the end, in the link's frame, in m.
+    """
+
+    link: str
+    end: str
+    start: Float[np.ndarray, "3"]
+    tip: Float[np.ndarray, "3"]
+    rotation: Float[np.ndarray, "3 3"]
+    origin: Float[np.ndarray, "3"]
+
+    @classmethod
+    def of(cls, effect: LinkBending, model: mujoco.MjModel, arm: Anatomy) -> "Beam":
+        """Return the link of an effect as the compiled model has it."""
+        link, end = arm.body(effect.where), arm.end_of(effect.where)
+        data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, data)
+        own, far = data.body(link), data.body(end)
+        turn = own.xmat.reshape(3, 3).T
+        anchors = _anchor(model, arm, link), _anchor(model, arm, end)
+        place = turn @ far.xmat.reshape(3, 3), turn @ (far.xpos - own.xpos)
+        return cls(link, end, *anchors, *place)
+
+    def displacement(
+        self,
+        rotation: Float[np.ndarray, "rows 3 3"],
+        origin: Float[np.ndarray, "rows 3"],
+        spot: Float[np.ndarray, "rows 3"],
+    ) -> Float[np.ndarray, "rows 3"]:
+        """Return how the bend moves spots of the link, in its frame, in m.
+
+        The pose of the end is in the link's frame, as are the spots.
+        """
+        rest = self.rotation @ self.tip + self.origin
+        moved = rotation @ self.tip + origin - rest
+        turned = Rotation.from_matrix(rotation @ self.rotation.T).as_rotvec()
+        length = np.linalg.norm(rest - self.start)
+        w = (rest - self.start) / length
+        s = np.clip((spot - self.start) @ w / length, 0.0, 1.0)[:, None]
+        twist = (turned @ w)[:, None] * w
+        d, m = moved - (moved @ w)[:, None] * w, length * np.cross(turned, w)
+        sag = (3 * s**2 - 2 * s**3) * d + (s**3 - s**2) * m
+        slope = (6 * (s - s**2) * d + (3 * s**2 - 2 * s) * m) / length
+        beside = spot - self.start - s * length * w
+        return sag + np.cross(np.cross(w, slope) + s * twist, beside)

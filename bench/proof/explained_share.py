@@ -146,7 +146,7 @@ def _through_the_gears(
 
     def points(start: Mapping[str, float]) -> np.ndarray:
         states = world.responded(assumed.rig, start)
-        return world.points(states, assumed.marker_positions)
+        return world.points(assumed.rig, states, assumed.marker_positions)
 
     at_rest = points(rest)
     for axis in untold:

@@ -118,7 +118,7 @@ def _displacement(
     wrench = GRAVITY * path[:, :, None] * unit[:, None]
     same = np.diff(path, axis=1, prepend=-1.0) == 0.0
     states = rig.respond(posture, wrench, np.where(same, DWELL, HOLD))
-    point = world.points(states, assumed.marker_positions)
+    point = world.points(assumed.rig, states, assumed.marker_positions)
     point = point.reshape(*path.shape, -1)
     return (point - point.mean(axis=1, keepdims=True)).reshape(len(path), -1)
 

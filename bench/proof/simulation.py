@@ -264,7 +264,8 @@ class ReplaySimulation:
         """Compare the readings with states that were simulated."""
         rig, recording = assumed.rig, self.recording
         faults = faulty(_perfect(), rig)
-        point = self.points(states, assumed.marker_positions, faults.markers)
+        places = assumed.marker_positions
+        point = self.points(rig, states, places, faults.markers)
         angle = None
         if recording.link_posture is not None:
             angle = recording.link_posture - states.axis_angle[:, self.order]
@@ -293,6 +294,7 @@ class ReplaySimulation:
 
     def points(
         self,
+        rig: Rig,
         states: States,
         marker_positions: Float[np.ndarray, "markers 3"],
         slipping: Markers | None = None,
@@ -304,9 +306,8 @@ class ReplaySimulation:
             own = marker_positions[m]
             if slipping is not None and slipping.slips:
                 own = own + slipping.slipped(marker.name, self.recording.time)
-            b = states.bodies.index(self.body[m])
-            at = (states.rotation[:, b] @ own[..., None])[..., 0]
-            point[:, m] = (at + states.position[:, b] - base) @ turn
+            at = rig.mark(states, self.body[m], own)
+            point[:, m] = (at - base) @ turn
         return point
 
     def part(self, rows: Bool[np.ndarray, " rows"]) -> "ReplaySimulation":

@@ -284,6 +284,8 @@ def patch_entry(effect: NamedEffect, springs: dict[str, float | None]) -> PatchE
         )
     if effect.name.effect == "lost_motion" and effect.shape:
         settings["closing_nm"] = max(float(effect.shape[0]), 1e-6)
+    if effect.name.effect == "link_bending" and effect.shape:
+        settings["marks_bend"] = float(round(effect.shape[0]))
     if effect.name.effect == "base_compliance" and effect.shape:
         settings["centre_m"] = float(effect.shape[0])
     return PatchEffect(effect.name.effect, where, parameters, settings)

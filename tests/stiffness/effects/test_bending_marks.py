@@ -6,9 +6,16 @@ import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import FEW, arm, moved_by, prepared
+from small_bench import FEW, MODEL, arm, moved_by, prepared
 
+from bench.effects.parse import parse_all
+from bench.experiment import record
+from bench.instruments import Instruments
+from bench.proof.proof import prove
+from bench.rig import Rig
 from bench.shared.recording import Recording
+from bench.standard_plans import table_one_plan
+from scenarios.pipelines.patching import patch_of_diagnosis
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.nominal_fit import prepare
@@ -129,6 +136,30 @@ def test_a_beam_with_marks_on_it_is_a_link_that_bends(made):
     assert [(e.name.effect, e.name.where) for e in found.named] == [
         ("link_bending", LINK)
     ]
+
+
+def test_patch_bends_marks_with_their_link_where_readings_say_so():
+    said = f"link_bending@{LINK},bending_nm2=1e5,torsion_nm2=1e5,marks_bend=1"
+    rig = Rig(MODEL)
+    rig = Rig(MODEL, effects=parse_all((said,), rig.nominal))
+    made = record(rig, table_one_plan(poses=30), Instruments(), seed=3)
+    nominal = arm().for_recording(made)
+    found = diagnose(made, nominal, (*FEW, JointCompliance(), LinkBending()))
+    assert [str(e.name) for e in found.named] == [f"link_bending at {LINK}"]
+    patch = patch_of_diagnosis(found, made, nominal)
+    (entry,) = patch.effects
+    assert entry.settings["marks_bend"] == 1
+    held = np.unique(made.posture_id)[::4].tolist()
+    judged = {}
+    for bend in (0, 1):
+        one = replace(entry, settings={"marks_bend": float(bend)})
+        patch = replace(patch, effects=(one,))
+        judged[bend] = prove(made, MODEL, patch, held, thorough=False)
+    kept, bent = (judged[bend].markers for bend in (0, 1))
+    assert bent.after < 1.02 * bent.noise
+    assert kept.explained.estimate < 0.95 < 0.98 < bent.explained.estimate
+    (effect,) = judged[1].patch.effects
+    assert effect.parameters["bending_nm2"] == pytest.approx(1e5, rel=0.02)
 
 
 def test_a_link_without_marks_is_not_asked_how_its_marks_bend():

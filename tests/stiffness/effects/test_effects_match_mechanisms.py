@@ -70,6 +70,8 @@ EXACT = [
     (BearingTilt("a5", 1e-6, 5e-7, -0.05), (-0.05,), ""),
     (LinkBending("link_2", 6.3e5, 4.7e5), (0.0,), ""),
     (LinkBending("link_4", 2.45e5, 1.82e5), (0.0,), ""),
+    (LinkBending("link_2", 6.3e5, 4.7e5, marks_bend=1), (1.0,), ""),
+    (LinkBending("link_3", 2.45e5, 1.82e5, marks_bend=1), (1.0,), ""),
     (BaseCompliance("base", 5e-7, 3e-7, 2e-7, 1e-8, 2e-8, 3e-8), (0.0,), ""),
     (BaseCompliance("base", 5e-7, 3e-7, 2e-7, 1e-8, 2e-8, 3e-8, -0.1), (-0.1,), ""),
     (GravityLoad("link_3", 0.5, 0.1, 0.03, 0.0), (), ""),
