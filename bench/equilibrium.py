@@ -20,8 +20,8 @@ torque of gravity changes on the way.
 
 import copy
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from typing import TypeVar
 
 import mujoco
@@ -154,7 +154,7 @@ def _tendons_on_joints(model: mujoco.MjModel) -> np.ndarray:
 
 LOAD_STEPS = (0.02, 0.33, 0.67, 1.0)
 """Fractions of a change of load, applied in sequence; chosen: a small one first."""
-SLIPS, SLIPPED = 50, 1e-3
+SLIPS, SLIPPED = 50, 1e-6
 """Steps that bring slipping tendons to a torque at most, and the error over the yield
 that ends them; chosen."""
 
@@ -178,6 +178,32 @@ class Schedule:
 
 
 @dataclass(frozen=True)
+class GearStates:
+    """What gears bring to each visit, by names of the model's parts.
+
+    Attributes:
+        slipped: Torque of slipping tendons under the first load, over the one at which
+            they slip; others come to it as that load makes them.
+        crept: Torque in the springs of creeping joints before the first load, in N m;
+            others have none.
+    """
+
+    slipped: Mapping[str, Float[np.ndarray, " visits"]] = field(default_factory=dict)
+    crept: Mapping[str, Float[np.ndarray, " visits"]] = field(default_factory=dict)
+
+    def of(self, visits: slice) -> "GearStates":
+        """Return what is brought to some visits."""
+        parts = (self.slipped, self.crept)
+        return GearStates(*({n: v[visits] for n, v in part.items()} for part in parts))
+
+    def leaving_out(self, names: Collection[str]) -> "GearStates":
+        """Return the same without some parts."""
+        parts = (self.slipped, self.crept)
+        kept = ({n: v for n, v in p.items() if n not in names} for p in parts)
+        return GearStates(*kept)
+
+
+@dataclass(frozen=True)
 class Rest:
     """State at equilibrium in every row.
 
@@ -187,6 +213,7 @@ class Rest:
         joint: Positions of all joints of the model, in rad or m.
         force: Readings of the model's sensors.
         residual: Largest unbalanced torque anywhere, in N m.
+        initial: What gears brought to each visit from the one before; None: nothing.
     """
 
     position: Float[np.ndarray, "visits steps bodies 3"]
@@ -194,6 +221,7 @@ class Rest:
     joint: Float[np.ndarray, "visits steps joints"]
     force: Float[np.ndarray, "visits steps sensors"]
     residual: float
+    initial: GearStates | None = None
 
 
 def solve(
@@ -202,19 +230,24 @@ def solve(
     creep: dict[int, float],
     schedule: Schedule,
     before: int = 0,
-    slipped: Float[np.ndarray, " tendons"] | None = None,
+    initial: GearStates | None = None,
 ) -> Rest:
     """Return the equilibrium under every load of every visit, in the order of time.
 
-    Joints that creep are given with their time constant, in s. `slipped`: the torque of
-    each slipping tendon under the first load, over the one at which it slips; None, and
-    NaN for one: as what was before and that load make it.
+    Joints that creep are given with their time constant, in s. Gears begin each visit
+    with nothing but what arrives.
 
     Raises:
         BenchError: Where an arm does not converge, naming the visit.
     """
-    arms = _Arms(model, axes, creep, schedule, before)
-    return _rest_of(arms.course(schedule, slipped, lifted=True), arms)
+    arms, steps = _Arms(model, axes, creep, schedule, before), schedule.hold.shape[1]
+    if initial is not None:
+        arms.crept = initial.crept
+    course = [arms.load(schedule, 0, lifted=True)]
+    if initial is not None and initial.slipped:
+        course = [arms.slip(initial.slipped)]
+    course += [arms.load(schedule, step) for step in range(1, steps)]
+    return replace(_rest_of(course, arms), initial=initial)
 
 
 @dataclass(frozen=True)
@@ -238,7 +271,6 @@ def solve_in_turn(
     creep: dict[int, float],
     schedule: Schedule,
     ways: Ways,
-    slipped: Float[np.ndarray, " tendons"] | None = None,
 ) -> Rest:
     """Return the equilibrium of every visit, each beginning as the one before ended.
 
@@ -248,7 +280,7 @@ def solve_in_turn(
     Raises:
         BenchError: Where an arm does not converge, naming the visit.
     """
-    visits = len(schedule.hold)
+    visits, steps = schedule.hold.shape
     arms, rests = None, []
     for visit in range(visits):
         own = _some(schedule, slice(visit, visit + 1))
@@ -256,7 +288,10 @@ def solve_in_turn(
             arms = _Arms(model, axes, creep, own, 0)
         else:
             arms.move(_some(ways, slice(visit, visit + 1)), visit)
-        rests.append(_rest_of(arms.course(own, slipped, visit == 0), arms))
+        crept, course = arms.crept, [arms.load(own, 0, lifted=visit == 0)]
+        initial = GearStates(arms.slipped, crept)
+        course += [arms.load(own, step) for step in range(1, steps)]
+        rests.append(replace(_rest_of(course, arms), initial=initial))
     return _joined(rests)
 
 
@@ -324,22 +359,41 @@ class _Arms:
         self.worst = max(self.worst, self.settle())
         return [field.copy() for field in self.fields]
 
-    def course(
-        self,
-        schedule: Schedule,
-        slipped: Float[np.ndarray, " tendons"] | None,
-        lifted: bool,
-    ) -> list[list[np.ndarray]]:
-        """Load the arms step by step; see `solve` and `load`."""
-        course = [self.load(schedule, 0, lifted)]
-        if slipped is not None:
-            course = [self.slip(slipped)]
-        return course + [
-            self.load(schedule, k) for k in range(1, schedule.hold.shape[1])
-        ]
+    @property
+    def crept(self) -> dict[str, Float[np.ndarray, " visits"]]:
+        """Torque in the springs of creeping joints, in N m, by the joint's name."""
+        model, found = self.model, {}
+        for joint in self.creep:
+            at = model.jnt_qposadr[joint]
+            wound = self.runs.bind("qpos")[:, at] - model.qpos_spring[at]
+            found[model.joint(joint).name] = model.jnt_stiffness[joint] * wound
+        return found
 
-    def slip(self, share: Float[np.ndarray, " tendons"]) -> list[np.ndarray]:
-        """Bring slipping tendons to shares of their yield; NaN: as they are.
+    @crept.setter
+    def crept(self, torque: Mapping[str, Float[np.ndarray, " visits"]]) -> None:
+        model = self.model
+        for joint in self.creep:
+            own = torque.get(model.joint(joint).name)
+            if own is not None:
+                at = model.jnt_qposadr[joint]
+                wound = own / model.jnt_stiffness[joint]
+                self.runs.bind("qpos")[:, at] = model.qpos_spring[at] + wound
+
+    @property
+    def slipped(self) -> dict[str, Float[np.ndarray, " visits"]]:
+        """Torque of slipping tendons over that at which they slip, by name."""
+        model, runs, found = self.model, self.runs, {}
+        for t in np.flatnonzero(model.tendon_plasticadr >= 0):
+            away = runs.bind("ten_length")[:, t]
+            away = away - runs.bind("plastic")[:, model.tendon_plasticadr[t]]
+            share = np.clip(away / model.tendon_springyield[t], -1.0, 1.0)
+            found[model.tendon(t).name] = share
+        return found
+
+    def slip(
+        self, asked: Mapping[str, Float[np.ndarray, " visits"]]
+    ) -> list[np.ndarray]:
+        """Bring slipping tendons to shares of their yield, by name; others stay.
 
         A step reckons with how far the joint follows what changes, over the stiffness
         of all that does not slip; steps end where no tendon is off by `SLIPPED`.
@@ -349,7 +403,17 @@ class _Arms:
         """
         model, runs = self.model, self.runs
         plastic, length = runs.bind("plastic"), runs.bind("ten_length")
-        slips = np.flatnonzero((model.tendon_plasticadr >= 0) & np.isfinite(share))
+        slips = np.array(
+            [
+                t
+                for t in np.flatnonzero(model.tendon_plasticadr >= 0)
+                if model.tendon(t).name in asked
+            ],
+            dtype=int,
+        )
+        share = np.zeros((len(length), len(slips)))
+        for k, t in enumerate(slips):
+            share[:, k] = asked[model.tendon(t).name]
         slot, yields = model.tendon_plasticadr[slips], model.tendon_springyield[slips]
         on = self.settle.tendons > 0.0
         joint = on[slips].argmax(axis=1)
@@ -359,13 +423,13 @@ class _Arms:
         stiffness = self.settle.tendons[slips, joint]
         for _ in range(SLIPS):
             stretched = np.clip(length[:, slips] - plastic[:, slot], -yields, yields)
-            missing = share[slips] * yields - stretched
+            missing = share * yields - stretched
             if np.abs(missing).max(initial=0.0) <= SLIPPED * yields.max(initial=0.0):
                 self.worst = max(self.worst, self.settle())
                 return [field.copy() for field in self.fields]
             torque = (stiffness * missing) @ (joint[:, None] == joint)  # of its joint
             follows = -torque / beside
-            rest = length[:, slips] + follows - share[slips] * yields
+            rest = length[:, slips] + follows - share * yields
             for k, first in enumerate(slot):
                 plastic[:, first : first + 2] = rest[:, k : k + 1]
             self.settle.nearly()
@@ -472,22 +536,30 @@ def solve_in_blocks(
     axes: Int[np.ndarray, " axes"],
     creep: dict[int, float],
     schedule: Schedule,
-    slipped: Float[np.ndarray, " tendons"] | None = None,
+    initial: GearStates | None = None,
 ) -> Rest:
     """Return the equilibrium of every visit, in blocks; see `solve`."""
-    starts = range(0, len(schedule.hold), BLOCK)
-    return _joined(
-        [
-            solve(model, axes, creep, _some(schedule, slice(s, s + BLOCK)), s, slipped)
-            for s in starts
-        ]
-    )
+    rests = []
+    for start in range(0, len(schedule.hold), BLOCK):
+        some = slice(start, start + BLOCK)
+        brought = None if initial is None else initial.of(some)
+        own = _some(schedule, some)
+        rests.append(solve(model, axes, creep, own, start, brought))
+    return _joined(rests)
 
 
 def _joined(rests: list[Rest]) -> Rest:
     """Return the states of all visits, one after the other."""
     if len(rests) == 1:
         return rests[0]
-    arrays = [field.name for field in fields(Rest) if field.name != "residual"]
+    arrays = ("position", "rotation", "joint", "force")
     joined = {n: np.concatenate([getattr(rest, n) for rest in rests]) for n in arrays}
-    return Rest(**joined, residual=max(rest.residual for rest in rests))
+    each = [rest.initial for rest in rests if rest.initial is not None]
+    initial = None if not each else GearStates(
+        *(
+            {n: np.concatenate([getattr(a, part)[n] for a in each]) for n in of_first}
+            for part in ("slipped", "crept")
+            for of_first in [getattr(each[0], part)]
+        )
+    )  # fmt: skip
+    return Rest(**joined, residual=max(r.residual for r in rests), initial=initial)

@@ -42,6 +42,9 @@ LIGHT = 1e-3
 """Mass in kg that stands for a first moment where the mass itself does not show;
 chosen: too light to be felt by itself."""
 
+GearMemory = Literal["forgotten", "carried", "unknown"]
+"""What a gear brings to a visit."""
+
 Value = float | str | None
 """A parameter as written: a number, a name, or null for one without end."""
 
@@ -255,8 +258,8 @@ class Patch:
         fitted: Range of each axis, by a1, a2 …, in the poses that it was fitted to;
             empty: not known.
         memory: Whether gears keep what slipped and crept from visit to visit.
-        unknown_at_arrival: Axes whose gears arrive at each visit in a state that
-            nothing tells.
+        memories: The same of single axes' gears, where it differs; unknown: they arrive
+            at each visit in a state that nothing tells.
         readings: Digests of some of the rows that it was fitted to; empty: not known.
     """
 
@@ -273,7 +276,7 @@ class Patch:
     not_in_model: tuple[str, ...] = ()
     fitted: dict[str, AxisRange] = field(default_factory=dict)
     memory: Memory = "forgotten"
-    unknown_at_arrival: tuple[str, ...] = ()
+    memories: dict[str, GearMemory] = field(default_factory=dict)
     readings: tuple[str, ...] = ()
 
 
@@ -308,7 +311,7 @@ def rig_of(patch: Patch, arm_file: Path | None = None) -> Rig:
     springs = rig.nominal.jnt_stiffness.copy()
     known = list(rig.anatomy.axes)
     faults = [fault for effect in given for fault in misplaced(effect, rig.anatomy)]
-    for name in (*patch.stiffness_nm_per_rad, *patch.unknown_at_arrival):
+    for name in (*patch.stiffness_nm_per_rad, *patch.memories):
         if rig.anatomy.axis(name) not in known:
             faults.append(f"no axis is called {name!r}; known: {known}.")
     refuse("Patch", faults)

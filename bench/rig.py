@@ -5,7 +5,6 @@ It answers one question: where does everything come to rest, row by row, when a 
 carried out? What the instruments make of that is `bench.instruments`' business.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -50,6 +49,7 @@ class States:
         wrench: What the world exerts on the robot about the sensor's origin, along the
             sensor's axes, in N and N m; the weight beyond the sensor taken off.
         residual: Largest torque left unbalanced, in N m.
+        initial: What gears brought to each visit; None: nothing.
     """
 
     bodies: tuple[str, ...]
@@ -58,6 +58,7 @@ class States:
     axis_angle: Float[np.ndarray, "rows axes"]
     wrench: Float[np.ndarray, "rows 6"]
     residual: float
+    initial: equilibrium.GearStates | None = None
 
     def point(
         self, body: str, place: Float[np.ndarray, "3"]
@@ -212,15 +213,14 @@ class Rig:
         hold: Float[np.ndarray, "visits steps"],
         way: Float[np.ndarray, " visits"] | None = None,
         moves: LastMoves | None = None,
-        slipped: Mapping[str, float] | None = None,
+        initial: equilibrium.GearStates | None = None,
     ) -> States:
         """Apply wrenches at the sensor's origin along the base's axes, step by step.
 
         Postures are in rad, wrenches in N and N m; each is held for some s before its
         row is read. The way to each visit takes some s where gears remember the visit
-        before. Moves say how each axis arrived, by default from the visit before;
-        `slipped`, of some axes, the torque of what slips in their gears at the first
-        step of each visit, over the one at which it slips.
+        before; else they begin with what arrives, by default nothing. Moves say how
+        each axis arrived, by default from the visit before.
 
         Returns:
             Where everything was; rows run over visits, then steps.
@@ -233,7 +233,7 @@ class Rig:
         schedule = equilibrium.Schedule(
             command.reference, command.stiffness, ropes, wrench, hold
         )
-        return self._rest(schedule, ways, slipped)
+        return self._rest(schedule, ways, initial)
 
     def command(
         self, posture: Float[np.ndarray, "visits axes"], moves: LastMoves | None = None
@@ -258,16 +258,15 @@ class Rig:
         self,
         schedule: equilibrium.Schedule,
         ways: equilibrium.Ways | None,
-        slipped: Mapping[str, float] | None = None,
+        initial: equilibrium.GearStates | None = None,
     ) -> States:
         model = self.model
         axes = np.array([model.joint(axis).id for axis in self.anatomy.axes])
         creep = creeping(self._sorted, model, self.anatomy)
-        share = None if slipped is None else self._on_tendons(slipped)
         if ways is None or not (model.nplastic or creep):  # nothing to remember
-            rest = equilibrium.solve_in_blocks(model, axes, creep, schedule, share)
+            rest = equilibrium.solve_in_blocks(model, axes, creep, schedule, initial)
         else:
-            rest = equilibrium.solve_in_turn(model, axes, creep, schedule, ways, share)
+            rest = equilibrium.solve_in_turn(model, axes, creep, schedule, ways)
         rows = schedule.hold.size
         rotation = rest.rotation.reshape(rows, model.nbody, 3, 3)
         joint = rest.joint.reshape(rows, -1)
@@ -278,6 +277,7 @@ class Rig:
             axis_angle=joint @ self._about_axes,
             wrench=load_on_sensor(model, rest.force.reshape(rows, -1), rotation),
             residual=rest.residual,
+            initial=rest.initial,
         )
 
     def _ways(
@@ -334,25 +334,28 @@ class Rig:
         )
 
     @cached_property
-    def slipping(self) -> tuple[str, ...]:
-        """Axes in whose gears something slips."""
-        slips = self.model.tendon_plasticadr >= 0
-        return tuple(
-            axis
-            for axis in self.anatomy.axes
-            if np.any(slips & (self._on_tendons({axis: 1.0}) > 0.0))
-        )
+    def slipping(self) -> dict[str, tuple[str, ...]]:
+        """Names of the tendons that slip in gears, by axis; axes without are none."""
+        model, found = self.model, dict[str, tuple[str, ...]]()
+        for tendon in np.flatnonzero(model.tendon_plasticadr >= 0).tolist():
+            for wrap in wraps_on_joints(model, tendon):
+                axis = model.joint(model.wrap_objid[wrap]).name
+                found[axis] = (*found.get(axis, ()), model.tendon(tendon).name)
+        return {axis: found[axis] for axis in self.anatomy.axes if axis in found}
 
-    def _on_tendons(
-        self, of_axes: Mapping[str, float]
-    ) -> Float[np.ndarray, " tendons"]:
-        """Return what is said of axes for the tendons on their joints; NaN: nothing."""
-        found = np.full(self.model.ntendon, np.nan)
-        for tendon in range(len(found)):
-            for wrap in wraps_on_joints(self.model, tendon):
-                joint = self.model.joint(self.model.wrap_objid[wrap]).name
-                found[tendon] = of_axes.get(joint, np.nan)
-        return found
+    @cached_property
+    def remembering(self) -> dict[str, tuple[str, ...]]:
+        """Names of what slips and what creeps in gears, by axis."""
+        creep = creeping(self._sorted, self.model, self.anatomy)
+        names = [self.model.joint(joint).name for joint in creep]
+        found = {
+            axis: (
+                *self.slipping.get(axis, ()),
+                *(name for name in names if name.startswith(f"{axis}_creep")),
+            )
+            for axis in self.anatomy.axes
+        }
+        return {axis: own for axis, own in found.items() if own}
 
     @cached_property
     def _about_axes(self) -> Float[np.ndarray, "joints axes"]:

@@ -139,14 +139,15 @@ def _through_the_gears(
 
     Of a marker, 3-D, about the mean over `STARTS`; gears arrive independently.
     """
-    square, untold = np.zeros(world.replay.rows), world.arriving(assumed.rig)
+    square, untold = np.zeros(world.replay.rows), world.untold(assumed.rig)
     if not untold:
         return square
-    rest = dict.fromkeys(untold, 0.0)
+    rig, rest = assumed.rig, dict.fromkeys(untold, 0.0)
+    told = world.states(rig).initial
 
     def points(start: Mapping[str, float]) -> np.ndarray:
-        states = world.responded(assumed.rig, start)
-        return world.points(assumed.rig, states, assumed.marker_positions)
+        states = world.responded(rig, world.begun(rig, told, start))
+        return world.points(rig, states, assumed.marker_positions)
 
     at_rest = points(rest)
     for axis in untold:

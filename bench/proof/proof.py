@@ -121,7 +121,8 @@ def prove(
     Raises:
         BenchError: Where the patch cannot be built or finds no rest.
     """
-    recording = _thinned(recording, patch.memory)
+    carried = "carried" in (patch.memory, *patch.memories.values())
+    recording = _thinned(recording, carried)
     placed = for_simulator(recording, patch, arm_file)
     pairs = zip(patch.effects, placed.effects, strict=True)
     now = {(old.effect, old.where): new.where for old, new in pairs}
@@ -207,7 +208,7 @@ def _of_fold(
     return FoldPrediction(nominal, patched if own else nominal, gauge, held)
 
 
-def _thinned(recording: Recording, memory: str) -> Recording:
+def _thinned(recording: Recording, carried: bool) -> Recording:
     """Return a recording of bearable length: every so many visits, evenly.
 
     Where gears remember the visit before, its first visits.
@@ -219,7 +220,7 @@ def _thinned(recording: Recording, memory: str) -> Recording:
     if recording.rows == "stream":
         return recording.take(np.arange(0, rows, every))
     visit = np.unique(recording.visit, return_inverse=True)[1]
-    if memory == "carried":
+    if carried:
         return recording.take(visit < (visit.max() + 1) // every)
     return recording.take(visit % every == 0)
 

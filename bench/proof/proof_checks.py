@@ -147,7 +147,7 @@ def some_of(world: ReplaySimulation, held: np.ndarray) -> Bool[np.ndarray, " row
 
     All of them where gears remember: a visit then needs the one before it.
     """
-    if world.memory == "carried":
+    if "carried" in (world.memory, *world.memories.values()):
         return np.ones(len(held), dtype=bool)
     others = np.unique(world.replay.visit[~held])
     every = max(1, -(-len(others) // ENOUGH))

@@ -92,24 +92,27 @@ def simulate_changes(
     alone = len(changes) <= FEW
     for group in _groups([frozenset() if alone else s for s in sites]):
         together = with_change(assumed, *(changes[i] for i in group))
-        run = _run(world, together) if len(group) > 1 else None
+        run = _run(world, assumed, together) if len(group) > 1 else None
         for i in group:
             try:
                 one = with_change(assumed, changes[i])
+                base = world.states(assumed.rig)
                 if run is None:
-                    states = world.states(one.rig, keep=False)
+                    states = world.states(one.rig, keep=False, about=base)
                 else:
-                    base = world.states(assumed.rig)
                     states = _moved_at(base, run, together, sites[i])
                 yield i, one, world.read(one, states)
             except BenchError:
                 continue
 
 
-def _run(world: ReplaySimulation, together: NominalState) -> States | None:
+def _run(
+    world: ReplaySimulation, assumed: NominalState, together: NominalState
+) -> States | None:
     """Simulate; None where it cannot be, so that each change shows whether it can."""
     try:
-        return world.states(together.rig, keep=False)
+        base = world.states(assumed.rig)
+        return world.states(together.rig, keep=False, about=base)
     except BenchError:
         return None
 

@@ -125,7 +125,7 @@ def in_model(recording: Recording, patch: Patch, arm: Anatomy) -> Patch:
         effects=tuple(map(renamed, patch.effects)),
         laws=tuple(replace(law, where=joint(law.where)) for law in patch.laws),
         fitted={joint(a): known for a, known in patch.fitted.items()},
-        unknown_at_arrival=tuple(map(joint, patch.unknown_at_arrival)),
+        memories={joint(a): kind for a, kind in patch.memories.items()},
     )
 
 

@@ -33,6 +33,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
 from bench.effects.effect import Effect, InstrumentEffect, RopeEffect
+from bench.equilibrium import GearStates
 from bench.experiment import faulty
 from bench.instruments import ForceSensor, Instruments, Markers, Tracker
 from bench.instruments.tracker import STILL, displaced, inverse, misplacement
@@ -241,8 +242,8 @@ class ReplaySimulation:
             the sensor's origin along the base's axes, in N and N m.
         base: Where the base stands in the world, in m, and how it is turned.
         memory: Whether gears keep what slipped and crept from visit to visit.
-        untold: Axes of the patch whose gears arrive in a state that nothing tells: what
-            is simulated is the mean over `STARTS`.
+        memories: The same of single axes' gears; of those in an unknown state the mean
+            over `STARTS` is simulated.
     """
 
     recording: Recording
@@ -253,7 +254,7 @@ class ReplaySimulation:
     weight: Float[np.ndarray, "rows 6"]
     base: tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]
     memory: Memory = "forgotten"
-    untold: tuple[str, ...] = ()
+    memories: Mapping[str, str] = field(default_factory=dict)
     _known: dict = field(default_factory=dict, repr=False)
 
     def see(self, assumed: NominalState) -> SimulatedReadings:
@@ -280,12 +281,18 @@ class ReplaySimulation:
                 residual = recording.points @ assumed.turn.T - (point - point[first])
         return SimulatedReadings(states, point, residual, angle)
 
-    def states(self, rig: Rig, keep: bool = True) -> States:
-        """Simulate; what was asked the last few times is remembered."""
+    def states(
+        self, rig: Rig, keep: bool = True, about: States | None = None
+    ) -> States:
+        """Simulate; what was asked the last few times is remembered.
+
+        A small change of an arm is simulated with what gears bring to each visit
+        `about` it: one visit after the other takes six times as long.
+        """
         key = _mechanical(rig)
         if key in self._known:
             return self._known[key]
-        states = self._simulated(rig)
+        states = self._simulated(rig, about)
         if keep:
             if len(self._known) > 4:
                 del self._known[next(iter(self._known))]
@@ -330,33 +337,68 @@ class ReplaySimulation:
 
     def remembering(self, patch: Patch) -> "ReplaySimulation":
         """Return the world whose gears remember what a patch says."""
-        return replace(self, memory=patch.memory, untold=patch.unknown_at_arrival)
+        return replace(self, memory=patch.memory, memories=patch.memories)
 
-    def arriving(self, rig: Rig) -> tuple[str, ...]:
-        """Return the arm's axes in which something slips from a state untold."""
-        untold = {rig.anatomy.axis(where) for where in self.untold}
-        return tuple(axis for axis in rig.slipping if axis in untold)
+    def _by_memory(self, rig: Rig, kind: str) -> tuple[str, ...]:
+        """Return the arm's axes whose gears remember so."""
+        said = {rig.anatomy.axis(where): one for where, one in self.memories.items()}
+        every = rig.remembering
+        return tuple(axis for axis in every if said.get(axis, self.memory) == kind)
 
-    def _simulated(self, rig: Rig) -> States:
-        untold = self.arriving(rig) if self.untold else ()
+    def untold(self, rig: Rig) -> tuple[str, ...]:
+        """Return the axes in which something slips from a state that nothing tells."""
+        return tuple(a for a in self._by_memory(rig, "unknown") if a in rig.slipping)
+
+    def begun(
+        self, rig: Rig, told: GearStates | None, share: Mapping[str, float]
+    ) -> GearStates:
+        """Return what arrives with shares of the torque at which axes' gears slip."""
+        visits = len(self.replay.posture)
+        more = {
+            tendon: np.full(visits, size)
+            for axis, size in share.items()
+            for tendon in rig.slipping[axis]
+        }
+        told = GearStates() if told is None else told
+        return replace(told, slipped={**told.slipped, **more})
+
+    def _simulated(self, rig: Rig, about: States | None) -> States:
+        told = None
+        if self._by_memory(rig, "carried"):
+            whole = self.responded(rig, in_turn=True) if about is None else about
+            others = {
+                name
+                for axis in rig.remembering
+                if axis not in self._by_memory(rig, "carried")
+                for name in rig.remembering[axis]
+            }
+            if about is None and not others:
+                return whole
+            told = None if whole.initial is None else whole.initial.leaving_out(others)
+        untold = self.untold(rig)
         if not untold:
-            return self.responded(rig)
-        every = [self.responded(rig, dict.fromkeys(untold, s)) for s in STARTS]
+            return self.responded(rig, told)
+        every = [
+            self.responded(rig, self.begun(rig, told, dict.fromkeys(untold, s)))
+            for s in STARTS
+        ]
         mean = {
             name: np.mean([getattr(states, name) for states in every], axis=0)
             for name in BY_ROW
         }
-        return replace(every[0], **mean)
+        return replace(every[0], **mean, initial=told)
 
-    def responded(self, rig: Rig, slipped: Mapping[str, float] | None = None) -> States:
-        """Simulate from torques of what slips in gears; see `Rig.respond`."""
+    def responded(
+        self, rig: Rig, initial: GearStates | None = None, in_turn: bool = False
+    ) -> States:
+        """Simulate from what arrives, or visit after visit; see `Rig.respond`."""
         replay, axes = self.replay, len(rig.anatomy.axes)
         posture = np.zeros((len(replay.posture), axes))
         posture[:, self.order] = replay.posture
         moves = replay.moves.of_axes(self.order, axes)
         wrench = self.wrench(rig)[replay.row]
-        way = replay.way if self.memory == "carried" else None
-        states = rig.respond(posture, wrench, replay.hold, way, moves, slipped)
+        way = replay.way if in_turn else None
+        states = rig.respond(posture, wrench, replay.hold, way, moves, initial)
         by_row = {name: replay.to_rows(getattr(states, name)) for name in BY_ROW}
         return replace(states, **by_row)
 

@@ -17,11 +17,12 @@ be judged on another recording.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from jaxtyping import Float
@@ -33,6 +34,7 @@ from bench.patch import (
     FILE,
     MODEL_FILE,
     AxisRange,
+    GearMemory,
     Law,
     Patch,
     PatchEffect,
@@ -142,6 +144,7 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
             zip(nominal.compliance, nominal.sigma, nominal.modelled, strict=True), 1
         )
     }
+    memory, memories = memory_of(diagnosis.named)
     frame = np.asarray(nominal.base_from_tracker, float)
     seen = recording.take(~np.isin(recording.posture_id, diagnosis.held_out))
     return Patch(
@@ -165,8 +168,8 @@ def patch_of_diagnosis(diagnosis: Diagnosis, recording: Recording, arm: Arm) -> 
             for marker, (x, y, z) in zip(recording.markers, nominal.places, strict=True)
         },
         fitted=ranges_of(seen.posture, static_torque(seen, arm.at(seen.posture))),
-        memory=memory_of(diagnosis.named),
-        unknown_at_arrival=unknown_at_arrival(diagnosis.named),
+        memory=memory,
+        memories=memories,
         readings=digests_of(recording),
     )
 
@@ -186,31 +189,31 @@ def _start_of_spring(compliance: float, sigma: float, modelled: float) -> float 
     return 1.0 / start if start > 0.0 else None
 
 
-def memory_of(named: Sequence[NamedEffect]) -> Memory:
-    """Return what gears keep of the visit before, as most of what they do says.
+KINDS: Mapping[int, GearMemory] = {BEFORE: "carried", UNKNOWN: "unknown"}
+"""What a law takes for known at arrival, as a patch has it; all else is forgotten."""
 
-    A patch has one memory for all gears whose state is told: a faint name alone does
-    not decide. A name alone has no share.
+
+def memory_of(named: Sequence[NamedEffect]) -> tuple[Memory, dict[str, GearMemory]]:
+    """Return what most gears keep of the visit before, and those that do otherwise.
+
+    Of each gear as most of what it does says: a faint name does not decide. A name
+    alone has no share.
     """
-    votes: dict[Memory, float] = {"forgotten": 0.0, "carried": 0.0}
+    votes: dict[str, dict[GearMemory, float]] = defaultdict(lambda: defaultdict(float))
     for effect in named:
-        kind = _memory_in(effect)
-        if kind is not None and kind != UNKNOWN:
+        if effect.name.effect in ("hysteresis", "creep") and len(effect.shape) > 1:
             share = 1.0 if effect.share is None else max(effect.share, 0.0)
-            votes["carried" if kind == BEFORE else "forgotten"] += share
-    return max(votes, key=lambda memory: votes[memory])
-
-
-def unknown_at_arrival(named: Sequence[NamedEffect]) -> tuple[str, ...]:
-    """Return the axes whose gears arrive in a state that nothing tells."""
-    return tuple(sorted({n.name.where for n in named if _memory_in(n) == UNKNOWN}))
-
-
-def _memory_in(named: NamedEffect) -> int | None:
-    """Return what a law takes for known at arrival; None where it has no memory."""
-    of_gear = named.name.effect in ("hysteresis", "creep")
-    memory = named.shape[1:2] if of_gear else ()
-    return next(map(round, memory), None)
+            kind = KINDS.get([*map(round, effect.shape)][1], "forgotten")
+            votes[effect.name.where][kind] += share
+    of_all = {
+        kind: sum(own.get(kind, 0.0) for own in votes.values())
+        for kind in get_args(Memory)
+    }
+    memory: Memory = max(of_all, key=of_all.__getitem__)
+    every: dict[str, GearMemory] = {
+        axis: max(own, key=own.__getitem__) for axis, own in votes.items()
+    }
+    return memory, {axis: kind for axis, kind in every.items() if kind != memory}
 
 
 def springs_of_mechanisms(

@@ -9,6 +9,7 @@ from bench.effects.creep import Creep
 from bench.effects.hysteresis import Hysteresis
 from bench.effects.lost_motion import LostMotion
 from bench.effects.transmission_error import TransmissionError
+from bench.equilibrium import GearStates
 from bench.experiment import record
 from bench.rig import Rig
 from bench.shared.plan import Plan, parse_path
@@ -83,7 +84,7 @@ def test_gear_of_any_stiffness_begins_at_the_torque_that_is_asked_for(
     gear = Hysteresis("a1", width_rad=WIDTH, stiffening=stiffening)
     rig, bare = (Rig(lever(tmp_path, mass=40.0), e) for e in ((gear,), ()))
     load = moments(30.0)[None], np.ones((1, 1))
-    states = rig.respond(np.zeros((1, 1)), *load, slipped={"a1": share})
+    states = rig.respond(np.zeros((1, 1)), *load, initial=slipping(rig, share))
     free = bare.respond(np.zeros((1, 1)), *load).axis_angle
     expected = free - share * WIDTH / 2
     assert_allclose(states.axis_angle, expected, rtol=0, atol=0.005 * WIDTH)
@@ -98,7 +99,7 @@ def test_what_slips_in_a_gear_begins_at_the_torque_that_is_asked_for(tmp_path, s
         np.zeros((1, 1)),
         moments(*torque)[None],
         np.ones((1, 4)),
-        slipped={"a1": share},
+        initial=slipping(rig, share),
     )
     most, beside = WIDTH / 2 * STIFFNESS, GEAR.stiffening * STIFFNESS
     weight = 9.81 * (40.0 + rig.mounted.payload.mass) * LENGTH
@@ -109,6 +110,33 @@ def test_what_slips_in_a_gear_begins_at_the_torque_that_is_asked_for(tmp_path, s
         friction = float(np.clip(trial, -most, most))
         expected.append((weight + now - friction) / STIFFNESS)
     assert_allclose(states.axis_angle[:, 0], expected, rtol=0, atol=3e-6)
+
+
+def slipping(rig, share):
+    """Return a state at one visit: the torque of a1 over that at which it slips."""
+    return GearStates({name: np.array([share]) for name in rig.slipping["a1"]})
+
+
+def test_visits_side_by_side_begin_as_one_after_the_other_left_them(kr10):
+    """What slipped and what crept; a posture where gravity hardly winds, too."""
+    gears = (
+        Hysteresis("a2", width_rad=2e-4),
+        Hysteresis("a3", width_rad=1e-4, stiffening=1.5),
+        Creep("a2", ratio=0.1, time_s=60.0),
+        Creep("a5", ratio=0.05, time_s=200.0),
+    )
+    rig, count = Rig(kr10, gears), 5
+    random = np.random.default_rng(4)
+    posture = np.radians([0.0, -80.0, 80.0, 0.0, 30.0, 0.0])
+    posture = posture + random.uniform(-0.5, 0.5, size=(count, 6))
+    pull, hold = np.zeros((count, 4, 6)), np.full((count, 4), 20.0)
+    pull[:, 1:3, 2] = [-60.0, -120.0]
+    in_turn = rig.respond(posture, pull, hold, np.full(count, 15.0))
+    begun = rig.respond(posture, pull, hold, initial=in_turn.initial)
+    fresh = rig.respond(posture, pull, hold)
+    away = np.abs(in_turn.axis_angle - fresh.axis_angle).max(axis=0)
+    assert np.all(away[[1, 2]] > 3e-5)
+    assert_allclose(begun.axis_angle, in_turn.axis_angle, rtol=0, atol=5e-8)
 
 
 def test_creep_of_the_posture_before_dies_away_with_time(tmp_path):

@@ -178,9 +178,9 @@ def test_changes_on_different_axes_read_alike_alone_and_in_one_run(proof, monkey
     runs = []
     simulate = type(world)._simulated
 
-    def counted(self, rig):
+    def counted(self, rig, about):
         runs.append(rig)
-        return simulate(self, rig)
+        return simulate(self, rig, about)
 
     monkeypatch.setattr(type(world), "_simulated", counted)
     monkeypatch.setattr(refinement, "FEW", 1)

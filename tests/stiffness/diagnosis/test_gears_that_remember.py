@@ -5,10 +5,12 @@ import pytest
 from small_bench import MODEL, arm, prepared
 
 from bench.effects.parse import parse_all
+from bench.equilibrium import GearStates
 from bench.experiment import record
 from bench.instruments import Instruments, Markers
 from bench.patch import Patch, PatchEffect, rig_of
 from bench.proof.proof import prove
+from bench.proof.setup import replay_simulation_of
 from bench.rig import Rig
 from bench.shared.errors import BenchError
 from bench.standard_plans import table_one_plan
@@ -66,7 +68,7 @@ def test_gear_that_arrives_in_a_state_nobody_knows_is_named_and_explained():
     np.testing.assert_allclose(named.parameters["width_rad"].estimate, 2e-4, rtol=0.15)
     assert ("unknown_arrival", "a2") in [(w.code, w.where) for w in found.warnings]
     patch = patch_of_diagnosis(found, recording, nominal)
-    assert (patch.memory, patch.unknown_at_arrival) == ("forgotten", ("a2",))
+    assert patch.memories == {"a2": "unknown"}
 
 
 def test_proof_counts_what_unknown_states_at_arrival_do_as_noise():
@@ -74,26 +76,26 @@ def test_proof_counts_what_unknown_states_at_arrival_do_as_noise():
     held = np.unique(recording.posture_id)[::4].tolist()
     effect = PatchEffect("hysteresis", "a2", {"width_rad": 2e-4})
     found = {}
-    for untold in ((), ("a2",)):
-        patch = Patch(effects=(effect,), unknown_at_arrival=untold)
-        found[untold] = prove(recording, MODEL, patch, held, thorough=False).markers
-    assert found[()].after > 1.3 * found[()].noise
-    assert found["a2",].after < found[()].after
-    assert 0.9 < found["a2",].after / found["a2",].noise < 1.1
+    for kind in ("forgotten", "unknown"):
+        patch = Patch(effects=(effect,), memories={"a2": kind})
+        found[kind] = prove(recording, MODEL, patch, held, thorough=False).markers
+    assert found["forgotten"].after > 1.3 * found["forgotten"].noise
+    assert found["unknown"].after < found["forgotten"].after
+    assert 0.9 < found["unknown"].after / found["unknown"].noise < 1.1
 
 
-@pytest.mark.parametrize("way", [None, np.full(2, 5.0)])
-def test_one_gear_arrives_as_is_said_and_others_as_they_do(way):
-    """Whether gears remember the visit before or not."""
+def test_one_gear_arrives_as_is_said_and_others_as_they_do():
     said = ("hysteresis@a2,width_rad=2e-4", "hysteresis@a3,width_rad=2e-4")
     both = Rig(MODEL, effects=parse_all(said, Rig(MODEL).nominal))
     posture = np.radians([[0, -90, 90, 0, 0, 0], [20, -60, 60, 0, 30, 0]])
     pull, hold = np.zeros((2, 3, 6)), np.ones((2, 3))
     pull[:, 1, 2] = -100.0
-    told = both.respond(posture, pull, hold, way)
-    found = {
-        s: both.respond(posture, pull, hold, way, slipped={"a2": s}) for s in (-1, 1)
-    }
+    told, found = both.respond(posture, pull, hold), {}
+    for s in (-1, 1):
+        initial = GearStates(
+            {name: np.full(2, float(s)) for name in both.slipping["a2"]}
+        )
+        found[s] = both.respond(posture, pull, hold, initial=initial)
     moved = (found[1].axis_angle - found[-1].axis_angle).reshape(2, 3, 6)[:, 0]
     assert np.all(np.abs(moved[:, 1]) > 1e-4)
     assert np.all(np.abs(moved[:, 2]) < 1e-6)
@@ -103,7 +105,31 @@ def test_one_gear_arrives_as_is_said_and_others_as_they_do(way):
 
 def test_axis_of_a_patch_that_the_arm_lacks_is_refused():
     with pytest.raises(BenchError, match="no axis is called 'a9'"):
-        rig_of(Patch(unknown_at_arrival=("a9",)), MODEL)
+        rig_of(Patch(memories={"a9": "unknown"}), MODEL)
+
+
+@pytest.mark.parametrize("said", [("carried", {}), ("forgotten", {"a2": "carried"})])
+def test_proof_lets_each_gear_remember_what_the_patch_says(said):
+    """Of two gears one remembers, and both do."""
+    effects = (
+        PatchEffect("hysteresis", "a2", {"width_rad": 2e-4}),
+        PatchEffect("hysteresis", "a3", {"width_rad": 2e-4}),
+    )
+    patch = Patch(effects=effects, memory=said[0], memories=said[1])
+    flange, plan = Instruments(markers=Markers("flange")), table_one_plan(poses=12)
+    recording = record(Rig(MODEL), plan, flange, seed=3)
+    rig = rig_of(patch, MODEL)
+    world = replay_simulation_of(recording, rig).remembering(patch)
+    both = world.states(rig)
+    in_turn = world.responded(rig, in_turn=True)
+    fresh = world.responded(rig)
+    angle = {k: (1, 2)[k == "a3"] for k in ("a2", "a3")}
+    for axis, k in angle.items():
+        carries = said[1].get(axis, said[0]) == "carried"
+        like = (in_turn if carries else fresh).axis_angle[:, k]
+        other = (fresh if carries else in_turn).axis_angle[:, k]
+        np.testing.assert_allclose(both.axis_angle[:, k], like, rtol=0, atol=2e-6)
+        assert np.abs(both.axis_angle[:, k] - other).max() > 2e-5
 
 
 def test_unknown_states_at_arrival_are_asked_for_by_how_likely_readings_become():
@@ -134,5 +160,8 @@ def test_one_memory_of_all_gears_is_that_of_what_explains_most(shares, memory):
         NamedEffect(Name("hardening", "a1"), 1.0, (), {}, (30.0,)),
     ]
     of = [replace(one, share=share) for one, share in zip(named, shares, strict=False)]
-    assert memory_of(of or named) == memory
-    assert memory_of(named[1:]) == "carried"
+    assert memory_of(of or named)[0] == memory
+    assert memory_of(named[1:]) == ("carried", {})
+    kinds = {"a2": "forgotten", "a1": "carried"}
+    others = {axis: kind for axis, kind in kinds.items() if kind != memory}
+    assert memory_of(of or named)[1] == others
