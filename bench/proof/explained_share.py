@@ -52,8 +52,8 @@ def floor_of(
 ) -> tuple[Float[np.ndarray, " rows"], float]:
     """Return the mean square that noise leaves on a marker and on an encoder.
 
-    Of the wrench's noise as much counts as the rows that were fitted have room for. Of
-    a marker counts, too, what states of gears do that nobody knows, by the patch.
+    Of the wrench's noise, and of what states of gears do that nobody knows, by the
+    patch, as much counts as the rows that were fitted have room for.
 
     Returns:
         Of a marker in every row, 3-D, in m²; of an angle, in rad².
@@ -68,7 +68,9 @@ def floor_of(
     if not gauge.absolute:
         _, counts = np.unique(world.replay.visit, return_counts=True)
         share = 1.0 - 1.0 / counts[world.replay.visit]
-    square = square * share + _through_the_gears(world, assumed, gauge)
+    square = square * share
+    gears = _through_the_gears(world, assumed, gauge)
+    square = square + gears * _true_part(world, seen, gauge, square, gears)
     wrench = _through_the_wrench(world, assumed, seen) * share
     square = square + wrench * _true_part(world, seen, gauge, square, wrench)
     angle = recording.encoder_repeatability or 0.0
@@ -79,22 +81,23 @@ def _true_part(
     world: ReplaySimulation,
     seen: SimulatedReadings,
     gauge: ComparisonMode,
-    tracker: Float[np.ndarray, " rows"],
-    wrench: Float[np.ndarray, " rows"],
+    sure: Float[np.ndarray, " rows"],
+    more: Float[np.ndarray, " rows"],
 ) -> float:
-    """Return which part of a square the wrench's stated noise can have, at most 1.
+    """Return which part of the square of more noise can be true, at most 1.
 
-    What the tracker's noise leaves room for of the residual where it was fitted, over
-    what is stated, by a ratio of sums over poses; 1 within two standard errors.
+    What noise that is sure leaves room for of the residual where it was fitted, over
+    what more there should be, by a ratio of sums over poses; 1 within two standard
+    errors.
     """
-    if not wrench.any():
+    if not more.any():
         return 1.0
     points = 3 * len(world.recording.markers)
     left = residual_of(world, seen, gauge)[gauge.keep, :points] ** 2
     read = np.isfinite(left).sum(axis=1) / 3.0
     pose = np.unique(world.recording.posture_id[gauge.keep], return_inverse=True)[1]
-    room = np.bincount(pose, np.nansum(left, axis=1) - read * tracker[gauge.keep])
-    stated = np.bincount(pose, read * wrench[gauge.keep])
+    room = np.bincount(pose, np.nansum(left, axis=1) - read * sure[gauge.keep])
+    stated = np.bincount(pose, read * more[gauge.keep])
     if len(room) < 2 or not stated.any():
         return 1.0
     part = float(room.sum() / stated.sum())
