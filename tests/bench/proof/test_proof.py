@@ -26,7 +26,7 @@ from bench.proof.comparison import (
     residual_of,
     turns_of,
 )
-from bench.proof.explained_share import Channel
+from bench.proof.explained_share import Channel, _true_part, floor_of
 from bench.proof.model_discrimination import candidates, expected, paths
 from bench.proof.nominal_fit import (
     fitted,
@@ -196,6 +196,15 @@ def test_changes_on_different_axes_read_alike_alone_and_in_one_run(proof, monkey
     turn = together[1].states.axis_angle - before.states.axis_angle
     assert np.abs(turn[:, 2]).max() > 1e-6
     assert_allclose(np.delete(turn, 2, axis=1), 0.0)
+
+
+def test_noise_counts_as_far_as_fitted_readings_have_room_for_it(proof):
+    """Of the wrench, or of gears whose states nobody knows, beside the tracker's."""
+    world, mode = proof.simulation, proof.mode
+    seen = world.see(proof.patched)
+    sure, _ = floor_of(world, proof.patched, seen, mode)
+    assert _true_part(world, seen, mode, sure, 4.0 * sure) < 0.05
+    assert _true_part(world, seen, mode, 0.5 * sure, 0.3 * sure) == 1.0
 
 
 def test_means_of_visits_hold_springs_where_noise_explains_them(kr10, held, proof):
