@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -55,7 +55,13 @@ from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from bench.user_model import ASSETS
 from scenarios.pipelines.recording_check import static_torque
-from stiffness.diagnosis.result import Diagnosis, Interval, NamedEffect, Nominal
+from stiffness.diagnosis.result import (
+    Diagnosis,
+    Interval,
+    NamedEffect,
+    Nominal,
+    Warned,
+)
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.angle_dependent_stiffness import MOST_UNEVEN
 from stiffness.experiment.visits import BEFORE, UNKNOWN
@@ -302,6 +308,19 @@ def _further(effect: NamedEffect) -> list[dict[str, float]]:
     parts = np.array(effect.shape), np.array(effect.coefficients)
     every = LAWS[effect.name.effect].further(found, *parts)
     return [{name: float(v) for name, v in one.items()} for one in every]
+
+
+def left_neutral(diagnosis: Diagnosis) -> Iterator[Warned]:
+    """Say which sizes of what was named the readings do not hold."""
+    for effect in diagnosis.named:
+        if names := tuple(neutral_sizes(effect)):
+            called, where = effect.name.effect, effect.name.where
+            yield Warned(
+                "size_not_held",
+                where,
+                f"{called} on {where}: these data do not hold {' and '.join(names)}; "
+                "the patch is without.",
+            )
 
 
 def neutral_sizes(effect: NamedEffect) -> dict[str, Value]:

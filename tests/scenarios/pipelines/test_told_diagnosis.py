@@ -11,7 +11,7 @@ import pytest
 
 from bench import patch
 from bench.patch import PatchEffect, effect_of
-from bench.proof.explained_share import Channel
+from bench.proof.explained_share import Channel, Share
 from bench.shared.format import folder
 from scenarios import record
 from scenarios.pipelines import diagnosis as steps
@@ -49,6 +49,7 @@ from stiffness.diagnosis.result import (
     NamedEffect,
     Nominal,
     Unexplained,
+    UnexplainedPlace,
     Warned,
     scattered,
 )
@@ -477,6 +478,26 @@ def test_an_arm_that_the_simulator_does_not_have_raises_an_alarm(
     told = answer_of(other, simulated, "", (), 1.0)
     assert [w.code for w in told.warnings] == ["simulator_disagrees"] * alarms
     assert told.verdict == "partly_explained"  # it withholds nothing
+
+
+@pytest.mark.parametrize(
+    ("high", "open_", "said"),
+    [(0.93, 0.01, True), (0.93, 0.09, False), (0.99, 0.0, False)],
+)
+def test_what_neither_patch_nor_an_open_place_accounts_for_is_said(
+    found, high, open_, said
+):
+    of_poses = np.arange(2), np.full(2, 3e-5), np.full(2, 2e-5)
+    share = Share(0.9, 0.87, high)
+    channel = Channel(3e-5, 2e-5, 1.7e-5, 1e-5, 8e-6, 1.2e-5, *of_poses, share)
+    simulated: Any = SimpleNamespace(markers=channel, absolute=True)
+    place = UnexplainedPlace("a2", 1e-4, open_, ("load",))
+    fitted = replace(found.detection, held_out_rms=3e-5)
+    other = replace(found, detection=fitted, unexplained_places=(place,))
+    assert other.named
+    told = list(steps.disagreements(other, simulated))
+    assert [w.code for w in told] == ["not_in_patch"] * said
+    assert all("9% of the mismatch are" in w.text for w in told)
 
 
 def test_story_of_no_mismatch_says_what_would_have_shown(found, recording):
