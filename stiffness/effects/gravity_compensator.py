@@ -40,6 +40,7 @@ class GravityCompensator(Hypothesis):
         "torque_nm": (0.0, 1e5),
         "phase_rad": (-np.pi, np.pi),
     }
+    magnitudes: ClassVar[tuple[str, ...]] = ("torque_nm",)
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:

@@ -47,6 +47,8 @@ class StretchedSpring(Hypothesis):
         "free_length_ratio": (-1e2, 1.0),
         "arm_ratio": (0.0, 1.0),
     }
+    magnitudes: ClassVar[tuple[str, ...]] = GravityCompensator.magnitudes
+    neutral: ClassVar[Mapping[str, float]] = {"free_length_ratio": 0.0}
 
     @override
     def places(self, situation: StaticState) -> tuple[str, ...]:
