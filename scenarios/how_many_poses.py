@@ -6,7 +6,7 @@ cannot show an axis' spring, it is taken from the model file. What is finished i
 in OUT/cells: interrupted, it goes on where it stopped.
 
 Run:    python -m scenarios.how_many_poses --out results/how_many_poses
-Takes:  10 min on two cores; 25 min with --network-splits 20
+Takes:  an hour of one core with --splits 5 --network-splits 2, named physics most of it
 Expect: springs come within a tenth of their best with some forty poses; a network and
         a Gaussian process on top of them need some forty to be better in every draw
         and go on gaining; named physics is far below from five poses on
