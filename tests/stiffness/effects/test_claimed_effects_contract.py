@@ -11,6 +11,7 @@ from source import docstring, python_files, text
 
 from bench.effects import EFFECTS
 from bench.shared.recording import Recording
+from stiffness.diagnosis.gate import may_be_nothing
 from stiffness.diagnosis.localisation import zone_of
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.noise_model import AT_FLANGE, max_pose_repeatability
@@ -25,6 +26,7 @@ from stiffness.effects.jacobian import (
     values,
 )
 from stiffness.experiment.static_state import StaticState
+from stiffness.regression.intervals import Interval
 from stiffness.robot.tracker_frame import TrackerFit
 
 SHIFT, TURN = ("x_m", "y_m", "z_m"), ("rx_rad", "ry_rad", "rz_rad")
@@ -110,6 +112,20 @@ def test_every_file_states_equation_source_validity_and_what_it_ignores():
 
 
 # --- Each hypothesis -----------------------------------------------------------------
+
+
+@each
+def test_every_effect_says_at_which_sizes_it_is_nothing(hypothesis):
+    """Where the intervals of all of them may be so, its name is withheld."""
+    sizes = hypothesis.nothing
+    assert sizes
+    assert set(sizes) <= VOCABULARY[hypothesis.effect]
+    held = {name: Interval(v, v - 1.0, v + 1.0) for name, v in sizes.items()}
+    assert may_be_nothing(hypothesis, held)
+    (first, value), *_ = sizes.items()
+    assert not may_be_nothing(
+        hypothesis, held | {first: Interval(value + 2.0, value + 1.0, value + 3.0)}
+    )
 
 
 @each
