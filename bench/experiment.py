@@ -126,10 +126,11 @@ def marks_in_base(
     turn = base.xmat.reshape(3, 3)  # world_from_base
     places, normals = [], []
     for mark in stuck:
-        b = states.bodies.index(rig.anatomy.body(mark.marker.body))
+        body = rig.anatomy.body(mark.marker.body)
+        b = states.bodies.index(body)
         rotation = states.rotation[:, b]  # (rows, 3, 3) world_from_body
         in_body = mark.position + markers.slipped(mark.marker.name, time)
-        in_world = rig.mark(states, states.bodies[b], in_body)
+        in_world = rig.mark(states, body, in_body)
         places.append((in_world - base.xpos) @ turn)
         normals.append(rotation @ mark.normal @ turn)
     return np.stack(places, axis=1), np.stack(normals, axis=1)

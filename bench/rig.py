@@ -61,11 +61,12 @@ class States:
     initial: equilibrium.GearStates | None = None
 
     def point(
-        self, body: str, place: Float[np.ndarray, "3"]
+        self, body: str, place: Float[np.ndarray, "*rows 3"]
     ) -> Float[np.ndarray, "rows 3"]:
         """Return where a point of a body was, in the world's frame, in m."""
         b = self.bodies.index(body)
-        return self.position[:, b] + self.rotation[:, b] @ place
+        away = (self.rotation[:, b] @ place[..., None])[..., 0]
+        return away + self.position[:, b]
 
     def near(self, commanded: Float[np.ndarray, "rows axes"]) -> "States":
         """Return the states, where every axis stands about where it was told to.
@@ -307,8 +308,7 @@ class Rig:
         (`LinkBending.marks_bend`), where it is without a load.
         """
         b, model = states.bodies.index(body), self.model
-        away = (states.rotation[:, b] @ place[..., None])[..., 0]
-        at = away + states.position[:, b]
+        at = states.point(body, place)
         for beam in self._beams:
             own, far = (states.bodies.index(name) for name in (beam.link, beam.end))
             if model.body_weldid[own] != model.body_weldid[b]:

@@ -89,14 +89,13 @@ def simulate_changes(
     """
     arm = assumed.rig.anatomy
     sites = [_axes_of(change, arm) for change in changes]
-    alone = len(changes) <= FEW
+    alone, base = len(changes) <= FEW, world.states(assumed.rig)
     for group in _groups([frozenset() if alone else s for s in sites]):
         together = with_change(assumed, *(changes[i] for i in group))
-        run = _run(world, assumed, together) if len(group) > 1 else None
+        run = _run(world, together, base) if len(group) > 1 else None
         for i in group:
             try:
                 one = with_change(assumed, changes[i])
-                base = world.states(assumed.rig)
                 if run is None:
                     states = world.states(one.rig, keep=False, about=base)
                 else:
@@ -107,11 +106,10 @@ def simulate_changes(
 
 
 def _run(
-    world: ReplaySimulation, assumed: NominalState, together: NominalState
+    world: ReplaySimulation, together: NominalState, base: States
 ) -> States | None:
     """Simulate; None where it cannot be, so that each change shows whether it can."""
     try:
-        base = world.states(assumed.rig)
         return world.states(together.rig, keep=False, about=base)
     except BenchError:
         return None

@@ -363,30 +363,25 @@ class ReplaySimulation:
         return replace(told, slipped={**told.slipped, **more})
 
     def _simulated(self, rig: Rig, about: States | None) -> States:
-        told = None
-        if self._by_memory(rig, "carried"):
+        told, every = None, rig.remembering
+        if carried := self._by_memory(rig, "carried"):
             whole = self.responded(rig, in_turn=True) if about is None else about
-            others = {
-                name
-                for axis in rig.remembering
-                if axis not in self._by_memory(rig, "carried")
-                for name in rig.remembering[axis]
-            }
+            others = {name for a in every if a not in carried for name in every[a]}
             if about is None and not others:
                 return whole
             told = None if whole.initial is None else whole.initial.leaving_out(others)
         untold = self.untold(rig)
         if not untold:
             return self.responded(rig, told)
-        every = [
+        of_starts = [
             self.responded(rig, self.begun(rig, told, dict.fromkeys(untold, s)))
             for s in STARTS
         ]
         mean = {
-            name: np.mean([getattr(states, name) for states in every], axis=0)
+            name: np.mean([getattr(states, name) for states in of_starts], axis=0)
             for name in BY_ROW
         }
-        return replace(every[0], **mean, initial=told)
+        return replace(of_starts[0], **mean, initial=told)
 
     def responded(
         self, rig: Rig, initial: GearStates | None = None, in_turn: bool = False
