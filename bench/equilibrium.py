@@ -1,26 +1,25 @@
-"""Static equilibrium of a loaded arm in MuJoCo, by quasi-static load steps.
+"""Static equilibrium of a loaded arm in MuJoCo.
 
-MuJoCo's `discrete` integrator at a very large time step is a Newton solver for the
-equilibrium: one step solves (M + hD + h²K) a = f, and with h = 10 s the inertia M is
-negligible. Loads grow in small steps, so that slip follows the path of slow loads:
+The engine says what is unbalanced, and `Settle` moves each joint by that over the
+stiffness of all that carries there, until nothing is: levers couple joints by a share
+of 1e-3 to 1e-2 only. Between two loads the torque of a gear changes one way, so that
+what slips there is known by where it began (return mapping: Simo and Hughes 1998,
+"Computational Inelasticity", chapter 1).
 
-- parallel to a spring that can slip, the step is stiffened (D) by all that may come to
-  carry, so that no iterate overshoots;
-- a creeping joint is frozen while the others balance and then released for the time of
-  the load, T its time constant, in one exact step of
-  θ(t) = θ∞ + (θ₀ - θ∞) exp(-t/T).
+A creeping joint is frozen while the others balance and then released for the time of
+the load, T its time constant, in one exact step θ(t) = θ∞ + (θ₀ - θ∞) exp(-t/T) of
+MuJoCo's `discrete` integrator: that solves (M + hD + h²K) a = f, and with h = 10 s the
+inertia M is negligible.
 
-The engine's solver minimises a cost and stops near the square root of machine
-precision; `Settle` removes the remaining imbalance. Visits that begin with nothing are
-computed side by side, in blocks, so that memory stays small (`solve_in_blocks`). Where
-gears remember, one visit follows the other along the way between their postures
-(`solve_in_turn`): what slipped or crept stays so, relative to the motor, while the
-torque of gravity changes on the way.
+Visits that begin with nothing are computed side by side, in blocks, so that memory
+stays small (`solve_in_blocks`). Where gears remember, one visit follows the other along
+the way between their postures (`solve_in_turn`): what slipped or crept stays so,
+relative to the motor, while the torque of gravity changes on the way.
 """
 
 import copy
 import os
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import TypeVar
 
@@ -40,14 +39,16 @@ TIME_STEP = 10.0
 TOLERANCE = 1e-10
 """Largest unbalanced torque at convergence, in N m (N on a slide)."""
 COARSE = 1e-6
-"""Unbalanced torque at which the engine's own steps end, in N m."""
-STEPS, MOST_STEPS = 3, 2000
+"""Unbalanced torque at which what creeps may be released, in N m."""
+MOST_STEPS, FURTHEST = 2000, 1.0
+"""Steps at most, and how far a joint goes in one, in rad or m; chosen: no spring of an
+arm that can be used winds up so far."""
 FROZEN = 1e15
 """Damping that freezes a creeping joint within a step, N m s/rad."""
 
 
 def made_static(model: mujoco.MjModel, creep: dict[int, float]) -> mujoco.MjModel:
-    """Return a model whose steps converge to the equilibrium; what creeps is frozen."""
+    """Return a model whose steps are quasi-static; what creeps is frozen."""
     model = copy.copy(model)
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_DISCRETE
     model.opt.timestep = TIME_STEP
@@ -57,20 +58,16 @@ def made_static(model: mujoco.MjModel, creep: dict[int, float]) -> mujoco.MjMode
         off.mjDSBL_CONTACT | off.mjDSBL_LIMIT | off.mjDSBL_AUTORESET
     )
     model.dof_damping[:] = 0.0
-    tendons = _tendons_on_joints(model)
-    slips = model.tendon_plasticadr >= 0
-    beside = tendons[slips].any(axis=0)
-    overshoots = TIME_STEP * np.where(beside, tendons[~slips].sum(axis=0), 0.0)
-    model.dof_damping[model.jnt_dofadr] = overshoots
     for joint in creep:
         model.dof_damping[model.jnt_dofadr[joint]] = FROZEN
     return model
 
 
 class Settle:
-    """Steps until equilibrium, then removes the rounding error of the step's solver.
+    """Moves each joint by its unbalanced torque over its stiffness until none is left.
 
-    In the end each joint is moved by its unbalanced torque over its stiffness.
+    A spring that a step would make tight counts, one that slips does not: it carries
+    its yield, from where it was when the load began to change.
     """
 
     def __init__(
@@ -83,77 +80,105 @@ class Settle:
     ):
         """Prepare runs of a static model, one a visit, with some visits before them."""
         self.runs, self.before = runs, before
-        self.own, self.tendons = model.jnt_stiffness, _tendons_on_joints(model)
+        self.own, self.lever = runs.expand("jnt_stiffness"), _tendon_lengthening(model)
+        lever = np.abs(self.lever)
+        # across several joints, the sum of absolute values in the joint's row of the
+        # stiffness matrix: a diagonal of these is never too soft (Gershgorin 1931)
+        on = lever * lever.sum(axis=1, keepdims=True)
+        self.tendons = model.tendon_stiffness[:, None] * on
         self.slips = model.tendon_plasticadr >= 0
+        self.slot = model.tendon_plasticadr[self.slips]
+        self.yields = model.tendon_springyield[self.slips]
         angle = np.full(model.njnt, 1e-3)  # what a rounded angle may be, in rad
         angle[axes] = 2 * np.pi
-        stiffest = self.own + self.tendons.sum(axis=0)
+        stiffest = model.jnt_stiffness + self.tendons.sum(axis=0)
         self.allowed = TOLERANCE + np.finfo(float).eps * angle * stiffest
         self.free = ~np.isin(np.arange(model.njnt), list(creep))
         self.length = runs.bind("ten_length")
         self.slack = runs.expand("tendon_lengthspring")
         self.qpos, self.velocity = runs.bind("qpos"), runs.bind("qvel")
-        self.force = runs.bind("qfrc_smooth")
+        self.force, self.plastic = runs.bind("qfrc_smooth"), runs.bind("plastic")
 
-    def nearly(self) -> None:
-        """Bring every run close to equilibrium by the engine's own steps."""
-        left = np.arange(len(self.qpos))
-        for _ in range(MOST_STEPS // STEPS):
-            self.velocity[:] = 0.0
-            self.runs.step(left, nstep=STEPS)
-            left = left[self._unbalanced(left) > COARSE / TOLERANCE]
-            if not len(left):
-                break
-
-    def __call__(self) -> float:
+    def __call__(self, most: float = TOLERANCE) -> float:
         """Bring every run to equilibrium; return the largest unbalanced torque, in N m.
+
+        Args:
+            most: Unbalanced torque that may be left, in N m.
 
         Raises:
             BenchError: Where a run does not converge, naming the visit.
         """
         largest, left = np.full(len(self.qpos), np.inf), np.arange(len(self.qpos))
-        self.nearly()
+        before = self.plastic[:, self.slot]
         for _ in range(MOST_STEPS):
             largest[left] = self._unbalanced(left)
-            left = left[largest[left] > 1.0]
+            left = left[largest[left] > most / TOLERANCE]
+            if not np.isfinite(largest[left]).all():
+                break
             if not len(left):
                 return float(np.abs(self.force[:, self.free]).max())
-            length, slack = self.length[left], self.slack[left]
-            tight = (length < slack[..., 0]) | (length > slack[..., 1])
-            stiffness = self.own + (tight | self.slips) @ self.tendons
-            self.qpos[left] += self.free * self.force[left] / stiffness
+            self._step(left, before[left])
         raise BenchError(
             f"Visit {self.before + int(largest.argmax())} finds no rest: "
             f"{largest.max():.2g} times the {TOLERANCE} N m allowed stay unbalanced. "
             "A spring may be too soft for its load, or a rope just leaves its pulley."
         )
 
+    def _step(
+        self, left: Int[np.ndarray, " left"], before: Float[np.ndarray, "left slips"]
+    ) -> None:
+        """Move the joints of some runs to where springs balance; what slips follows.
+
+        Where a spring begins to carry on the way, the rest of it is that much stiffer.
+
+        Args:
+            left: Which runs.
+            before: Where slipping tendons were slack before the load changed.
+        """
+        own, length, force = self.own[left], self.length[left], self.force[left]
+        low, high = np.moveaxis(self.slack[left], -1, 0)
+        low[:, self.slips] = before - self.yields
+        high[:, self.slips] = before + self.yields
+        carries = ((length < low) | (length > high)) != self.slips
+        stiffness = own + carries @ self.tendons
+        step = self.free * force / stiffness
+        moved = step @ self.lever.T
+        edge = np.where((moved > 0.0) != self.slips, high, low)
+        reached = ~carries & ((edge - length) * (edge - length - moved) < 0.0)
+        if reached.any():
+            share = np.where(
+                reached, (edge - length) / np.where(reached, moved, 1.0), 1.0
+            )
+            first = np.where(self.tendons > 0.0, share[..., None], 1.0).min(axis=1)
+            stiffer = stiffness / (stiffness + reached @ self.tendons)
+            step *= first + (1.0 - first) * stiffer
+        step = np.clip(step, -FURTHEST, FURTHEST)
+        self.qpos[left] += step
+        length = (length + step @ self.lever.T)[:, self.slips]
+        slipped = np.clip(before, length - self.yields, length + self.yields)
+        for end in (self.slot, self.slot + 1):
+            self.plastic[left[:, None], end] = slipped
+
     def _unbalanced(self, some: Int[np.ndarray, " some"]) -> Float[np.ndarray, " some"]:
         """Return the largest share of what is allowed that runs leave unbalanced."""
         self.velocity[:] = 0.0
         self.runs.forward(some)
-        share = (np.abs(self.force[some]) / self.allowed)[:, self.free]
+        with np.errstate(over="ignore"):  # a load without end
+            share = (np.abs(self.force[some]) / self.allowed)[:, self.free]
         return np.nan_to_num(share, nan=np.inf).max(axis=1)
 
 
-def _tendons_on_joints(model: mujoco.MjModel) -> np.ndarray:
-    """Return the stiffness each fixed tendon gives to each joint, (tendons, joints).
-
-    Across several joints it is the sum of the absolute values in the joint's row of
-    the stiffness matrix: a diagonal of these is never too soft (Gershgorin 1931).
-    """
+def _tendon_lengthening(model: mujoco.MjModel) -> Float[np.ndarray, "tendons joints"]:
+    """Return by how much each fixed tendon grows with each joint."""
     on = np.zeros((model.ntendon, model.njnt))
     for t in range(model.ntendon):
         wraps = wraps_on_joints(model, t)
-        lever = np.abs(model.wrap_prm[wraps])
-        on[t, model.wrap_objid[wraps]] = model.tendon_stiffness[t] * lever * lever.sum()
+        on[t, model.wrap_objid[wraps]] = model.wrap_prm[wraps]
     return on
 
 
-# --- Load steps -----------------------------------------------------------------------
+# --- Loads in the order of time -------------------------------------------------------
 
-LOAD_STEPS = (0.02, 0.33, 0.67, 1.0)
-"""Fractions of a change of load, applied in sequence; chosen: a small one first."""
 SLIPS, SLIPPED = 50, 1e-6
 """Steps that bring slipping tendons to a torque at most, and the error over the yield
 that ends them; chosen."""
@@ -243,7 +268,7 @@ def solve(
     arms, steps = _Arms(model, axes, creep, schedule, before), schedule.hold.shape[1]
     if initial is not None:
         arms.crept = initial.crept
-    course = [arms.load(schedule, 0, lifted=True)]
+    course = [arms.load(schedule, 0)]
     if initial is not None and initial.slipped:
         course = [arms.slip(initial.slipped)]
     course += [arms.load(schedule, step) for step in range(1, steps)]
@@ -288,7 +313,7 @@ def solve_in_turn(
             arms = _Arms(model, axes, creep, own, 0)
         else:
             arms.move(_some(ways, slice(visit, visit + 1)), visit)
-        crept, course = arms.crept, [arms.load(own, 0, lifted=visit == 0)]
+        crept, course = arms.crept, [arms.load(own, 0)]
         initial = GearStates(arms.slipped, crept)
         course += [arms.load(own, step) for step in range(1, steps)]
         rests.append(replace(_rest_of(course, arms), initial=initial))
@@ -326,35 +351,22 @@ class _Arms:
             runs.bind("plastic")[:, slot : slot + 2] = lengths[:, t]
         runs.bind("qpos")[:] = runs.expand("qpos_spring")
         self.reference = model.qpos_spring[model.jnt_qposadr[axes]]
+        self.settle = Settle(runs, model, axes, creep, before)
         self._stand(schedule.reference, schedule.stiffness)
-        self.gravity = runs.expand("opt.gravity")
-        self.full_gravity = self.gravity.copy()
         self.ctrl, self.push = runs.bind("ctrl"), runs.bind("xfrc_applied")
         self.fields = [
             runs.bind(name) for name in ("xpos", "xmat", "qpos", "sensordata")
         ]
         self.mount = model.body(LOAD_POINT).id
         self.creeping = _Creep(runs, model, creep)
-        self.settle = Settle(runs, model, axes, creep, before)
         self.worst = 0.0
 
-    def load(
-        self, schedule: Schedule, step: int, lifted: bool = False
-    ) -> list[np.ndarray]:
-        """Apply the loads of a step; return fields of the arms at rest.
-
-        `lifted`: gravity grows with the load, from nothing.
-        """
-        ctrl, push, mount = self.ctrl, self.push, self.mount
-        start = (ctrl.copy(), push[:, mount].copy())
-        for fraction in LOAD_STEPS if self.model.nplastic else (1.0,):
-            if lifted:
-                self.gravity[:] = fraction * self.full_gravity
-            ctrl[:] = start[0] + fraction * (schedule.tension[:, step] - start[0])
-            push[:, mount] = start[1] + fraction * (schedule.wrench[:, step] - start[1])
-            self.runs.step(nstep=STEPS)
+    def load(self, schedule: Schedule, step: int) -> list[np.ndarray]:
+        """Apply the loads of a step; return fields of the arms at rest."""
+        self.ctrl[:] = schedule.tension[:, step]
+        self.push[:, self.mount] = schedule.wrench[:, step]
         if self.creep:
-            self.settle.nearly()
+            self.settle(COARSE)
             self.creeping.hold(schedule.hold[:, step])
         self.worst = max(self.worst, self.settle())
         return [field.copy() for field in self.fields]
@@ -432,26 +444,21 @@ class _Arms:
             rest = length[:, slips] + follows - share * yields
             for k, first in enumerate(slot):
                 plastic[:, first : first + 2] = rest[:, k : k + 1]
-            self.settle.nearly()
+            self.settle(COARSE)
         raise BenchError("What slips in the gears does not come to what is asked for.")
 
     def move(self, ways: Ways, before: int) -> None:
         """Unload the arms and move them; gears keep what slipped and what crept."""
         self.settle.before = before
-        start = (self.ctrl.copy(), self.push[:, self.mount].copy())
-        if np.any(start[0]) or np.any(start[1]):
-            for fraction in LOAD_STEPS:
-                self.ctrl[:] = (1.0 - fraction) * start[0]
-                self.push[:, self.mount] = (1.0 - fraction) * start[1]
-                self.runs.step(nstep=STEPS)
-            self.settle.nearly()
+        self.ctrl[:], self.push[:, self.mount] = 0.0, 0.0
+        self.settle(COARSE)
         points = ways.reference.shape[1]
         self._creep(
             ways.time / points / 2
         )  # the torque at either end acts half as long
         for point in range(points):
             self._stand(ways.reference[:, point], ways.stiffness[:, point])
-            self.settle.nearly()
+            self.settle(COARSE)
             self._creep(ways.time / points / (1 + (point == points - 1)))
 
     def _creep(self, time: Float[np.ndarray, " visits"]) -> None:
@@ -467,13 +474,10 @@ class _Arms:
             field = runs.expand(name) if name == "qpos_spring" else runs.bind(name)
             field[:] = field + step
         runs.expand("jnt_stiffness")[:, self.axes] = stiffness
-        lengths, plastic = runs.expand("tendon_lengthspring"), runs.bind("plastic")
-        for t, moved in _along_tendons(model, step):
-            slot = model.tendon_plasticadr[t]
-            for one in moved:
-                lengths[:, t] += one[:, None]
-                if slot >= 0:
-                    plastic[:, slot : slot + 2] += one[:, None]
+        settle, longer = self.settle, step @ self.settle.lever.T
+        settle.slack += longer[..., None]
+        for end in (settle.slot, settle.slot + 1):
+            settle.plastic[:, end] += longer[:, settle.slips]
 
 
 def _rest_of(course: list[list[np.ndarray]], arms: _Arms) -> Rest:
@@ -488,17 +492,6 @@ def _threads() -> int:
     """Return the number of threads that OMP_NUM_THREADS allows this process."""
     allowed = os.environ.get("OMP_NUM_THREADS", "")
     return int(allowed) if allowed.isdigit() else os.cpu_count() or 1
-
-
-def _along_tendons(
-    model: mujoco.MjModel, turned: Float[np.ndarray, "visits positions"]
-) -> Iterator[tuple[int, list[Float[np.ndarray, " visits"]]]]:
-    """Yield each tendon on joints, and how far each of its joints moves along it."""
-    for t in range(model.ntendon):
-        if wraps := wraps_on_joints(model, t):
-            address = model.jnt_qposadr[model.wrap_objid[wraps]]
-            pairs = zip(model.wrap_prm[wraps], address, strict=True)
-            yield t, [factor * turned[:, at] for factor, at in pairs]
 
 
 class _Creep:
