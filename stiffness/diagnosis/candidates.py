@@ -36,9 +36,10 @@ All hypotheses at all places with all shapes stand in one row, beside the map.
 The first columns are the nominal ones: the springs, a nuisance.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -528,6 +529,21 @@ class Library:
     def columns(self) -> KeptColumns:
         """All signatures, laid out once."""
         return KeptColumns(self.jacobians)
+
+    def of_effects(self, effects: Collection[str]) -> "Library":
+        """Return the nominal columns and those of some effects, without the map."""
+        jacobians, candidates = [*self.jacobians[: self.nominal]], []
+        first, at = self.nominal, self.nominal
+        for candidate in self.candidates:
+            after = first + len(candidate.columns)
+            if candidate.hypothesis.effect in effects:
+                jacobians += self.jacobians[first:after]
+                ends = at + np.cumsum([0, *map(len, candidate.columns)])
+                owned = tuple(np.arange(a, b) for a, b in pairwise(ends))
+                candidates.append(replace(candidate, columns=owned))
+                at = int(ends[-1])
+            first = after
+        return Library(tuple(jacobians), self.nominal, tuple(candidates), ())
 
     @cached_property
     def of_map(self) -> "Library":

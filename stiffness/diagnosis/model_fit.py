@@ -1,16 +1,13 @@
 """Fit of a model: coefficients, nonlinear shape parameters, and held-out gain.
 
-A case is what naming looks at: data, hypotheses, and what may not be seen.
-
-A named effect is a hypothesis at a place with a shape, and what was fitted to it.
-
-All shapes of a set are fitted together, by Levenberg-Marquardt.
+A case is what naming looks at: data, hypotheses, and what may not be seen. A named
+effect is a hypothesis at a place with a shape, and what was fitted to it.
 
 ==========  ==========================================================================
 Equation    min |y - X(theta) b|^2 + |(theta - theta_0) / s|^2 over b and theta; columns
             of theta: what a little more of it does, times b; s half of the spacing of
             the coarse grid; b solved anew at each shape
-Source      variable projection: Golub and Pereyra 1973; Kaufman 1975
+Source      variable projection: Golub and Pereyra 1973; steps: Levenberg-Marquardt
 Valid       from a coarse grid's best, whose neighbours have alike columns
 Ignores     shapes beyond the grid's ends, and those that count something
 ==========  ==========================================================================
@@ -104,7 +101,6 @@ class SelectionProblem:
         situation: Where the arm stood.
         springs: Axes whose compliance is nominal.
         library: All columns.
-        normal_equations: What the readings say about them.
         split: Which poses may be looked at.
         seed: Of random signs.
         dispersion_limit: Dispersion of poses up to which errors may be misstated.
@@ -116,7 +112,6 @@ class SelectionProblem:
     situation: StaticState
     springs: tuple[int, ...]
     library: Library
-    normal_equations: NormalEquations
     split: Split
     seed: int
     dispersion_limit: float
@@ -132,6 +127,12 @@ class SelectionProblem:
     def poses(self) -> int:
         """How many poses may be looked at."""
         return int(np.sum(~self.split.held_out))
+
+    @cached_property
+    def normal_equations(self) -> NormalEquations:
+        """What the readings say about the library's columns."""
+        fold = training(self.split)
+        return normal_equations_of(self.data, self.library.columns, fold)
 
     @cached_property
     def augmented(self) -> Augmented:

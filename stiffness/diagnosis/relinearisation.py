@@ -97,8 +97,7 @@ def build_problem(
     """
     case = nominal_problem(prepared, softer, named)
     library = library_of(case.situation, case.springs, hypotheses)
-    evidence = normal_equations_of(case.data, library.columns, training(case.split))
-    return replace(case, library=library, normal_equations=evidence)
+    return replace(case, library=library)
 
 
 def nominal_problem(
@@ -116,7 +115,6 @@ def nominal_problem(
         situation,
         prepared.springs,
         Library(springs, len(springs), (), ()),
-        normal_equations_of(data, springs, training(split)),
         split,
         seed_of(recording),
         MEASURED if prepared.degrees_of_freedom else MISSTATED,

@@ -495,6 +495,7 @@ def of_the_same_kinds(
     alike = {h.effect for h in every if count[h.counted_as] > (not h.shares_rate_with)}
     if not alike:
         return []
+    case = replace(case, library=case.library.of_effects(alike))
     search = Search.of(case, terms, refused)
     best = best_groups_beside(search.problem, range(len(terms)))
     return [search.terms[k] for name, k in best.items() if name[0] in alike]

@@ -51,7 +51,6 @@ from stiffness.diagnosis.model_fit import (
     SelectionProblem,
     fit_model,
     fit_shapes,
-    training,
 )
 from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.relinearisation import (
@@ -71,7 +70,6 @@ from stiffness.diagnosis.search import (
     one_each,
     with_generic_terms,
 )
-from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.effects.base import Hypothesis
 from stiffness.regression.group_selection import (
     LIVE,
@@ -395,8 +393,7 @@ def select_again(model: SelectedModel, split: Split) -> SelectedModel:
     """
     first = model.case
     library = Library(first.nominal, first.library.nominal, (), ())
-    found = normal_equations_of(first.data, first.nominal, training(split))
-    case = replace(first, library=library, normal_equations=found, split=split)
+    case = replace(first, library=library, split=split)
     fine = [term for term in model.fine if term.name not in model.refused]
     search = Search.of(case, [*model.fit.members, *fine])
     selected = first_search(search.problem)
