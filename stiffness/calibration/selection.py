@@ -56,7 +56,6 @@ Ignores     variances of tables' bands are estimated from all folds together
 ==========  ==========================================================================
 """
 
-import hashlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -74,7 +73,7 @@ from stiffness.regression.normal_equations import (
     Normal,
     total_of,
 )
-from stiffness.regression.splits import k_means
+from stiffness.regression.splits import k_means, seed_of_values
 from stiffness.regression.testing import mean_log_gain
 
 # --- Spatial folds --------------------------------------------------------------------
@@ -115,9 +114,7 @@ def spatial_folds_of(readings: Readings, draw: int = 0) -> SpatialFolds:
     ids, first, index = np.unique(
         readings.posture_id, return_index=True, return_inverse=True
     )
-    digest = hashlib.sha256(np.ascontiguousarray(readings.seen).tobytes()).digest()
-    seed = [int.from_bytes(digest[:8], "big"), draw]
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng([seed_of_values(readings.seen), draw])
     count = min(REGIONS, max(len(ids) // 3, 6))
     place = readings.seen[first]
     label = k_means(place, count, minit="++", rng=rng)[1]

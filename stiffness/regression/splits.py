@@ -84,17 +84,22 @@ class Split:
 
 
 def seed_of(recording: Recording) -> int:
-    """Return a number that only this recording has, on any processor.
+    """Return a number that only this recording has, on any processor."""
+    every = (recording.time, recording.posture, recording.points)
+    return seed_of_values(*(values for values in every if values is not None))
 
-    Readings count to a millionth: the last digits of a simulated one are those of the
-    library and the processor that made it.
+
+def seed_of_values(*every: Float[np.ndarray, "..."]) -> int:
+    """Return a number that only these readings have, on any processor.
+
+    They count to a millionth: the last digits of simulated ones are those of the
+    library and the processor that made them.
     """
     digest = hashlib.sha256()
-    for values in (recording.time, recording.posture, recording.points):
-        if values is not None:
-            counted = np.nan_to_num(values / COUNTED, nan=UNSEEN)
-            counted = np.clip(np.rint(counted), -UNSEEN, UNSEEN).astype("<i8")
-            digest.update(counted.tobytes())
+    for values in every:
+        counted = np.nan_to_num(values / COUNTED, nan=UNSEEN)
+        counted = np.clip(np.rint(counted), -UNSEEN, UNSEEN).astype("<i8")
+        digest.update(counted.tobytes())
     return int.from_bytes(digest.digest()[:8], "big")
 
 
