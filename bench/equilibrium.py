@@ -25,7 +25,7 @@ from typing import TypeVar
 
 import mujoco
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from mujoco import batch
 
 from bench.cell import LOAD_POINT
@@ -81,7 +81,9 @@ class Settle:
         """Prepare runs of a static model, one a visit, with some visits before them."""
         self.runs, self.before = runs, before
         self.own, self.lever = runs.expand("jnt_stiffness"), _tendon_lengthening(model)
-        lever = np.abs(self.lever)
+        across = np.count_nonzero(self.lever, axis=1) > 1
+        self.coupled = np.flatnonzero(self.lever[across].any(axis=0))
+        self.along, lever = model.tendon_stiffness, np.abs(self.lever)
         # across several joints, the sum of absolute values in the joint's row of the
         # stiffness matrix: a diagonal of these is never too soft (Gershgorin 1931)
         on = lever * lever.sum(axis=1, keepdims=True)
@@ -139,9 +141,11 @@ class Settle:
         low, high = np.moveaxis(self.slack[left], -1, 0)
         low[:, self.slips] = before - self.yields
         high[:, self.slips] = before + self.yields
-        carries = ((length < low) | (length > high)) != self.slips
+        carries = ((length <= low) | (length >= high)) != self.slips
         stiffness = own + carries @ self.tendons
         step = self.free * force / stiffness
+        if len(self.coupled):
+            step[:, self.coupled] = self._step_together(own, carries, force)
         moved = step @ self.lever.T
         edge = np.where((moved > 0.0) != self.slips, high, low)
         reached = ~carries & ((edge - length) * (edge - length - moved) < 0.0)
@@ -158,6 +162,18 @@ class Settle:
         slipped = np.clip(before, length - self.yields, length + self.yields)
         for end in (self.slot, self.slot + 1):
             self.plastic[left[:, None], end] = slipped
+
+    def _step_together(
+        self,
+        own: Float[np.ndarray, "left joints"],
+        carries: Bool[np.ndarray, "left tendons"],
+        force: Float[np.ndarray, "left joints"],
+    ) -> Float[np.ndarray, "left coupled"]:
+        """Return steps of joints that tendons couple, by the stiffness matrix."""
+        on, lever = self.coupled, self.lever[:, self.coupled]
+        carried = (carries * self.along)[:, :, None] * lever
+        matrix = lever.T @ carried + own[:, on, None] * np.eye(len(on))
+        return np.linalg.solve(matrix, force[:, on, None])[..., 0]
 
     def _unbalanced(self, some: Int[np.ndarray, " some"]) -> Float[np.ndarray, " some"]:
         """Return the largest share of what is allowed that runs leave unbalanced."""
