@@ -7,7 +7,8 @@ angles, so that no closed-form kinematics fits.
 Effects are drawn until there are as many as the stratum asks for: a kind that sits in
 axes or links as often as there are axes, any other once, so that gears and bearings
 prevail as in real arms. An arm that has all effects is not drawn: every rotary axis
-hardens, holds back wind-up, creeps, ripples and tilts, links bend, the foot gives.
+hardens, holds back wind-up, creeps, ripples and tilts, links bend, the foot gives. Of
+the study's arm sizes are drawn alone.
 
 ==========  ==========================================================================
 Equation    size log-uniform in the catalogue's usual range, uniform where that reaches
@@ -26,6 +27,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from bench.effects import EFFECTS, OTHER_LAWS
 from bench.effects.bearing_tilt import BearingTilt
@@ -33,6 +35,7 @@ from bench.effects.drift import Drift
 from bench.effects.effect import Effect
 from bench.effects.gravity_compensator import GravityCompensator
 from bench.shared.effect_catalogue import CATALOGUE, Range
+from bench.study_arm import default_truth
 from scenarios.pipelines.synthetic_recording import KR10
 from scenarios.studies.blind_trials.effects import (
     BETWEEN_AXES,
@@ -42,7 +45,7 @@ from scenarios.studies.blind_trials.effects import (
     OutOfReach,
     draw_site_and_form,
 )
-from scenarios.studies.blind_trials.strata import ALL, EVERY_AXIS, Stratum
+from scenarios.studies.blind_trials.strata import ALL, EVERY_AXIS, STUDY, Stratum
 
 # --- Other builds ---------------------------------------------------------------------
 
@@ -223,6 +226,8 @@ def draw_whole_arm(
     Raises:
         OutOfReach: Where the arm has not that many places.
     """
+    if stratum.effects == STUDY:
+        return [_about(effect, draw) for effect in default_truth().effects]
     if stratum.effects == ALL:
         return [of_catalogue_size(e, draw, ground) for e in _everywhere(draw, ground)]
     kinds = [BY_NAME[name] for name in stratum.pool]
@@ -237,6 +242,29 @@ def draw_whole_arm(
         if len(found) == stratum.effects:
             return list(found.values())
     raise OutOfReach(f"The arm has no places for {stratum.effects} effects.")
+
+
+ABOUT = 0.3
+"""Share by which sizes of the study's arm are drawn about their own; the plan's."""
+
+
+def springs_about(draw: np.random.Generator) -> Float[np.ndarray, " axes"]:
+    """Return the stiffness of the study's arm, each axis' drawn about its own."""
+    own = default_truth().stiffness
+    return own * draw.uniform(1.0 - ABOUT, 1.0 + ABOUT, len(own))
+
+
+def _about(effect: Effect, draw: np.random.Generator) -> Effect:
+    """Return an effect with magnitudes drawn about its own."""
+    now = effect.parameters()
+    return replace(
+        effect,
+        **{
+            p.name: float(now[p.name]) * float(draw.uniform(1.0 - ABOUT, 1.0 + ABOUT))
+            for p in CATALOGUE[effect.name].parameters
+            if p.role == "magnitude" and isinstance(now.get(p.name), float | int)
+        },
+    )
 
 
 WARMED_UP = 0.2

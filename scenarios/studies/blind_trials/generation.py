@@ -51,6 +51,7 @@ from scenarios.studies.blind_trials.arms import (
     Arm,
     draw_twins,
     draw_whole_arm,
+    springs_about,
     with_other_laws,
 )
 from scenarios.studies.blind_trials.effects import (
@@ -77,6 +78,7 @@ from scenarios.studies.blind_trials.strata import (
     RELATIVE,
     REORDERED,
     STRATA,
+    STUDY,
     Stratum,
 )
 from scenarios.studies.blind_trials.visibility import Visibility, scale_of
@@ -434,7 +436,10 @@ def _simulate(
     rigid = [e.where for e in effects if isinstance(e, JointCompliance)]
     given = _given(trial, rigid, folder)
     rig = Rig(given)
-    rig = replace(rig, stiffness=rig.nominal.jnt_stiffness * trial.stiffness)
+    springs = rig.nominal.jnt_stiffness * trial.stiffness
+    if trial.stratum.effects == STUDY:
+        springs = springs_about(draw)
+    rig = replace(rig, stiffness=springs)
     bench = Bench(
         trial,
         rig,
@@ -469,7 +474,7 @@ def _simulate(
         "stratum": trial.stratum.name,
         "number": trial.number,
         **facts,
-        "stiffness_over_model": trial.stiffness.tolist(),
+        "stiffness_over_model": (springs / rig.nominal.jnt_stiffness).tolist(),
         "path": trial.stratum.path,
         "without": list(without),
         "drawn_again": attempt,

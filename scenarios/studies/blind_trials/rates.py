@@ -337,12 +337,11 @@ def _arms(start: str, end: str = "") -> tuple[str, ...]:
 
 ARM_BARS = (
     ArmBar("whole arms", _arms("arm"), 0.92, 0.03),
+    ArmBar("the study's arm", ("study_arm",), 0.92, 0.03),
     ArmBar("whole arms by the flange", _arms("flange_arm"), 0.70, 0.04, False),
+    ArmBar("whole arms, laws of other forms", _arms("arm", "_other_laws"), 0.92, 0.03),
     ArmBar(
-        "whole arms with laws of other forms", _arms("arm", "_other_laws"), 0.92, 0.03
-    ),
-    ArmBar(
-        "whole arms with laws of other forms by the flange",
+        "whole arms, laws of other forms, by the flange",
         _arms("flange_arm", "_other_laws"),
         0.70,
         0.04,
@@ -384,7 +383,6 @@ def arm_bars(scores: Sequence[TrialScore]) -> list[Rate]:
         visible = [hit for arm in arms for _, hit in arm.visible]
         wrong_names = [not hit for arm in arms for _, hit in arm.names]
         held = [i.holds for s in own for i in s.intervals]
-        first = [arm.place_first for arm in arms]
         rates.append(
             rate(f"names that are false: {bar.what}", wrong_names, most=bar.false)
         )
@@ -396,7 +394,9 @@ def arm_bars(scores: Sequence[TrialScore]) -> list[Rate]:
             rates.append(rate(said, explained, least=EXPLAINED_TRIALS))
             if bar.place_first:
                 said = f"largest place first: {bar.what}"
-                rates.append(rate(said, first, least=FIRST_PLACE))
+                rates.append(
+                    rate(said, [a.place_first for a in arms], least=FIRST_PLACE)
+                )
             said = f"intervals that hold their parameter: {bar.what}"
             rates.append(rate(said, held, *ARM_COVERAGE))
         else:

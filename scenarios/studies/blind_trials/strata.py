@@ -70,7 +70,8 @@ class Stratum:
         mechanisms: Which mechanisms have these names: those of the vocabulary, other
             laws under the same names, or mechanisms outside the vocabulary.
         effects: How many effects a whole arm has, `ALL` for every one that arms have
-            everywhere; 0: the trial is none of a whole arm.
+            everywhere, `STUDY` for those of the study's arm; 0: the trial is none of a
+            whole arm.
         arm_of: Stratum whose trials have the same arms: without the one mechanism
             outside the vocabulary that is here added to each, with another noise
             stated, without outliers, or with visits in order; empty: none is.
@@ -104,8 +105,8 @@ class Stratum:
         return f"{self.what}, χ² {least} or more" if least else self.what
 
 
-ALL = 1000
-"""Number of effects of an arm that has all of them."""
+ALL, STUDY = 1000, 2000
+"""Number of effects of an arm that has all of them, and of the study's own."""
 
 
 def _whole_arms() -> tuple[Stratum, ...]:
@@ -271,6 +272,7 @@ STRATA = {
             arm_of="mistaken_relative",
             pool=OF_LOADS,
         ),
+        Stratum("study_arm", "the study's arm, sizes within 30 %", effects=STUDY),
     )
 }
 """The order is fixed, since seeds depend on it; new strata are added at the end."""

@@ -87,6 +87,7 @@ PUBLISHED = {
     "flange_arm_6_other_laws": "f0d5aae012cb7e87",
     "flange_arm_12_other_laws": "390e2fcc18bd22bc",
     "flange_arm_all_other_laws": "05b31e5014558f97",
+    "study_arm": "a75bd947d368b725",
 }
 """Hash of what trials 0 to 9 of seed 0 draw, as published; never to be changed. Whole
 arms with a mechanism outside the vocabulary, or with laws of other forms, have the arms

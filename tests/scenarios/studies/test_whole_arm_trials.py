@@ -24,9 +24,15 @@ from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.plan import DEFAULT_PATH
 from bench.shared.recording import Recording
 from bench.standard_plans import tour
+from bench.study_arm import default_truth
 from scenarios.pipelines.inputs import arm_of
 from scenarios.studies.blind_trials import effects, generation, report
-from scenarios.studies.blind_trials.arms import BY_NAME, draw_twins, draw_whole_arm
+from scenarios.studies.blind_trials.arms import (
+    BY_NAME,
+    draw_twins,
+    draw_whole_arm,
+    springs_about,
+)
 from scenarios.studies.blind_trials.effects import Ground, knees_of, turning
 from scenarios.studies.blind_trials.generation import (
     LEAST_LEFT,
@@ -92,6 +98,23 @@ def test_arm_of_all_effects_has_every_one_on_every_axis_that_can_show_it(ground)
     expected -= {("angle_dependent_stiffness", axis) for axis in still}
     expected |= {("link_bending", f"link_{k}") for k in range(1, 6)}
     assert names == expected | {("base_compliance", "base")}
+
+
+def test_study_arm_has_its_own_effects_with_sizes_within_a_third(ground):
+    truth = default_truth()
+    for number in range(3):
+        effects = drawn("study_arm", number, ground)
+        assert len(effects) == len(truth.effects) == 33
+        for effect, own in zip(effects, truth.effects, strict=True):
+            assert (effect.name, effect.where) == (own.name, own.where)
+            for parameter in CATALOGUE[effect.name].parameters:
+                now, then = (e.parameters().get(parameter.name) for e in (effect, own))
+                if parameter.role == "magnitude" and then:
+                    assert 0.7 <= float(now) / float(then) <= 1.3
+                else:
+                    assert now == then
+    springs = springs_about(np.random.default_rng(0)) / truth.stiffness
+    assert 0.7 <= springs.min() < springs.max() <= 1.3
 
 
 def test_magnitudes_lie_in_the_usual_range_of_the_catalogue(ground):
