@@ -89,7 +89,8 @@ class Settle:
         on = lever * lever.sum(axis=1, keepdims=True)
         self.tendons = model.tendon_stiffness[:, None] * on
         self.slips = model.tendon_plasticadr >= 0
-        self.slot = model.tendon_plasticadr[self.slips]
+        # the two ends of where a tendon is slack; of one that slips they are the same
+        self.slots = model.tendon_plasticadr[self.slips, None] + np.arange(2)
         self.yields = model.tendon_springyield[self.slips]
         angle = np.full(model.njnt, 1e-3)  # what a rounded angle may be, in rad
         angle[axes] = 2 * np.pi
@@ -111,7 +112,7 @@ class Settle:
             BenchError: Where a run does not converge, naming the visit.
         """
         largest, left = np.full(len(self.qpos), np.inf), np.arange(len(self.qpos))
-        before = self.plastic[:, self.slot]
+        before = self.plastic[:, self.slots[:, 0]]
         for _ in range(MOST_STEPS):
             largest[left] = self._unbalanced(left)
             left = left[largest[left] > most / TOLERANCE]
@@ -160,8 +161,7 @@ class Settle:
         self.qpos[left] += step
         length = (length + step @ self.lever.T)[:, self.slips]
         slipped = np.clip(before, length - self.yields, length + self.yields)
-        for end in (self.slot, self.slot + 1):
-            self.plastic[left[:, None], end] = slipped
+        self.plastic[left[:, None, None], self.slots] = slipped[..., None]
 
     def _step_together(
         self,
@@ -361,13 +361,10 @@ class _Arms:
         self.model, self.axes, self.creep = model, axes, creep
         runs = batch.Batch(model, nsim=len(schedule.hold), nthread=_threads())
         self.runs = runs
-        lengths = runs.expand("tendon_lengthspring")
-        for t in np.flatnonzero(model.tendon_plasticadr >= 0):
-            slot = model.tendon_plasticadr[t]
-            runs.bind("plastic")[:, slot : slot + 2] = lengths[:, t]
+        self.settle = settle = Settle(runs, model, axes, creep, before)
+        settle.plastic[:, settle.slots] = settle.slack[:, settle.slips]
         runs.bind("qpos")[:] = runs.expand("qpos_spring")
         self.reference = model.qpos_spring[model.jnt_qposadr[axes]]
-        self.settle = Settle(runs, model, axes, creep, before)
         self._stand(schedule.reference, schedule.stiffness)
         self.ctrl, self.push = runs.bind("ctrl"), runs.bind("xfrc_applied")
         self.fields = [
@@ -410,13 +407,16 @@ class _Arms:
     @property
     def slipped(self) -> dict[str, Float[np.ndarray, " visits"]]:
         """Torque of slipping tendons over that at which they slip, by name."""
-        model, runs, found = self.model, self.runs, {}
-        for t in np.flatnonzero(model.tendon_plasticadr >= 0):
-            away = runs.bind("ten_length")[:, t]
-            away = away - runs.bind("plastic")[:, model.tendon_plasticadr[t]]
-            share = np.clip(away / model.tendon_springyield[t], -1.0, 1.0)
-            found[model.tendon(t).name] = share
-        return found
+        settle = self.settle
+        away = settle.length[:, settle.slips] - settle.plastic[:, settle.slots[:, 0]]
+        share = np.clip(away / settle.yields, -1.0, 1.0)
+        return dict(zip(self._slipping, share.T, strict=True))
+
+    @property
+    def _slipping(self) -> list[str]:
+        """Names of slipping tendons, in order."""
+        every = np.flatnonzero(self.settle.slips)
+        return [self.model.tendon(t).name for t in every]
 
     def slip(
         self, asked: Mapping[str, Float[np.ndarray, " visits"]]
@@ -429,28 +429,21 @@ class _Arms:
         Raises:
             BenchError: Where they do not end.
         """
-        model, runs = self.model, self.runs
-        plastic, length = runs.bind("plastic"), runs.bind("ten_length")
-        slips = np.array(
-            [
-                t
-                for t in np.flatnonzero(model.tendon_plasticadr >= 0)
-                if model.tendon(t).name in asked
-            ],
-            dtype=int,
-        )
+        settle, names = self.settle, self._slipping
+        plastic, length = settle.plastic, settle.length
+        some = np.isin(names, list(asked))
+        slips, slots = np.flatnonzero(settle.slips)[some], settle.slots[some]
         share = np.zeros((len(length), len(slips)))
-        for k, t in enumerate(slips):
-            share[:, k] = asked[model.tendon(t).name]
-        slot, yields = model.tendon_plasticadr[slips], model.tendon_springyield[slips]
-        on = self.settle.tendons > 0.0
-        joint = on[slips].argmax(axis=1)
-        beside = runs.expand("jnt_stiffness")[:, joint]
-        others = np.delete(np.arange(model.ntendon), slips)
-        beside = beside + self.settle.tendons[others].sum(axis=0)[joint]
-        stiffness = self.settle.tendons[slips, joint]
+        for k, name in enumerate(name for name in names if name in asked):
+            share[:, k] = asked[name]
+        yields, joint = settle.yields[some], settle.tendons[slips].argmax(axis=1)
+        others = np.delete(settle.tendons, slips, axis=0)
+        beside = settle.own[:, joint] + others.sum(axis=0)[joint]
+        stiffness = settle.tendons[slips, joint]
         for _ in range(SLIPS):
-            stretched = np.clip(length[:, slips] - plastic[:, slot], -yields, yields)
+            stretched = np.clip(
+                length[:, slips] - plastic[:, slots[:, 0]], -yields, yields
+            )
             missing = share * yields - stretched
             if np.abs(missing).max(initial=0.0) <= SLIPPED * yields.max(initial=0.0):
                 self.worst = max(self.worst, self.settle())
@@ -458,8 +451,7 @@ class _Arms:
             torque = (stiffness * missing) @ (joint[:, None] == joint)  # of its joint
             follows = -torque / beside
             rest = length[:, slips] + follows - share * yields
-            for k, first in enumerate(slot):
-                plastic[:, first : first + 2] = rest[:, k : k + 1]
+            plastic[:, slots] = rest[..., None]
             self.settle(COARSE)
         raise BenchError("What slips in the gears does not come to what is asked for.")
 
@@ -489,11 +481,10 @@ class _Arms:
         for name in ("qpos_spring", "qpos"):
             field = runs.expand(name) if name == "qpos_spring" else runs.bind(name)
             field[:] = field + step
-        runs.expand("jnt_stiffness")[:, self.axes] = stiffness
         settle, longer = self.settle, step @ self.settle.lever.T
+        settle.own[:, self.axes] = stiffness
         settle.slack += longer[..., None]
-        for end in (settle.slot, settle.slot + 1):
-            settle.plastic[:, end] += longer[:, settle.slips]
+        settle.plastic[:, settle.slots] += longer[:, settle.slips, None]
 
 
 def _rest_of(course: list[list[np.ndarray]], arms: _Arms) -> Rest:
