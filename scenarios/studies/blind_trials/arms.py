@@ -34,7 +34,7 @@ from bench.effects.bearing_tilt import BearingTilt
 from bench.effects.drift import Drift
 from bench.effects.effect import Effect
 from bench.effects.gravity_compensator import GravityCompensator
-from bench.shared.effect_catalogue import CATALOGUE, Range
+from bench.shared.effect_catalogue import CATALOGUE, Parameter, Range
 from bench.study_arm import default_truth
 from scenarios.pipelines.synthetic_recording import KR10
 from scenarios.studies.blind_trials.effects import (
@@ -181,11 +181,8 @@ def of_catalogue_size(
 
     Components that its form leaves at zero stay there.
     """
-    now, sizes = effect.parameters(), {}
-    for parameter in CATALOGUE[effect.name].parameters:
-        value = now.get(parameter.name)
-        if parameter.role != "magnitude" or not isinstance(value, float | int):
-            continue
+    sizes = {}
+    for parameter, value in _magnitudes_of(effect):
         usual = parameter.usual
         if isinstance(effect, BearingTilt):
             spring = WOUND_UP / ground.knees[effect.where]
@@ -201,6 +198,17 @@ def of_catalogue_size(
         elif value != 0.0:
             sizes[parameter.name] = float(draw.uniform(usual.low, usual.high))
     return replace(effect, **sizes)
+
+
+def _magnitudes_of(effect: Effect) -> list[tuple[Parameter, float]]:
+    """Return the magnitudes that an effect of the simulator has."""
+    now = effect.parameters()
+    every = ((p, now.get(p.name)) for p in CATALOGUE[effect.name].parameters)
+    return [
+        (p, float(value))
+        for p, value in every
+        if p.role == "magnitude" and isinstance(value, float | int)
+    ]
 
 
 def _log_uniform(draw: np.random.Generator, low: float, high: float) -> float:
@@ -256,15 +264,9 @@ def springs_about(draw: np.random.Generator) -> Float[np.ndarray, " axes"]:
 
 def _about(effect: Effect, draw: np.random.Generator) -> Effect:
     """Return an effect with magnitudes drawn about its own."""
-    now = effect.parameters()
-    return replace(
-        effect,
-        **{
-            p.name: float(now[p.name]) * float(draw.uniform(1.0 - ABOUT, 1.0 + ABOUT))
-            for p in CATALOGUE[effect.name].parameters
-            if p.role == "magnitude" and isinstance(now.get(p.name), float | int)
-        },
-    )
+    low, high = 1.0 - ABOUT, 1.0 + ABOUT
+    every = _magnitudes_of(effect)
+    return replace(effect, **{p.name: v * draw.uniform(low, high) for p, v in every})
 
 
 WARMED_UP = 0.2
