@@ -436,10 +436,10 @@ def _simulate(
     rigid = [e.where for e in effects if isinstance(e, JointCompliance)]
     given = _given(trial, rigid, folder)
     rig = Rig(given)
-    springs = rig.nominal.jnt_stiffness * trial.stiffness
+    over_model = trial.stiffness
     if trial.stratum.effects == STUDY:
-        springs = springs_about(draw)
-    rig = replace(rig, stiffness=springs)
+        over_model = springs_about(draw) / rig.nominal.jnt_stiffness
+    rig = replace(rig, stiffness=rig.nominal.jnt_stiffness * over_model)
     bench = Bench(
         trial,
         rig,
@@ -474,7 +474,7 @@ def _simulate(
         "stratum": trial.stratum.name,
         "number": trial.number,
         **facts,
-        "stiffness_over_model": (springs / rig.nominal.jnt_stiffness).tolist(),
+        "stiffness_over_model": over_model.tolist(),
         "path": trial.stratum.path,
         "without": list(without),
         "drawn_again": attempt,
