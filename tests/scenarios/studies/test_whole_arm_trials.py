@@ -108,9 +108,10 @@ def test_study_arm_has_its_own_effects_with_sizes_within_a_third(ground):
         for effect, own in zip(effects, truth.effects, strict=True):
             assert (effect.name, effect.where) == (own.name, own.where)
             for parameter in CATALOGUE[effect.name].parameters:
-                now, then = (e.parameters().get(parameter.name) for e in (effect, own))
-                if parameter.role == "magnitude" and then:
-                    assert 0.7 <= float(now) / float(then) <= 1.3
+                now = effect.parameters().get(parameter.name)
+                then = own.parameters().get(parameter.name)
+                if parameter.role == "magnitude" and now and then:
+                    assert 0.7 <= now / then <= 1.3
                 else:
                     assert now == then
     springs = springs_about(np.random.default_rng(0)) / truth.stiffness
