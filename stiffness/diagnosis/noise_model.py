@@ -55,6 +55,22 @@ Valid       bodies with three marks or more; with four, of which one may sag
 Ignores     that a tracker may be worse along one of its axes
 ==========  ==========================================================================
 
+Marks that wander on their bodies for hours do so along no law.
+
+==========  ==========================================================================
+Equation    z_v = what a body's rigid motion leaves of a mark, mean over visit v, along
+            its body's axes, white by differences of visits that follow each other;
+            cov(z_v, z_u) = s^2 (delta_vu + rho exp(-|t_v - t_u| / tau)), s^2 at its
+            best, rho and tau over a grid; asked for where its log Bayes factor by BIC
+            is beyond `WANDERS` over z_v = a + b (1 - exp(-(t_v - t) / T)) + noise, t
+            over all visits, T = 0 (a step) and over a grid
+Source      Ornstein and Uhlenbeck 1930, "On the theory of the Brownian motion"; BIC:
+            Schwarz 1978, "Estimating the dimension of a model"
+Valid       bodies with three marks or more
+Ignores     marks that wander together, as their body does; that noise of visits close
+            in time is alike
+==========  ==========================================================================
+
 A tracker's volumetric error varies smoothly over its volume and does not average.
 
 ==========  ==========================================================================
@@ -372,10 +388,7 @@ def with_shapes(
     """
     if check.degrees_of_freedom:
         return check
-    standing = situation.arm.at(situation.rest)
-    markers = situation.recording.markers
-    turn = np.stack([standing.turn(m.body) for m in markers], axis=1)
-    values = np.einsum("rmij,rmi->rmj", turn, np.nan_to_num(readings.value))[None]
+    values = _along_bodies(situation, readings)[None]
     own, alike = check.weight[None], np.eye(3) * np.trace(readings.inverse) / 3.0
     groups = [body]
     for mark in range(len(body)):  # as if it were a body of its own
@@ -399,6 +412,152 @@ def _noise(values, weight, inverse, marker_positions, body) -> tuple[float, floa
     square = np.sum((values - fitted) ** 2, axis=3) * weight * inverse[0, 0]
     whole = float(np.sum(np.where(enough, square, 0.0)))
     return float(np.sqrt(whole / max(freedom, 1.0))), freedom
+
+
+def _along_bodies(
+    situation: StaticState, readings: Residuals
+) -> Float[np.ndarray, "rows markers 3"]:
+    """Return residuals along the axes of the markers' bodies, 0 where not seen."""
+    standing = situation.arm.at(situation.rest)
+    markers = situation.recording.markers
+    turn = np.stack([standing.turn(m.body) for m in markers], axis=1)
+    return np.einsum("rmij,rmi->rmj", turn, np.nan_to_num(readings.value))
+
+
+# --- Marks that wander ----------------------------------------------------------------
+
+WANDERS = 10.0
+"""Log Bayes factor from which a mark wanders instead of slipping or sagging; chosen: as
+`NOT_ALIKE` of names."""
+NOTICED = 0.1
+"""Variance of a wander over that of a visit's mean from which it counts; chosen."""
+FEWEST_FOR_WANDER = 20
+"""Visits from which a course is told from noise; chosen."""
+MOST_FOR_WANDER = 150
+"""Visits of which a course is asked for; means of several of more visits; for time."""
+STEADY = 1.1
+"""Variance of visits over half that of their differences up to which all is noise;
+chosen: of noise it is 1, give or take a twentieth."""
+LASTS = (0.01, 0.03, 0.1, 0.3, 1.0)
+"""tau over the time of all visits; chosen."""
+WANDER = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0)
+"""rho, variance of the wander over that of noise; chosen."""
+SAGGING = (0.03, 0.1, 0.3, 1.0)
+"""T over the time that is left; chosen."""
+
+
+def wander_of(
+    situation: StaticState,
+    visits: Visits,
+    readings: Residuals,
+    marker_positions: Float[np.ndarray, "markers 3"],
+    body: Int[np.ndarray, " markers"],
+) -> Float[np.ndarray, " markers"]:
+    """Return the variance of a coordinate by which marks wander in m²; 0: they stay.
+
+    Args:
+        situation: Where the arm stood.
+        visits: How rows lie side by side.
+        readings: With their noise as measured.
+        marker_positions: Of markers in their bodies' frames, in m.
+        body: Index of each marker's body.
+    """
+    still = np.zeros(len(body))
+    if situation.recording.displacement == "relative":
+        return still
+    values, weight = _along_bodies(situation, readings)[None], readings.weight[None]
+    alike = np.eye(3) * np.trace(readings.inverse) / 3.0
+    fitted, checked, _ = rigid_motion(
+        values, weight, alike, marker_positions[None], body
+    )
+    own = visits.gather(weight[0] * checked[0]) * visits.counts[..., None]
+    means = mean_of(visits.gather((values - fitted)[0]), own)
+    time = situation.recording.time[visits.row[:, 0]]
+    courses, of_body = [], np.bincount(body)[body]
+    for m in range(len(body)):
+        seen = np.flatnonzero(own[:, :, m].sum(axis=1) > 0.0)
+        order = seen[np.argsort(time[seen], kind="stable")]
+        courses.append(_course_of(time[order], means[order, m]))
+    total = np.array([course.variance for course in courses])
+    total /= np.maximum(1.0 - 2.0 / of_body, 1.0 / 3.0)  # the rest moves the body
+    noise = 1.0 / (alike[0, 0] * np.maximum(own.sum(axis=1), 1e-12))
+    noticed = total > NOTICED * np.median(noise, axis=0)
+    worth = np.array([course.worth for course in courses]) * noticed
+    alone, likely = worth > WANDERS, worth > 0.0
+    if 2 * likely.sum() > len(worth) and worth.sum() > WANDERS:  # it is the tracker's
+        return np.where(likely, total, np.median(total[likely]))
+    return np.where(alone, total, still)
+
+
+@dataclass(frozen=True)
+class _Course:
+    """How a mark moves on its body.
+
+    Attributes:
+        worth: Log Bayes factor of a wander over noise alone, a slip and a sag.
+        variance: Of a coordinate by the wander, in m².
+    """
+
+    worth: float
+    variance: float
+
+
+def _course_of(
+    time: Float[np.ndarray, " visits"], course: Float[np.ndarray, "visits 3"]
+) -> _Course:
+    """Return how a mark moves on its body.
+
+    Args:
+        time: Of the visits, in their order.
+        course: Where the mark is on its body, in m.
+    """
+    if len(time) < FEWEST_FOR_WANDER:
+        return _Course(0.0, 0.0)
+    parts = np.array_split(np.arange(len(time)), min(len(time), MOST_FOR_WANDER))
+    time = np.array([time[own].mean() for own in parts])
+    course = np.stack([course[own].mean(axis=0) for own in parts])
+    course = course - course.mean(axis=0)
+    value, vector = np.linalg.eigh(np.cov(np.diff(course, axis=0).T) / 2.0)
+    kept = value > 1e-6 * max(value[-1], 1e-300)
+    white = course @ (vector[:, kept] / np.sqrt(value[kept]))
+    if np.sum(white**2) <= STEADY * white.size:
+        return _Course(0.0, 0.0)
+    count, price = white.size, np.log(white.size)
+    width = white.shape[1]
+
+    def likelihood(square: float, log_det: float, numbers: int) -> float:
+        own = count * np.log(square / count) + width * log_det + numbers * price
+        return -0.5 * own
+
+    def of_law(law: Float[np.ndarray, " visits"], numbers: int) -> float:
+        basis, _ = np.linalg.qr(np.column_stack([np.ones(len(time)), law]))
+        left = white - basis @ (basis.T @ white)
+        return likelihood(float(np.sum(left**2)), 0.0, width + numbers)
+
+    still = likelihood(float(np.sum(white**2)), 0.0, 0)
+    span, best, variance = time[-1] - time[0], -np.inf, 0.0
+    for lasts in LASTS:
+        like = np.exp(-np.abs(time[:, None] - time) / (lasts * span))
+        of_like, modes = np.linalg.eigh(like)
+        turned, one = modes.T @ white, modes.T @ np.ones(len(time))
+        for rho in WANDER:
+            size = 1.0 + rho * np.maximum(of_like, 0.0)
+            middle = (one / size) @ turned / float((one**2 / size).sum())
+            left = turned - one[:, None] * middle
+            square = float(np.sum(left**2 / size[:, None]))
+            own = likelihood(square, float(np.log(size).sum()), 2)
+            if own > best:
+                best = own
+                variance = rho * square / count
+    if best < still:
+        return _Course(best - still, 0.0)
+    laws = [(np.arange(len(time)) >= k).astype(float) for k in range(2, len(time) - 1)]
+    named = max(still, *(of_law(law, 1) for law in laws))
+    for start in time[:-2]:
+        since, left = np.maximum(time - start, 0.0), time[-1] - start
+        for share in SAGGING:
+            named = max(named, of_law(1.0 - np.exp(-since / (share * left)), 2))
+    return _Course(best - named, variance * float(value.sum()) / 3.0)
 
 
 # --- Volumetric error of the tracker --------------------------------------------------

@@ -43,6 +43,7 @@ from stiffness.diagnosis.noise_model import (
     rigid_motion,
     smooth_basis,
     trend_of,
+    wander_of,
     whole_visit_errors,
     with_shapes,
 )
@@ -196,8 +197,10 @@ def blocks(
     shared = shared[..., : whole_visit_errors(situation)]
     precision = weight.sum(axis=1)[..., None, None] * readings.inverse
     nuisance = nuisance_parameters(situation, visits, point, field)
-    if nuisance.field.shape[2]:
-        precision = _with_noise(precision, nuisance.rest)
+    wander = situation.frames.wander if situation.frames else ()
+    more = nuisance.rest + np.array(wander or 0.0)
+    if np.any(more > 0.0):
+        precision = _with_noise(precision, more)
     place = (point, share, carried, screw)
     if pose_repeatability is None:
         silent = BetweenVisitModel.of(mean, precision, turned @ shared, nuisance, place)
@@ -521,6 +524,9 @@ def _prepared(recording: Recording, arm: Arm) -> Prepared:
     readings = replace(
         readings, weight=check.weight, inverse=readings.inverse / noise**2
     )
+    wander = wander_of(situation, visits, readings, frames.marker_positions, groups)
+    frames = replace(frames, wander=tuple(wander.tolist()))
+    situation = replace(situation, frames=frames)
     data, arrival = blocks(situation, visits, readings, None)
     springs = np.flatnonzero(arm.stiffness > 0)
     _, sigma = spring_step(situation, data, springs)

@@ -22,6 +22,7 @@ from bench.shared.errors import Warned
 from stiffness.diagnosis.detection import FEWEST_POSES, After, DetectionTest
 from stiffness.diagnosis.model_fit import ModelFit, ModelTerm, SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, axis_scatter
+from stiffness.experiment.outliers import SHOWN
 from stiffness.experiment.residuals import shares_of
 from stiffness.experiment.sensor_noise import ODD, measured_noise_text, no_finer
 from stiffness.experiment.visits import UNKNOWN
@@ -224,6 +225,18 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
                 "most (one sigma), counts as noise."
             )
             said.append(Warned("unknown_arrival", f"a{k + 1}", text))
+    wander = np.array(prepared.frames.wander)
+    if np.any(wander > 0.0):
+        markers = prepared.situation.recording.markers
+        which = [m.name for m, one in zip(markers, wander, strict=True) if one > 0.0]
+        many = f"{len(which)} of {len(markers)} marks wander"
+        names = ", ".join(which[:SHOWN]) + (", …" if len(which) > SHOWN else "")
+        text = (
+            f"{many} on their bodies over hours along no law, by up to "
+            f"{1e6 * np.sqrt(wander.max()):.2g} µm a coordinate (one sigma): {names}. "
+            "That counts as noise, and no slip is asked for of them."
+        )
+        said.append(Warned("wandering_marks", "tracker", text))
     if prepared.downweighted:
         count = len(prepared.downweighted)
         text = f"{count} readings lie beyond the noise and counted less."

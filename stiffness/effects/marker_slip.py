@@ -4,7 +4,7 @@
 Equation    place on the body = place before + (x, y, z) from `time_s` on, along the
             body's axes
 Source      a step in time; no source for its size
-Valid       one step per marker
+Valid       one step per marker, of those that do not wander along no law
 Ignores     slow creep of the glue, its variants: 1 - exp(-(t - time_s)/T), and t;
             further steps of the same marker
 ==========  ==========================================================================
@@ -49,7 +49,11 @@ class MarkerSlip(Hypothesis):
     def places(self, situation: StaticState) -> tuple[str, ...]:
         if not absolute(situation) or len(situation.steps) < 2:
             return ()
-        return tuple(PREFIX + marker.name for marker in situation.recording.markers)
+        markers = situation.recording.markers
+        frames = situation.frames
+        wander = (frames.wander if frames else ()) or (0.0,) * len(markers)
+        every = zip(markers, wander, strict=True)
+        return tuple(PREFIX + marker.name for marker, own in every if own == 0.0)
 
     @override
     def shapes(self, situation: StaticState, where: str) -> Shapes:

@@ -201,11 +201,14 @@ class TrackerFit:
         turn: R in p_base = R p_tracker + shift.
         shift: Translation t in the same, in m.
         marker_positions: Position of each marker in its body's frame, in m.
+        wander: Variance by which each marker wanders on its body along no law, in m²;
+            empty: none does.
     """
 
     turn: Float[np.ndarray, "3 3"]
     shift: Float[np.ndarray, "3"]
     marker_positions: Float[np.ndarray, "markers 3"]
+    wander: tuple[float, ...] = ()
 
     @property
     def transform(self) -> Float[np.ndarray, "4 4"]:

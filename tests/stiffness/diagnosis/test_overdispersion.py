@@ -19,6 +19,7 @@ from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis
+from stiffness.effects.marker_slip import MarkerSlip
 
 SAG = 8e-5
 """Of a mark under its own weight, in m."""
@@ -123,3 +124,72 @@ def test_readings_without_any_noise_are_named_to_what_a_tracker_resolves(
     assert found.verdict == "explained"
     text = f"{1e-4 * frames**0.5:.3g} mm or less"
     assert (text in found.warnings[0].text) == stated
+
+
+# --- Marks that wander ----------------------------------------------------------------
+
+WANDER = 1e-5
+"""One sigma of a coordinate, in m."""
+
+
+def wandering(made: Recording, marks: tuple[int, ...], seed: int = 3) -> Recording:
+    """Let marks wander each by itself, alike for a quarter of all the time."""
+    rng = np.random.default_rng(seed)
+    assert made.points is not None
+    _, first, visit = np.unique(made.visit, return_index=True, return_inverse=True)
+    time = made.time[first]
+    like = np.exp(-np.abs(time[:, None] - time) / (0.25 * np.ptp(time)))
+    root = WANDER * np.linalg.cholesky(like + 1e-9 * np.eye(len(time)))
+    points = made.points.copy()
+    for m in marks:
+        points[:, m] += (root @ rng.normal(size=(len(time), 3)))[visit]
+    return replace(made, points=points)
+
+
+def slipped(made: Recording, mark: int, sag: float = 0.0) -> Recording:
+    """Let a mark slip after a third of the time, at once or over a share of it."""
+    assert made.points is not None
+    points = made.points.copy()
+    span = np.ptp(made.time)
+    since = np.maximum(made.time - made.time.min() - span / 3.0, 0.0)
+    law = 1.0 - np.exp(-since / (sag * span)) if sag else (since > 0.0).astype(float)
+    points[:, mark] += law[:, None] * [4e-5, -3e-5, 2e-5]
+    return replace(made, points=points)
+
+
+def wander(made: Recording) -> np.ndarray:
+    return np.sqrt(np.array(prepare(made, arm()).frames.wander))
+
+
+def test_marks_of_a_nominal_arm_do_not_wander():
+    assert not np.any(wander(recording()))
+
+
+@pytest.mark.parametrize("sag", [0.0, 0.1, 0.4])
+def test_a_mark_that_slips_or_sags_does_not_wander(sag):
+    assert not np.any(wander(slipped(recording(), 1, sag)))
+
+
+def test_marks_that_wander_are_found_with_the_size_of_it():
+    everyone = tuple(range(len(recording().markers)))
+    found = wander(wandering(recording(), everyone))
+    assert np.all(found > 0.0)
+    assert 0.4 < np.median(found) / WANDER < 1.6
+
+
+def test_no_slip_is_told_of_marks_that_wander():
+    everyone = tuple(range(len(recording().markers)))
+    some = (*FEW, MarkerSlip())
+    found = diagnose(wandering(recording(), everyone), arm(), some)
+    assert "marker_slip" not in {n.name.effect for n in found.named}
+    told = [w for w in found.warnings if w.code == "wandering_marks"]
+    assert len(told) == 1
+    assert f"{len(everyone)} of {len(everyone)} marks" in told[0].text
+
+
+def test_slip_of_a_mark_that_stays_where_it_is_after_it_is_told():
+    found = diagnose(slipped(recording(), 1), arm(), (*FEW, MarkerSlip()))
+    name = recording().markers[1].name
+    assert [(n.name.effect, n.name.where) for n in found.named] == [
+        ("marker_slip", f"marker:{name}")
+    ]
