@@ -7,7 +7,7 @@ read, turned as the patched arm holds the sensor: a soft arm turns it by tens of
 Both are simulations: columns that found an effect are never its proof.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -22,6 +22,7 @@ from bench.proof.explained_share import Channel, FoldPrediction, channels_of
 from bench.proof.nominal_fit import fitted
 from bench.proof.proof_checks import ProofCheck, left_outs, placebos
 from bench.proof.refinement import (
+    NONE_KNOWN,
     Place,
     Sensitivity,
     refined,
@@ -103,7 +104,7 @@ def prove(
     patch: Patch,
     held_out: Sequence[int],
     thorough: bool = True,
-    fixed: Collection[Place] = (),
+    sigmas: Mapping[Place, float] = NONE_KNOWN,
     folds: Sequence[Fold] = (),
 ) -> Proof:
     """Prove a patch in the simulator.
@@ -115,7 +116,8 @@ def prove(
             without effects or laws is the nominal arm, and nothing is proved.
         held_out: Ids of the poses that nothing may be fitted to.
         thorough: Whether placebos and left-out loads are tried too.
-        fixed: Parameters of the patch that are not refined: effect, where and name.
+        sigmas: By how much parameters of the patch may be wrong, by effect, where and
+            name, one sigma in their units; 0: not refined. Others: as they are large.
         folds: Further poses that are held out in turn, each from a fit of its own.
 
     Raises:
@@ -130,7 +132,7 @@ def prove(
         replace(f, names=frozenset((e, now.get((e, w), w)) for e, w in f.names))
         for f in folds
     ]
-    fixed = {(e, now.get((e, where), where), name) for e, where, name in fixed}
+    sigmas = {(e, now.get((e, w), w), name): s for (e, w, name), s in sigmas.items()}
     patch = placed
     rig = rig_of(patch, arm_file)
     own = effects_of(patch)
@@ -145,13 +147,13 @@ def prove(
     patched, sensitivity, errors = nominal, None, None
     if own:
         patched = fitted(world, start, gauge, FIRST_ROUNDS)
-        done = refined(world, patched, gauge, fixed)
+        done = refined(world, patched, gauge, sigmas)
         patched, sensitivity = done.assumed, done.sensitivity
         errors = spring_errors(world, done)
     tried = tuple(e for e in patched.rig.effects if e not in bare.effects)
     predictions = [FoldPrediction(nominal, patched, gauge, held)]
     if sensitivity is not None:
-        known = fixed, sensitivity
+        known = sigmas, sensitivity
         predictions += [
             _of_fold(world, nominal, patched, gauge, f, *known) for f in folds
         ]
@@ -186,7 +188,7 @@ def _of_fold(
     patched: NominalState,
     gauge: ComparisonMode,
     fold: Fold,
-    fixed: Collection[Place],
+    sigmas: Mapping[Place, float],
     known: Sensitivity,
 ) -> FoldPrediction:
     """Fit both arms again without a fold, the patch with what is named without it.
@@ -204,7 +206,7 @@ def _of_fold(
     ]
     if own:
         start = with_effects(patched, (*bare, *own))
-        patched = refined(world, start, gauge, fixed, known).assumed
+        patched = refined(world, start, gauge, sigmas, known).assumed
     return FoldPrediction(nominal, patched if own else nominal, gauge, held)
 
 

@@ -22,7 +22,7 @@ Ignores     how far a wind-up turns the levers of loads at other axes: a share o
 ==========  ==========================================================================
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -204,15 +204,18 @@ class RefinedParameter:
     Attributes:
         effect: Its place among the rig's effects.
         size: By which it is measured.
+        sigma: One sigma of its prior about where it starts, as a share of the size.
     """
 
     effect: int
     name: str
     size: float
+    sigma: float = 1.0
 
 
 Place = tuple[str, str, str]
 """An effect's name, where it sits, and one of its parameters."""
+NONE_KNOWN: Mapping[Place, float] = {}
 
 
 @dataclass(frozen=True)
@@ -252,11 +255,15 @@ class Sensitivity:
 
 
 def refined_parameters(
-    effects: Sequence[Effect], fixed: Collection[Place] = ()
+    effects: Sequence[Effect], sigmas: Mapping[Place, float] = NONE_KNOWN
 ) -> tuple[RefinedParameter, ...]:
     """Return what may be moved: all sizes that are neither zero nor without end.
 
     Where all of an effect is fixed, so is its form.
+
+    Args:
+        effects: Whose parameters.
+        sigmas: Of their priors, where known; 0: fixed. Others are as wide as the size.
     """
     found = []
     for e, effect in enumerate(effects):
@@ -264,13 +271,15 @@ def refined_parameters(
             continue
         known = {f.name for f in fields(effect)} - {"where"}
         names = [name for name in effect.parameters() if name in known]
-        free = [n for n in names if (effect.name, effect.where, n) not in fixed]
+        sigma = {n: sigmas.get((effect.name, effect.where, n), np.inf) for n in names}
+        free = [name for name in names if sigma[name] > 0.0]
         if names and not free:
             continue
         for name in (*free, *BENT_BY.get(effect.name, ())):
             value = getattr(effect, name, None)
             if isinstance(value, float) and np.isfinite(value) and value != 0.0:
-                found.append(RefinedParameter(e, name, abs(value)))
+                own = min(sigma.get(name, np.inf) / abs(value), 1.0)
+                found.append(RefinedParameter(e, name, abs(value), own))
     return tuple(found)
 
 
@@ -354,7 +363,7 @@ def refined(
     world: ReplaySimulation,
     assumed: NominalState,
     gauge: ComparisonMode,
-    fixed: Collection[Place] = (),
+    sigmas: Mapping[Place, float] = NONE_KNOWN,
     known: Sensitivity | None = None,
 ) -> Refinement:
     """Return where the simulator agrees best.
@@ -372,7 +381,7 @@ def refined(
     They hold springs that a load hardly winds, and have nothing of their own to bend
     them by.
     """
-    found, sensitive = _refined_by(world, assumed, gauge, fixed, known)
+    found, sensitive = _refined_by(world, assumed, gauge, sigmas, known)
     within = Refinement(found, sensitive, gauge)
     if gauge.absolute or world.recording.displacement != "absolute":
         return within
@@ -388,7 +397,7 @@ def refined(
 
     if not agree(predicted(columns.matrix, columns.prior, seen, world, whole)):
         return within
-    found, sensitive = _refined_by(world, found, whole, fixed, sensitive)
+    found, sensitive = _refined_by(world, found, whole, sigmas, sensitive)
     if not agree(residual_of(world, world.see(found), whole)):
         return within
     return Refinement(found, sensitive, whole)
@@ -404,24 +413,29 @@ def _joint_jacobian(
     """Return the columns of all silent parameters, then those of effects' own."""
     silent = simulated_jacobian(world, assumed, seen, gauge.absolute)
     matrix = np.concatenate([silent.matrix, known.matrix], axis=2)
-    prior = np.concatenate([silent.prior, np.ones(known.matrix.shape[2])])
+    prior = np.concatenate([silent.prior, _priors_of(known)])
     return replace(silent, matrix=matrix, prior=prior)
+
+
+def _priors_of(known: Sensitivity) -> Float[np.ndarray, " parameters"]:
+    """Return one sigma of the prior of each parameter, as a share of its size."""
+    return np.array([parameter.sigma for parameter in known.parameters])
 
 
 def _refined_by(
     world: ReplaySimulation,
     assumed: NominalState,
     gauge: ComparisonMode,
-    fixed: Collection[Place],
+    sigmas: Mapping[Place, float],
     known: Sensitivity | None,
 ) -> tuple[NominalState, Sensitivity]:
     """Return where one comparison agrees best, and what each parameter does there.
 
     Springs, frames and effects are moved. Each parameter of an effect has a prior about
-    where it starts, its own size wide: what the readings do not hold stays at its first
-    estimate. What an effect does is simulated anew where its parameters have moved far.
+    where it starts: what the readings do not hold stays at its first estimate. What an
+    effect does is simulated anew where its parameters have moved far.
     """
-    knobs = refined_parameters(assumed.rig.effects, fixed)
+    knobs = refined_parameters(assumed.rig.effects, sigmas)
     sensitive = sensitivity(world, assumed, knobs, known)
     at = _Refined(assumed, np.zeros(len(knobs)), chi_square(world, assumed, gauge))
     simulated_at = at.from_start
@@ -469,6 +483,7 @@ def _better(
     since = np.concatenate([np.zeros(n), at.from_start])
     left = residual_of(world, seen, gauge)
     step = solved(columns.matrix, columns.prior, left, world, gauge, since)
+    prior = _priors_of(known)
     furthest = float(np.abs(step[n:]).max(initial=0.0))
     step *= MAX_STEP / max(furthest, MAX_STEP)
     for share in SHORTER:
@@ -480,12 +495,13 @@ def _better(
             trial = with_effects(trial, effects)
             if not gauge.absolute:
                 trial = framed(world, trial, gauge)
-            cost = chi_square(world, trial, gauge) + float(moved @ moved)
+            apart = float(np.sum((moved / prior) ** 2))
+            cost = chi_square(world, trial, gauge) + apart
         except BenchError:
             continue
         if cost < at.cost:
             change = less_means(columns.matrix @ (share * step), world, gauge)
-            linear = _square(world, left - change, gauge) + float(moved @ moved)
+            linear = _square(world, left - change, gauge) + apart
             return _Refined(trial, moved, cost, linear)
     return replace(at, predicted=-np.inf)
 

@@ -27,9 +27,9 @@ from bench.shared.errors import BenchError
 from bench.shared.recording import Recording
 from bench.shared.settings import SETTINGS
 from scenarios.pipelines.patching import (
-    fixed_of,
     left_neutral,
     patch_of_diagnosis,
+    sigmas_of,
     within_bounds,
 )
 from scenarios.pipelines.schema import (
@@ -159,9 +159,8 @@ def proved(
     elif not found.held_out:
         why = "too few poses to keep any back."
     try:
-        fixed, folds = fixed_of(found), _folds_of(found)
-        held_out = found.held_out
-        return prove(recording, robot, patch, held_out, fixed=fixed, folds=folds), why
+        known = {"sigmas": sigmas_of(found), "folds": _folds_of(found)}
+        return prove(recording, robot, patch, found.held_out, **known), why
     except (BenchError, *ODD_NUMBERS) as error:
         why = why or f"the simulator cannot do it ({error})."
     try:  # pictures need the nominal arm alone

@@ -355,19 +355,30 @@ def within_bounds(effect: NamedEffect) -> dict[str, Interval]:
     return found
 
 
-def fixed_of(diagnosis: Diagnosis) -> frozenset[Place]:
-    """Return the parameters that the simulator is not to refine.
+LEFT_OUT = 0.3
+"""What the simulator may find otherwise than the diagnosis, over one sigma of a
+parameter; chosen: what columns leave out is less than what the readings leave open.
+Where it may be more, sizes take what nothing named explains."""
 
-    These are what the readings do not hold, and the whole form of an effect of which
-    they hold no size: its sizes alone may follow the springs that they belong to.
+
+def sigmas_of(diagnosis: Diagnosis) -> dict[Place, float]:
+    """Return by how much the simulator may refine parameters; 0: not at all.
+
+    Not refined is what the readings do not hold, and the whole form of an effect of
+    which they hold no size: its sizes alone may follow the springs they belong to.
     """
-    found: set[Place] = set()
+    found: dict[Place, float] = {}
     for effect in diagnosis.named:
-        fixed, sizes = _not_held(effect), _magnitudes(effect)
-        if sizes <= fixed:
-            fixed = set(effect.parameters) - sizes
-        found |= {(effect.name.effect, effect.name.where, name) for name in fixed}
-    return frozenset(found)
+        loose, sizes = _not_held(effect), _magnitudes(effect)
+        own = {
+            name: 0.0 if name in loose else LEFT_OUT * p.sigma
+            for name, p in effect.parameters.items()
+        }
+        if sizes <= loose:
+            own = {name: 0.0 for name in own if name not in sizes}
+        where = effect.name.effect, effect.name.where
+        found |= {(*where, name): sigma for name, sigma in own.items()}
+    return found
 
 
 def _not_held(effect: NamedEffect) -> set[str]:

@@ -288,11 +288,25 @@ def test_refinement_ends_where_nothing_fits_better_though_it_begins_far(kr10, he
 
 def test_what_is_held_fixed_stays_and_only_the_rest_is_refined(recording, kr10, held):
     made = patch(Hysteresis("a2", width_rad=2e-4), BearingTilt("a3", 1e-7, 1e-7))
-    fixed = {("hysteresis", "a2", "width_rad"), ("bearing_tilt", "a3", "u_rad_per_nm")}
-    found = prove(recording, kr10, made, held, thorough=False, fixed=fixed)
+    fixed = {
+        ("hysteresis", "a2", "width_rad"): 0.0,
+        ("bearing_tilt", "a3", "u_rad_per_nm"): 0.0,
+    }
+    found = prove(recording, kr10, made, held, thorough=False, sigmas=fixed)
     loop, tilt = (effect.parameters for effect in found.patch.effects)
     assert loop["width_rad"] == 2e-4
     assert tilt["u_rad_per_nm"] == 1e-7 != tilt["v_rad_per_nm"]
+
+
+def test_sizes_stay_where_they_start_within_what_they_may_be_wrong_by(
+    recording, kr10, held
+):
+    made = patch(Hysteresis("a2", width_rad=2e-4))
+    sigmas = {("hysteresis", "a2", "width_rad"): 1e-10}
+    found = prove(recording, kr10, made, held, thorough=False, sigmas=sigmas)
+    width = found.patch.effects[0].parameters["width_rad"]
+    assert width == pytest.approx(2e-4, rel=1e-3)
+    assert width != 2e-4
 
 
 def test_a_stiffness_is_refined_by_factors_and_never_gives_way_altogether():

@@ -20,9 +20,9 @@ from scenarios.pipelines.inputs import arm_of
 from scenarios.pipelines.patching import (
     STIFFEST,
     fitted_springs,
-    fixed_of,
     patch_entry,
     patch_of_diagnosis,
+    sigmas_of,
     springs_of_mechanisms,
     stiffening,
     within_bounds,
@@ -165,7 +165,9 @@ def test_a_size_without_an_interval_does_nothing_in_the_patch_and_it_is_said(fou
     (effect,) = named.named
     entry = patch_entry(effect, {})
     assert entry.parameters == {"bending_nm2": 6e5, "torsion_nm2": None}
-    assert fixed_of(named) == {("link_bending", "link_2", "torsion_nm2")}
+    sigmas = sigmas_of(named)
+    assert sigmas["link_bending", "link_2", "torsion_nm2"] == 0.0
+    assert sigmas["link_bending", "link_2", "bending_nm2"] < HELD.sigma
     (said,) = steps.left_neutral(named)
     assert said.where == "link_2"
     assert "torsion_nm2" in said.text
@@ -179,8 +181,11 @@ def test_sizes_of_which_none_has_an_interval_stay_together_as_estimated(found):
     assert not list(steps.left_neutral(named))
     wave = {"ratio": LOOSE, "order": HELD, "phase_rad": HELD}
     effect = NamedEffect(Name("angle_dependent_stiffness", "a1"), 1.0, (), wave)
-    fixed = fixed_of(replace(found, named=(*named.named, effect)))
-    assert {name for _, _, name in fixed} == {"order", "phase_rad"}
+    sigmas = sigmas_of(replace(found, named=(*named.named, effect)))
+    assert {name: s for (_, _, name), s in sigmas.items()} == {
+        "order": 0.0,
+        "phase_rad": 0.0,
+    }
 
 
 def test_intervals_end_where_no_mechanism_can_be(found):
