@@ -511,7 +511,7 @@ def _course_of(
         time: Of the visits, in their order.
         course: Where the mark is on its body, in m.
     """
-    if len(time) < FEWEST_FOR_WANDER:
+    if len(time) < FEWEST_FOR_WANDER or time[-1] <= time[0]:
         return _Course(0.0, 0.0)
     parts = np.array_split(np.arange(len(time)), min(len(time), MOST_FOR_WANDER))
     time = np.array([time[own].mean() for own in parts])
@@ -526,8 +526,8 @@ def _course_of(
     width = white.shape[1]
 
     def likelihood(square: float, log_det: float, numbers: int) -> float:
-        own = count * np.log(square / count) + width * log_det + numbers * price
-        return -0.5 * own
+        own = count * np.log(max(square, 1e-300)) + width * log_det
+        return -0.5 * (own + numbers * price)
 
     def of_law(law: Float[np.ndarray, " visits"], numbers: int) -> float:
         basis, _ = np.linalg.qr(np.column_stack([np.ones(len(time)), law]))
@@ -553,7 +553,7 @@ def _course_of(
         return _Course(best - still, 0.0)
     laws = [(np.arange(len(time)) >= k).astype(float) for k in range(2, len(time) - 1)]
     named = max(still, *(of_law(law, 1) for law in laws))
-    for start in time[:-2]:
+    for start in time[time < time[-1]]:
         since, left = np.maximum(time - start, 0.0), time[-1] - start
         for share in SAGGING:
             named = max(named, of_law(1.0 - np.exp(-since / (share * left)), 2))

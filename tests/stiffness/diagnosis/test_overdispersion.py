@@ -170,6 +170,11 @@ def test_a_mark_that_slips_or_sags_does_not_wander(sag):
     assert not np.any(wander(slipped(recording(), 1, sag)))
 
 
+def test_no_course_is_asked_for_where_all_is_read_at_one_time():
+    made = wandering(recording(), tuple(range(len(recording().markers))))
+    assert not np.any(wander(replace(made, time=np.zeros_like(made.time))))
+
+
 def test_marks_that_wander_are_found_with_the_size_of_it():
     everyone = tuple(range(len(recording().markers)))
     found = wander(wandering(recording(), everyone))
