@@ -138,14 +138,16 @@ def located_by_map(case: SelectionProblem) -> tuple[Located, ...]:
 
 
 def joined_places(places: Iterable[UnexplainedPlace]) -> tuple[UnexplainedPlace, ...]:
-    """Add up the shares of each place, the largest first."""
+    """Add up the shares of each place, the largest first; together one at most."""
     joined: dict[str, UnexplainedPlace] = {}
     for one in places:
         old = joined.get(one.where, replace(one, share=0.0))
         words = tuple(dict.fromkeys((*old.depends_on, *one.depends_on)))
         p, share = min(one.p_value, old.p_value), min(old.share + one.share, 1.0)
         joined[one.where] = UnexplainedPlace(one.where, p, share, words)
-    return tuple(sorted(joined.values(), key=lambda place: -place.share))
+    most = max(1.0, sum(max(place.share, 0.0) for place in joined.values()))
+    less = (replace(place, share=place.share / most) for place in joined.values())
+    return tuple(sorted(less, key=lambda place: -place.share))
 
 
 def displaced_by_places(

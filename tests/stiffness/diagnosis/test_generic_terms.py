@@ -28,10 +28,11 @@ from stiffness.diagnosis.candidates import (
 from stiffness.diagnosis.detection import residual_equations
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import is_local
+from stiffness.diagnosis.localisation import joined_places
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.result import Diagnosis, Name
+from stiffness.diagnosis.result import Diagnosis, Name, UnexplainedPlace
 from stiffness.diagnosis.search import (
     Search,
     _without_slight_terms,
@@ -476,3 +477,14 @@ def test_a_generic_term_does_all_again_once_the_name_before_it_has_gone():
     other = replace(wave, shape=np.array([1.6]))
     assert beyond_present_names([rest])[0].beyond == ()
     assert beyond_present_names([rest, other])[0].beyond == (other,)
+
+
+def test_shares_of_open_places_are_together_no_more_than_all():
+    def open_at(where: str, share: float) -> UnexplainedPlace:
+        return UnexplainedPlace(where, 1e-3, share, ("time",))
+
+    found = joined_places([open_at("a2", 0.8), open_at("a1", 0.6), open_at("a1", 0.6)])
+    assert [place.where for place in found] == ["a1", "a2"]
+    assert sum(place.share for place in found) == pytest.approx(1.0)
+    few = joined_places([open_at("a2", 0.1), open_at("a1", 0.3)])
+    assert [place.share for place in few] == [0.3, 0.1]
