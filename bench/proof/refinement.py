@@ -413,13 +413,9 @@ def _joint_jacobian(
     """Return the columns of all silent parameters, then those of effects' own."""
     silent = simulated_jacobian(world, assumed, seen, gauge.absolute)
     matrix = np.concatenate([silent.matrix, known.matrix], axis=2)
-    prior = np.concatenate([silent.prior, _priors_of(known)])
+    own = [parameter.sigma for parameter in known.parameters]
+    prior = np.concatenate([silent.prior, own])
     return replace(silent, matrix=matrix, prior=prior)
-
-
-def _priors_of(known: Sensitivity) -> Float[np.ndarray, " parameters"]:
-    """Return one sigma of the prior of each parameter, as a share of its size."""
-    return np.array([parameter.sigma for parameter in known.parameters])
 
 
 def _refined_by(
@@ -483,7 +479,7 @@ def _better(
     since = np.concatenate([np.zeros(n), at.from_start])
     left = residual_of(world, seen, gauge)
     step = solved(columns.matrix, columns.prior, left, world, gauge, since)
-    prior = _priors_of(known)
+    prior = columns.prior[n:]
     furthest = float(np.abs(step[n:]).max(initial=0.0))
     step *= MAX_STEP / max(furthest, MAX_STEP)
     for share in SHORTER:

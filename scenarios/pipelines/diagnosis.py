@@ -159,8 +159,8 @@ def proved(
     elif not found.held_out:
         why = "too few poses to keep any back."
     try:
-        known = {"sigmas": sigmas_of(found), "folds": _folds_of(found)}
-        return prove(recording, robot, patch, found.held_out, **known), why
+        sigmas, folds, held = sigmas_of(found), _folds_of(found), found.held_out
+        return prove(recording, robot, patch, held, sigmas=sigmas, folds=folds), why
     except (BenchError, *ODD_NUMBERS) as error:
         why = why or f"the simulator cannot do it ({error})."
     try:  # pictures need the nominal arm alone

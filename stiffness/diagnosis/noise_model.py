@@ -91,6 +91,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.distance import cdist
 
+from stiffness.effects.marker_slip import sagged
 from stiffness.experiment.residuals import Residuals
 from stiffness.experiment.sensor_noise import left_of_encoders
 from stiffness.experiment.static_state import StaticState
@@ -554,9 +555,8 @@ def _course_of(
     laws = [(np.arange(len(time)) >= k).astype(float) for k in range(2, len(time) - 1)]
     named = max(still, *(of_law(law, 1) for law in laws))
     for start in time[time < time[-1]]:
-        since, left = np.maximum(time - start, 0.0), time[-1] - start
         for share in SAGGING:
-            named = max(named, of_law(1.0 - np.exp(-since / (share * left)), 2))
+            named = max(named, of_law(sagged(time, start, share), 2))
     return _Course(best - named, variance * float(value.sum()) / 3.0)
 
 

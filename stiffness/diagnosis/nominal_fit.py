@@ -197,8 +197,7 @@ def blocks(
     shared = shared[..., : whole_visit_errors(situation)]
     precision = weight.sum(axis=1)[..., None, None] * readings.inverse
     nuisance = nuisance_parameters(situation, visits, point, field)
-    wander = situation.frames.wander if situation.frames else ()
-    more = nuisance.rest + np.array(wander or 0.0)
+    more = nuisance.rest + situation.wander
     if np.any(more > 0.0):
         precision = _with_noise(precision, more)
     place = (point, share, carried, screw)

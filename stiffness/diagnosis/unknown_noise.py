@@ -225,7 +225,7 @@ def data_warnings(prepared: Prepared) -> tuple[Warned, ...]:
                 "most (one sigma), counts as noise."
             )
             said.append(Warned("unknown_arrival", f"a{k + 1}", text))
-    wander = np.array(prepared.frames.wander)
+    wander = prepared.situation.wander
     if np.any(wander > 0.0):
         markers = prepared.situation.recording.markers
         which = [m.name for m, one in zip(markers, wander, strict=True) if one > 0.0]

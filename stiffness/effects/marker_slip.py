@@ -50,9 +50,7 @@ class MarkerSlip(Hypothesis):
         if not absolute(situation) or len(situation.steps) < 2:
             return ()
         markers = situation.recording.markers
-        frames = situation.frames
-        wander = (frames.wander if frames else ()) or (0.0,) * len(markers)
-        every = zip(markers, wander, strict=True)
+        every = zip(markers, situation.wander, strict=True)
         return tuple(PREFIX + marker.name for marker, own in every if own == 0.0)
 
     @override
@@ -74,8 +72,7 @@ class MarkerSlip(Hypothesis):
         self, situation: StaticState, where: str, shape: Shape
     ) -> EffectJacobian:
         time = situation.recording.time
-        since, left = np.maximum(time - shape[0], 0.0), np.max(time) - shape[0]
-        sags = [1.0 - np.exp(-since / (share * left)) for share in SAGS]
+        sags = [sagged(time, shape[0], share) for share in SAGS]
         return _displacement(
             situation, where, np.stack([*sags, time / np.max(time)], axis=1)
         )
@@ -91,6 +88,20 @@ class MarkerSlip(Hypothesis):
     ) -> Mapping[str, float]:
         x, y, z = coefficients
         return {"x_m": x, "y_m": y, "z_m": z, "time_s": shape[0]}
+
+
+def sagged(
+    time: Float[np.ndarray, " times"], start: float, share: float
+) -> Float[np.ndarray, " times"]:
+    """Return the course of a mark that sags, from nothing towards one.
+
+    Args:
+        time: In s.
+        start: When it begins, before the last time.
+        share: Time constant over the time that is left then.
+    """
+    since, left = np.maximum(time - start, 0.0), np.max(time) - start
+    return 1.0 - np.exp(-since / (share * left))
 
 
 def _displacement(

@@ -175,6 +175,12 @@ class StaticState:
         """Number of rows."""
         return len(self.recording.time)
 
+    @property
+    def wander(self) -> Float[np.ndarray, " markers"]:
+        """Variance by which each marker wanders on its body along no law, in m²."""
+        found = self.frames.wander if self.frames else ()
+        return np.array(found) if found else np.zeros(len(self.recording.markers))
+
     @cached_property
     def axes(self) -> tuple[str, ...]:
         """Names of the axes in an answer: a1 … aN."""

@@ -132,16 +132,16 @@ WANDER = 1e-5
 """One sigma of a coordinate, in m."""
 
 
-def wandering(made: Recording, marks: tuple[int, ...], seed: int = 3) -> Recording:
-    """Let marks wander each by itself, alike for a quarter of all the time."""
-    rng = np.random.default_rng(seed)
+def wandering(made: Recording) -> Recording:
+    """Let all marks wander each by itself, alike for a quarter of all the time."""
+    rng = np.random.default_rng(3)
     assert made.points is not None
     _, first, visit = np.unique(made.visit, return_index=True, return_inverse=True)
     time = made.time[first]
     like = np.exp(-np.abs(time[:, None] - time) / (0.25 * np.ptp(time)))
     root = WANDER * np.linalg.cholesky(like + 1e-9 * np.eye(len(time)))
     points = made.points.copy()
-    for m in marks:
+    for m in range(len(made.markers)):
         points[:, m] += (root @ rng.normal(size=(len(time), 3)))[visit]
     return replace(made, points=points)
 
@@ -171,25 +171,23 @@ def test_a_mark_that_slips_or_sags_does_not_wander(sag):
 
 
 def test_no_course_is_asked_for_where_all_is_read_at_one_time():
-    made = wandering(recording(), tuple(range(len(recording().markers))))
+    made = wandering(recording())
     assert not np.any(wander(replace(made, time=np.zeros_like(made.time))))
 
 
 def test_marks_that_wander_are_found_with_the_size_of_it():
-    everyone = tuple(range(len(recording().markers)))
-    found = wander(wandering(recording(), everyone))
+    found = wander(wandering(recording()))
     assert np.all(found > 0.0)
     assert 0.4 < np.median(found) / WANDER < 1.6
 
 
 def test_no_slip_is_told_of_marks_that_wander():
-    everyone = tuple(range(len(recording().markers)))
-    some = (*FEW, MarkerSlip())
-    found = diagnose(wandering(recording(), everyone), arm(), some)
+    found = diagnose(wandering(recording()), arm(), (*FEW, MarkerSlip()))
+    every = len(recording().markers)
     assert "marker_slip" not in {n.name.effect for n in found.named}
     told = [w for w in found.warnings if w.code == "wandering_marks"]
     assert len(told) == 1
-    assert f"{len(everyone)} of {len(everyone)} marks" in told[0].text
+    assert f"{every} of {every} marks" in told[0].text
 
 
 def test_slip_of_a_mark_that_stays_where_it_is_after_it_is_told():
