@@ -410,7 +410,8 @@ def _mean_square_of(
     prior = law.prior_sigma(situation, term.where)
     if named and prior is not None:
         shares = [c / m.hypothesis.prior_sigma(situation, m.where) for m, c in named]
-        return np.square(prior) * np.mean([np.mean(share**2) for share in shares])
+        rate = np.mean([np.mean(share**2) for share in shares])
+        return np.broadcast_to(np.square(prior) * rate, columns)
     turns = [c[3:] for m, c in every if m.name[0] == law.shares_rate_with]
     return np.full(columns, np.mean(np.square(turns))) if turns else None
 

@@ -48,6 +48,7 @@ class AngleDependentStiffness(Hypothesis):
     """
 
     effect: ClassVar[str] = "angle_dependent_stiffness"
+    sized_by: ClassVar[str] = "ratio"
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
     shape_names: ClassVar[tuple[str, ...]] = ("order",)
     is_sum: ClassVar[bool] = True

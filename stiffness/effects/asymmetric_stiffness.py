@@ -34,6 +34,7 @@ class AsymmetricStiffness(Hypothesis):
     """Axis whose stiffness depends on the direction of the torque."""
 
     effect: ClassVar[str] = "asymmetric_stiffness"
+    sized_by: ClassVar[str] = "ratio"
     shape_names: ClassVar[tuple[str, ...]] = ("rounding_nm",)
     logarithmic: ClassVar[tuple[str, ...]] = ("rounding_nm",)
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}

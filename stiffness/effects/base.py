@@ -18,6 +18,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
+from bench.shared.effect_catalogue import is_stiffness, usual
 from stiffness.effects.jacobian import NOTHING, EffectJacobian
 from stiffness.experiment.static_state import StaticState
 
@@ -27,6 +28,11 @@ Shapes = Float[np.ndarray, "shapes parameters"]
 """Several of them, one a row."""
 Coeffs = Float[np.ndarray, " columns"]
 """Amplitudes of a law's columns: its coefficients."""
+WIDE = 3.0
+"""One sigma of a coefficient over its usual largest size; chosen: readings of an arm
+that is three times worse than catalogues lose half a unit of log evidence."""
+LEAST_COMPLIANCE = 1e-9
+"""Of an axis whose fitted spring is rigid, in rad/(N m) or m/N; chosen."""
 
 # --- Hypothesis -----------------------------------------------------------------------
 
@@ -70,6 +76,8 @@ class Hypothesis(ABC):
         shares_rate_with: Another effect that is of one kind with it, if any: where one
             is, the other is as likely elsewhere on the arm, and about as large.
         quotients: Parameters that are one of the others over another.
+        sized_by: Parameter whose usual largest size is that of each coefficient, too,
+            over the axis' compliance where it is a ratio; empty: nothing is known.
     """
 
     effect: ClassVar[str]
@@ -85,6 +93,7 @@ class Hypothesis(ABC):
     log_prior: ClassVar[float] = 0.0
     shares_rate_with: ClassVar[str] = ""
     quotients: ClassVar[Mapping[str, tuple[str, str]]] = {}
+    sized_by: ClassVar[str] = ""
 
     @property
     def counted_as(self) -> str:
@@ -228,12 +237,21 @@ class Hypothesis(ABC):
     def prior_sigma(
         self, situation: StaticState, where: str
     ) -> Float[np.ndarray, " columns"] | None:
-        """Return one sigma of each coefficient before any reading.
+        """Return one sigma of each coefficient before any reading; one for all alike.
 
-        None, unless overridden: nothing is known. What readings hardly hold, alone or
-        against springs and loads, stays within it.
+        `WIDE` times what is usual, unless overridden; None: nothing is known. What
+        readings hardly hold, alone or against springs and loads, stays within it.
         """
-        return None
+        known = usual(self.effect, self.sized_by)
+        if known is None:
+            return None
+        if is_stiffness(self.effect, self.sized_by):
+            return np.array([WIDE / known.low])
+        size = WIDE * (known.high - self.nothing[self.sized_by])
+        if self.sized_by in self.neutral:
+            compliance = float(situation.compliance[situation.axis(where)])
+            size *= max(compliance, LEAST_COMPLIANCE)
+        return np.array([size])
 
     def limits_at(
         self, situation: StaticState, where: str

@@ -43,6 +43,7 @@ class Creep(Hypothesis):
     """Axis whose wind-up follows its torque partly at once and partly with a delay."""
 
     effect: ClassVar[str] = "creep"
+    sized_by: ClassVar[str] = "ratio"
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 0.0}
     shape_names: ClassVar[tuple[str, ...]] = ("time_s", "memory")
     logarithmic: ClassVar[tuple[str, ...]] = ("time_s",)

@@ -48,6 +48,7 @@ class Hardening(Hypothesis):
     """Axis whose gear grows stiffer with the torque."""
 
     effect: ClassVar[str] = "hardening"
+    sized_by: ClassVar[str] = "stiffness_ratio"
     neutral: ClassVar[Mapping[str, float]] = {"stiffness_ratio": 1.0}
     shape_names: ClassVar[tuple[str, ...]] = ("torque_nm", "law")
     size_of_variants: ClassVar[float | None] = 1.0

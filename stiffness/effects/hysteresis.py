@@ -55,6 +55,7 @@ class Hysteresis(Hypothesis):
     """Axis whose wind-up depends on the path of its torque."""
 
     effect: ClassVar[str] = "hysteresis"
+    sized_by: ClassVar[str] = "width_rad"
     shape_names: ClassVar[tuple[str, ...]] = ("slip_nm", "memory")
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {"width_rad": (0.0, 1e-2)}
     magnitudes: ClassVar[tuple[str, ...]] = ("width_rad",)

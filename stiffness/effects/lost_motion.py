@@ -35,6 +35,7 @@ class LostMotion(Hypothesis):
     """Axis that jumps by the width of its play when its torque reverses."""
 
     effect: ClassVar[str] = "lost_motion"
+    sized_by: ClassVar[str] = "width_rad"
     shape_names: ClassVar[tuple[str, ...]] = ("closing_nm",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {
         "width_rad": (0.0, 1e-2),

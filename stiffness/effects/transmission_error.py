@@ -49,6 +49,7 @@ class TransmissionError(Hypothesis):
     """
 
     effect: ClassVar[str] = "transmission_error"
+    sized_by: ClassVar[str] = "amplitude_rad"
     shape_names: ClassVar[tuple[str, ...]] = ("order",)
     is_sum: ClassVar[bool] = True
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {

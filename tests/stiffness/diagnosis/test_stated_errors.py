@@ -303,7 +303,7 @@ def test_what_is_known_before_any_reading_enters_the_normal_equations(plain, arm
     situation = prepare(plain, arm).situation
     laws = (
         ("geometry_error", "link_2"),
-        ("hysteresis", "a2"),
+        ("marker_slip", "marker:flange_a"),
         ("encoder_offset", "a3"),
     )
     terms = [

@@ -10,13 +10,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from source import docstring, python_files, text
 
 from bench.effects import EFFECTS
+from bench.shared.effect_catalogue import CATALOGUE
 from bench.shared.recording import Recording
 from stiffness.diagnosis.gate import may_be_nothing
 from stiffness.diagnosis.localisation import zone_of
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.noise_model import AT_FLANGE, max_pose_repeatability
 from stiffness.effects import HYPOTHESES
-from stiffness.effects.base import Hypothesis, point_of
+from stiffness.effects.base import WIDE, Hypothesis, point_of
 from stiffness.effects.creep import followed
 from stiffness.effects.gravity_compensator import GravityCompensator
 from stiffness.effects.jacobian import (
@@ -235,6 +236,27 @@ def test_parameters_are_smooth_and_tell_all_coefficients_apart(hypothesis):
             slopes.append(np.array(pairs).T / (2 * step))
         assert_allclose(slopes[0], slopes[1], rtol=1e-4, atol=1e-5)
         assert np.linalg.matrix_rank(slopes[1], tol=1e-4) == columns
+
+
+@pytest.mark.parametrize(
+    "hypothesis", [h for h in HYPOTHESES if h.sized_by], ids=lambda h: h.effect
+)
+def test_a_coefficient_is_before_any_reading_as_large_as_effects_usually_are(
+    hypothesis,
+):
+    """A size of the catalogue's usual largest is a third of one sigma."""
+    known = CATALOGUE[hypothesis.effect].usual(hypothesis.sized_by)
+    assert known is not None
+    for situation, where in places(hypothesis):
+        sigma = hypothesis.prior_sigma(situation, where)
+        shape = truth.middle(situation, hypothesis, where)
+        columns = hypothesis.jacobian(situation, where, shape).columns
+        size = np.array([sigma[0] / WIDE, *np.full(columns - 1, 1e-9)])
+        found = hypothesis.parameters(situation, where, shape, size)
+        usual = min(
+            (known.low, known.high), key=lambda x: abs(x - found[hypothesis.sized_by])
+        )
+        assert_allclose(found[hypothesis.sized_by], usual, rtol=0.4)
 
 
 @each
