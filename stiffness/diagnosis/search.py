@@ -299,6 +299,24 @@ def one_each(search: Search, groups: Sequence[int]) -> tuple[ModelTerm, ...]:
     return tuple(found.values())
 
 
+def with_part_less(
+    case: SelectionProblem, terms: Sequence[ModelTerm], name: Name
+) -> tuple[ModelTerm, ...]:
+    """Return a set where a sum has one part of each coarse shape; empty: it has one.
+
+    Of parts nearest to the same one readings hold the sum, and not their sizes.
+    """
+    term = next(term for term in terms if term.name == name)
+    if not term.hypothesis.is_sum:
+        return ()
+    grid = np.log(term.grid(case.situation, 0))
+    near = [int(np.argmin(np.abs(grid - one))) for one in np.log(term.shape)]
+    parts = np.sort(np.unique(near, return_index=True)[1])
+    less = replace(term, shape=term.shape[parts])
+    every = tuple(less if t is term else t for t in terms)
+    return every if len(parts) < len(near) else ()
+
+
 STARTS_OF_LAW = 4
 """Shapes from which each law of a name that has several is fitted; chosen: a wave and
 its mirror image are alike at coarse ones."""

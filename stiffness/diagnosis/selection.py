@@ -69,6 +69,7 @@ from stiffness.diagnosis.search import (
     of_the_same_kinds,
     one_each,
     with_generic_terms,
+    with_part_less,
 )
 from stiffness.effects.base import Hypothesis
 from stiffness.regression.group_selection import (
@@ -322,9 +323,8 @@ def _selected_under(
     Another set of names than columns are laid out under is gated in its own, as theirs
     would gate against it. The search goes on from there; of the sets the one that
     predicts poses left out best is kept. A load that is withheld once columns were laid
-    out under it acts no more.
-    A set that does less under its own columns than the one before, which the search
-    went on from, was misled by that one's columns; where that one still holds it stays.
+    out under it acts no more. A set that does less under its own columns than the one
+    before was misled by that one's columns; where that one still holds it stays.
 
     Args:
         layout: How columns are laid out.
@@ -357,9 +357,12 @@ def _selected_under(
         back = _judged(case, before.fit.members, fine, model.decisions)
         if back.fit.names <= before.fit.names:
             model, held, again = back, True, 0
-    terms = point.fit.members
     changed = before is None or model.fit.names != before.fit.names
-    if again == AGAIN or (again and (changed or point.square < MISLED * left)):
+    misled = point.square < MISLED * left
+    if again == AGAIN and misled:
+        point = _better_without_generic_terms(layout, point, refused)
+    terms = point.fit.members
+    if again == AGAIN or (again and (changed or misled)):
         other = _searched_on(layout, point, terms, refused, again - 1)
     else:
         other = _judged(layout.at(point), terms, fine, ())
@@ -367,6 +370,26 @@ def _selected_under(
     best, beaten = (model, other) if kept else (other, model)
     decisions = last_of_each([*beaten.decisions, *best.decisions])
     return replace(best, decisions=decisions)
+
+
+def _better_without_generic_terms(
+    layout: Layout, point: OperatingPoint, refused: Collection[Name]
+) -> OperatingPoint:
+    """Return names alone, searched in columns of a point, if they are worth more.
+
+    What is generic came in under columns that were wrong, and holds what these were
+    wrong by, too, and with it a wrong law. Courses in time stay.
+    """
+    own = point.fit.members
+    some = [t for t in own if not t.is_generic or t.depends_on == ("time",)]
+    if len(some) == len(own):
+        return point
+    case = layout.at(point)
+    search = Search.of(case, some, refused)
+    selected = select_groups(search.problem, range(len(some)))
+    terms = fit_shapes(case, one_each(search, selected.groups))
+    alone = layout.fitted_jointly(case, fit_model(case, terms))
+    return alone if alone.worth(case.poses) > point.worth(case.poses) else point
 
 
 def _searched_on(
@@ -438,9 +461,7 @@ def _judged(
         z = dict(zip(gated.names, gated.z, strict=True))
         weakest = min(withheld, key=lambda decision: z[decision.candidate])
         wrong = weakest.candidate
-        if weakest.gate == "magnitude" and (
-            less := _with_part_less(case, terms, wrong)
-        ):
+        if weakest.gate == "magnitude" and (less := with_part_less(case, terms, wrong)):
             terms = fit_shapes(case, less)
             continue
         if weakest.gate == "physical":
@@ -469,24 +490,6 @@ def _judged(
         statistics.share(gated.gain),
         last_of_each(decisions),
     )
-
-
-def _with_part_less(
-    case: SelectionProblem, terms: Sequence[ModelTerm], name: Name
-) -> tuple[ModelTerm, ...]:
-    """Return a set where a sum has one part of each coarse shape; empty: it has one.
-
-    Of parts nearest to the same one readings hold the sum, and not their sizes.
-    """
-    term = next(term for term in terms if term.name == name)
-    if not term.hypothesis.is_sum:
-        return ()
-    grid = np.log(term.grid(case.situation, 0))
-    near = [int(np.argmin(np.abs(grid - one))) for one in np.log(term.shape)]
-    parts = np.sort(np.unique(near, return_index=True)[1])
-    less = replace(term, shape=term.shape[parts])
-    every = tuple(less if t is term else t for t in terms)
-    return every if len(parts) < len(near) else ()
 
 
 def _needed_least(case: SelectionProblem, fit: ModelFit, wrong: Decision) -> Decision:

@@ -28,9 +28,10 @@ from stiffness.diagnosis.candidates import (
 from stiffness.diagnosis.detection import residual_equations
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import is_local
+from stiffness.diagnosis.joint_fit import Layout, OperatingPoint
 from stiffness.diagnosis.localisation import joined_places
 from stiffness.diagnosis.model_fit import ModelTerm, fit_model
-from stiffness.diagnosis.nominal_fit import prepare
+from stiffness.diagnosis.nominal_fit import Prepared, prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.diagnosis.result import Diagnosis, Name, UnexplainedPlace
 from stiffness.diagnosis.search import (
@@ -38,7 +39,12 @@ from stiffness.diagnosis.search import (
     _without_slight_terms,
     beyond_present_names,
 )
-from stiffness.diagnosis.selection import SelectedModel, _judged, select_model
+from stiffness.diagnosis.selection import (
+    SelectedModel,
+    _better_without_generic_terms,
+    _judged,
+    select_model,
+)
 from stiffness.diagnosis.verdict import (
     RESIDUAL_SHARE_LIMIT,
     _beside_generic,
@@ -47,7 +53,7 @@ from stiffness.diagnosis.verdict import (
 )
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
-from stiffness.effects.base import marked_point
+from stiffness.effects.base import Hypothesis, marked_point
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.drift import Drift
 from stiffness.effects.encoder_offset import EncoderOffset
@@ -63,10 +69,12 @@ from stiffness.effects.jacobian import (
     translate,
     values,
 )
+from stiffness.effects.lost_motion import LostMotion
 from stiffness.effects.marker_slip import MarkerSlip
 from stiffness.effects.transmission_error import TransmissionError
 from stiffness.regression.testing import SIGNIFICANCE
 
+GEAR = (Hardening(), LostMotion(), AsymmetricStiffness())
 OFFERED = {("a2", "torque"), ("a4", "direction")}
 
 
@@ -189,6 +197,37 @@ def beside_a_thread() -> SelectedModel:
     made = record(rig, table_one_plan(poses=60), Instruments(), seed=4)
     given = prepare(made, arm())
     return select_model(build_problem(given, FEW), given, FEW)
+
+
+def beside_a_generic_law(ready: Prepared, law: Hypothesis, kind: str) -> OperatingPoint:
+    """Fit a law of a gear and a generic term at one place."""
+    case = build_problem(ready, GEAR)
+    generic = GenericTerm(f"generic_{kind}", kind, kind)
+    shape = law.shapes(case.situation, "a4")[0]
+    terms = (
+        ModelTerm(law, "a4", shape),
+        ModelTerm(generic, "a4", np.zeros(0)),
+    )
+    return Layout(ready, GEAR).fitted_jointly(case, fit_model(case, terms))
+
+
+def test_two_true_laws_of_a_gear_come_for_a_wrong_one_beside_a_generic_term():
+    ready = prepared(
+        "lost_motion@a4,width_rad=2e-4",
+        "hardening@a4,stiffness_ratio=1.6,torque_nm=3.4",
+    )
+    held = beside_a_generic_law(ready, AsymmetricStiffness(), "torque")
+    found = _better_without_generic_terms(Layout(ready, GEAR), held, ())
+    assert found.fit.names == {("lost_motion", "a4"), ("hardening", "a4")}
+
+
+def test_a_generic_term_stays_where_names_alone_do_less():
+    thread = ThrustTurn(where="a4", compliance_rad_per_nm=1e-4)
+    rig = Rig(MODEL)
+    rig = replace(rig, effects=(*rig.effects, thread))
+    ready = prepare(record(rig, table_one_plan(poses=40), Instruments(), seed=4), arm())
+    held = beside_a_generic_law(ready, LostMotion(), "load")
+    assert _better_without_generic_terms(Layout(ready, GEAR), held, ()) is held
 
 
 def test_of_names_that_go_against_each_other_the_sizes_count_beside_an_unknown_one():
