@@ -489,6 +489,11 @@ class Candidate:
         return len(self.columns[0]) + self.shapes.shape[1]
 
 
+def is_course(where: str, *depends_on: str) -> bool:
+    """Return whether columns are a course in time of the base or a link."""
+    return depends_on == ("time",) and not where.startswith("a")
+
+
 @dataclass(frozen=True)
 class Mapped:
     """A part of the residual map, with the numbers of its columns."""
@@ -506,7 +511,7 @@ class Mapped:
     @property
     def is_course(self) -> bool:
         """Whether it is a course in time of the base or a link, whatever pulls."""
-        return self.depends_on == "time" and not self.where.startswith("a")
+        return is_course(self.where, self.depends_on)
 
 
 @dataclass(frozen=True)

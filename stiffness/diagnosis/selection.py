@@ -20,7 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from bench.shared.settings import SETTINGS
-from stiffness.diagnosis.candidates import Library
+from stiffness.diagnosis.candidates import Library, is_course
 from stiffness.diagnosis.gate import (
     PoseStatistics,
     cost_of_limits,
@@ -377,11 +377,10 @@ def _better_without_generic_terms(
 ) -> OperatingPoint:
     """Return names alone, searched in columns of a point, if they are worth more.
 
-    What is generic came in under columns that were wrong, and holds what these were
-    wrong by, too, and with it a wrong law. Courses in time stay.
+    Generic terms took what columns were wrong by, too. Courses in time stay.
     """
     own = point.fit.members
-    some = [t for t in own if not t.is_generic or t.depends_on == ("time",)]
+    some = [t for t in own if not t.is_generic or is_course(t.where, *t.depends_on)]
     if len(some) == len(own):
         return point
     case = layout.at(point)
@@ -389,7 +388,8 @@ def _better_without_generic_terms(
     selected = select_groups(search.problem, range(len(some)))
     terms = fit_shapes(case, one_each(search, selected.groups))
     alone = layout.fitted_jointly(case, fit_model(case, terms))
-    return alone if alone.worth(case.poses) > point.worth(case.poses) else point
+    gained = alone.worth(case.poses) - point.worth(case.poses)
+    return alone if gained > 0.5 * CLEAR else point
 
 
 def _searched_on(

@@ -20,7 +20,16 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, reversing, sprung
+from bench.shared.effect_catalogue import usual
+from stiffness.effects.base import (
+    WIDE,
+    Coeffs,
+    Hypothesis,
+    Shape,
+    Shapes,
+    reversing,
+    sprung,
+)
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import CurvedSpring, StaticState
 
@@ -34,7 +43,6 @@ class AsymmetricStiffness(Hypothesis):
     """Axis whose stiffness depends on the direction of the torque."""
 
     effect: ClassVar[str] = "asymmetric_stiffness"
-    sized_by: ClassVar[str] = "ratio"
     shape_names: ClassVar[tuple[str, ...]] = ("rounding_nm",)
     logarithmic: ClassVar[tuple[str, ...]] = ("rounding_nm",)
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
@@ -98,6 +106,17 @@ class AsymmetricStiffness(Hypothesis):
 
         spring = CurvedSpring(1.0 + abs(half) / fitted, wound, slope)
         return situation.with_curve(k, self.effect, spring)
+
+    @override
+    def prior_sigma(
+        self, situation: StaticState, where: str
+    ) -> Float[np.ndarray, " columns"] | None:
+        """Return `WIDE` times half the difference of compliances that is usual."""
+        known, k = usual(self.effect, "ratio"), situation.axis(where)
+        if known is None or situation.arm.slides[k]:
+            return None
+        half = (known.high - 1.0) / (known.high + 1.0)
+        return np.array([WIDE * half * situation.compliance[k]])
 
     @override
     def parameters(

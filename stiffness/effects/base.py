@@ -18,7 +18,7 @@ from typing import ClassVar
 import numpy as np
 from jaxtyping import Float
 
-from bench.shared.effect_catalogue import is_stiffness, usual
+from bench.shared.effect_catalogue import usual
 from stiffness.effects.jacobian import NOTHING, EffectJacobian
 from stiffness.experiment.static_state import StaticState
 
@@ -29,10 +29,8 @@ Shapes = Float[np.ndarray, "shapes parameters"]
 Coeffs = Float[np.ndarray, " columns"]
 """Amplitudes of a law's columns: its coefficients."""
 WIDE = 3.0
-"""One sigma of a coefficient over its usual largest size; chosen: readings of an arm
-that is three times worse than catalogues lose half a unit of log evidence."""
-LEAST_COMPLIANCE = 1e-9
-"""Of an axis whose fitted spring is rigid, in rad/(N m) or m/N; chosen."""
+"""One sigma of a coefficient over its usual largest size; chosen: what is three times
+as large as usual loses half a unit of log evidence."""
 
 # --- Hypothesis -----------------------------------------------------------------------
 
@@ -77,7 +75,7 @@ class Hypothesis(ABC):
             is, the other is as likely elsewhere on the arm, and about as large.
         quotients: Parameters that are one of the others over another.
         sized_by: Parameter whose usual largest size is that of each coefficient, too,
-            over the axis' compliance where it is a ratio; empty: nothing is known.
+            over the axis' compliance where it is a ratio; empty: no prior follows.
     """
 
     effect: ClassVar[str]
@@ -239,18 +237,16 @@ class Hypothesis(ABC):
     ) -> Float[np.ndarray, " columns"] | None:
         """Return one sigma of each coefficient before any reading; one for all alike.
 
-        `WIDE` times what is usual, unless overridden; None: nothing is known. What
-        readings hardly hold, alone or against springs and loads, stays within it.
+        `WIDE` times what is usual by `sized_by`, unless overridden; None: nothing is
+        known, as of a slide, whose sizes are in other units. What readings hardly hold,
+        alone or against springs and loads, stays within it.
         """
         known = usual(self.effect, self.sized_by)
-        if known is None:
+        if known is None or situation.arm.slides[situation.axis(where)]:
             return None
-        if is_stiffness(self.effect, self.sized_by):
-            return np.array([WIDE / known.low])
         size = WIDE * (known.high - self.nothing[self.sized_by])
         if self.sized_by in self.neutral:
-            compliance = float(situation.compliance[situation.axis(where)])
-            size *= max(compliance, LEAST_COMPLIANCE)
+            size *= float(situation.compliance[situation.axis(where)])
         return np.array([size])
 
     def limits_at(

@@ -30,7 +30,6 @@ class BearingTilt(Hypothesis):
     """A hinge, or a slide's guide, that tilts about the two directions across it."""
 
     effect: ClassVar[str] = "bearing_tilt"
-    sized_by: ClassVar[str] = "u_rad_per_nm"
     linear: ClassVar[bool] = True
     shape_names: ClassVar[tuple[str, ...]] = ("centre_m",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {

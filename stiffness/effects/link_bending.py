@@ -53,7 +53,6 @@ class LinkBending(Hypothesis):
     """
 
     effect: ClassVar[str] = "link_bending"
-    sized_by: ClassVar[str] = "bending_nm2"
     linear: ClassVar[bool] = True
     shape_names: ClassVar[tuple[str, ...]] = ("within",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {

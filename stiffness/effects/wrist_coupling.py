@@ -36,7 +36,6 @@ class WristCoupling(Hypothesis):
     """
 
     effect: ClassVar[str] = "wrist_coupling"
-    sized_by: ClassVar[str] = "compliance_rad_per_nm"
     linear: ClassVar[bool] = True
     shape_names: ClassVar[tuple[str, ...]] = ("with",)
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {

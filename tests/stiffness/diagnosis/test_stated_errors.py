@@ -316,6 +316,13 @@ def test_what_is_known_before_any_reading_enters_the_normal_equations(plain, arm
     want[2:8] += np.array(of_link) ** -2.0
     want[9] += drawing.offset**-2.0
     assert_allclose(found, np.diag(want))
+    wave = BY_NAME["angle_dependent_stiffness"]  # of two orders, one sigma for all
+    sigma = wave.prior_sigma(situation, "a2")
+    assert sigma is not None
+    found = with_priors(
+        np.eye(5), 1, [ModelTerm(wave, "a2", np.array([1.0, 2.0]))], [4], situation
+    )
+    assert_allclose(found, np.diag([1.0, *np.full(4, 1.0 + sigma[0] ** -2.0)]))
     gains = BY_NAME["wrench_gain"].prior_sigma(situation, "wrench_sensor")
     assert gains is not None
     assert_allclose(gains, 0.02)

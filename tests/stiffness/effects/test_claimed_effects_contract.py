@@ -238,14 +238,19 @@ def test_parameters_are_smooth_and_tell_all_coefficients_apart(hypothesis):
         assert np.linalg.matrix_rank(slopes[1], tol=1e-4) == columns
 
 
+SIZED = {h.effect: h.sized_by for h in HYPOTHESES if h.sized_by}
+SIZED["asymmetric_stiffness"] = "ratio"
+
+
 @pytest.mark.parametrize(
-    "hypothesis", [h for h in HYPOTHESES if h.sized_by], ids=lambda h: h.effect
+    "hypothesis", [h for h in HYPOTHESES if h.effect in SIZED], ids=lambda h: h.effect
 )
 def test_a_coefficient_is_before_any_reading_as_large_as_effects_usually_are(
     hypothesis,
 ):
-    """A size of the catalogue's usual largest is a third of one sigma."""
-    known = CATALOGUE[hypothesis.effect].usual(hypothesis.sized_by)
+    """A size at an end of the catalogue's usual range is a third of one sigma."""
+    name = SIZED[hypothesis.effect]
+    known = CATALOGUE[hypothesis.effect].usual(name)
     assert known is not None
     for situation, where in places(hypothesis):
         sigma = hypothesis.prior_sigma(situation, where)
@@ -253,10 +258,19 @@ def test_a_coefficient_is_before_any_reading_as_large_as_effects_usually_are(
         columns = hypothesis.jacobian(situation, where, shape).columns
         size = np.array([sigma[0] / WIDE, *np.full(columns - 1, 1e-9)])
         found = hypothesis.parameters(situation, where, shape, size)
-        usual = min(
-            (known.low, known.high), key=lambda x: abs(x - found[hypothesis.sized_by])
-        )
-        assert_allclose(found[hypothesis.sized_by], usual, rtol=0.4)
+        usual = min((known.low, known.high), key=lambda end: abs(end - found[name]))
+        assert_allclose(found[name], usual, rtol=0.05)
+
+
+def test_sizes_of_a_slide_and_of_links_have_no_prior(tmp_path):
+    """A slide's are in other units, and arms are large and small."""
+    here = truth.palletiser(tmp_path)
+    for k, slides in enumerate(here.arm.slides):
+        for effect in ("hysteresis", "creep", "asymmetric_stiffness"):
+            found = truth.BY_NAME[effect].prior_sigma(here, here.axes[k])
+            assert (found is None) == slides
+    for effect, where in (("link_bending", "link_2"), ("bearing_tilt", "a2")):
+        assert truth.BY_NAME[effect].prior_sigma(here, where) is None
 
 
 @each
