@@ -213,7 +213,7 @@ def beside_a_generic_law(ready: Prepared, law: Hypothesis, kind: str) -> Operati
 
 def test_two_true_laws_of_a_gear_come_for_a_wrong_one_beside_a_generic_term():
     ready = prepared(
-        "lost_motion@a4,width_rad=2e-4",
+        "lost_motion@a4,width_rad=1e-3",
         "hardening@a4,stiffness_ratio=1.6,torque_nm=3.4",
     )
     held = beside_a_generic_law(ready, AsymmetricStiffness(), "torque")
