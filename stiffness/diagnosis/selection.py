@@ -80,7 +80,7 @@ from stiffness.regression.group_selection import (
     select_groups,
 )
 from stiffness.regression.intervals import Interval
-from stiffness.regression.predictive_gate import Decision, Name
+from stiffness.regression.predictive_gate import Decision, Name, last_of_each
 from stiffness.regression.splits import Split
 
 BEYOND = 0.1
@@ -358,12 +358,12 @@ def _selected_under(
         if back.fit.names <= before.fit.names:
             model, held, again = back, True, 0
     changed = before is None or model.fit.names != before.fit.names
-    misled = point.square < MISLED * left
+    misled, start = point.square < MISLED * left, point
     if again == AGAIN and misled:
-        point = _better_without_generic_terms(layout, point, refused)
-    terms = point.fit.members
+        start = _better_without_generic_terms(layout, point, refused)
+    terms, gated = start.fit.members, start is point
     if again == AGAIN or (again and (changed or misled)):
-        other = _searched_on(layout, point, terms, refused, again - 1)
+        other = _searched_on(layout, start, terms, refused, again - 1, gated)
     else:
         other = _judged(layout.at(point), terms, fine, ())
     kept = held and model.unexplained_square < other.unexplained_square
@@ -398,11 +398,13 @@ def _searched_on(
     terms: Sequence[ModelTerm],
     refused: Collection[Name] = (),
     again: int = AGAIN,
+    gated: bool = True,
 ) -> SelectedModel:
     """Search on from a set in columns that are laid out at an operating point."""
+    before = point if gated else None
     search = Search.of(layout.at(point), terms, refused)
     selected = select_groups(search.problem, range(len(terms)))
-    return _selected_under(layout, search, selected, refused, again, point)
+    return _selected_under(layout, search, selected, refused, again, before)
 
 
 def select_again(model: SelectedModel, split: Split) -> SelectedModel:
@@ -593,8 +595,3 @@ def _evaluated(
         return look
     less = evaluate_model(replace(case, felt=None), terms, beside)
     return less if dispersion_of(case, less) < found else look
-
-
-def last_of_each(decisions: Sequence[Decision]) -> tuple[Decision, ...]:
-    """Return the last decision of each gate on each candidate."""
-    return tuple({(d.candidate, d.gate): d for d in decisions}.values())

@@ -71,13 +71,10 @@ from stiffness.diagnosis.result import (
     Unexplained,
     UnexplainedPlace,
 )
-from stiffness.diagnosis.selection import (
-    SelectedModel,
-    exchange_search,
-    last_of_each,
-)
+from stiffness.diagnosis.selection import SelectedModel, exchange_search
 from stiffness.diagnosis.sufficient_statistics import normal_equations_of
 from stiffness.regression.group_selection import LIVE, exchange_worths
+from stiffness.regression.predictive_gate import last_of_each
 from stiffness.regression.testing import SIGNIFICANCE
 
 # --- Rejection ------------------------------------------------------------------------

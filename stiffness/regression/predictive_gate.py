@@ -64,6 +64,11 @@ class Decision:
     parameters: Mapping[str, Interval] = field(default_factory=dict, compare=False)
 
 
+def last_of_each(decisions: Sequence[Decision]) -> tuple[Decision, ...]:
+    """Return the last decision of each gate on each candidate."""
+    return tuple({(d.candidate, d.gate): d for d in decisions}.values())
+
+
 @dataclass(frozen=True)
 class UnitStatistics:
     """What each unit says of a few columns.
