@@ -489,7 +489,7 @@ class Candidate:
         return len(self.columns[0]) + self.shapes.shape[1]
 
 
-def is_course(where: str, *depends_on: str) -> bool:
+def is_course(where: str, depends_on: tuple[str, ...]) -> bool:
     """Return whether columns are a course in time of the base or a link."""
     return depends_on == ("time",) and not where.startswith("a")
 
@@ -511,7 +511,7 @@ class Mapped:
     @property
     def is_course(self) -> bool:
         """Whether it is a course in time of the base or a link, whatever pulls."""
-        return is_course(self.where, self.depends_on)
+        return is_course(self.where, (self.depends_on,))
 
 
 @dataclass(frozen=True)

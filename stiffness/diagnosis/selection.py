@@ -380,7 +380,7 @@ def _better_without_generic_terms(
     Generic terms took what columns were wrong by, too. Courses in time stay.
     """
     own = point.fit.members
-    some = [t for t in own if not t.is_generic or is_course(t.where, *t.depends_on)]
+    some = [t for t in own if not t.is_generic or is_course(t.where, t.depends_on)]
     if len(some) == len(own):
         return point
     case = layout.at(point)

@@ -20,16 +20,7 @@ import numpy as np
 from jaxtyping import Float
 from typing_extensions import override
 
-from bench.shared.effect_catalogue import usual
-from stiffness.effects.base import (
-    WIDE,
-    Coeffs,
-    Hypothesis,
-    Shape,
-    Shapes,
-    reversing,
-    sprung,
-)
+from stiffness.effects.base import Coeffs, Hypothesis, Shape, Shapes, reversing, sprung
 from stiffness.effects.jacobian import EffectJacobian, turn
 from stiffness.experiment.static_state import CurvedSpring, StaticState
 
@@ -43,6 +34,7 @@ class AsymmetricStiffness(Hypothesis):
     """Axis whose stiffness depends on the direction of the torque."""
 
     effect: ClassVar[str] = "asymmetric_stiffness"
+    sized_by: ClassVar[str] = "ratio"
     shape_names: ClassVar[tuple[str, ...]] = ("rounding_nm",)
     logarithmic: ClassVar[tuple[str, ...]] = ("rounding_nm",)
     neutral: ClassVar[Mapping[str, float]] = {"ratio": 1.0}
@@ -108,15 +100,8 @@ class AsymmetricStiffness(Hypothesis):
         return situation.with_curve(k, self.effect, spring)
 
     @override
-    def prior_sigma(
-        self, situation: StaticState, where: str
-    ) -> Float[np.ndarray, " columns"] | None:
-        """Return `WIDE` times half the difference of compliances that is usual."""
-        known, k = usual(self.effect, "ratio"), situation.axis(where)
-        if known is None or situation.arm.slides[k]:
-            return None
-        half = (known.high - 1.0) / (known.high + 1.0)
-        return np.array([WIDE * half * situation.compliance[k]])
+    def coefficient_of(self, size: float) -> float:
+        return (size - 1.0) / (size + 1.0)
 
     @override
     def parameters(

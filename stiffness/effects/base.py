@@ -244,10 +244,18 @@ class Hypothesis(ABC):
         known = usual(self.effect, self.sized_by)
         if known is None or situation.arm.slides[situation.axis(where)]:
             return None
-        size = WIDE * (known.high - self.nothing[self.sized_by])
+        size = WIDE * self.coefficient_of(known.high)
         if self.sized_by in self.neutral:
             size *= float(situation.compliance[situation.axis(where)])
         return np.array([size])
+
+    def coefficient_of(self, size: float) -> float:
+        """Return the coefficient at a value of `sized_by`.
+
+        Over the axis' compliance where that is a ratio. How far the value is from where
+        it does nothing, unless overridden.
+        """
+        return size - self.nothing[self.sized_by]
 
     def limits_at(
         self, situation: StaticState, where: str

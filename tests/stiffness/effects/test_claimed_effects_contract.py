@@ -238,18 +238,14 @@ def test_parameters_are_smooth_and_tell_all_coefficients_apart(hypothesis):
         assert np.linalg.matrix_rank(slopes[1], tol=1e-4) == columns
 
 
-SIZED = {h.effect: h.sized_by for h in HYPOTHESES if h.sized_by}
-SIZED["asymmetric_stiffness"] = "ratio"
-
-
 @pytest.mark.parametrize(
-    "hypothesis", [h for h in HYPOTHESES if h.effect in SIZED], ids=lambda h: h.effect
+    "hypothesis", [h for h in HYPOTHESES if h.sized_by], ids=lambda h: h.effect
 )
 def test_a_coefficient_is_before_any_reading_as_large_as_effects_usually_are(
     hypothesis,
 ):
     """A size at an end of the catalogue's usual range is a third of one sigma."""
-    name = SIZED[hypothesis.effect]
+    name = hypothesis.sized_by
     known = CATALOGUE[hypothesis.effect].usual(name)
     assert known is not None
     for situation, where in places(hypothesis):
