@@ -10,9 +10,8 @@ from bench.effects.effect import Effect
 from bench.experiment import record
 from bench.instruments import ForceSensor, Instruments, Tracker
 from bench.rig import Memory, Rig
-from bench.shared.instrument_specs import WrenchSpec
 from bench.shared.plan import LoadStep, Plan, mixed_pulleys
-from bench.shared.recording import Recording
+from bench.shared.recording import Recording, WrenchSpec
 from stiffness.effects import HYPOTHESES
 from stiffness.effects.base import Hypothesis, point_of
 from stiffness.effects.jacobian import (

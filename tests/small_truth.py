@@ -4,8 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
-from bench.shared.recording import LOADED, UNLOADED, Marker, Payload, Recording
+from bench.shared.recording import (
+    LOADED,
+    UNLOADED,
+    Marker,
+    Payload,
+    Recording,
+    TrackerSpec,
+    WrenchSpec,
+)
 from stiffness.robot.arm import Arm
 from stiffness.robot.equilibrium import equilibrium
 

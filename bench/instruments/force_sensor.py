@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.instruments.random_streams import Streams
 from bench.shared.errors import not_sizes, not_vectors, refuse
-from bench.shared.instrument_specs import WrenchSpec
+from bench.shared.recording import WrenchSpec
 
 NO_GAIN = ((0.0,) * 6,) * 6
 TURN = float(np.deg2rad(0.3))

@@ -33,8 +33,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.instruments.random_streams import Streams
 from bench.shared.errors import not_sizes, not_vectors, refuse
-from bench.shared.instrument_specs import TrackerSpec
-from bench.shared.recording import transform_of
+from bench.shared.recording import TrackerSpec, transform_of
 
 # --- Volumetric error -----------------------------------------------------------------
 

@@ -39,9 +39,8 @@ from scenarios.pipelines.schema import (
     why_not,
 )
 from stiffness.diagnosis.result import Decision
-from stiffness.dual_encoder.fit import SelectionStep
+from stiffness.dual_encoder.fit import SHOWS, SelectionStep, followed, lasting
 from stiffness.dual_encoder.motions import axes_read_twice
-from stiffness.dual_encoder.residuals import SHOWS, followed, lasting
 from stiffness.dual_encoder.selection import BORROWED, orders_alike
 from stiffness.dual_encoder.terms import FRICTION, WIDTHS, WOUND, Term
 from stiffness.regression.testing import SMALLEST

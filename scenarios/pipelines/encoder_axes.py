@@ -19,9 +19,14 @@ from bench.patch import Patch, PatchEffect, rig_of
 from bench.shared.recording import Recording
 from scenarios.pipelines.inputs import arm_of
 from stiffness.dual_encoder.delays import across
-from stiffness.dual_encoder.fit import EncoderComparison, columns, fitted
+from stiffness.dual_encoder.fit import (
+    EncoderComparison,
+    beyond,
+    columns,
+    fitted,
+    noise_of,
+)
 from stiffness.dual_encoder.motions import Motion, modelled_torque, motions_of
-from stiffness.dual_encoder.residuals import beyond, noise_of
 from stiffness.dual_encoder.terms import FRICTION, WOUND, plain_terms
 from stiffness.robot.arm import Arm
 

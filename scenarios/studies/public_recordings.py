@@ -38,8 +38,7 @@ from scipy.stats import t as student
 
 from bench.shared.errors import Unusable, refuse
 from bench.shared.format.assembly import load_times_of
-from bench.shared.instrument_specs import TrackerSpec
-from bench.shared.recording import UNLOADED, Marker, Recording
+from bench.shared.recording import UNLOADED, Marker, Recording, TrackerSpec
 from scenarios.pipelines.calibration import calibrate_and_prove
 from scenarios.pipelines.calibration_proof import rms
 from scenarios.pipelines.inputs import arm_of

@@ -24,14 +24,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from stiffness.dual_encoder.fit import EncoderComparison, SelectionStep
-from stiffness.dual_encoder.motions import Motion
-from stiffness.dual_encoder.residuals import (
+from stiffness.dual_encoder.fit import (
     Axes,
+    EncoderComparison,
+    SelectionStep,
     gain_between,
     is_quiet,
     residual_mean_square,
 )
+from stiffness.dual_encoder.motions import Motion
 from stiffness.dual_encoder.selection import LEAST, MARGIN, between, own_delay
 from stiffness.dual_encoder.terms import DELAY, WOUND, plain_terms, usual_friction
 

@@ -1,4 +1,4 @@
-"""Least-squares fit of terms to motions, and the result for an axis.
+"""Least-squares fit of terms to motions, and what it leaves on motions left out.
 
 Each motion has a constant of its own, which is projected out. `EncoderComparison` holds
 the selected terms of an axis and the steps of the selection.
@@ -9,9 +9,31 @@ Source      Liang, Zeger 1986
 Valid       stretches longer than the correlation time of the residual
 Ignores     the search for orders and slip torques on the fitted motions
 ==========  ==========================================================================
+
+Noise, from stated accuracies or from the readings (`noise_of`, `beyond`):
+
+==========  ==========================================================================
+Equation    noise² = stated² + (compliance x noise of the torque)²; not stated: from
+            third differences of rows, whose variance is 20 times a row's.
+            The residual exceeds noise where mean squares of stretches, or their
+            logarithms, lie above it: much in few of them, or a little in many
+Source      von Neumann et al. 1941 (differences); Student's t over stretches of time
+Valid       white noise
+Ignores     errors of an encoder that repeat with its angle
+==========  ==========================================================================
+
+Dependence of the residual on angle, torque and speed (`followed`):
+
+==========  ==========================================================================
+Equation    share = 1 − |r − f(x)|² / |r|², r the residual of the motion left out, f the
+            mean residual of the fitted motions by x: angle, torque, speed
+Source      binned regression (Tukey 1961), tested on another motion
+Valid       motions that cover the same angles, torques and speeds
+Ignores     dependence on several of them at once
+==========  ==========================================================================
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +41,8 @@ from jaxtyping import Float
 from scipy.stats import t as student
 
 from stiffness.dual_encoder.motions import STRETCHES, Motion
-from stiffness.dual_encoder.terms import Term
+from stiffness.dual_encoder.terms import WOUND, Term
+from stiffness.regression.testing import gain_of
 
 # --- Fitting --------------------------------------------------------------------------
 
@@ -169,3 +192,150 @@ class EncoderComparison:
         """Return effect, parameter and coefficient of every column."""
         names = [(t.effect, p) for t in self.terms for p in t.parameters]
         return [(e, p, float(v)) for (e, p), v in zip(names, self.x, strict=True)]
+
+
+# --- Noise ----------------------------------------------------------------------------
+
+STATED = 1.1
+"""Allowed ratio of noise to stated noise; chosen: a tenth, as statements go."""
+SEEN = 2.0
+"""The same for noise estimated from rows only, which is its white part; chosen."""
+
+
+def noise_of(
+    motions: Sequence[Motion], found: EncoderComparison | None, stated: float | None
+) -> float:
+    """Return the noise of a row of an axis, standard deviation in rad.
+
+    One sigma of an encoder after a gear is in rad, None where not stated.
+    """
+    own = white(motions) if stated is None else stated
+    give = 0.0
+    if found is not None:
+        give = found.value(WOUND, "compliance_rad_per_nm")
+    torque = max(m.scatter for m in motions)
+    return float(np.hypot(own, give * torque))
+
+
+def white(motions: Sequence[Motion]) -> float:
+    """Return the white noise estimated from differences between rows, in rad."""
+    rough = np.concatenate([np.diff(m.apart, 3) for m in motions])
+    return float(np.sqrt(np.mean(rough**2) / 20.0))
+
+
+def beyond(
+    residual: Sequence[Float[np.ndarray, " _"]],
+    motions: Sequence[Motion],
+    noise: float,
+    stated: bool,
+) -> float:
+    """Return the p-value of the hypothesis that the residual is no larger than noise.
+
+    Residuals and one sigma of a row are in rad; the motions' stretches are the
+    independent units; `stated`: an instrument states the noise.
+    """
+    most = ((STATED if stated else SEEN) * noise) ** 2
+    parts = [
+        moving_squares(part - part.mean(), m)
+        for part, m in zip(residual, motions, strict=True)
+    ]
+    squares = np.concatenate(parts) / max(most, np.finfo(float).tiny)
+    often = _above(np.log(np.maximum(squares, np.finfo(float).tiny)), 0.0)
+    return min(1.0, 2.0 * min(often, _above(squares, 1.0)))
+
+
+def _above(values: Float[np.ndarray, " stretches"], most: float) -> float:
+    """Return the p-value of a mean above an upper limit."""
+    error = max(float(values.std(ddof=1)), 1e-12) / np.sqrt(len(values))
+    return float(student.sf((values.mean() - most) / error, len(values) - 1))
+
+
+# --- Comparison on motions left out ---------------------------------------------------
+
+Axes = Mapping[int, tuple[Motion, ...]]
+"""Motions of every axis."""
+
+
+def gain_between(
+    axes: Axes,
+    before: Mapping[int, EncoderComparison],
+    after: Mapping[int, EncoderComparison],
+) -> tuple[float, float]:
+    """Return the mean gain over stretches of all axes, and its standard error."""
+    squares = [
+        both
+        for k, m in axes.items()
+        for both in zip(_squares(m, before[k]), _squares(m, after[k]), strict=True)
+    ]
+    return gain_of(*zip(*squares, strict=True))
+
+
+def residual_mean_square(
+    motions: tuple[Motion, ...], found: EncoderComparison
+) -> float:
+    """Return the mean square residual of motions left out, in rad^2."""
+    return float(np.mean(np.concatenate(_squares(motions, found))))
+
+
+def is_quiet(
+    motions: tuple[Motion, ...],
+    found: EncoderComparison,
+    stated: float | None,
+    times: float,
+) -> bool:
+    """Return whether the residual of an axis is within a multiple of its noise."""
+    return (
+        residual_mean_square(motions, found)
+        <= (times * noise_of(motions, found, stated)) ** 2
+    )
+
+
+def _squares(motions: tuple[Motion, ...], found: EncoderComparison) -> list[np.ndarray]:
+    return left_out(found.terms, [found.then(m) for m in motions])
+
+
+# --- Dependence and correlation -------------------------------------------------------
+
+BINS = 20
+SHOWS = 0.1
+"""Share of the residual below which it counts as independent of a quantity; chosen."""
+
+
+def followed(
+    residual: Sequence[Float[np.ndarray, " _"]],
+    motions: Sequence[Motion],
+    judged_left: Float[np.ndarray, " rows"],
+    judged: Motion,
+) -> dict[str, float]:
+    """Return the share of a motion's residual that a quantity explains in others."""
+    shares = {}
+    for name in ("angle", "torque", "speed"):
+        others = [getattr(m, name) for m in motions]
+        own = getattr(judged, name)
+        if own is None or any(x is None for x in others):
+            continue
+        shares[name] = _share(
+            np.concatenate(others), np.concatenate(list(residual)), own, judged_left
+        )
+    return shares
+
+
+def lasting(residual: Float[np.ndarray, " rows"], motion: Motion) -> float:
+    """Return the time after which the residual is no longer correlated, in s."""
+    y = residual - residual.mean()
+    spectrum = np.abs(np.fft.rfft(y, 2 * len(y))) ** 2
+    alike = np.fft.irfft(spectrum)[: len(y)]
+    gone = np.flatnonzero(alike < alike[0] / np.e)
+    rows = gone[0] if len(gone) else len(y)
+    return float(rows * (motion.time[-1] - motion.time[0]) / (len(y) - 1))
+
+
+def _share(x: np.ndarray, y: np.ndarray, own: np.ndarray, seen: np.ndarray) -> float:
+    edges = np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)[1:-1])
+    place = np.searchsorted(edges, x)
+    count = np.bincount(place, minlength=BINS)
+    mean = np.bincount(place, y, minlength=BINS) / np.maximum(count, 1)
+    seen = seen - seen.mean()
+    guess = mean[np.searchsorted(edges, own)]
+    rest = seen - (guess - guess.mean())
+    return float(1.0 - rest @ rest / max(float(seen @ seen), np.finfo(float).tiny))

@@ -49,8 +49,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import chi2
 
-from bench.shared.instrument_specs import WrenchSpec
-from bench.shared.recording import UNLOADED, Recording
+from bench.shared.recording import UNLOADED, Recording, WrenchSpec
 from stiffness.experiment.outliers import spread_of_bodies
 from stiffness.experiment.visits import held_at_mean
 from stiffness.robot.wrench import turned

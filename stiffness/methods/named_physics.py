@@ -32,8 +32,7 @@ from jaxtyping import Float, Int
 from typing_extensions import override
 
 from bench.shared.effect_catalogue import CATALOGUE, si_unit
-from bench.shared.instrument_specs import WrenchSpec
-from bench.shared.recording import LOADED, LOADING, UNLOADED, Recording
+from bench.shared.recording import LOADED, LOADING, UNLOADED, Recording, WrenchSpec
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.nominal_fit import Prepared, prepare

@@ -101,9 +101,9 @@ def test_covers_are_what_their_script_writes_and_stay_small(monkeypatch):
 
 def test_a_loft_is_closed_and_faces_outwards(monkeypatch):
     monkeypatch.syspath_prepend(KUKA.parent)
-    lofts = import_module("lofts")
+    make_meshes = import_module("make_meshes")
     radius, height = 10.0, 30.0
-    skin = lofts.turned("z", 100.0, 50.0, (0.0, radius), (height, radius))
+    skin = make_meshes.turned("z", 100.0, 50.0, (0.0, radius), (height, radius))
     area = np.cross(skin[:, 1] - skin[:, 0], skin[:, 2] - skin[:, 0]) / 2
     np.testing.assert_allclose(area.sum(axis=0), 0, atol=1e-9)  # closed
     volume = np.einsum("ni,ni->", skin[:, 0], area) / 3
@@ -113,7 +113,7 @@ def test_a_loft_is_closed_and_faces_outwards(monkeypatch):
 @pytest.mark.parametrize("power", [2.0, 4.0, 9.0])
 def test_rounded_outline_is_a_superellipse(monkeypatch, power):
     monkeypatch.syspath_prepend(KUKA.parent)
-    lofts = import_module("lofts")
-    _, curve = lofts.rounded(0.0, (-3.0, 5.0), (10.0, 12.0), power)
+    make_meshes = import_module("make_meshes")
+    _, curve = make_meshes.rounded(0.0, (-3.0, 5.0), (10.0, 12.0), power)
     x, y = np.abs(curve - [1.0, 11.0]).T
     np.testing.assert_allclose((x / 4) ** power + (y / 1) ** power, 1.0, rtol=1e-12)

@@ -29,8 +29,8 @@ from bench.shared.format.columns import (
     spread_of,
 )
 from bench.shared.format.manifest import Manifest
-from bench.shared.instrument_specs import ASSUMED, TrackerSpec, WrenchSpec
 from bench.shared.recording import (
+    ASSUMED,
     LOADED,
     LOADING,
     UNLOADED,
@@ -39,6 +39,8 @@ from bench.shared.recording import (
     Marker,
     Payload,
     Recording,
+    TrackerSpec,
+    WrenchSpec,
     transform_of,
 )
 

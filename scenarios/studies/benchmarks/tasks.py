@@ -53,7 +53,7 @@ from bench.standard_plans import table_one_plan as table_one
 from bench.study_arm import default_truth
 from scenarios.pipelines.synthetic_recording import KR10
 from scenarios.studies.benchmarks.race import Race, Way
-from scenarios.studies.paper.published_values import TABLE_03_NM_PER_RAD
+from scenarios.studies.paper import TABLE_03_NM_PER_RAD
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.effects import HYPOTHESES
 from stiffness.experiment.deflections import Deflections, one_per_pose

@@ -41,9 +41,8 @@ from bench.instruments.tracker import STILL
 from bench.model_file import load, plain_mjcf
 from bench.rig import Rig
 from bench.shared.errors import BenchError
-from bench.shared.instrument_specs import ASSUMED
 from bench.shared.plan import DEFAULT_PATH, Plan, parse_path
-from bench.shared.recording import Recording
+from bench.shared.recording import ASSUMED, Recording
 from bench.standard_plans import tour
 from scenarios.pipelines.synthetic_recording import truth_text
 from scenarios.studies.blind_trials.arms import (

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scenarios.report.page import Block, Heading, Paragraph
+from scenarios.studies.paper import TABLE_06_MM, TABLE_07_MM
 from scenarios.studies.paper.budget import Budget, said_seeds
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import Contender, overall, perceptrons
@@ -16,7 +17,6 @@ from scenarios.studies.paper.imitation import (
     mean_of,
 )
 from scenarios.studies.paper.linear_fit import LinearFit
-from scenarios.studies.paper.published_values import TABLE_06_MM, TABLE_07_MM
 from scenarios.studies.paper.transfer import ConvolutionCell, PerceptronCell
 from stiffness.regression.intervals import Interval
 

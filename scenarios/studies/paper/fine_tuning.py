@@ -9,10 +9,10 @@ from matplotlib.figure import Figure as Picture
 
 from scenarios.report import data_files, figures
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from scenarios.studies.paper import TABLE_09_MM
 from scenarios.studies.paper.budget import PLANS, Budget
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.comparison import MEASURES, overall, perceptrons, pooled
-from scenarios.studies.paper.published_values import TABLE_09_MM
 from scenarios.studies.paper.transfer import ALL_LAYERS, UNFREEZINGS, unfrozen
 from stiffness.methods.score import DIRECTIONS
 from stiffness.networks.transfer import FineTuning, hold_back

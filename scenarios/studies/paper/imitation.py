@@ -17,10 +17,10 @@ from typing_extensions import override
 
 from scenarios.report import data_files, figures
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from scenarios.studies.paper import TABLE_06_MM, TABLE_07_MM
 from scenarios.studies.paper.budget import Budget, said_seeds
 from scenarios.studies.paper.cells import Cell, CellResult
 from scenarios.studies.paper.experiment import Material
-from scenarios.studies.paper.published_values import TABLE_06_MM, TABLE_07_MM
 from stiffness.experiment.deflections import every_plateau
 from stiffness.methods.transferred_networks import domain_of
 from stiffness.methods.vjm import Vjm

@@ -18,8 +18,8 @@ from bench.shared.errors import NotIdentifiable, Unusable
 from bench.shared.recording import Recording
 from scenarios.report import data_files, figures
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table, table_of
+from scenarios.studies.paper import TABLE_02_MM, TABLE_03_NM_PER_RAD
 from scenarios.studies.paper.experiment import Experiment, Material
-from scenarios.studies.paper.published_values import TABLE_02_MM, TABLE_03_NM_PER_RAD
 from stiffness.experiment.deflections import Selection, every_plateau, one_per_pose
 from stiffness.methods.method import Fitted, Parameter, Rigid
 from stiffness.methods.score import DIRECTIONS, Score, scores

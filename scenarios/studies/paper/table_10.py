@@ -8,6 +8,7 @@ from matplotlib.figure import Figure as Picture
 
 from scenarios.report import data_files, figures
 from scenarios.report.page import Block, Figure, Heading, Paragraph, Table
+from scenarios.studies.paper import TABLE_10_MM
 from scenarios.studies.paper.budget import said_seeds
 from scenarios.studies.paper.comparison import (
     MEASURES,
@@ -19,7 +20,6 @@ from scenarios.studies.paper.comparison import (
     gains_table,
     verdict,
 )
-from scenarios.studies.paper.published_values import TABLE_10_MM
 from stiffness.methods.score import DIRECTIONS
 
 # --- Figures --------------------------------------------------------------------------

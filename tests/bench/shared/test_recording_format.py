@@ -31,8 +31,16 @@ from bench.shared.format import assembly
 from bench.shared.format.assembly import matrix_of, quaternion_of, unit_quaternion
 from bench.shared.format.columns import UNITS
 from bench.shared.format.folder import read, write
-from bench.shared.instrument_specs import ASSUMED, TrackerSpec, WrenchSpec
-from bench.shared.recording import STAGES, Marker, Payload, Recording, last_moves
+from bench.shared.recording import (
+    ASSUMED,
+    STAGES,
+    Marker,
+    Payload,
+    Recording,
+    TrackerSpec,
+    WrenchSpec,
+    last_moves,
+)
 
 
 @pytest.fixture

@@ -23,8 +23,7 @@ from recordings import (
 from small_bench import recording as loaded_recording
 
 from bench.shared.format.folder import read, write
-from bench.shared.instrument_specs import TrackerSpec
-from bench.shared.recording import Marker
+from bench.shared.recording import Marker, TrackerSpec
 from scenarios import SAYS, check
 from scenarios.pipelines.inputs import arm_of, legend_of, read_for
 from scenarios.pipelines.recording_check import (

@@ -13,8 +13,7 @@ from bench.proof.proof import prove
 from bench.proof.setup import why_not_simulated
 from bench.rig import Rig
 from bench.shared.errors import BenchError, Unusable
-from bench.shared.instrument_specs import TrackerSpec, WrenchSpec
-from bench.shared.recording import Marker, Recording
+from bench.shared.recording import Marker, Recording, TrackerSpec, WrenchSpec
 from scenarios import record
 from scenarios.pipelines.calibration import (
     answer_of,

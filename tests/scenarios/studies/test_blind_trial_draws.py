@@ -18,8 +18,8 @@ from bench.instruments.random_streams import streams
 from bench.instruments.tracker import STEADY
 from bench.proof.simulation import replay_of
 from bench.rig import Rig
-from bench.shared.instrument_specs import ASSUMED
 from bench.shared.plan import DEFAULT_PATH
+from bench.shared.recording import ASSUMED
 from bench.standard_plans import table_one_plan, tour
 from scenarios.studies.blind_trials import generation, oracle
 from scenarios.studies.blind_trials.arms import (

@@ -13,12 +13,12 @@ from saved_view import entities, identity, still, timeline
 from study_material import few_effects
 
 from bench.shared.errors import Unusable
-from scenarios.studies.paper.budget import PLANS
-from scenarios.studies.paper.published_values import (
+from scenarios.studies.paper import (
     TABLE_02_MM,
     TABLE_03_NM_PER_RAD,
     TABLE_10_MM,
 )
+from scenarios.studies.paper.budget import PLANS
 from scenarios.study import Settings, main
 
 COLUMNS_02 = [

@@ -16,7 +16,6 @@ from bench.patch import Mounted, Patch, PatchEffect, rig_of
 from bench.proof.setup import point_in_base
 from bench.rig import RIGID, Rig
 from bench.shared.errors import Unusable
-from bench.shared.instrument_specs import TrackerSpec
 from bench.shared.recording import (
     UNLOADED,
     DrawingAccuracy,
@@ -24,6 +23,7 @@ from bench.shared.recording import (
     Marker,
     Payload,
     Recording,
+    TrackerSpec,
 )
 from scenarios.pipelines.calibration import (
     NOT_PROVED,

@@ -16,8 +16,7 @@ from bench.instruments import Instruments
 from bench.instruments.markers import Markers
 from bench.model_file import load, plain_mjcf
 from bench.rig import Rig
-from bench.shared.instrument_specs import ASSUMED, TrackerSpec
-from bench.shared.recording import Marker, Recording
+from bench.shared.recording import ASSUMED, Marker, Recording, TrackerSpec
 from bench.standard_plans import table_one_plan
 from scenarios.studies.blind_trials.arms import arm_of
 from stiffness.diagnosis.detection import MEASURED, MISSTATED

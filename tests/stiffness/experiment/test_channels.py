@@ -11,7 +11,7 @@ from bench.experiment import record
 from bench.instruments import Instruments
 from bench.instruments.force_sensor import ForceSensor
 from bench.rig import Rig
-from bench.shared.instrument_specs import WrenchSpec
+from bench.shared.recording import WrenchSpec
 from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.model_fit import fit_of
 from stiffness.diagnosis.nominal_fit import prepare
