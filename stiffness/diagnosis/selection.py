@@ -386,8 +386,11 @@ def _better_without_generic_terms(
     case = layout.at(point)
     search = Search.of(case, some, refused)
     selected = select_groups(search.problem, range(len(some)))
-    terms = fit_shapes(case, one_each(search, selected.groups))
-    alone = layout.fitted_jointly(case, fit_model(case, terms))
+    fit = fit_model(case, fit_shapes(case, one_each(search, selected.groups)))
+    more = unexplained(case, fit) - unexplained(case, fit_model(case, own))
+    if more > 3.0 * CLEAR:  # chosen: where the fit anew helped it was 110
+        return point
+    alone = layout.fitted_jointly(case, fit)
     gained = alone.worth(case.poses) - point.worth(case.poses)
     return alone if gained > 0.5 * CLEAR else point
 
