@@ -105,6 +105,9 @@ AT_FLANGE = 0.02e-3 / 3
 """One sigma at the flange where nothing is stated, in m; a 10 kg arm's data sheet."""
 SHORTEST_LEVER = 0.1
 """In m; chosen: a wrist's own size, for axes that go through the flange."""
+ALIKE = 1e-4
+"""Share by which smooth functions differ at least to be two; chosen: of less the last
+digits of fitted springs would decide."""
 
 
 def max_pose_repeatability(situation: StaticState) -> Float[np.ndarray, " axes"]:
@@ -137,9 +140,9 @@ def pose_repeatability_of(
     inverse = np.linalg.inv(information)
     angle = np.einsum("vij,vnj,vn->vi", inverse, lever, white)
     variance = np.median(np.diagonal(inverse, axis1=1, axis2=2), axis=0)
-    fit, *_ = np.linalg.lstsq(trend, angle, rcond=None)
+    fit, _, rank, _ = np.linalg.lstsq(trend, angle, rcond=ALIKE)
     left = angle - trend @ fit
-    freedom = max(1, len(left) - np.linalg.matrix_rank(trend))
+    freedom = max(1, len(left) - rank)
     spread = (1.4826 * np.median(np.abs(left), axis=0)) ** 2 * len(left) / freedom
     return np.minimum(np.sqrt(np.maximum(spread - variance, 0.0)), largest)
 

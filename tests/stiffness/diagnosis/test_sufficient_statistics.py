@@ -9,6 +9,7 @@ from small_bench import SOFTER, arm, prepared, recording
 
 from stiffness.diagnosis.between_visit import Whitening
 from stiffness.diagnosis.candidates import library_of
+from stiffness.diagnosis.noise_model import pose_repeatability_of
 from stiffness.diagnosis.sufficient_statistics import (
     Augmented,
     cross_gram,
@@ -296,3 +297,17 @@ def test_random_signs_are_the_same_however_many_are_drawn_at_once(monkeypatch):
     once = sign_flip_test(white, 5)
     monkeypatch.setattr(testing, "AT_ONCE", 4999)
     np.testing.assert_array_equal(once.together, sign_flip_test(white, 5).together)
+
+
+def test_last_digits_of_a_trend_do_not_decide_how_well_axes_return():
+    random = np.random.default_rng(3)
+    lever = 1e5 * random.normal(size=(60, 6, 2))
+    arrival = 3e-5 * random.normal(size=(60, 2))
+    white = np.einsum("vna,va->vn", lever, arrival) + random.normal(size=(60, 6))
+    trend = random.uniform(-1.0, 1.0, size=(60, 5))
+    largest = np.full(2, 1e-3)
+    found = pose_repeatability_of(white, lever, trend, largest)
+    twin = trend[:, :1] + 1e-8 * random.normal(size=(60, 1))
+    again = pose_repeatability_of(white, lever, np.hstack([trend, twin]), largest)
+    assert_allclose(again, found, rtol=1e-6)
+    assert_allclose(found, 3e-5, rtol=0.4)
