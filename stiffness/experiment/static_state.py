@@ -243,13 +243,16 @@ class StaticState:
         at = np.minimum(np.arange(count.max()), count[:, None] - 1)
         return order[start[:, None] + at]
 
-    @cached_property
+    @property
     def way_torque(self) -> Float[np.ndarray, "visits points axes"]:
         """Gravity's torque on the way to each visit, from the posture before, N m.
 
         All axes move evenly from posture to posture, without a load. The first visit
         has no way and stands in its posture throughout.
         """
+        return self.once_standing("way_torque", self._way_torque)
+
+    def _way_torque(self) -> Float[np.ndarray, "visits points axes"]:
         to = self.recording.posture[self.steps[:, 0]]
         start = np.concatenate([to[:1], to[:-1]])
         share = np.linspace(0.0, 1.0, WAY_POINTS)[:, None]
