@@ -66,6 +66,7 @@ from scenarios.studies.blind_trials.effects import (
 from scenarios.studies.blind_trials.oracle import (
     arm_oracle,
     as_strange_as,
+    displaced,
     explained,
     log_bayes_factor,
 )
@@ -240,6 +241,15 @@ class Bench:
         """Return a recording of the arm with effects, by error-free instruments."""
         return self.seen(effects, error_free_instruments(self.trial.instruments))
 
+    def displaced_by_places(
+        self, effects: Sequence[Effect], recording: Recording
+    ) -> dict[str, float]:
+        """Return χ² of what the effects at each place together displace, simulated."""
+        places = dict.fromkeys(effect.where for effect in effects)
+        parts = {w: tuple(e for e in effects if e.where == w) for w in places}
+        quiet = {where: self.quiet(some) for where, some in parts.items()}
+        return displaced(recording, quiet, Path(self.rig.arm_file))
+
     def weighing(self) -> Callable[[Effect], Visibility]:
         """Return a function that simulates an effect alone and weighs it."""
         scale = scale_of(
@@ -321,7 +331,7 @@ def whole_arm(
         oracle = arm_oracle(recording, clean, model, effects)
         return effects, recording, {
             "own_chi2": oracle.own,
-            "place_chi2": oracle.places,
+            "place_chi2": bench.displaced_by_places(effects, recording),
             "oracle_share": oracle.share,
         }  # fmt: skip
     key = (*trial.chance.spawn_key, 1, attempt)
@@ -339,7 +349,7 @@ def whole_arm(
             if weigh(unknown).poses < FEWEST:
                 continue  # at no size more of them show it
             unknown, weight = as_large_as(unknown, asked, weigh)
-            every, where = (*effects, unknown), unknown.where
+            every = (*effects, unknown)
             quiet, recording = bench.quiet(every), bench.seen(every, trial.instruments)
         except BenchError as error:
             fault = str(error).partition("\n")[0]
@@ -348,12 +358,11 @@ def whole_arm(
         without = without or arm_oracle(recording, clean, model, effects)
         left = oracle.residual - without.residual
         if left >= LEAST_LEFT:
-            places = without.places
             return every, recording, {
                 "own_chi2": (*without.own, left),
-                "place_chi2": places | {where: places.get(where, 0.0) + left},
+                "place_chi2": bench.displaced_by_places(every, recording),
                 "oracle_share": oracle.share,
-                "outside": {"where": where, "chi2": weight.chi2, "left": left},
+                "outside": {"where": unknown.where, "chi2": weight.chi2, "left": left},
             }  # fmt: skip
         fault = f"The names explain {unknown.name} at {unknown.where}."
     raise OutOfReach(fault or "Too few poses show a mechanism outside.")

@@ -24,7 +24,7 @@ Ignores     that laws of the library are not those of the simulator: what they l
 ==========  ==========================================================================
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
@@ -49,11 +49,7 @@ from scenarios.studies.blind_trials.linear_model import (
 from scenarios.studies.blind_trials.strata import LIBRARY
 from scenarios.studies.blind_trials.visibility import Visibility
 from stiffness.diagnosis.candidates import Library
-from stiffness.diagnosis.localisation import (
-    WhitenedCandidates,
-    displaced_by_places,
-    whiten_candidates,
-)
+from stiffness.diagnosis.localisation import WhitenedCandidates, whiten_candidates
 from stiffness.diagnosis.model_fit import (
     WHOLE,
     ModelTerm,
@@ -437,13 +433,11 @@ class ArmOracle:
 
     Attributes:
         own: χ² of each effect on its own; 0 where the library has no law at its place.
-        places: χ² of what all effects at each place together displace.
         share: Of the mismatch on poses kept back that the true names explain.
         residual: χ² of noise-free readings that the true names do not explain.
     """
 
     own: tuple[float, ...]
-    places: dict[str, float]
     share: float
     residual: float
 
@@ -464,9 +458,26 @@ def arm_oracle(
     lost = losses_of(clean)
     each = iter(lost.names)
     own = tuple(float(next(each)) if choice else 0.0 for choice in choices)
-    displaced = displaced_by_places(clean.case, clean.case.data, clean.fit)
-    places = dict.fromkeys((effect.where for effect in effects), 0.0) | displaced
-    return ArmOracle(own, places, share, lost.residual)
+    return ArmOracle(own, share, lost.residual)
+
+
+def displaced(
+    recording: Recording, quiet: Mapping[str, Recording], model: Path
+) -> dict[str, float]:
+    """Return χ² of what arms with a part of the effects each displace.
+
+    It is what springs, frame and marks, fitted anew, leave of readings by instruments
+    without errors, with the weights of the recording: no law is used.
+
+    Args:
+        recording: Of the whole arm.
+        quiet: Of arms with a part of its effects, same plan, by name of the part.
+        model: The nominal model.
+    """
+    prepared = prepare(recording, arm_of(model).for_recording(recording))
+    clean = {part: noise_free(prepared, seen) for part, seen in quiet.items()}
+    fits = {part: linear_model_of(one, [], False) for part, one in clean.items()}
+    return {part: losses_of(fit).residual for part, fit in fits.items()}
 
 
 def log_bayes_factor(
