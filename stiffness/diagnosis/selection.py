@@ -387,7 +387,7 @@ def _better_without_generic_terms(
     search = Search.of(case, some, refused)
     selected = select_groups(search.problem, range(len(some)))
     fit = fit_model(case, fit_shapes(case, one_each(search, selected.groups)))
-    more = unexplained(case, fit) - unexplained(case, fit_model(case, own))
+    more = unexplained(case, fit) - point.square
     if more > 3.0 * CLEAR:  # chosen: where the fit anew helped it was 110
         return point
     alone = layout.fitted_jointly(case, fit)
