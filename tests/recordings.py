@@ -2,9 +2,11 @@
 
 import csv
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from bench.shared.models import ModelFacts
 
@@ -165,3 +167,23 @@ def both(*damages: Damage) -> Damage:
             each(folder)
 
     return damage
+
+
+def assert_same(mine, theirs, rtol: float = 0.0) -> None:
+    """Compare two dataclasses field by field, to the last bit by default."""
+    for part in fields(mine):
+        a, b = getattr(mine, part.name), getattr(theirs, part.name)
+        if isinstance(a, np.ndarray) and a.dtype.kind == "f":
+            np.testing.assert_allclose(a, b, rtol=rtol, atol=0.0, err_msg=part.name)
+        elif isinstance(a, np.ndarray):
+            np.testing.assert_array_equal(a, b, err_msg=part.name)
+        elif part.name == "markers":
+            assert len(a) == len(b)
+            for one, other in zip(a, b, strict=True):
+                assert_same(one, other, rtol)
+        elif hasattr(a, "__dataclass_fields__"):
+            assert_same(a, b, rtol)
+        elif isinstance(a, float):
+            assert a == pytest.approx(b, rel=max(rtol, 1e-300), abs=0.0)
+        else:
+            assert a == b, part.name

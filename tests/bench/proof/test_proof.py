@@ -1,3 +1,8 @@
+"""The proof of a patch: replay, fit and judgement of one recording.
+
+It is over 600 lines long: most tests ask one proof, which is made once.
+"""
+
 from dataclasses import replace
 
 import numpy as np

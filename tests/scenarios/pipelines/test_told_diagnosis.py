@@ -1,4 +1,7 @@
-"""What becomes of a diagnosis: mechanisms of a patch, an answer, a story."""
+"""What becomes of a diagnosis: mechanisms of a patch, an answer, a story.
+
+It is over 600 lines long: all three are told of one diagnosis, which is altered here.
+"""
 
 import json
 from dataclasses import replace

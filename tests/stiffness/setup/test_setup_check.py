@@ -1,3 +1,8 @@
+"""Each mistake of a set-up is said in its own words, and an honest recording has none.
+
+It is over 600 lines long: each mistake is one function of a table that all tests share.
+"""
+
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
