@@ -7,7 +7,7 @@ and these are the set's own. All of them are fitted together.
 Equation    min |y - f(x)|^2 + priors; f: the columns as laid out under x, times x's
             coefficients; df/dx: these columns, slopes of shapes, and what a little more
             of x changes of other columns, by differences: of its own gear's laws, or of
-            all where it is a load
+            all where it is a load; of springs also how far the arm has turned
 Source      Levenberg-Marquardt: `regression.normal_equations`; terms without a name
             are eliminated, Golub and Pereyra 1973
 Valid       from a set that was fitted to columns of another layout
@@ -48,6 +48,7 @@ from stiffness.diagnosis.relinearisation import (
     laid_out_softer,
     moved_under,
     nominal_problem,
+    slopes_beyond_linear,
     softened,
     softening_of,
     state_under,
@@ -344,6 +345,9 @@ class _JointFit:
                 parts = tuple(p for p in on if np.any(values(p) != 0.0))
                 if parts:
                     found[j] = EffectJacobian(1, parts)
+        # lever arms and loads of where the arm rests, which generic terms do not hold
+        for j, more in enumerate(slopes_beyond_linear(self.prepared, stands)):
+            found[j] = added(found[j], more) if j in found else more
         # a spring's own column has a load's torque, and so have what loads displace,
         # where columns are laid out under all of the spring's change
         own = list(self.prepared.springs)

@@ -51,6 +51,7 @@ from stiffness.effects.jacobian import (
     JacobianBlock,
     JointRotation,
     MarkerDisplacement,
+    added,
     mixture,
 )
 from stiffness.effects.statics import springs_of, wind_up
@@ -61,6 +62,7 @@ from stiffness.experiment.static_state import (
     StaticState,
     moved_to,
     rest_of,
+    screw_of,
     static_state_of,
 )
 from stiffness.experiment.visits import held_at_mean
@@ -78,6 +80,8 @@ ROUNDS = 2
 moves a hundredth of the first."""
 TINY = 1e-9
 """A load in N or N m that is none; chosen."""
+SMALL_TURN = 1e-4
+"""Turn in rad by which slopes of torques are taken; chosen: as a load winds up."""
 
 
 def build_problem(
@@ -213,21 +217,100 @@ def beyond_linear(prepared: Prepared, stands: StaticState) -> EffectJacobian:
     """
     situation, frames = prepared.situation, prepared.frames
     before, after = expected(situation, frames), expected(stands, frames)
-    step = (stands.rest - situation.rest)[:, :, None] * situation.screw
-    carried = situation.carried[1:, prepared.readings.body].astype(float)
-    twist = np.einsum("rki,km->rmi", step, carried)
-    lever = _point_jacobians(situation, before)
-    linear = np.einsum("rmij,rmj->rmi", lever, twist)
-    more = after - before - linear
-    if situation.recording.base_from_tracker is None:
-        seen = prepared.readings.weight > 0
-        left = prepared.readings.value - (after - before)
-        if prepared.readings.centre is not None:
-            left -= prepared.readings.centre
-        frame = np.linalg.lstsq(lever[seen].reshape(-1, 6), left[seen].ravel())[0]
-        turned = frame[3:]
-        more += np.cross(turned, after - before + np.cross(turned, before) / 2.0)
+    lever, moved = _point_jacobians(situation, before), after - before
+    step = (stands.rest - situation.rest)[:, None, :, None]
+    linear = _by_axes(prepared, lever, situation.screw) @ step
+    turned = _frame_turns(prepared, lever, moved[None])[0]
+    more = moved - linear[..., 0] + (moved + before @ turned / 2.0) @ turned
     return _column_of(more)
+
+
+def slopes_beyond_linear(
+    prepared: Prepared, stands: StaticState
+) -> tuple[EffectJacobian, ...]:
+    """Return what more of each fitted spring does beyond its column as prepared.
+
+    ==========  ======================================================================
+    Equation    d/dc_k of C (t - t0), t the axes' torques where the arm rests, and of
+                `beyond_linear`; dt/dc_k = K e_k t_k, K the change of torques by turns
+    Source      chain rule
+    Valid       K as prepared, lever arms where the arm rests
+    Ignores     K C K
+    ==========  ======================================================================
+
+    Args:
+        prepared: Before axes turned.
+        stands: After.
+    """
+    situation, frames = prepared.situation, prepared.frames
+    before, after = expected(situation, frames), expected(stands, frames)
+    lever, change = _point_jacobians(situation, before), _torque_by_turns(situation)
+    linear = _by_axes(prepared, lever, situation.screw)
+    screw = screw_of(situation.arm.at(stands.rest))
+    along = _by_axes(prepared, point_jacobian(after), screw)
+    torque, found = stands.torque[:, None, None], []
+    every = np.moveaxis(along * torque, 3, 0)[list(prepared.springs)]
+    turned, *turns = _frame_turns(prepared, lever, np.stack([after - before, *every]))
+    far = after - before + before @ turned / 2.0
+    for k, moved, turn in zip(prepared.springs, every, turns, strict=True):
+        more = ((along - linear) * torque)[..., k]
+        more += far @ turn + (moved + before @ turn / 2.0) @ turned
+        wound = wind_up(stands, change[:, :, k, None] * stands.torque[:, k, None, None])
+        found.append(added(_column_of(more), wound))
+    return tuple(found)
+
+
+def _by_axes(
+    prepared: Prepared,
+    lever: Float[np.ndarray, "rows markers 3 6"],
+    screw: Float[np.ndarray, "rows axes 6"],
+) -> Float[np.ndarray, "rows markers 3 axes"]:
+    """Return what a turn of each axis moves the marks by, in m per rad."""
+    rows, markers = lever.shape[:2]
+    moved = lever.reshape(rows, 3 * markers, 6) @ screw.swapaxes(1, 2)
+    carried = prepared.situation.carried[1:, prepared.readings.body]
+    return moved.reshape(rows, markers, 3, -1) * carried.T[:, None]
+
+
+def _frame_turns(
+    prepared: Prepared,
+    lever: Float[np.ndarray, "rows markers 3 6"],
+    moved: Float[np.ndarray, "many rows markers 3"],
+) -> Float[np.ndarray, "many 3 3"]:
+    """Return how the tracker's frame is turned to make up for what the readings leave.
+
+    Args:
+        prepared: The recording against its nominal model.
+        lever: Of the marks.
+        moved: What is taken from the readings, in m; of all but the first their change.
+
+    Returns:
+        What takes a point, as a row, to its displacement; 0 where the frame is known.
+    """
+    if prepared.situation.recording.base_from_tracker is not None:
+        return np.zeros((len(moved), 3, 3))
+    readings, seen = prepared.readings, prepared.readings.weight > 0
+    left = -moved[:, seen]
+    left[0] += readings.value[seen]
+    left[0] -= 0.0 if readings.centre is None else readings.centre[seen]
+    columns = lever[seen].reshape(-1, 6)
+    asked = columns.T @ left.reshape(len(moved), -1).T
+    frame = np.linalg.solve(columns.T @ columns, asked).T
+    return np.cross(frame[:, None, 3:], np.eye(3))
+
+
+def _torque_by_turns(
+    situation: StaticState,
+) -> Float[np.ndarray, "rows axes axes"]:
+    """Return what turns of each axis change of all torques, in N m per rad."""
+
+    def slopes() -> Float[np.ndarray, "rows axes axes"]:
+        turned = SMALL_TURN * np.eye(len(situation.axes))
+        each = (moved_to(situation, situation.rest + turn) for turn in turned)
+        change = [state.torque - situation.torque for state in each]
+        return np.stack(change, axis=2) / SMALL_TURN
+
+    return situation.once_standing("torque_by_turns", slopes)
 
 
 def _column_of(moved: Float[np.ndarray, "rows markers 3"]) -> EffectJacobian:

@@ -218,11 +218,7 @@ class StaticState:
         return self.once_standing("screw", self._screw)
 
     def _screw(self) -> Float[np.ndarray, "rows axes 6"]:
-        along, at = self.frame[:, 1:, :, 2], self.origin[:, 1:]
-        twist = np.concatenate([np.cross(at, along), along], axis=2)
-        slides = self.arm.slides
-        twist[:, slides] = np.concatenate([along, 0 * along], axis=2)[:, slides]
-        return twist
+        return _screw(self.frame[:, 1:, :, 2], self.origin[:, 1:], self.arm.slides)
 
     @cached_property
     def posture_index(self) -> Int[np.ndarray, " rows"]:
@@ -536,6 +532,22 @@ def _sensor(recording: Recording, standing: ArmState) -> tuple[np.ndarray, np.nd
     at = standing.point(spec.body, spec.position)
     mounting = Rotation.from_quat(spec.quaternion_wxyz, scalar_first=True).as_matrix()
     return at, standing.turn(spec.body) @ mounting
+
+
+def screw_of(standing: ArmState) -> Float[np.ndarray, "rows axes 6"]:
+    """Return the twist of all that an axis carries per radian (metre) along it."""
+    along = standing.rotation[..., 2].swapaxes(0, 1)
+    return _screw(along, standing.origin.swapaxes(0, 1), standing.chain.slides)
+
+
+def _screw(
+    along: Float[np.ndarray, "rows axes 3"],
+    at: Float[np.ndarray, "rows axes 3"],
+    slides: Bool[np.ndarray, " axes"],
+) -> Float[np.ndarray, "rows axes 6"]:
+    twist = np.concatenate([np.cross(at, along), along], axis=2)
+    twist[:, slides] = np.concatenate([along, 0 * along], axis=2)[:, slides]
+    return twist
 
 
 def _midway(

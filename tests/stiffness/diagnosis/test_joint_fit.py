@@ -88,6 +88,23 @@ def test_slopes_hold_what_laws_change_of_each_other(terms):
         assert change == pytest.approx(said, rel=0.05, abs=0.01 * np.sqrt(here.square))
 
 
+def test_slope_of_a_soft_spring_has_the_lever_arms_of_where_the_arm_rests():
+    """A term without a name takes the spring's own line: what is left is its arc."""
+    ready = prepared("hysteresis@a2,width_rad=2e-4")
+    nameless = ModelTerm(GenericTerm("generic_torque", "torque", "torque"), "a2", NONE)
+    loop = ModelTerm(Hysteresis(), "a2", np.array([20.0, 0.0]))
+    fit, x = joint(ready, (loop, nameless))
+    soft = ready.springs.index(1)
+    x[soft] += 4.0 * ready.situation.compliance[1]
+    here = fit.linearise(x)
+    step = 0.3 / np.sqrt(here.gram[soft, soft])
+    ahead, back = x.copy(), x.copy()
+    ahead[soft] += step
+    back[soft] -= step
+    change = fit.linearise(ahead).square - fit.linearise(back).square
+    assert change == pytest.approx(-4.0 * here.descent[soft] * step, rel=0.05)
+
+
 def test_a_gear_that_hardens_and_holds_wind_up_back_is_found_as_it_is():
     """Laid out in turn, each law is wrong by what it makes the other feel."""
     ready = prepared(
