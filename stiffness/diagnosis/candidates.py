@@ -37,7 +37,7 @@ The first columns are the nominal ones: the springs, a nuisance.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import ClassVar
@@ -515,20 +515,33 @@ class Mapped:
 
 
 @dataclass(frozen=True)
-class Library:
-    """All signatures in a row, and who owns which columns.
+class ResidualMap:
+    """Blocks of the residual map after the nominal columns.
 
     Attributes:
-        jacobians: Nominal, then candidates, then map.
+        columns: Nominal, then each block's.
+        blocks: With the numbers of their columns.
+    """
+
+    columns: KeptColumns
+    blocks: tuple[Mapped, ...]
+
+
+@dataclass(frozen=True)
+class Library:
+    """All that is selected from in a row, and who owns which columns.
+
+    Attributes:
+        jacobians: Nominal, then candidates.
         nominal: How many columns are nominal.
         candidates: Hypotheses at places.
-        map: The residual map.
+        map: The residual map, whose columns are counted apart.
     """
 
     jacobians: tuple[EffectJacobian | Deferred, ...]
     nominal: int
-    candidates: tuple[Candidate, ...]
-    map: tuple[Mapped, ...]
+    candidates: tuple[Candidate, ...] = ()
+    map: ResidualMap = field(default_factory=lambda: ResidualMap(KeptColumns(()), ()))
 
     @cached_property
     def columns(self) -> KeptColumns:
@@ -536,54 +549,48 @@ class Library:
         return KeptColumns(self.jacobians)
 
     def of_effects(self, effects: Collection[str]) -> "Library":
-        """Return the nominal columns and those of some effects, without the map."""
+        """Return the nominal columns and those of some effects alone."""
         jacobians, candidates = [*self.jacobians[: self.nominal]], []
         first, at = self.nominal, self.nominal
         for candidate in self.candidates:
             after = first + len(candidate.columns)
             if candidate.hypothesis.effect in effects:
                 jacobians += self.jacobians[first:after]
-                ends = at + np.cumsum([0, *map(len, candidate.columns)])
-                owned = tuple(np.arange(a, b) for a, b in pairwise(ends))
+                owned = _numbers(at, [*map(len, candidate.columns)])
                 candidates.append(replace(candidate, columns=owned))
-                at = int(ends[-1])
+                at += sum(map(len, owned))
             first = after
-        return Library(tuple(jacobians), self.nominal, tuple(candidates), ())
-
-    @cached_property
-    def of_map(self) -> "Library":
-        """The residual map alone, which comes last; columns are counted in it."""
-        count = len(self.map)
-        first = min((int(block.columns[0]) for block in self.map), default=0)
-        blocks = [replace(block, columns=block.columns - first) for block in self.map]
-        last = self.jacobians[len(self.jacobians) - count :]
-        return Library(last, 0, (), tuple(blocks))
+        return Library(tuple(jacobians), self.nominal, tuple(candidates))
 
 
 def library_of(
     situation: StaticState, springs: Sequence[int], hypotheses: Sequence[Hypothesis]
 ) -> Library:
     """Lay out nominal springs, all hypotheses at all places and shapes, and the map."""
-    signatures: list[EffectJacobian | Deferred] = [*springs_of(situation, springs)]
-    at = len(signatures)
-    candidates, mapped = [], []
+    nominal = springs_of(situation, springs)
+    signatures: list[EffectJacobian | Deferred] = [*nominal]
+    at, candidates = len(signatures), []
     for hypothesis in hypotheses:
         for where in hypothesis.places(situation):
             shapes = hypothesis.shapes(situation, where)
-            owned = []
             for shape in shapes:
-                signature = hypothesis.jacobian(situation, where, shape)
+                own = hypothesis.jacobian(situation, where, shape)
                 if len(shapes) > 1:
-                    here = (hypothesis, where, shape, situation)
-                    signatures.append(deferred(signature, *here))
-                else:
-                    signatures.append(signature)
-                owned.append(np.arange(at, at + signature.columns))
-                at += signature.columns
-            candidates.append(Candidate(hypothesis, where, shapes, tuple(owned)))
-    for block in residual_map(situation):
-        signatures.append(block.jacobian)
-        owned = np.arange(at, at + block.jacobian.columns)
-        at += block.jacobian.columns
-        mapped.append(Mapped(block.where, block.kind, block.depends_on, owned))
-    return Library(tuple(signatures), len(springs), tuple(candidates), tuple(mapped))
+                    own = deferred(own, hypothesis, where, shape, situation)
+                signatures.append(own)
+            owned = _numbers(at, [own.columns for own in signatures[-len(shapes) :]])
+            candidates.append(Candidate(hypothesis, where, shapes, owned))
+            at += sum(map(len, owned))
+    every = residual_map(situation)
+    laid_out = KeptColumns((*nominal, *(block.jacobian for block in every)))
+    owned = _numbers(len(nominal), [block.jacobian.columns for block in every])
+    own = zip(every, owned, strict=True)
+    blocks = tuple(Mapped(b.where, b.kind, b.depends_on, columns) for b, columns in own)
+    whole = ResidualMap(laid_out, blocks)
+    return Library(tuple(signatures), len(nominal), tuple(candidates), whole)
+
+
+def _numbers(first: int, counts: Sequence[int]) -> tuple[Int[np.ndarray, " _"], ...]:
+    """Return the numbers of so many columns each, one after the other."""
+    ends = first + np.cumsum([0, *counts])
+    return tuple(np.arange(a, b) for a, b in pairwise(ends))

@@ -33,8 +33,9 @@ Ignores     what differs within groups
 ==========  ==========================================================================
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -47,6 +48,7 @@ from stiffness.diagnosis.model_fit import (
     SelectionProblem,
     other_forms,
     shape_columns,
+    training,
 )
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
@@ -54,6 +56,7 @@ from stiffness.diagnosis.sufficient_statistics import (
     given_many,
     normal_equations_of,
 )
+from stiffness.effects.design_matrix import KeptColumns
 from stiffness.effects.jacobian import EffectJacobian, mixture, values, with_values
 from stiffness.experiment.static_state import StaticState
 from stiffness.regression.normal_equations import (
@@ -279,10 +282,9 @@ class DetectionTest:
 
 def detect(
     library: Library,
-    normal_equations: NormalEquations,
-    score: Float[np.ndarray, "poses columns"],
+    of_candidates: NormalEquations,
+    of_map: NormalEquations,
     known: Int[np.ndarray, " known"],
-    poses: np.ndarray,
     seed: int,
     scatter: Scatter,
 ) -> DetectionTest:
@@ -290,37 +292,38 @@ def detect(
 
     Args:
         library: Candidates and map.
-        normal_equations: Gram matrices of all columns.
-        score: Of the data without what the known columns explain.
+        of_candidates: Normal equations of the data without what the known columns
+            explain, of these and the candidates.
+        of_map: Of these and the map, over the same poses.
         known: Columns that may explain for free.
-        poses: Mask of the poses to look at.
         seed: Of the random signs.
         scatter: Of the readings.
     """
-    folds = np.unique(normal_equations.fold[poses])
-    gram = normal_equations.gram[folds].sum(axis=0)
+    blocks = library.map.blocks
     own = [block for c in library.candidates for block in c.columns]
-    parts = [m.columns for m in library.map]
-    places = tuple(dict.fromkeys(m.where for m in library.map))
+    parts = [m.columns for m in blocks]
+    places = tuple(dict.fromkeys(m.where for m in blocks))
     whole = [
-        np.concatenate([m.columns for m in library.map if m.where == place])
+        np.concatenate([m.columns for m in blocks if m.where == place])
         for place in places
     ]
-    every: Sequence[np.ndarray] = [*own, *parts, *whole, np.concatenate(parts)]
-    white = white_scores(gram, score[poses], known, every, normal_equations.raw)
+    every = [*parts, *whole, np.concatenate(parts)]
+    white = [
+        white_scores(given.gram.sum(axis=0), given.score, known, asked, given.raw)
+        for given, asked in ((of_candidates, own), (of_map, every))
+    ]
     tested = combine_tests(
-        sign_flip_test(white[: len(own)], seed),
-        sign_flip_test(white[len(own) :], seed + 1),
+        sign_flip_test(white[0], seed), sign_flip_test(white[1], seed + 1)
     )
-    of_map = np.concatenate(white[len(own) : len(own) + len(parts)], axis=1)
-    dispersion = float(np.sum(of_map**2) / max(1, of_map.shape[1]))
+    beyond = np.concatenate(white[1][: len(parts)], axis=1)
+    dispersion = float(np.sum(beyond**2) / max(1, beyond.shape[1]))
     where = (
         *(c.where for c in library.candidates for _ in c.columns),
-        *(m.where for m in library.map),
+        *(m.where for m in blocks),
         *places,
         "",
     )
-    count = int(poses.sum())
+    count = len(of_map.score)
     return DetectionTest(
         tested, len(own), len(parts), places, where, dispersion, count, scatter
     )
@@ -352,65 +355,67 @@ def residual_after(case: SelectionProblem, fit: ModelFit) -> After:
     for member, coefficients in zip(fit.members, fit.coefficients, strict=True):
         extra.extend(shape_columns(case.situation, member, coefficients))
     known = [*case.nominal, *members, *extra, *other_forms(case, fit.members)]
-    own = normal_equations_of(case.data, known, case.normal_equations.fold)
+    own = normal_equations_of(case.data, known, training(case.split))
     beta = minimum_norm_fit(own.gram[1], own.score[~case.split.held_out].sum(axis=0))
     return After(known, own, case.data.subtract(known, beta))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ResidualEquations:
     """Normal equations of all columns over the training poses once a set is named.
 
     Attributes:
-        after: The recording once the set is named.
-        library: Candidates without the names of the set, and the map.
-        normal_equations: Of the columns that the set explains with, then the library's;
-            one fold.
-        known: Numbers of the columns that the set explains with.
-    """
-
-    after: After
-    library: Library
-    normal_equations: NormalEquations
-    known: Int[np.ndarray, " known"]
-
-
-def residual_equations(
-    case: SelectionProblem, fit: ModelFit, library: Library | None = None
-) -> ResidualEquations:
-    """Lay out what a set explains, in any accepted form, beside the library.
-
-    Args:
         case: What may be looked at.
         fit: The set.
-        library: The last columns of the case's library; None: all of it.
+        after: The recording once the set is named.
     """
-    given, library = case.normal_equations, library or case.library
-    after = residual_after(case, fit)
-    known, own = after.known, after.normal_equations
-    count = own.gram.shape[1]
-    side, score = cross_gram(after.data, known, [library.columns], given.fold)
-    first = count + len(given.raw) - side.shape[2]
-    gram = given_many(side[1], given.gram[1][first:, first:])
-    raw = np.concatenate([own.raw, given.raw[first:]])
-    score = score[~case.split.held_out]
-    joint = NormalEquations(gram[None], score, np.zeros(len(score), dtype=int), raw)
-    library = _with_offset_columns(library, count, fit.names)
-    return ResidualEquations(after, library, joint, np.arange(count))
 
+    case: SelectionProblem
+    fit: ModelFit
+    after: After
 
-def _with_offset_columns(
-    library: Library, by: int, named: frozenset[tuple[str, str]]
-) -> Library:
-    return replace(
-        library,
-        candidates=tuple(
+    @classmethod
+    def of(cls, case: SelectionProblem, fit: ModelFit) -> "ResidualEquations":
+        """Take a set, in any accepted form, out of the readings."""
+        return cls(case, fit, residual_after(case, fit))
+
+    @property
+    def known(self) -> Int[np.ndarray, " known"]:
+        """Numbers of the columns that the set explains with, which come first."""
+        return np.arange(self.after.normal_equations.gram.shape[1])
+
+    @cached_property
+    def library(self) -> Library:
+        """Candidates without the names of the set, and the map, after those."""
+        every, by, named = self.case.library, len(self.known), self.fit.names
+        blocks = tuple(replace(m, columns=m.columns + by) for m in every.map.blocks)
+        candidates = tuple(
             replace(c, columns=tuple(block + by for block in c.columns))
-            for c in library.candidates
+            for c in every.candidates
             if c.name not in named
-        ),
-        map=tuple(replace(m, columns=m.columns + by) for m in library.map),
-    )
+        )
+        whole = replace(every.map, blocks=blocks)
+        return replace(every, candidates=candidates, map=whole)
+
+    @cached_property
+    def of_candidates(self) -> NormalEquations:
+        """Of the set's columns, nominal ones, the candidates'; one fold."""
+        return self._after_set(self.case.normal_equations, self.case.library.columns)
+
+    @cached_property
+    def of_map(self) -> NormalEquations:
+        """Of the set's columns, nominal ones, the residual map's; one fold."""
+        return self._after_set(self.case.map_equations, self.case.library.map.columns)
+
+    def _after_set(
+        self, given: NormalEquations, columns: KeptColumns
+    ) -> NormalEquations:
+        after, own = self.after, self.after.normal_equations
+        side, score = cross_gram(after.data, after.known, [columns], given.fold)
+        raw = np.concatenate([own.raw, given.raw])
+        score = score[~self.case.split.held_out]
+        gram = given_many(side[1], given.gram[1])
+        return NormalEquations(gram[None], score, np.zeros(len(score), dtype=int), raw)
 
 
 def imitated_share(
@@ -437,11 +442,11 @@ def imitated_share(
     ends = beyond.library.nominal + np.cumsum([0, *map(len, fit.coefficients)])
     own = np.arange(ends[k], ends[k + 1])
     others = np.setdiff1d(np.arange(ends[-1]), own)
-    place = [m.columns for m in beyond.library.map if m.where == where]
+    place = [m.columns for m in beyond.library.map.blocks if m.where == where]
     if not place:  # an instrument or a marker: it has no columns there
         return 1.0
     used = np.concatenate([own, others, *place])
-    gram, unexplained = beyond.normal_equations.gram[0][np.ix_(used, used)], []
+    gram, unexplained = beyond.of_map.gram[0][np.ix_(used, used)], []
     for end in (len(own) + len(others), len(used)):
         known = np.arange(len(own), end)
         share = projection_coefficients(gram, known)
@@ -460,13 +465,11 @@ def residual_test(case: SelectionProblem, beyond: ResidualEquations) -> Detectio
         case: What may be looked at.
         beyond: Normal equations once the set is named.
     """
-    equations = beyond.normal_equations
     return detect(
         beyond.library,
-        equations,
-        equations.score,
+        beyond.of_candidates,
+        beyond.of_map,
         beyond.known,
-        np.ones(len(equations.score), dtype=bool),
         case.seed + 1,
         scatter_of(beyond.after.data, case.dispersion_limit),
     )
@@ -481,14 +484,14 @@ def significant_blocks(case: SelectionProblem, fit: ModelFit) -> list[Mapped]:
         case: What may be looked at.
         fit: The set; other forms of its laws are allowed.
     """
-    beyond = residual_equations(case, fit, case.library.of_map)
-    given = beyond.normal_equations
-    some = [k for k, b in enumerate(beyond.library.map) if b.kind != "geometry"]
-    columns = [beyond.library.map[k].columns for k in some]
+    beyond = ResidualEquations.of(case, fit)
+    given, blocks = beyond.of_map, beyond.library.map.blocks
+    some = [k for k, b in enumerate(blocks) if b.kind != "geometry"]
+    columns = [blocks[k].columns for k in some]
     white = white_scores(given.gram[0], given.score, beyond.known, columns, given.raw)
     tested = sign_flip_test(white, case.seed + 3)
     found = zip(some, tested.together, strict=True)
-    return [case.library.map[k] for k, p in found if p < SIGNIFICANCE]
+    return [case.library.map.blocks[k] for k, p in found if p < SIGNIFICANCE]
 
 
 # --- Homogeneity over poses, loads, directions and times ------------------------------
@@ -533,7 +536,7 @@ def homogeneity_tests(
     flat = [piece for of_member in pieces for piece in of_member]
     mask = ~case.split.held_out
     every = [*after.known, *flat]
-    given = normal_equations_of(after.data, every, case.normal_equations.fold)
+    given = normal_equations_of(after.data, every, training(case.split))
     total = given.gram[1]
     start = after.normal_equations.gram.shape[1]
     ends = start + np.cumsum([0, *(piece.columns for piece in flat)])

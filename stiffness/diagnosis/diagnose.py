@@ -432,9 +432,8 @@ def _look(
     found = detect(
         case.library,
         case.normal_equations,
-        case.normal_equations.score,
+        case.map_equations,
         np.arange(case.library.nominal),
-        np.ones(len(case.split.fold), dtype=bool),
         case.seed,
         scatter_of(case.data, case.dispersion_limit),
     )

@@ -40,7 +40,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from stiffness.diagnosis.candidates import KNOTS, Library, hats
+from stiffness.diagnosis.candidates import KNOTS, Library, Mapped, hats
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -85,18 +85,16 @@ WORDS = {"geometry": "angle"}
 
 
 def places_of_map(
-    library: Library,
+    blocks: Sequence[Mapped],
     evidence: NormalEquations,
-    score: np.ndarray,
     known: np.ndarray,
     seed: int,
 ) -> list[tuple[str, float, float, tuple[str, ...]]]:
     """Return significant places, strongest first: where, p, captured, depends on."""
-    gram = evidence.gram.sum(axis=0)
-    names = tuple(dict.fromkeys(m.where for m in library.map))
+    gram, score = evidence.gram.sum(axis=0), evidence.score
+    names = tuple(dict.fromkeys(m.where for m in blocks))
     columns = {
-        n: np.concatenate([m.columns for m in library.map if m.where == n])
-        for n in names
+        n: np.concatenate([m.columns for m in blocks if m.where == n]) for n in names
     }
     found: list[tuple[str, float, float, tuple[str, ...]]] = []
     left = list(names)
@@ -109,7 +107,7 @@ def places_of_map(
         if tested.together[best] >= SIGNIFICANCE:
             break
         where = left.pop(best)
-        parts = [m for m in library.map if m.where == where]
+        parts = [m for m in blocks if m.where == where]
         of_parts = sign_flip_test(
             white_scores(gram, score, known, [m.columns for m in parts], evidence.raw),
             seed,
@@ -125,12 +123,9 @@ def places_of_map(
 
 def located_by_map(case: SelectionProblem) -> tuple[Located, ...]:
     """Return places of the map, strongest first, beside the nominal arm alone."""
+    known = np.arange(case.library.nominal)
     of_map = places_of_map(
-        case.library,
-        case.normal_equations,
-        case.normal_equations.score,
-        np.arange(case.library.nominal),
-        case.seed,
+        case.library.map.blocks, case.map_equations, known, case.seed
     )
     total = max(sum(float(captured) for _, _, captured, _ in of_map), 1e-12)
     found = (Located(w, p, float(c) / total, d, "") for w, p, c, d in of_map)

@@ -32,13 +32,11 @@ from stiffness.effects.base import Hypothesis
 from stiffness.effects.jacobian import (
     EffectJacobian,
     added,
+    difference,
     hstack,
-    mixed,
     mixture,
     orthogonal_to,
     share_along,
-    values,
-    with_values,
 )
 from stiffness.effects.statics import springs_of
 from stiffness.experiment.static_state import StaticState
@@ -130,9 +128,15 @@ class SelectionProblem:
 
     @cached_property
     def normal_equations(self) -> NormalEquations:
-        """What the readings say about the library's columns."""
+        """What the readings say about the library's columns, but for the map's."""
         fold = training(self.split)
         return normal_equations_of(self.data, self.library.columns, fold)
+
+    @cached_property
+    def map_equations(self) -> NormalEquations:
+        """What they say about nominal columns and the residual map's."""
+        fold = training(self.split)
+        return normal_equations_of(self.data, self.library.map.columns, fold)
 
     @cached_property
     def augmented(self) -> Augmented:
@@ -429,16 +433,6 @@ def shape_columns(
         high, low = (m.jacobian(situation) for m in sides)
         slopes.append(difference(high, low, sets / (2 * step)))
     return slopes
-
-
-def difference(
-    high: EffectJacobian, low: EffectJacobian, weight: np.ndarray
-) -> EffectJacobian:
-    """Return mixtures of the columns by which two laws differ."""
-    parts = []
-    for one, other in zip(high.parts, low.parts, strict=True):
-        parts.append(with_values(one, mixed(values(one) - values(other), weight)))
-    return EffectJacobian(weight.shape[1], tuple(parts))
 
 
 # --- Fit of all shapes together -------------------------------------------------------

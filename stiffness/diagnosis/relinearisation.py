@@ -118,7 +118,7 @@ def nominal_problem(
         data,
         situation,
         prepared.springs,
-        Library(springs, len(springs), (), ()),
+        Library(springs, len(springs)),
         split,
         seed_of(recording),
         MEASURED if prepared.degrees_of_freedom else MISSTATED,

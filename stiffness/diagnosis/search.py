@@ -78,7 +78,6 @@ class Search:
         case: SelectionProblem,
         first: Sequence[ModelTerm] = (),
         refused: Collection[Name] = (),
-        generic: Sequence[Mapped] = (),
         every_form: bool = True,
     ) -> "Search":
         """Lay out a few terms with shapes of their own beside the library.
@@ -91,7 +90,6 @@ class Search:
             first: Terms that come before those of the library. Of a generic term that
                 is there whole and beyond a name, the one that comes first counts.
             refused: Names of the library that are left out.
-            generic: Blocks of the residual map that may be selected too.
             every_form: Whether forms of a law other than its first may be selected.
         """
         less = {t.name: t.beyond for t in first[::-1]}
@@ -106,7 +104,6 @@ class Search:
         felt = case.felt or NOTHING_FELT
         found += tuple(term for term, _ in of_library if term.name in felt.loads)
         of_library = [one for one in of_library if one[0].name not in felt.loads]
-        of_library += [(_generic_term(block), block.columns) for block in generic]
         keys: list[Hashable] = [term.key for term in found]
         keys += [tuple(felt.loads)] if felt.loads else []
 
@@ -153,7 +150,8 @@ def _terms_of(library: Library) -> list[tuple[ModelTerm, Int[np.ndarray, " colum
     ]
 
 
-def _generic_term(block: Mapped) -> ModelTerm:
+def generic_term(block: Mapped) -> ModelTerm:
+    """Return a block of the residual map as a term without a name."""
     return ModelTerm(block.hypothesis, block.where, np.zeros(0))
 
 
@@ -374,14 +372,11 @@ def with_generic_terms(
     """
     fit = fit_model(case, terms)
     held = {term.name for term in terms}
-    blocks = [
-        block
-        for block in significant_blocks(case, fit)
-        if _generic_term(block).name not in held
-    ]
-    if not blocks and not any(t.is_generic and not t.beyond for t in terms):
+    generic = [generic_term(block) for block in significant_blocks(case, fit)]
+    generic = [term for term in generic if term.name not in held]
+    if not generic and not any(t.is_generic and not t.beyond for t in terms):
         return terms, ()
-    search = Search.of(case, [*terms, *fine], refused, blocks)
+    search = Search.of(case, [*terms, *fine, *generic], refused)
     search = _without_slight_terms(search, len(terms))
     selected = select_groups(search.problem, range(len(terms)))
     first = _names_before_generic_terms(search, selected.groups)

@@ -66,6 +66,7 @@ from stiffness.diagnosis.search import (
     beyond_present_names,
     first_search,
     from_rivals,
+    generic_term,
     of_the_same_kinds,
     one_each,
     with_generic_terms,
@@ -107,8 +108,7 @@ class SelectedModel:
         case: As laid out under everything that was found.
         fit: The set.
         fine: Fine shapes of its names and of what could stand in their place.
-        refused: Names that would be physically impossible here, or beside which others
-            would be.
+        refused: Names that are physically impossible here, or beside which others are.
         parameters: Of each term, with 95 % intervals.
         drop_one_gains: What each term explains that the others do not.
         lost: What each term's leaving costs each training pose, left out.
@@ -188,9 +188,9 @@ def select_model(
     more from the best set with a load of one axis, which counts with what more of it
     changes of the others. A set is kept where it surely predicts poses left out better.
 
-    Courses in time compete from the first, as many slips and drifts would
-    share out what no single one of them does. Other forms of a law come in with the
-    fine shapes: at coarse ones a smooth hardening and a play may cancel each other.
+    Courses in time compete from the first, as many slips and drifts would share out
+    what no single one of them does. Other forms of a law come in with fine shapes: at
+    coarse ones a smooth hardening and a play may cancel each other.
 
     Args:
         case: As laid out where nothing is named.
@@ -203,8 +203,8 @@ def select_model(
         point = layout.fitted_jointly(case, fit_model(case, start))
         model = _searched_on(layout, point, point.fit.members)
     else:
-        courses = [block for block in case.library.map if block.is_course]
-        search = Search.of(case, generic=courses, every_form=False)
+        courses = [generic_term(b) for b in case.library.map.blocks if b.is_course]
+        search = Search.of(case, courses, every_form=False)
         model = _selected_under(layout, search, first_search(search.problem))
     tried = _exchange_step(layout, model)
     if tried.point is not None:
@@ -420,7 +420,7 @@ def select_again(model: SelectedModel, split: Split) -> SelectedModel:
         split: Which poses may be looked at now.
     """
     first = model.case
-    library = Library(first.nominal, first.library.nominal, (), ())
+    library = Library(first.nominal, first.library.nominal)
     case = replace(first, library=library, split=split)
     fine = [term for term in model.fine if term.name not in model.refused]
     search = Search.of(case, [*model.fit.members, *fine])

@@ -33,7 +33,6 @@ from stiffness.diagnosis.detection import (
     ResidualEquations,
     homogeneity_tests,
     imitated_share,
-    residual_equations,
     residual_test,
 )
 from stiffness.diagnosis.gate import (
@@ -133,7 +132,7 @@ def judge(model: SelectedModel) -> JudgedModel:
     """
     case, members = model.case, model.fit.members
     gains = model.drop_one_gains
-    beyond = residual_equations(case, model.fit)
+    beyond = ResidualEquations.of(case, model.fit)
     left = residual_test(case, beyond)
     uneven = homogeneity_tests(case, model.fit, beyond.after)
     places = _unexplained_places(model, beyond if left.p_value < SIGNIFICANCE else None)
@@ -266,10 +265,8 @@ def _unexplained_places(
         if term.is_generic
     ]
     if beyond is not None:
-        given = beyond.normal_equations
-        found += places_of_map(
-            beyond.library, given, given.score, beyond.known, model.case.seed + 2
-        )
+        blocks, seed = beyond.library.map.blocks, model.case.seed + 2
+        found += places_of_map(blocks, beyond.of_map, beyond.known, seed)
     return joined_places(
         UnexplainedPlace(where, p, model.statistics.as_share(captured), depends_on)
         for where, p, captured, depends_on in found

@@ -205,6 +205,16 @@ def added(*laws: EffectJacobian) -> EffectJacobian:
     return EffectJacobian(laws[0].columns, tuple(parts.values()))
 
 
+def difference(
+    high: EffectJacobian, low: EffectJacobian, weight: np.ndarray
+) -> EffectJacobian:
+    """Return mixtures of the columns by which two laws differ."""
+    parts = []
+    for one, other in zip(high.parts, low.parts, strict=True):
+        parts.append(with_values(one, mixed(values(one) - values(other), weight)))
+    return EffectJacobian(weight.shape[1], tuple(parts))
+
+
 ROUNDING = 1e-6
 """Part of a column's length below which its remainder is rounding; chosen."""
 

@@ -25,7 +25,7 @@ from stiffness.diagnosis.candidates import (
     _told_apart,
     residual_map,
 )
-from stiffness.diagnosis.detection import residual_equations
+from stiffness.diagnosis.detection import ResidualEquations
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import is_local
 from stiffness.diagnosis.joint_fit import Layout, OperatingPoint
@@ -38,6 +38,7 @@ from stiffness.diagnosis.search import (
     Search,
     _without_slight_terms,
     beyond_present_names,
+    generic_term,
 )
 from stiffness.diagnosis.selection import (
     SelectedModel,
@@ -292,14 +293,16 @@ def test_a_weight_goes_where_an_unknown_mechanism_before_it_could_do_what_it_doe
     """What hangs on the flange pulls at all axes, an axis turns alone."""
     ready, laws = prepared(f"gravity_load@{where},mass_kg=2"), (GravityLoad(),)
     case = build_problem(ready, laws)
-    generic = next(m for m in case.library.map if (m.kind, m.where) == ("load", "a2"))
+    generic = next(
+        m for m in case.library.map.blocks if (m.kind, m.where) == ("load", "a2")
+    )
     weight = ModelTerm(laws[0], where, np.zeros(0))
     terms = weight, ModelTerm(generic.hypothesis, "a2", np.zeros(0))
     model = _judged(case, (weight,), (), ())
     fit = fit_model(case, terms)
     assert fit.names == {term.name for term in terms}
     gains = (1.0, 3.0)  # the generic term explains more than twice as much
-    beyond = residual_equations(case, fit)
+    beyond = ResidualEquations.of(case, fit)
     both = replace(model, fit=fit, drop_one_gains=gains)
     assert (_beside_generic(0, both, beyond) < RESIDUAL_SHARE_LIMIT) == stands
 
@@ -394,8 +397,8 @@ def test_generic_term_competes_only_with_more_than_laws_at_its_place_may_err_by(
     """A gear of two stiffnesses leaves nothing of torque; another place is asked."""
     case = build_problem(prepared("asymmetric_stiffness@a2", "hysteresis@a4"), FEW)
     gear = ModelTerm(AsymmetricStiffness(), "a2", np.full(1, 1e-9))
-    blocks = [b for b in case.library.map if (b.where, b.kind) in OFFERED]
-    search = Search.of(case, [gear], generic=blocks)
+    blocks = [b for b in case.library.map.blocks if (b.where, b.kind) in OFFERED]
+    search = Search.of(case, [gear, *map(generic_term, blocks)])
     kept = _without_slight_terms(search, 1)
     assert {t.where for t in search.terms if t.is_generic} == {"a2", "a4"}
     assert {t.where for t in kept.terms if t.is_generic} == {"a4"}

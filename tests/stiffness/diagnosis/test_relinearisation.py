@@ -312,7 +312,9 @@ def test_a_load_is_tried_in_the_place_of_a_term_without_a_name():
     ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
     some = (GravityCompensator(),)
     case = build_problem(ready, some)
-    (wave,) = (m for m in case.library.map if (m.kind, m.where) == ("angle", "a1"))
+    (wave,) = (
+        m for m in case.library.map.blocks if (m.kind, m.where) == ("angle", "a1")
+    )
     term = ModelTerm(wave.hypothesis, "a1", NONE)
     model = _selected_under(Layout(ready, ()), *started(build_problem(ready, ()), term))
     assert [m.name for m in model.fit.members] == [term.name]
@@ -398,7 +400,9 @@ def test_columns_may_be_laid_out_under_a_term_without_a_name_that_has_others_the
     """How many waves of an angle are told apart depends on the torque."""
     ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
     case = build_problem(ready, ())
-    (wave,) = (m for m in case.library.map if (m.kind, m.where) == ("angle", "a1"))
+    (wave,) = (
+        m for m in case.library.map.blocks if (m.kind, m.where) == ("angle", "a1")
+    )
     fit = fit_model(case, [ModelTerm(wave.hypothesis, "a1", NONE)])
     fewer = replace(fit, coefficients=tuple(c[:-1] for c in fit.coefficients))
     one, other = (linearised(ready, case.split, None, f)[1] for f in (fit, fewer))

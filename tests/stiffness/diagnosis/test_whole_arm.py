@@ -11,7 +11,7 @@ from small_bench import FEW, arm, prepared, recording
 from scenarios.pipelines.diagnosis import answer_of
 from scenarios.report.data_files import DECISIONS, read_table, write_decisions
 from stiffness.diagnosis import verdict
-from stiffness.diagnosis.detection import imitated_share, residual_equations
+from stiffness.diagnosis.detection import ResidualEquations, imitated_share
 from stiffness.diagnosis.diagnose import diagnose
 from stiffness.diagnosis.gate import (
     budget_parts,
@@ -362,7 +362,7 @@ def test_offset_far_above_noise_is_named_though_six_columns_do_as_well(offset):
 
 def test_columns_of_a_name_s_own_place_may_do_more_of_it_than_those_of_another():
     model = selected(*TWO)
-    beyond = residual_equations(model.case, model.fit)
+    beyond = ResidualEquations.of(model.case, model.fit)
     every = enumerate(model.fit.members)
     loop = next(k for k, m in every if m.name == ("hysteresis", "a2"))
     near, far = (
