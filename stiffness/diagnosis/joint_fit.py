@@ -104,6 +104,10 @@ class OperatingPoint:
         """Return the set's log Bayes factor against another, but for what both have."""
         return worth_of(self.fit, self.square, poses)
 
+    def over(self, other: "OperatingPoint", poses: int) -> float:
+        """Return the log Bayes factor against another set."""
+        return self.worth(poses) - other.worth(poses)
+
 
 def worth_of(fit: ModelFit, square: float, poses: int) -> float:
     """Return what a set is worth that leaves a whitened square, by BIC."""

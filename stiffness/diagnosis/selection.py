@@ -162,6 +162,8 @@ def exchange_search(model: SelectedModel) -> Search:
     return Search.of(model.case, every, model.refused)
 
 
+SURE = SETTINGS.equivalent_log_bayes
+"""Log Bayes factor from which one set is told from another."""
 MUCH_OPEN = 0.01
 """Share of the mismatch that a set does not explain on poses left out, from which loads
 that are little like a term are tried in its place, too; chosen: a tenth of its
@@ -223,7 +225,7 @@ def select_model(
 def _better(model: SelectedModel, other: SelectedModel) -> SelectedModel:
     """Return the other set if it surely predicts poses left out better."""
     gained = 0.5 * (model.unexplained_square - other.unexplained_square)
-    return other if gained > SETTINGS.equivalent_log_bayes else model
+    return other if gained > SURE else model
 
 
 @dataclass(frozen=True, eq=False)
@@ -246,8 +248,7 @@ class _ExchangeStep:
 def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
     """Put loads in the place of terms that all do as well with; of loads, terms."""
     case, best, less = model.case, None, dict[Pair, float]()
-    members, sure = model.fit.members, SETTINGS.equivalent_log_bayes
-    tried = _imitators(model)
+    members, tried = model.fit.members, _imitators(model)
     if not tried:
         return _ExchangeStep(best, less)
     point = layout.fitted_jointly(case, model.fit)
@@ -262,7 +263,7 @@ def _exchange_step(layout: Layout, model: SelectedModel) -> _ExchangeStep:
         fitted.append(point)
         found = point.worth(case.poses)
         less |= {(name, other.name): most - found, (other.name, name): found - most}
-        if found > most + (-sure if acts_on_others(case.situation, other) else sure):
+        if found > most + (-SURE if acts_on_others(case.situation, other) else SURE):
             best, members, most = point, point.fit.members, found
     here = case.situation
     loaded = (
@@ -353,7 +354,7 @@ def _selected_under(
         return model
     point = layout.fitted_jointly(case, model.fit)
     left = unexplained(model.case, model.fit)
-    if before is not None and point.worth(case.poses) < before.worth(case.poses):
+    if before is not None and before.over(point, case.poses) > SURE:
         back = _judged(case, before.fit.members, fine, model.decisions)
         if back.fit.names <= before.fit.names:
             model, held, again = back, True, 0
@@ -391,8 +392,7 @@ def _better_without_generic_terms(
     if more > 3.0 * CLEAR:  # chosen: where the fit anew helped it was 110
         return point
     alone = layout.fitted_jointly(case, fit)
-    gained = alone.worth(case.poses) - point.worth(case.poses)
-    return alone if gained > 0.5 * CLEAR else point
+    return alone if alone.over(point, case.poses) > 0.5 * CLEAR else point
 
 
 def _searched_on(
