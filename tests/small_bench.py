@@ -1,5 +1,6 @@
 """A KR10 on the bench in forty poses, with springs stiffer than the model's."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -17,8 +18,11 @@ from bench.rig import Rig
 from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.joint_fit import Layout
+from stiffness.diagnosis.model_fit import ModelTerm, SelectionProblem
 from stiffness.diagnosis.nominal_fit import Prepared, prepare
 from stiffness.diagnosis.result import Diagnosis
+from stiffness.diagnosis.selection import SelectedModel, search_model, with_exchanges
 from stiffness.effects.bearing_tilt import BearingTilt
 from stiffness.effects.encoder_offset import EncoderOffset
 from stiffness.effects.hardening import Hardening
@@ -50,6 +54,13 @@ def recording(
         tracker=Tracker(occlusions=0.02), markers=Markers(placement=5e-4)
     )
     return record(rig, table_one_plan(poses=poses), instruments, seed=seed)
+
+
+def select_model(
+    case: SelectionProblem, layout: Layout, start: Sequence[ModelTerm] = ()
+) -> SelectedModel:
+    """Search the set that explains best, what imitates each other exchanged."""
+    return with_exchanges(search_model(case, layout, start), layout)
 
 
 @cache

@@ -13,8 +13,6 @@ Ignores     what the fit of the nominal takes of the noise; how axes return and 
             wrench errs
 ==========  ==========================================================================
 
-What a reader should know of the data is said once, in plain sentences.
-
 A recording is asked in turn: is it set up right, is something there, where, what.
 
 Nothing here knows how an effect is built into a simulator; the proof is made elsewhere,
@@ -24,6 +22,7 @@ with the mechanism and never with the columns that found it.
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,6 +40,7 @@ from stiffness.diagnosis.detection import (
     residual_after,
     scatter_of,
 )
+from stiffness.diagnosis.joint_fit import Layout
 from stiffness.diagnosis.model_fit import (
     ModelFit,
     ModelTerm,
@@ -68,7 +68,12 @@ from stiffness.diagnosis.result import (
     beyond_limits,
     scattered,
 )
-from stiffness.diagnosis.selection import SelectedModel, select_again, select_model
+from stiffness.diagnosis.selection import (
+    SelectedModel,
+    search_model,
+    select_again,
+    with_exchanges,
+)
 from stiffness.diagnosis.unknown_noise import (
     arrives_unknown,
     data_warnings,
@@ -340,16 +345,16 @@ def diagnose(
     if mistakes:
         return _stopped(recording, mistakes, started)
     recording, prepared, outliers = _prepared(recording, arm)
-    first = _about_kinematics(_look(prepared, hypotheses), recording, arm, hypotheses)
-    first = _with_unknown_arrivals(first, hypotheses)
+    first = _about_kinematics(prepared, recording, arm, hypotheses)
+    first = _with_arrivals(first, hypotheses)
     looked, scattering = _with_scattering_axes(first, hypotheses)
-    named = looked.judged is not None and bool(looked.judged.model.fit.members)
-    ratio = noise_ratio_of(looked.prepared, looked.last, named, bool(unstated))
+    own = looked.layout.prepared, looked.last, bool(looked.members)
+    ratio = noise_ratio_of(*own, bool(unstated))
     if ratio != 1.0:
-        arrival = looked.prepared.pose_repeatability if scattering else None
-        about = with_noise(looked.prepared, ratio, arrival)
-        looked = _look(about, hypotheses, looked.members)
-    prepared, case = looked.prepared, looked.case
+        arrival = looked.layout.prepared.pose_repeatability if scattering else None
+        about = with_noise(looked.layout.prepared, ratio, arrival)
+        looked = _look(about, hypotheses, looked.members).with_exchanges
+    prepared, case = looked.layout.prepared, looked.case
     found = first.found if scattering else looked.found
     detection = _detection(prepared, case, found)
     ids = np.unique(recording.posture_id)
@@ -407,20 +412,31 @@ def diagnose(
 class _Looked:
     """A recording under one noise: what was found, and the set if anything was."""
 
-    prepared: Prepared
+    layout: Layout
     case: SelectionProblem
     found: DetectionTest
-    judged: JudgedModel | None
+    model: SelectedModel | None
+
+    @cached_property
+    def judged(self) -> JudgedModel | None:
+        """The set and what contradicts its names."""
+        return None if self.model is None else judge(self.model)
 
     @property
     def members(self) -> tuple[ModelTerm, ...]:
         """What was found."""
-        return () if self.judged is None else self.judged.model.fit.members
+        return () if self.model is None else self.model.fit.members
 
     @property
     def last(self) -> DetectionTest:
         """The last test: of the set's residual, or of everything."""
         return self.found if self.judged is None else self.judged.residual
+
+    @property
+    def with_exchanges(self) -> "_Looked":
+        """The same with names in the place of those that they imitate."""
+        model = self.model and with_exchanges(self.model, self.layout)
+        return replace(self, model=model)
 
 
 def _look(
@@ -428,7 +444,7 @@ def _look(
     hypotheses: Sequence[Hypothesis],
     start: Sequence[ModelTerm] = (),
 ) -> _Looked:
-    case = build_problem(prepared, hypotheses)
+    layout, case = Layout(prepared, hypotheses), build_problem(prepared, hypotheses)
     found = detect(
         case.library,
         case.normal_equations,
@@ -437,10 +453,8 @@ def _look(
         case.seed,
         scatter_of(case.data, case.dispersion_limit),
     )
-    judged = None
-    if found.p_value < SIGNIFICANCE:
-        judged = judge(select_model(case, prepared, hypotheses, start))
-    return _Looked(prepared, case, found, judged)
+    model = search_model(case, layout, start) if found.p_value < SIGNIFICANCE else None
+    return _Looked(layout, case, found, model)
 
 
 CURVED, FAR = 2.0, 30.0
@@ -452,37 +466,40 @@ look misses by moves the next."""
 
 
 def _about_kinematics(
-    looked: _Looked, recording: Recording, arm: Arm, hypotheses: Sequence[Hypothesis]
+    about: Prepared, recording: Recording, arm: Arm, hypotheses: Sequence[Hypothesis]
 ) -> _Looked:
-    """Look again about the kinematic errors that were found, until no curve is seen."""
+    """Look about the kinematic errors that are found, until no curve is seen."""
     asked = every = tuple(hypotheses)
+    looked, exchanged = _look(about, hypotheses), False
     for look in range(LOOKS):
-        fit = None if looked.judged is None else looked.judged.model.fit
-        about = looked.prepared
+        fit = looked.model and looked.model.fit
         curve = 0.0 if fit is None else curvature(recording, arm, about, fit)
         if curve <= CURVED and asked == every:
-            break
+            if exchanged:
+                break
+            looked, exchanged = looked.with_exchanges, True
+            continue
         kinematic = tuple(h for h in every if h in KINEMATIC)
         asked = kinematic if curve > FAR and look < LOOKS - 1 else every
         about = about if fit is None else prepared_about(recording, arm, fit)
-        looked = _look(about, asked, looked.members)
-    return looked
+        looked, exchanged = _look(about, asked, looked.members), False
+    return looked if exchanged else looked.with_exchanges
 
 
-def _with_unknown_arrivals(
-    looked: _Looked, hypotheses: Sequence[Hypothesis]
-) -> _Looked:
+def _with_arrivals(looked: _Looked, hypotheses: Sequence[Hypothesis]) -> _Looked:
     """Look again where gears that were found arrive in states that nothing tells."""
-    if looked.judged is None:
+    if looked.model is None:
         return looked
-    case, fit = looked.judged.model.case, looked.judged.model.fit
+    case, fit = looked.model.case, looked.model.fit
     left = residual_after(case, fit)
     turns, members = unknown_arrivals(case, left, fit)
     if not turns:
         return looked
-    situation = looked.prepared.situation.with_unknown(turns)
-    about = with_noise(replace(looked.prepared, situation=situation), 1.0)
-    again = replace(_look(about, hypotheses, members), found=looked.found)
+    situation = looked.layout.prepared.situation.with_unknown(turns)
+    about = with_noise(replace(looked.layout.prepared, situation=situation), 1.0)
+    again = replace(
+        _look(about, hypotheses, members), found=looked.found
+    ).with_exchanges
     arriving = {m.name for m in members if arrives_unknown(m)}
     return again if arriving <= {m.name for m in again.members} else looked
 
@@ -501,16 +518,16 @@ def _with_scattering_axes(
     case = judged.model.case
 
     def beside(fit: ModelFit) -> Float[np.ndarray, " axes"]:
-        return scattering_axes(looked.prepared, residual_after(case, fit))
+        return scattering_axes(looked.layout.prepared, residual_after(case, fit))
 
     scatter = beside(judged.model.fit)
     if not np.any(scatter):
         return looked, ()
-    arrival = np.maximum(scatter, looked.prepared.pose_repeatability)
-    about = with_noise(looked.prepared, 1.0, arrival)
-    again = _look(about, hypotheses, looked.members)
-    if again.judged is not None:
-        scatter = beside(fit_model(case, again.judged.model.fit.members))
+    arrival = np.maximum(scatter, looked.layout.prepared.pose_repeatability)
+    about = with_noise(looked.layout.prepared, 1.0, arrival)
+    again = _look(about, hypotheses, looked.members).with_exchanges
+    if again.members:
+        scatter = beside(fit_model(case, again.members))
     excess = max(judged.residual.excess, 0.0)
     share = excess / max(excess + judged.model.fit.gain, 1e-12)
     p, places = judged.residual.p_value, []

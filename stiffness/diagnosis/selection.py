@@ -52,7 +52,6 @@ from stiffness.diagnosis.model_fit import (
     fit_model,
     fit_shapes,
 )
-from stiffness.diagnosis.nominal_fit import Prepared
 from stiffness.diagnosis.relinearisation import (
     acts_on_others,
     changes,
@@ -72,7 +71,6 @@ from stiffness.diagnosis.search import (
     with_generic_terms,
     with_part_less,
 )
-from stiffness.effects.base import Hypothesis
 from stiffness.regression.group_selection import (
     LIVE,
     GroupSelection,
@@ -164,50 +162,52 @@ def exchange_search(model: SelectedModel) -> Search:
 
 SURE = SETTINGS.equivalent_log_bayes
 """Log Bayes factor from which one set is told from another."""
+CLEAR = 100.0
+"""Square that a set leaves, from which it is searched once more; chosen: a name's."""
 MUCH_OPEN = 0.01
 """Share of the mismatch that a set does not explain on poses left out, from which loads
 that are little like a term are tried in its place, too; chosen: a tenth of its
 amplitude, squared."""
-CLEAR = 100.0
-"""Square that a set leaves, from which it is searched once more; chosen: a name's."""
 IMITATED = 0.5
 """Largest share of a term's gain that a load in its place may lose; chosen."""
 MOST_LOADS = 6
 """Loads that are tried in place of terms, the most alike first; chosen for time."""
 
 
-def select_model(
-    case: SelectionProblem,
-    prepared: Prepared,
-    hypotheses: Sequence[Hypothesis],
-    start: Sequence[ModelTerm] = (),
+def search_model(
+    case: SelectionProblem, layout: Layout, start: Sequence[ModelTerm] = ()
 ) -> SelectedModel:
     """Search the set that explains best, and withhold what does not hold.
-
-    A term may do alone what a load does, but a load also acts on all others: the search
-    runs again under loads in the place of such terms that all others do as well with,
-    or terms in the place of loads that they do better with; where much stays open once
-    more from the best set with a load of one axis, which counts with what more of it
-    changes of the others. A set is kept where it surely predicts poses left out better.
 
     Courses in time compete from the first, as many slips and drifts would share out
     what no single one of them does. Other forms of a law come in with fine shapes: at
     coarse ones a smooth hardening and a play may cancel each other.
 
     Args:
-        case: As laid out where nothing is named.
-        prepared: The recording against its nominal model.
-        hypotheses: What may be named.
+        case: What may be looked at, as laid out where nothing is named.
+        layout: How columns are laid out.
         start: A set to search from; empty: from nothing.
     """
-    layout = Layout(prepared, hypotheses)
     if start:
         point = layout.fitted_jointly(case, fit_model(case, start))
-        model = _searched_on(layout, point, point.fit.members)
-    else:
-        courses = [generic_term(b) for b in case.library.map.blocks if b.is_course]
-        search = Search.of(case, courses, every_form=False)
-        model = _selected_under(layout, search, first_search(search.problem))
+        return _searched_on(layout, point, point.fit.members)
+    courses = [generic_term(b) for b in case.library.map.blocks if b.is_course]
+    search = Search.of(case, courses, every_form=False)
+    return _selected_under(layout, search, first_search(search.problem))
+
+
+def with_exchanges(model: SelectedModel, layout: Layout) -> SelectedModel:
+    """Search again from a set with what imitates its names in their place.
+
+    The search runs again under loads in the place of terms that all others do as well
+    with, or terms in the place of loads that they do better with; where much stays open
+    once more from the best set with a load of one axis, which counts with what more of
+    it changes of the others. What surely predicts poses left out better is kept.
+
+    Args:
+        model: The set.
+        layout: How columns are laid out.
+    """
     tried = _exchange_step(layout, model)
     if tried.point is not None:
         refused = model.fit.names - tried.point.fit.names

@@ -6,7 +6,15 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import FEW, MODEL, arm, moved_by, prepared, recording
+from small_bench import (
+    FEW,
+    MODEL,
+    arm,
+    moved_by,
+    prepared,
+    recording,
+    select_model,
+)
 
 from bench.effects.out_of_library.axis_crosstalk import AxisCrosstalk
 from bench.effects.out_of_library.foot_lift_off import FootLiftOff
@@ -44,7 +52,6 @@ from stiffness.diagnosis.selection import (
     SelectedModel,
     _better_without_generic_terms,
     _judged,
-    select_model,
 )
 from stiffness.diagnosis.verdict import (
     RESIDUAL_SHARE_LIMIT,
@@ -197,7 +204,7 @@ def beside_a_thread() -> SelectedModel:
     rig = replace(rig, effects=(*known, thread))
     made = record(rig, table_one_plan(poses=60), Instruments(), seed=4)
     given = prepare(made, arm())
-    return select_model(build_problem(given, FEW), given, FEW)
+    return select_model(build_problem(given, FEW), Layout(given, FEW))
 
 
 def beside_a_generic_law(ready: Prepared, law: Hypothesis, kind: str) -> OperatingPoint:

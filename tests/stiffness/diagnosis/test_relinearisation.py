@@ -6,7 +6,13 @@ import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from small_bench import FEW, arm, prepared, recording
+from small_bench import (
+    FEW,
+    arm,
+    prepared,
+    recording,
+    select_model,
+)
 
 from bench.effects.hardening import Hardening as HardeningGear
 from bench.effects.wrench_bias import WrenchBias
@@ -36,7 +42,6 @@ from stiffness.diagnosis.selection import (
     _exchange_step,
     _imitators,
     _selected_under,
-    select_model,
 )
 from stiffness.diagnosis.sufficient_statistics import (
     mismatch_of_poses,
@@ -268,7 +273,7 @@ def test_a_sensor_is_turned_as_the_named_effects_hold_it(kr10):
     seen = observed(rig, plan, states, Instruments(markers=Markers()), 3)
     prepared = prepare(seen, Arm.from_mjcf(kr10).for_recording(seen))
     case = build_problem(prepared, [Hardening()])
-    named = select_model(case, prepared, [Hardening()]).case.situation
+    named = select_model(case, Layout(prepared, [Hardening()])).case.situation
     sensor = states.rotation[:, states.bodies.index("flange")]
     felt = wrench_along(states.wrench, sensor)
     before, after = (
@@ -285,7 +290,7 @@ def test_a_load_is_tried_in_the_place_of_a_name_that_does_alone_what_it_does():
     seen = recording("gravity_compensator@a1,torque_nm=40,phase_rad=0.5", poses=20)
     some = (TransmissionError(), GravityCompensator())
     prepared = prepare(seen, arm().for_recording(seen))
-    model = select_model(build_problem(prepared, some[:1]), prepared, some[:1])
+    model = select_model(build_problem(prepared, some[:1]), Layout(prepared, some[:1]))
     assert [m.name for m in model.fit.members] == [("transmission_error", "a1")]
     both = build_problem(prepared, some)
     [(_, load)] = _imitators(replace(model, case=both, share=0.0)).values()
@@ -299,7 +304,7 @@ def test_a_load_is_tried_where_it_does_less_than_a_term_by_what_stays_unexplaine
     )
     some = (TransmissionError(), GravityCompensator())
     prepared = prepare(seen, arm().for_recording(seen))
-    model = select_model(build_problem(prepared, some[:1]), prepared, some[:1])
+    model = select_model(build_problem(prepared, some[:1]), Layout(prepared, some[:1]))
     model = replace(model, case=build_problem(prepared, some))
     assert not _imitators(replace(model, share=0.999))
     [(less, load)] = _imitators(replace(model, share=0.0)).values()
@@ -330,7 +335,7 @@ def test_a_load_is_tried_in_the_place_of_another_load():
         "hardening@a2,stiffness_ratio=2,torque_nm=20",
     )
     few, both = some[:2], build_problem(ready, some)
-    model = select_model(build_problem(ready, few), ready, few)
+    model = select_model(build_problem(ready, few), Layout(ready, few))
     masses = {m.name for m in model.fit.members if m.name[0] == "gravity_load"}
     tried = _imitators(replace(model, case=both, share=0.0))
     assert {(name, ("gravity_compensator", "a2")) for name in masses} & set(tried)
@@ -345,7 +350,7 @@ def test_a_load_takes_the_place_of_a_term_where_all_then_are_worth_as_much():
     )
     layout, both = Layout(ready, some), build_problem(ready, some)
     few = some[::2]
-    model = select_model(build_problem(ready, few), ready, few)
+    model = select_model(build_problem(ready, few), Layout(ready, few))
     names = {m.name for m in model.fit.members}
     assert ("transmission_error", "a1") in names
     model = replace(model, case=both, fit=fit_model(both, model.fit.members))
@@ -426,7 +431,7 @@ def test_a_load_that_is_withheld_acts_no_more_on_others(monkeypatch):
     ready = prepared("gravity_compensator@a1,torque_nm=40,phase_rad=0.5")
     layout, judged = Layout(ready, some), selection._judged
     bare = build_problem(ready, some)
-    term = select_model(bare, ready, some).fit.members
+    term = select_model(bare, Layout(ready, some)).fit.members
     fit = fit_model(bare, term)
     search = Search.of(laid_out_under(bare, ready, some, fit), term)
     start = select_groups(search.problem, range(len(term)))

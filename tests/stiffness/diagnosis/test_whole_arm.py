@@ -6,7 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import FEW, arm, prepared, recording
+from small_bench import (
+    FEW,
+    arm,
+    prepared,
+    recording,
+    select_model,
+)
 
 from scenarios.pipelines.diagnosis import answer_of
 from scenarios.report.data_files import DECISIONS, read_table, write_decisions
@@ -36,7 +42,6 @@ from stiffness.diagnosis.selection import (
     _exchange_step,
     _judged,
     _needed_least,
-    select_model,
 )
 from stiffness.diagnosis.sufficient_statistics import (
     SufficientStatistics,
@@ -88,7 +93,7 @@ def problem(*effects: str) -> SelectionProblem:
 
 @cache
 def selected(*effects: str) -> SelectedModel:
-    return select_model(problem(*effects), prepared(*effects), LIBRARY)
+    return select_model(problem(*effects), Layout(prepared(*effects), LIBRARY))
 
 
 @cache
@@ -112,7 +117,7 @@ def test_a_search_that_starts_from_a_set_finds_what_one_from_nothing_does():
     ready, case, model = prepared(*TWO), problem(*TWO), selected(*TWO)
     false = ModelTerm(GeometryError(), "link_2", NONE)
     start = (false, *model.fit.members[1:])
-    found = select_model(case, ready, LIBRARY, start)
+    found = select_model(case, Layout(ready, LIBRARY), start)
     assert found.fit.names == model.fit.names
     assert_allclose(found.share, model.share, atol=1e-3)
 

@@ -6,7 +6,14 @@ import hypothesis_truth as truth
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from small_bench import FEW, MODEL, arm, moved_by, prepared
+from small_bench import (
+    FEW,
+    MODEL,
+    arm,
+    moved_by,
+    prepared,
+    select_model,
+)
 
 from bench.effects.parse import parse_all
 from bench.experiment import record
@@ -17,10 +24,13 @@ from bench.shared.recording import Recording
 from bench.standard_plans import table_one_plan
 from scenarios.pipelines.patching import patch_of_diagnosis
 from stiffness.diagnosis.diagnose import diagnose
+from stiffness.diagnosis.joint_fit import Layout
 from stiffness.diagnosis.model_fit import ModelTerm
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
-from stiffness.diagnosis.selection import exchange_search, select_model
+from stiffness.diagnosis.selection import (
+    exchange_search,
+)
 from stiffness.effects.base import axes_of
 from stiffness.effects.jacobian import BodyTwist, EffectJacobian, MarkerDisplacement
 from stiffness.effects.joint_compliance import JointCompliance
@@ -171,7 +181,7 @@ def test_a_link_without_marks_is_not_asked_how_its_marks_bend():
     assert made.points is not None
     seen = replace(made, markers=marks, points=made.points[:, kept])
     ready, library = prepare(seen, arm()), (*FEW, LinkBending())
-    model = select_model(build_problem(ready, library), ready, library)
+    model = select_model(build_problem(ready, library), Layout(ready, library))
     assert {m.name: m.shape[0] for m in model.fit.members} == {
         ("link_bending", LINK): 1.0
     }
