@@ -294,8 +294,7 @@ def _frame_turns(
     left[0] += readings.value[seen]
     left[0] -= 0.0 if readings.centre is None else readings.centre[seen]
     columns = lever[seen].reshape(-1, 6)
-    asked = columns.T @ left.reshape(len(moved), -1).T
-    frame = np.linalg.solve(columns.T @ columns, asked).T
+    frame = np.linalg.lstsq(columns, left.reshape(len(moved), -1).T)[0].T
     return np.cross(frame[:, None, 3:], np.eye(3))
 
 
