@@ -353,7 +353,7 @@ def diagnose(
     if ratio != 1.0:
         arrival = looked.layout.prepared.pose_repeatability if scattering else None
         about = with_noise(looked.layout.prepared, ratio, arrival)
-        looked = _look(about, hypotheses, looked.members).with_exchanges
+        looked = _look(about, hypotheses, looked.members).with_exchanges()
     prepared, case = looked.layout.prepared, looked.case
     found = first.found if scattering else looked.found
     detection = _detection(prepared, case, found)
@@ -432,9 +432,8 @@ class _Looked:
         """The last test: of the set's residual, or of everything."""
         return self.found if self.judged is None else self.judged.residual
 
-    @property
     def with_exchanges(self) -> "_Looked":
-        """The same with names in the place of those that they imitate."""
+        """Return the same with names in the place of those that they imitate."""
         model = self.model and with_exchanges(self.model, self.layout)
         return replace(self, model=model)
 
@@ -477,13 +476,13 @@ def _about_kinematics(
         if curve <= CURVED and asked == every:
             if exchanged:
                 break
-            looked, exchanged = looked.with_exchanges, True
+            looked, exchanged = looked.with_exchanges(), True
             continue
         kinematic = tuple(h for h in every if h in KINEMATIC)
         asked = kinematic if curve > FAR and look < LOOKS - 1 else every
         about = about if fit is None else prepared_about(recording, arm, fit)
         looked, exchanged = _look(about, asked, looked.members), False
-    return looked if exchanged else looked.with_exchanges
+    return looked if exchanged else looked.with_exchanges()
 
 
 def _with_arrivals(looked: _Looked, hypotheses: Sequence[Hypothesis]) -> _Looked:
@@ -497,9 +496,8 @@ def _with_arrivals(looked: _Looked, hypotheses: Sequence[Hypothesis]) -> _Looked
         return looked
     situation = looked.layout.prepared.situation.with_unknown(turns)
     about = with_noise(replace(looked.layout.prepared, situation=situation), 1.0)
-    again = replace(
-        _look(about, hypotheses, members), found=looked.found
-    ).with_exchanges
+    again = _look(about, hypotheses, members).with_exchanges()
+    again = replace(again, found=looked.found)
     arriving = {m.name for m in members if arrives_unknown(m)}
     return again if arriving <= {m.name for m in again.members} else looked
 
@@ -525,7 +523,7 @@ def _with_scattering_axes(
         return looked, ()
     arrival = np.maximum(scatter, looked.layout.prepared.pose_repeatability)
     about = with_noise(looked.layout.prepared, 1.0, arrival)
-    again = _look(about, hypotheses, looked.members).with_exchanges
+    again = _look(about, hypotheses, looked.members).with_exchanges()
     if again.members:
         scatter = beside(fit_model(case, again.members))
     excess = max(judged.residual.excess, 0.0)

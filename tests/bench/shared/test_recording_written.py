@@ -191,10 +191,10 @@ def test_writing_over_a_recording_replaces_it_whole(folder, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["recording"]
 
 
-@pytest.mark.parametrize("stranger", ["notes.txt", "truth.json", ".git"])
-def test_a_folder_that_holds_anything_else_is_left_alone(folder, stranger):
+@pytest.mark.parametrize("other", ["notes.txt", "truth.json", ".git"])
+def test_a_folder_that_holds_anything_else_is_left_alone(folder, other):
     recording, _ = read(folder)
-    (folder / stranger).write_text("mine")
+    (folder / other).write_text("mine")
     before = {p: p.read_bytes() for p in folder.iterdir()}
     with pytest.raises(Unusable, match="holds more than a recording"):
         write(folder, recording)

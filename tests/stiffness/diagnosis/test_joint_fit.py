@@ -89,7 +89,7 @@ def test_slopes_hold_what_laws_change_of_each_other(terms):
 
 
 def test_slope_of_a_soft_spring_has_the_lever_arms_of_where_the_arm_rests():
-    """A term without a name takes the spring's own line: what is left is its arc."""
+    """A generic term explains what is linear in the torque; the curvature remains."""
     ready = prepared("hysteresis@a2,width_rad=2e-4")
     nameless = ModelTerm(GenericTerm("generic_torque", "torque", "torque"), "a2", NONE)
     loop = ModelTerm(Hysteresis(), "a2", np.array([20.0, 0.0]))
