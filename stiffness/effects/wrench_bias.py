@@ -74,9 +74,14 @@ class WrenchBias(Hypothesis):
 
 def torques(situation: StaticState) -> Float[np.ndarray, "rows axes 6"]:
     """Return the change of the axes' torques per N and N m of each channel."""
-    return torque_at_sensor(situation, missing(situation))
+    return situation.once_standing(
+        "torques of biases", lambda: torque_at_sensor(situation, missing(situation))
+    )
 
 
 def missing(situation: StaticState) -> Float[np.ndarray, "rows 6 6"]:
     """Return the change of the wrench, along the base's axes."""
-    return along_sensor(situation, np.broadcast_to(-np.eye(6), (situation.rows, 6, 6)))
+    each = np.broadcast_to(-np.eye(6), (situation.rows, 6, 6))
+    return situation.once_standing(
+        "wrench of biases", lambda: along_sensor(situation, each)
+    )

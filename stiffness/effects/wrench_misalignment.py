@@ -96,15 +96,20 @@ class WrenchMisalignment(Hypothesis):
 
 def torques(situation: StaticState, beside: bool) -> Float[np.ndarray, "rows axes 3"]:
     """Return the change of the axes' torques, per radian or per metre displaced."""
-    return torque_at_sensor(situation, missing(situation, beside))
+    return situation.once_standing(
+        ("torques of sensor's place", beside),
+        lambda: torque_at_sensor(situation, missing(situation, beside)),
+    )
 
 
 def missing(situation: StaticState, beside: bool) -> Float[np.ndarray, "rows 6 3"]:
     """Return the change of the wrench, per radian or per metre displaced."""
-    force, moment = np.split(reading(situation)[:, :, None], 2, axis=1)
-    e = np.eye(3)[None]
-    if beside:
-        extra = [np.zeros((len(force), 3, 3)), np.cross(e, force, axis=1)]
-    else:
-        extra = [np.cross(e, part, axis=1) for part in (force, moment)]
-    return along_sensor(situation, np.concatenate(extra, axis=1))
+
+    def changes() -> Float[np.ndarray, "rows 6 3"]:
+        force, moment = np.split(reading(situation)[:, :, None], 2, axis=1)
+        extra = [np.cross(np.eye(3)[None], part, axis=1) for part in (force, moment)]
+        if beside:
+            extra = [np.zeros_like(extra[0]), extra[0]]
+        return along_sensor(situation, np.concatenate(extra, axis=1))
+
+    return situation.once_standing(("wrench of sensor's place", beside), changes)
