@@ -94,8 +94,8 @@ AGAIN = 3
 """How often the search goes on at most where columns were laid out anew under a set;
 chosen: the second time finds what the first one misled."""
 MISLED = 0.5
-"""Share of what a set did not explain that it leaves where columns were laid out anew,
-below which the search goes on more than once; chosen: columns misled it mostly."""
+"""Share of what a set did not explain that it does where columns were laid out anew,
+from which the search goes on more than once; chosen: columns misled it mostly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -359,11 +359,11 @@ def _selected_under(
         if back.fit.names <= before.fit.names:
             model, held, again = back, True, 0
     changed = before is None or model.fit.names != before.fit.names
-    misled, start = point.square < MISLED * left, point
+    misled, start = left - point.square > max(MISLED * left, CLEAR), point
     if again == AGAIN and misled:
         start = _better_without_generic_terms(layout, point, refused)
     terms, gated = start.fit.members, start is point
-    if again == AGAIN or (again and (changed or misled)):
+    if again and (changed or misled):
         other = _searched_on(layout, start, terms, refused, again - 1, gated)
     else:
         other = _judged(layout.at(point), terms, fine, ())
