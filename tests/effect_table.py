@@ -5,7 +5,7 @@ Run `python tests/effect_table.py` to write them anew; a test compares.
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from bench.effects import EFFECTS
@@ -59,7 +59,9 @@ def lines_of(info: EffectInfo) -> list[Line]:
     if info.name in kinds:
         kind = kinds[info.name]
         where = EXAMPLE.get(kind.places[0], kind.places[0])
-        defaults = dict(kind(where).parameters())
+        usual = kind(where)
+        assumed = {f.name: getattr(usual, f.name) for f in fields(usual)}
+        defaults = {**assumed, **usual.parameters()}
     found: list[Line] = []
     for p in info.parameters:
         own = (number(defaults[p.name]),) if p.name in defaults else ()

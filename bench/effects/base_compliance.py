@@ -17,9 +17,11 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect, assumed, size
-from bench.effects.springs import add_spring
+from bench.effects.effect import ModelEffect, assumed, optional, size
+from bench.effects.springs import add_spring, softest_directions
 from bench.kinematic_chain import Anatomy, pose_in
+
+TILTS = ("rx_rad_per_nm", "ry_rad_per_nm")
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,8 @@ class BaseCompliance(ModelEffect):
         rx_rad_per_nm, ry_rad_per_nm, rz_rad_per_nm: Tilts about the base's x and y,
             turn about its z.
         x_m_per_n, y_m_per_n, z_m_per_n: Shifts along its axes.
+        rxy_rad_per_nm: Tilt about x per moment about y, and about y per moment about x:
+            the softest level direction lies between them.
         centre_m: Height of the springs' point above the base's origin, along its z.
     """
 
@@ -40,6 +44,7 @@ class BaseCompliance(ModelEffect):
     x_m_per_n: float = size(0.0, 0.0)
     y_m_per_n: float = size(0.0, 0.0)
     z_m_per_n: float = size(0.0, 0.0)
+    rxy_rad_per_nm: float = optional(0.0)
     centre_m: float = assumed(0.0, -10.0, 10.0)
 
     @override
@@ -48,12 +53,17 @@ class BaseCompliance(ModelEffect):
         foot = arm.end(arm.axes[0]) if arm.base == "world" else arm.base
         rotation, origin = pose_in(spec.body(foot), spec.body(arm.base))
         centre = rotation.T @ (np.array([0.0, 0.0, self.centre_m]) - origin)
-        for i, (name, compliance) in enumerate(self.parameters().items()):
+        level = self.rx_rad_per_nm, self.ry_rad_per_nm, self.rxy_rad_per_nm
+        tilts, across = softest_directions(*level)
+        rotation = np.vstack([across.T @ rotation[:2], rotation[2], rotation])
+        sizes = {**self.parameters(), **dict(zip(TILTS, tilts, strict=True))}
+        sizes.pop("rxy_rad_per_nm", None)
+        for i, (name, compliance) in enumerate(sizes.items()):
             if compliance > 0.0:
                 add_spring(
                     spec.body(foot),
                     f"base_{name.partition('_')[0]}",
-                    rotation[i % 3],
+                    rotation[i],
                     1.0 / compliance,
                     pos=centre,
                     slide=i >= 3,

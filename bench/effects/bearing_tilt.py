@@ -1,8 +1,8 @@
 """Tilt of a joint bearing: compliance about the two directions across the axis.
 
 ==========  ==========================================================================
-Equation    tilt about u = u_rad_per_nm × moment about u, and the same for v, both
-            about a centre on the axis
+Equation    tilt about u = u_rad_per_nm × moment about u + uv_rad_per_nm × moment about
+            v, and the same for v, both about a centre on the axis
 Source      Klimchik 2011: a joint's tilt compliance is 13 % of its torsional one;
             scaled to 63 kN m/rad this is 1 / 480 kN m/rad
 Valid       small tilts
@@ -20,8 +20,8 @@ import mujoco
 import numpy as np
 from typing_extensions import override
 
-from bench.effects.effect import ModelEffect, form, size
-from bench.effects.springs import add_spring, frame_along
+from bench.effects.effect import ModelEffect, form, optional, size
+from bench.effects.springs import add_spring, frame_along, softest_directions
 from bench.kinematic_chain import Anatomy
 
 
@@ -33,12 +33,15 @@ class BearingTilt(ModelEffect):
         u_rad_per_nm: Compliance about the first direction across the axis.
         v_rad_per_nm: Compliance about the second.
         centre_m: Where the bearing sits, along the axis from the joint's origin.
+        uv_rad_per_nm: Tilt about either direction per moment about the other, where the
+            softest one lies between them.
     """
 
     name: ClassVar[str] = "bearing_tilt"
     u_rad_per_nm: float = size(1 / 480e3, 0.0)
     v_rad_per_nm: float = size(1 / 480e3, 0.0)
     centre_m: float = form(0.0)
+    uv_rad_per_nm: float = optional(0.0)
 
     @override
     def build(self, spec: mujoco.MjSpec, arm: Anatomy) -> None:
@@ -46,9 +49,11 @@ class BearingTilt(ModelEffect):
         own, seat = spec.joint(axis), spec.body(arm.seat(axis))
         u, v, w = frame_along(np.asarray(own.axis, float)).T
         centre = np.asarray(own.pos, float) + self.centre_m * w
-        for label, direction, compliance in (
-            ("u", u, self.u_rad_per_nm),
-            ("v", v, self.v_rad_per_nm),
+        own_of = self.u_rad_per_nm, self.v_rad_per_nm, self.uv_rad_per_nm
+        compliances, across = softest_directions(*own_of)
+        directions = np.column_stack([u, v]) @ across
+        for label, direction, compliance in zip(
+            "uv", directions.T, compliances, strict=True
         ):
             if compliance > 0.0:
                 name = f"{axis}_tilt_{label}"

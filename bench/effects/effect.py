@@ -47,6 +47,11 @@ def form(usual: T, least: Number = -math.inf, most: Number = math.inf) -> T:
     return field(default=usual, metadata={"bounds": (least, most), "off": None})
 
 
+def optional(usual: T) -> T:
+    """Return a field of a form that is no parameter where it has its default."""
+    return field(default=usual, metadata={"off": None, "optional": True})
+
+
 def assumed(usual: T, least: Number = -math.inf, most: Number = math.inf) -> T:
     """Return a field of the mechanism that the vocabulary does not have."""
     kept = {"bounds": (least, most), "off": None, "assumed": True}
@@ -118,8 +123,13 @@ class Effect(ABC):
 
         Numbers, and names of other parts.
         """
-        shown = (f.name for f in fields(self)[1:] if not f.metadata.get("assumed"))
-        return {name: getattr(self, name) for name in shown}
+        own = (f for f in fields(self)[1:] if not f.metadata.get("assumed"))
+        every = {f.name: (f, getattr(self, f.name)) for f in own}
+        return {
+            name: value
+            for name, (f, value) in every.items()
+            if "optional" not in f.metadata or value != f.default
+        }
 
 
 class ModelEffect(Effect):

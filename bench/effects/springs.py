@@ -133,3 +133,28 @@ def frame_along(direction: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     u = helper - w * (w @ helper)
     u /= np.linalg.norm(u)
     return np.column_stack([u, np.cross(w, u), w])
+
+
+def softest_directions(
+    first: float, second: float, coupling: float
+) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]]:
+    """Return where moments tilt about themselves alone, nearest to the first two.
+
+    Args:
+        first: Tilt about one direction per moment about it, in rad/(N m).
+        second: The same about a direction across it.
+        coupling: Tilt about either per moment about the other; of at most the root of
+            the product of both counts, as no spring gives more back than it took.
+
+    Returns:
+        Compliances, and the directions as columns in terms of the two.
+    """
+    most = np.sqrt(first * second)
+    coupling = float(np.clip(coupling, -most, most))
+    tilt = np.array([[first, coupling], [coupling, second]])
+    turned = 2.0 * coupling * np.copysign(1.0, first - second)
+    angle = 0.5 * np.arctan2(turned, abs(first - second))
+    directions = np.array(
+        [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+    )
+    return np.diag(directions.T @ tilt @ directions), directions

@@ -2,6 +2,8 @@
 
 from bench.shared.effect_catalogue import CATALOGUE
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
+from stiffness.effects.askew_base import AskewBase
+from stiffness.effects.askew_tilt import AskewTilt
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
 from stiffness.effects.base import Hypothesis
 from stiffness.effects.base_compliance import BaseCompliance
@@ -44,9 +46,11 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
     WristCoupling(),
     # in bearings, links and the foot
     BearingTilt(),
+    AskewTilt(),
     LinkBending(),
     BaseTilt(),
     BaseCompliance(),
+    AskewBase(),
     # in weight
     GravityLoad(),
     MassScale(),
@@ -71,8 +75,8 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 )
 """Every hypothesis that can be named.
 
-Two laws may share a name: `BaseTilt` and `BaseCompliance`, `GravityCompensator` and
-`StretchedSpring`.
+Laws may share a name: `BearingTilt` and `AskewTilt`, `BaseTilt`, `BaseCompliance` and
+`AskewBase`, `GravityCompensator` and `StretchedSpring`.
 """
 
 if missing := {law.effect for law in HYPOTHESES} - CATALOGUE.keys():

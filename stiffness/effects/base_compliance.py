@@ -39,7 +39,8 @@ class BaseCompliance(Hypothesis):
     """Six springs between the floor and the base.
 
     Springs along other directions, or about a point of their own for either tilt, are
-    its variants: they couple two rotations, or a tilt with the shift across it.
+    its variants: they couple two rotations, or a tilt with the shift across it. See
+    `askew_base`.
     """
 
     effect: ClassVar[str] = "base_compliance"

@@ -7,7 +7,7 @@ Equation    rotation = u x (x . M_c) + v y (y . M_c) about c = o + h z, M_c = M_
 Source      Klimchik et al. 2011: diagonal 6 x 6 joint compliance
 Valid       small tilts; a bearing whose centre of tilt is on the axis
 Ignores     radial and axial compliance; coupling of the two tilts of a bearing whose
-            soft direction lies between x and y (its variant)
+            soft direction lies between x and y (`askew_tilt`, its variant)
 ==========  ==========================================================================
 """
 

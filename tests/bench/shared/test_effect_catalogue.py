@@ -1,5 +1,7 @@
 """What the catalogue says of each effect is what mechanism and claim are."""
 
+from dataclasses import fields
+
 import pytest
 
 from bench.effects import EFFECTS, WITHOUT_MECHANISM
@@ -27,7 +29,10 @@ def test_mechanism_has_the_sites_and_parameters_of_its_entry(kind):
     info = CATALOGUE[kind.name]
     where = EXAMPLE.get(kind.places[0], kind.places[0])
     assert info.sites == kind.places
-    assert [p.name for p in info.parameters] == list(kind(where).parameters())
+    optional = [f.name for f in fields(kind) if f.metadata.get("optional")]
+    given = kind(where, **dict.fromkeys(optional, 1e-9))
+    assert [p.name for p in info.parameters] == list(given.parameters())
+    assert set(kind(where).parameters()) == {*given.parameters()} - {*optional}
 
 
 @pytest.mark.parametrize("law", HYPOTHESES, ids=lambda law: type(law).__name__)

@@ -40,7 +40,7 @@ VOCABULARY = {
     "creep": {"ratio", "time_s"},
     "angle_dependent_stiffness": {"ratio", "order", "phase_rad"},
     "transmission_error": {"amplitude_rad", "order", "phase_rad"},
-    "bearing_tilt": {"u_rad_per_nm", "v_rad_per_nm", "centre_m"},
+    "bearing_tilt": {"u_rad_per_nm", "v_rad_per_nm", "centre_m", "uv_rad_per_nm"},
     "wrist_coupling": {"compliance_rad_per_nm", "with"},
     "encoder_offset": {"offset_rad"},
     "reading_lag": {"lag_rad", "share_lag_rad"},
@@ -50,7 +50,7 @@ VOCABULARY = {
     "mass_scale": {"ratio"},
     "gravity_compensator": {"torque_nm", "phase_rad", "free_length_ratio", "arm_ratio"},
     "geometry_error": {*SHIFT, *TURN},
-    "base_compliance": {f"r{axis}_rad_per_nm" for axis in "xyz"}
+    "base_compliance": {f"r{axis}_rad_per_nm" for axis in ("x", "y", "z", "xy")}
     | {f"{axis}_m_per_n" for axis in "xyz"},
     "wrench_bias": {"fx_n", "fy_n", "fz_n", "tx_nm", "ty_nm", "tz_nm"},
     "wrench_gain": {"fx", "fy", "fz", "tx", "ty", "tz"},

@@ -73,7 +73,11 @@ EXACT = [
     (LinkBending("link_2", 6.3e5, 4.7e5, marks_bend=1), (1.0,), ""),
     (LinkBending("link_3", 2.45e5, 1.82e5, marks_bend=1), (1.0,), ""),
     (BaseCompliance("base", 5e-7, 3e-7, 2e-7, 1e-8, 2e-8, 3e-8), (0.0,), ""),
-    (BaseCompliance("base", 5e-7, 3e-7, 2e-7, 1e-8, 2e-8, 3e-8, -0.1), (-0.1,), ""),
+    (
+        BaseCompliance("base", 5e-7, 3e-7, 2e-7, 1e-8, 2e-8, 3e-8, 0.0, -0.1),
+        (-0.1,),
+        "",
+    ),
     (GravityLoad("link_3", 0.5, 0.1, 0.03, 0.0), (), ""),
     (GravityLoad("link_4", 0.5, 0.1, 0.03, 0.05), (), ""),
     (GravityLoad("tool", 0.2, 0.1, 0.03, 0.05), (), ""),
@@ -104,6 +108,27 @@ def test_columns_are_what_the_mechanism_does(effect, shape, springs):
     left, _, found = fit.of(done)
     assert left < SECOND_ORDER
     near(found, with_moments(effect.parameters()))
+
+
+@pytest.mark.parametrize(
+    ("effect", "height"),
+    [
+        (BearingTilt("a2", 1e-6, 5e-7, 0.1, 4e-7), 0.1),
+        (BearingTilt("a4", 5e-7, 1e-6, 0.0, -6e-7), 0.0),
+        (BaseCompliance("base", 3e-7, 5e-7, 2e-7, 1e-8, 2e-8, 3e-8, 2e-7, -0.1), -0.1),
+    ],
+    ids=label,
+)
+def test_columns_are_what_springs_askew_do(effect, height):
+    done = truth.in_base(truth.recording(effect)) - truth.in_base(truth.recording())
+    law, at = truth.BY_NAME[effect.name], (effect.where, np.array([height]))
+    design = truth.moved(truth.situation(), law.jacobian(truth.situation(), *at))
+    design = design.reshape(-1, design.shape[3])
+    size = np.linalg.norm(design, axis=0)
+    found = np.linalg.lstsq(design / size, done.ravel())[0] / size
+    left = np.linalg.norm(done.ravel() - design @ found) / np.linalg.norm(done)
+    assert left < SECOND_ORDER
+    near(law.parameters(truth.situation(), *at, found), effect.parameters())
 
 
 def test_torque_couples_wrist_axes_through_gears_that_harden():

@@ -23,6 +23,8 @@ from stiffness.diagnosis.model_fit import ModelTerm, fit_shapes
 from stiffness.diagnosis.nominal_fit import prepare
 from stiffness.diagnosis.relinearisation import build_problem
 from stiffness.effects.angle_dependent_stiffness import AngleDependentStiffness
+from stiffness.effects.askew_base import AskewBase
+from stiffness.effects.askew_tilt import AskewTilt
 from stiffness.effects.asymmetric_stiffness import AsymmetricStiffness
 from stiffness.effects.base_compliance import BaseCompliance
 from stiffness.effects.base_tilt import BaseTilt
@@ -165,6 +167,30 @@ def test_base_whose_springs_stand_askew_is_a_base_that_gives_way():
     found = diagnose(moved_by(EffectJacobian(1, (tip,)), np.ones(1)), arm(), names)
     assert [e.name.effect for e in found.named] == ["base_compliance"]
     assert found.verdict == "explained"
+
+
+@pytest.mark.parametrize(
+    ("name", "sizes"),
+    [
+        ("bearing_tilt@a2", {"u": 2e-6, "v": 1.5e-6, "uv": 1.2e-6}),
+        ("base_compliance@base", {"rx": 6e-7, "ry": 4e-7, "rxy": -4e-7}),
+    ],
+)
+def test_tilt_that_is_softest_between_two_axes_has_one_name_and_all_sizes(name, sizes):
+    """And the patch has its direction."""
+    true = {f"{part}_rad_per_nm": size for part, size in sizes.items()}
+    seen = recording(",".join([name, *(f"{k}={v}" for k, v in true.items())]))
+    tilts = (BearingTilt(), AskewTilt(), BaseTilt(), BaseCompliance(), AskewBase())
+    found = diagnose(seen, arm(), (*GEAR, LinkBending(), *tilts))
+    [one] = found.named
+    assert f"{one.name.effect}@{one.name.where}" == name
+    assert found.verdict == "explained"
+    for parameter, size in true.items():
+        held = one.parameters[parameter]
+        half = 0.5 * (held.high - held.low)
+        assert abs(held.estimate - size) < 2.0 * half < 0.3 * abs(size)
+    [entry] = patch_of_diagnosis(found, seen, arm()).effects
+    assert entry.parameters == {n: p.estimate for n, p in one.parameters.items()}
 
 
 @pytest.mark.parametrize(("height", "aside"), [(-0.3, 0.0), (0.1, 0.05)])

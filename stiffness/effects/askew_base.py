@@ -1,0 +1,70 @@
+"""Base compliance whose softest tilt is about a direction between x and y.
+
+==========  ==========================================================================
+Equation    as `base_compliance`, and turn about x = rxy_rad_per_nm x moment about y,
+            about y alike
+Source      Klimchik et al. 2011: symmetric 6 x 6 compliance; the base's x and y are
+            chosen by whoever writes the model
+Valid       as `base_compliance`; rxy is the root of rx ry at most
+Ignores     other couplings (its variants)
+==========  ==========================================================================
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from typing_extensions import override
+
+from stiffness.effects.base import Hypothesis, Shape, Shapes
+from stiffness.effects.base_compliance import SOFT_TURN, BaseCompliance
+from stiffness.effects.jacobian import EffectJacobian, values, with_values
+from stiffness.experiment.static_state import StaticState
+
+ALIGNED = BaseCompliance()
+
+
+@dataclass(frozen=True)
+class AskewBase(Hypothesis):
+    """Six springs between the floor and the base, the two tilts coupled."""
+
+    effect: ClassVar[str] = BaseCompliance.effect
+    linear: ClassVar[bool] = True
+    shape_names: ClassVar[tuple[str, ...]] = BaseCompliance.shape_names
+    limits: ClassVar[Mapping[str, tuple[float, float]]] = {
+        **BaseCompliance.limits,
+        "rxy_rad_per_nm": (-1e-4, 1e-4),
+    }
+    magnitudes: ClassVar[tuple[str, ...]] = BaseCompliance.magnitudes
+
+    @override
+    def places(self, situation: StaticState) -> tuple[str, ...]:
+        return ALIGNED.places(situation)
+
+    @override
+    def shapes(self, situation: StaticState, where: str) -> Shapes:
+        return ALIGNED.shapes(situation, where)
+
+    @override
+    def jacobian(
+        self, situation: StaticState, where: str, shape: Shape
+    ) -> EffectJacobian:
+        (own,) = ALIGNED.jacobian(situation, where, shape).parts
+        (coupled,) = ALIGNED.variants(situation, where, shape).parts
+        both = np.concatenate([values(own), values(coupled)[:, :, :1]], axis=2)
+        return EffectJacobian(7, (with_values(own, both),))
+
+    @override
+    def prior_sigma(
+        self, situation: StaticState, where: str
+    ) -> Float[np.ndarray, " columns"]:
+        return np.append(ALIGNED.prior_sigma(situation, where), SOFT_TURN)
+
+    @override
+    def variants(
+        self, situation: StaticState, where: str, shape: Shape
+    ) -> EffectJacobian:
+        (coupled,) = ALIGNED.variants(situation, where, shape).parts
+        return EffectJacobian(6, (with_values(coupled, values(coupled)[:, :, 1:]),))
